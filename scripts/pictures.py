@@ -24,8 +24,8 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main as command
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.technique import TECHNIQUES, combinations
 from splatgl.studies.accuracy.content import CONVERGENCE, registry
 from splatgl.studies.accuracy.export import as_table
@@ -51,7 +51,7 @@ BLACK = (0.0, 0.0, 0.0)
 
 def draw(renderer: sg.Renderer, name: str, settings: sg.Settings, size: tuple[int, int] = SIZE) -> np.ndarray:
     """float32 [H, W, 4] of a built-in scene with its default view."""
-    scene = Scene(name, view=View(size=size), settings=settings)
+    scene = SceneFile(name, view=ViewOptions(size=size), settings=settings)
     volume = scene.open()
     splats = sg.extract(volume, scene.transfer_for(volume))
     return renderer.render(splats, scene.view.camera(volume, splats), settings).pixels
@@ -94,7 +94,7 @@ def window(source: str) -> None:
     from splatgl.viewer.document import Content
     from splatgl.viewer.viewer import Options, Viewer
 
-    scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
     with sg.Renderer("window") as renderer:
         viewer = Viewer(Content.open(scene), renderer, Options(size=WINDOW))
         try:

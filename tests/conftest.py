@@ -19,8 +19,8 @@ import splatgl as sg
 from splatgl.gl import program
 from splatgl.gl import renderer as renderers
 from splatgl.gl.context import REQUIRE_GPU, current
-from splatgl.scene.draw import Drawing
-from splatgl.scene.shared_renderer import kept_renderer
+from splatgl.scene.draw import DrawOptions
+from splatgl.scene.shared_renderer import shared_renderer
 from tests.helpers.levels import with_levels
 from tests.helpers.splatting import GOLDEN
 from tests.helpers.twins import twin as twin
@@ -118,15 +118,15 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def shared_programs() -> Iterator[None]:
     """Commands that are called in a test's process draw with the renderer of `sg.render`, whose programs are there."""
-    drawing, opening = Drawing.renderer, vars(renderers)["open_context"]
+    drawing, opening = DrawOptions.renderer, vars(renderers)["open_context"]
 
-    def shared(self: Drawing) -> AbstractContextManager[sg.Renderer]:
+    def shared(self: DrawOptions) -> AbstractContextManager[sg.Renderer]:
         is_plain = self == replace(self, backend="auto", device=None, gpu=False) and REQUIRE_GPU not in os.environ
         # not where a test stands in for OpenGL
         return drawing(replace(self, kept=self.kept or (is_plain and vars(renderers)["open_context"] is opening)))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Drawing, "renderer", shared)
+        patch.setattr(DrawOptions, "renderer", shared)
         yield
 
 
@@ -134,7 +134,7 @@ def shared_programs() -> Iterator[None]:
 def renderer() -> Iterator[sg.Renderer]:
     """The renderer of `sg.render`, whose programs are compiled once; a test that leaves a GL error behind fails."""
     # opened again where VTK ended its display
-    with kept_renderer() as kept:
+    with shared_renderer() as kept:
         pass
     with current(kept.ctx):
         # transform feedback wants a complete framebuffer, whatever ran before

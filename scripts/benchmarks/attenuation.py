@@ -20,7 +20,7 @@ import numpy as np
 
 import splatgl as sg
 from splatgl.data.scenes import SCENES
-from splatgl.scene.view import View
+from splatgl.scene.view import ViewOptions
 
 # voxels classified before, splats one by one
 SPLATS = sg.Settings.like("0.1")
@@ -108,7 +108,7 @@ def scenes(data: Path | None) -> Iterator[tuple[str, sg.Splats, sg.Camera]]:
 def seen(volume: sg.Volume, preset: str | None) -> tuple[sg.Splats, sg.Camera]:
     transfer = sg.preset(preset, volume) if preset else sg.default_transfer(volume)
     splats = sg.extract(volume, transfer, classification="pre")
-    return splats, View().camera(volume, splats)
+    return splats, ViewOptions().camera(volume, splats)
 
 
 def at_stretch(splats: sg.Splats, camera: sg.Camera, stretch: float) -> sg.Camera:

@@ -34,9 +34,9 @@ import splatgl as sg
 from splatgl.gl.target import Target
 from splatgl.reference.field import kept_field_integral
 from splatgl.reference.ray_integral import ray_integral_at
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
-from splatgl.splat.resolve import extracted, suited
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
+from splatgl.splat.resolve import extracted, select_splats
 from splatgl.studies.accuracy.vtk_peers import Peer
 
 FLOOR_VERTEX = """#version 330
@@ -93,7 +93,7 @@ class Case:
 
 def case(name: str, source: str, blend: str = "composite", every: int = 1, **transfer: object) -> Case:
     """every: of that many slices one is used."""
-    scene = Scene(source, transfer=transfer)
+    scene = SceneFile(source, transfer=transfer)
     volume = scene.open()
     if every > 1:
         x, y, z = volume.spacing
@@ -166,7 +166,7 @@ def ways(renderer: sg.Renderer, chosen: Case, camera: sg.Camera) -> tuple[dict[s
         for name, mapper, asked in (("VTK CPU", "cpu", own), ("VTK CPU 2×2", "cpu", twice), ("VTK OpenGL", "gpu", own)):
             found[name] = Peer(mapper, (chosen.volume, chosen.transfer), camera, asked)
     image = renderer.render(splats, camera, own, verify_bound=False)
-    return found, Right(chosen, camera, suited(splats, own, moving=False), image)
+    return found, Right(chosen, camera, select_splats(splats, own, moving=False), image)
 
 
 def timed(frame: Frame) -> tuple[sg.Image | None, float]:
@@ -180,7 +180,7 @@ def timed(frame: Frame) -> tuple[sg.Image | None, float]:
 
 def measure(renderer: sg.Renderer, chosen: Case, size: int, rounds: int) -> Iterator[Row]:
     """Measures all variants of a scene, interleaved in random order."""
-    camera = View(size=(size, size)).camera(chosen.volume, chosen.splats)
+    camera = ViewOptions(size=(size, size)).camera(chosen.volume, chosen.splats)
     todo, right = ways(renderer, chosen, camera)
     images = {name: timed(frame)[0] for name, frame in todo.items()}
     times: dict[str, list[float]] = {name: [] for name in todo}
@@ -219,7 +219,7 @@ def curves(renderer: sg.Renderer, rounds: int) -> Iterator[Row]:
         yield from _planned(renderer, chosen, sg.Camera.look_at(away, middle, (0, 0, 1), 40, (512, 512)), rounds)
     tunnel = case("tunnel", "tunnel")
     for size in (128, 256, 512, 1024, 2048):
-        camera = View(size=(size, size)).camera(tunnel.volume, tunnel.splats)
+        camera = ViewOptions(size=(size, size)).camera(tunnel.volume, tunnel.splats)
         yield from _planned(renderer, tunnel, camera, rounds)
 
 

@@ -21,8 +21,8 @@ from PIL import ImageDraw, ImageFont
 
 import splatgl as sg
 from splatgl.reference.field import field_integral
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.studies.accuracy.vtk_peers import Peer
 
 # pixels of a picture, and of one volume's; samples along each side of a pixel, samples a voxel of the field, height of
@@ -102,7 +102,7 @@ def side_by_side(target: Path, *names: str) -> None:
     subjects, fields, rows = {}, {}, []
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool, sg.Renderer() as renderer:
         for label, (file, load, transfer, view) in chosen.items():
-            scene = Scene(str(Path(folder) / file), load, transfer, View(size=(side, side), **view))
+            scene = SceneFile(str(Path(folder) / file), load, transfer, ViewOptions(size=(side, side), **view))
             volume = scene.open()
             content = volume, scene.transfer_for(volume), scene.view.camera(volume, volume)
             subjects[label] = content

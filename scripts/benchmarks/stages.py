@@ -24,7 +24,7 @@ import numpy as np
 from rows import tell
 
 import splatgl as sg
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 
 SIZE = (512, 512)
 # edge of the generated memory-mapped volume, voxels
@@ -61,7 +61,7 @@ def timed(scene: str, stage: str, rounds: int, work: Callable[[], object], note:
 
 def stages(name: str, rounds: int, renderer: sg.Renderer, **transfer: object) -> Iterator[Row]:
     """Load, extract, first and next frames of one scene or file, as `splatgl render` does them."""
-    scene = Scene(name, transfer=transfer)
+    scene = SceneFile(name, transfer=transfer)
     label = Path(name).name
     volume = scene.open()
     yield timed(label, "load", rounds, scene.open, " × ".join(map(str, volume.shape[::-1])))

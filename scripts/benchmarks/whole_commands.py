@@ -27,7 +27,7 @@ import numpy as np
 from rows import tell
 
 from splatgl.data.color import srgb_from_linear
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.lighting import AMBIENT, DIFFUSE
 from splatgl.splat.opaque_bounds import Opaque
 
@@ -139,7 +139,7 @@ class Row:
 
 def vtk_job(path: Path, size: int, output: Path) -> dict[str, Any]:
     """What VTK's script needs to know: the same view and transfer function."""
-    scene = Scene(str(path))
+    scene = SceneFile(str(path))
     volume = scene.open()
     transfer = scene.transfer_for(volume)
     camera = scene.view.camera(volume, Opaque(volume, transfer)).resized((size, size))

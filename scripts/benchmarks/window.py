@@ -20,7 +20,7 @@ from pathlib import Path
 
 from splatgl.gl.renderer import Renderer
 from splatgl.scene.parse import size
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.document import Content
 from splatgl.viewer.viewer import Options, Viewer
@@ -117,7 +117,7 @@ def main() -> None:
     for file in args.files:
         begun = time.perf_counter()
         with Renderer("window") as renderer:
-            content = Content.open(Scene.from_toml(Path(file)) if file.endswith(".toml") else Scene(file))
+            content = Content.open(SceneFile.from_toml(Path(file)) if file.endswith(".toml") else SceneFile(file))
             viewer = Viewer(content, renderer, Options(size=args.size))
             while viewer.painter.frame is None:
                 viewer.step(0.0)

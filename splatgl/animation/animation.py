@@ -41,7 +41,7 @@ from splatgl.scene.draw import (
     unbacked,
 )
 from splatgl.scene.meshes import is_mesh
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, fits, required_bricks
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion, flow_of, moments
@@ -79,7 +79,7 @@ class Animation:
     0: whole.
     """
 
-    scenes: list[Scene]
+    scenes: list[SceneFile]
     transfer: Transfer
     track: Track
     count: int
@@ -92,7 +92,7 @@ class Animation:
     over: Over | None = None
 
     @classmethod
-    def of(cls, scene: Scene, args: argparse.Namespace) -> Animation:
+    def of(cls, scene: SceneFile, args: argparse.Namespace) -> Animation:
         """The animation of a scene and of the files in `args.more`. Reads the first volume, whose transfer function and
         placement apply to all.
         """
@@ -235,7 +235,7 @@ class Animation:
         return max(moments(self.only, camera, turn, settings.shutter) for camera in cameras)
 
 
-def _matter(scene: Scene, volume: Volume, transfer: Transfer, args: argparse.Namespace) -> Splats | Layers:
+def _matter(scene: SceneFile, volume: Volume, transfer: Transfer, args: argparse.Namespace) -> Splats | Layers:
     """What frames of one volume show. InputError where that is nothing."""
     if not is_layered(scene, volume):
         only = scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
@@ -288,7 +288,7 @@ def bar(total: int, quiet: bool) -> Any:
     return tqdm(total=total, desc="drawing", unit="frame", delay=PATIENCE, leave=False)
 
 
-def _bands(volume: Volume, transfer: Transfer, scene: Scene, flow: float | None) -> int:
+def _bands(volume: Volume, transfer: Transfer, scene: SceneFile, flow: float | None) -> int:
     """In how many bands of rows a volume is drawn in bricks that does not fit into memory; 0: it does. InputError for
     what takes all splats at once.
     """
@@ -338,7 +338,7 @@ class Work:
     holds no splats: they are extracted where they are drawn. over: annotations.
     """
 
-    scenes: list[Scene]
+    scenes: list[SceneFile]
     transfer: Transfer
     settings: Settings
     frames: Frames

@@ -24,7 +24,7 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table
-from splatgl.scene.view import VIEW_COUNTS, View, typed
+from splatgl.scene.view import VIEW_COUNTS, ViewOptions, typed
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion
 
@@ -71,7 +71,7 @@ class Keyframes:
 
     keys: Mapping[str, tuple[np.ndarray, np.ndarray]]
     smooth: bool
-    view: View
+    view: ViewOptions
     volume: Volume
     subject: Bounded
 
@@ -95,7 +95,9 @@ class Keyframes:
         return int(max(frames[-1] for frames, _ in self.keys.values()))
 
 
-def turning(view: View, volume: Volume, subject: Bounded, degrees: float, axis: np.ndarray | None = None) -> Turning:
+def turning(
+    view: ViewOptions, volume: Volume, subject: Bounded, degrees: float, axis: np.ndarray | None = None
+) -> Turning:
     """A rotation by `degrees` per frame about the volume's centre, counter-clockwise seen from `axis`' tip (up)."""
     up = axis if axis is not None else np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
     length = float(np.linalg.norm(up))
@@ -106,7 +108,7 @@ def turning(view: View, volume: Volume, subject: Bounded, degrees: float, axis: 
     return Turning(view.camera(volume, swept), Motion(spin=up / length * degrees, center=center))
 
 
-def keyframes(path: Path, view: View, volume: Volume, subject: Bounded) -> Keyframes:
+def keyframes(path: Path, view: ViewOptions, volume: Volume, subject: Bounded) -> Keyframes:
     """The track in a TOML file. Raises InputError for an invalid file."""
     table = load_table(path, "keyframes")
     unknown = set(table) - {"ease", "keyframe"}
@@ -139,7 +141,7 @@ def keyframes(path: Path, view: View, volume: Volume, subject: Bounded) -> Keyfr
 
 def _row(what: str, row: Mapping[str, Any]) -> dict[str, list[float]]:
     """The keys of one keyframe, each a list of numbers."""
-    known = sorted(set(View.__dataclass_fields__) - set(FIXED))
+    known = sorted(set(ViewOptions.__dataclass_fields__) - set(FIXED))
     unknown = set(row) - set(known) - {"frame"}
     if unknown:
         raise expected(what, f"keys frame, {', '.join(known)}", ", ".join(sorted(unknown)))

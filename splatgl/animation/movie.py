@@ -16,7 +16,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
 from splatgl.fileio import replaced
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
@@ -99,7 +99,7 @@ T = TypeVar("T")
 WILDCARDS = re.compile(r"[*?\[]")
 
 
-def volumes(scene: Scene, more: Sequence[str]) -> list[Scene]:
+def volumes(scene: SceneFile, more: Sequence[str]) -> list[SceneFile]:
     """The scene of each volume: a pattern expands to all matching files, sorted by the numbers in their names.
 
     Raises InputError for a pattern without matches.
@@ -110,7 +110,7 @@ def volumes(scene: Scene, more: Sequence[str]) -> list[Scene]:
     return [replace(scene, volume=source) for source in found]
 
 
-def time_points(scene: Scene, volume: Volume, asked: int | slice | None) -> list[Scene]:
+def time_points(scene: SceneFile, volume: Volume, asked: int | slice | None) -> list[SceneFile]:
     """The scene of each time point of a file; the scene alone, if one is asked for or there is one only."""
     # a number of an array is one of a time point, its name is not
     picked = "time" in scene.load or str(scene.load.get("array", "")).isdecimal()

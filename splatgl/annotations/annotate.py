@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatgl.annotations import axes, bounding_box, color_bar, scale_bar
-from splatgl.annotations.canvas import Color, Layer, Rect, Subject
+from splatgl.annotations.canvas import Canvas, Color, Rect, Subject
 from splatgl.annotations.color_bar import ColorBar
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
@@ -44,11 +44,11 @@ def annotated(
         info |= {"blend": "xray over scale", "scale": scale}
         pixels = pixels * np.float32(scale)
     subject = volume if isinstance(volume, Subject) else Subject.of(volume)
-    layer = Layer.over(pixels, ground)
+    layer = Canvas.over(pixels, ground)
     bars = _bars(layer, subject, transfer, pixels, info) if "colorbar" in asked else []
     compose(replace(layer, picture=None) if steady else layer, subject, camera, asked, bars)
     if "box" in asked:
-        behind = Layer.over(pixels, ground)
+        behind = Canvas.over(pixels, ground)
         bounding_box.draw_behind(behind, subject, camera)
         pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels
     over = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
@@ -68,7 +68,7 @@ def _names(image: Image) -> list[str]:
     return [str(name) for name in names] if isinstance(names, list) else []
 
 
-def compose(layer: Layer, subject: Subject, camera: Camera, asked: Sequence[str], bars: Sequence[ColorBar]) -> None:
+def compose(layer: Canvas, subject: Subject, camera: Camera, asked: Sequence[str], bars: Sequence[ColorBar]) -> None:
     """Draws what is asked for on an empty layer, but for edges behind the box."""
     if "box" in asked:
         bounding_box.draw_edges(layer, subject, camera)
@@ -91,7 +91,7 @@ def left_out(image: Image) -> list[str]:
     return [str(note) for note in notes] if isinstance(notes, list) else []
 
 
-def _write(layer: Layer, time: str | None, title: str | None) -> None:
+def _write(layer: Canvas, time: str | None, title: str | None) -> None:
     """The time in a corner, and the title in the middle, below the time where both don't fit; where nothing is."""
     (width, height), pad = layer.size, layer.pad
     for what, text in (("time", time), ("title", title)):
@@ -106,7 +106,7 @@ def _write(layer: Layer, time: str | None, title: str | None) -> None:
 
 
 def _bars(
-    layer: Layer, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
+    layer: Canvas, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
 ) -> list[ColorBar]:
     """The colour bars of a picture, of its volume and of meshes; none, with a note, if there are none."""
     of_meshes = scale_bars(subject, layer.size[1])
@@ -122,7 +122,7 @@ def scale_bars(subject: Subject, height: int) -> list[ColorBar]:
 
 
 def _bar(
-    layer: Layer, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
+    layer: Canvas, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
 ) -> ColorBar | None:
     """The colour bar of a volume; None, with a note, if there is none."""
     blend, rows = str(info.get("blend", "")), round(color_bar.TALL * layer.size[1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.annotations.canvas import Color, Layer, Rect, Subject
+from splatgl.annotations.canvas import Canvas, Color, Rect, Subject
 from splatgl.splat.camera import Camera
 
 # of x, y, z, linear RGB; they read on black and on white
@@ -33,7 +33,7 @@ def letters(frame: str, direction: np.ndarray) -> str:
     return "".join(LETTERS[frame][axis][0 if direction[axis] > 0 else 1] for axis in kept)
 
 
-def draw_triad(layer: Layer, camera: Camera) -> None:
+def draw_triad(layer: Canvas, camera: Camera) -> None:
     """Draws it at the lower left, the farthest axis first."""
     long, em = LONG * layer.em, layer.em
     half = int(np.ceil(long + 1.3 * em))
@@ -86,7 +86,7 @@ def _apart(places: np.ndarray, em: int) -> np.ndarray:
     return np.asarray(found * np.minimum(1, most / np.maximum(np.linalg.norm(found, axis=1), 1e-9))[:, None])
 
 
-def draw_directions(layer: Layer, subject: Subject, camera: Camera) -> None:
+def draw_directions(layer: Canvas, subject: Subject, camera: Camera) -> None:
     """Draws letters in the middle of the picture's edges."""
     if subject.frame is None:
         layer.notes.append("no directions: the file does not say where the patient's are")
@@ -107,7 +107,7 @@ def draw_directions(layer: Layer, subject: Subject, camera: Camera) -> None:
             layer.text(text, place.left, place.top)
 
 
-def _inwards(layer: Layer, rect: Rect, step: tuple[int, int]) -> Rect:
+def _inwards(layer: Canvas, rect: Rect, step: tuple[int, int]) -> Rect:
     """The rectangle, moved past what is in its way."""
     for other in [each for each in layer.taken if each.meets(rect)]:
         x = step[0] * ((other.right - rect.left if step[0] > 0 else rect.right - other.left) + layer.pad)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.annotations.canvas import Layer, Rect, Subject, clipped, dashes
+from splatgl.annotations.canvas import Canvas, Rect, Subject, clipped, dashes
 from splatgl.annotations.scale_bar import in_digits, ticks
 from splatgl.splat.camera import Camera
 
@@ -75,7 +75,7 @@ def parts_ahead(ends: np.ndarray, camera: Camera) -> np.ndarray:
     return np.where((depth > near)[..., None], ends, cut[:, None])
 
 
-def draw_behind(layer: Layer, subject: Subject, camera: Camera) -> None:
+def draw_behind(layer: Canvas, subject: Subject, camera: Camera) -> None:
     """Draws the edges that lie behind the box, dashed."""
     hidden = [each for each in edges(subject.corners, camera) if each.hidden]
     em = layer.em
@@ -84,7 +84,7 @@ def draw_behind(layer: Layer, subject: Subject, camera: Camera) -> None:
     layer.segments(dashes(inside, DASH * em, max(GAP * em, 2 * layer.edge + 2)), alpha=BEHIND, width=_width(layer))
 
 
-def draw_edges(layer: Layer, subject: Subject, camera: Camera) -> None:
+def draw_edges(layer: Canvas, subject: Subject, camera: Camera) -> None:
     """Draws the other edges, with ticks along an outer one of each axis."""
     every = edges(subject.corners, camera)
     drawn = [_seen([each for each in every if not each.hidden], subject, camera)]
@@ -94,7 +94,7 @@ def draw_edges(layer: Layer, subject: Subject, camera: Camera) -> None:
     layer.segments(np.concatenate(drawn), alpha=ALPHA, width=_width(layer))
 
 
-def draw_numbers(layer: Layer, subject: Subject, camera: Camera) -> None:
+def draw_numbers(layer: Canvas, subject: Subject, camera: Camera) -> None:
     """Draws the numbers of the ticks, and the axes' names."""
     every = edges(subject.corners, camera)
     if not any(each.outer for each in every):
@@ -111,7 +111,7 @@ def _seen(every: list[Edge], subject: Subject, camera: Camera) -> np.ndarray:
     return projected(ahead.reshape(-1, 3), camera).reshape(-1, 4)
 
 
-def _width(layer: Layer) -> float:
+def _width(layer: Canvas) -> float:
     return max(1.0, WIDTH * layer.em)
 
 
@@ -157,7 +157,7 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
     return places, [f"{each:.6g}" for each in found], f"{letter}, {name}" if name else letter
 
 
-def _number(layer: Layer, subject: Subject, edge: Edge, camera: Camera) -> int:
+def _number(layer: Canvas, subject: Subject, edge: Edge, camera: Camera) -> int:
     """Draws an edge's numbers and name; returns how many of these have no room."""
     a, b = projected(subject.corners[list(edge.corners)], camera)
     places, texts, name = marks(subject, edge, camera, layer.em)
@@ -175,7 +175,7 @@ def _number(layer: Layer, subject: Subject, edge: Edge, camera: Camera) -> int:
     return missing + (not _write(layer, name, [middle + (b - a) * shift for shift in (0.0, -0.15, 0.15, -0.3, 0.3)]))
 
 
-def _write(layer: Layer, text: str, middles: list[np.ndarray]) -> bool:
+def _write(layer: Canvas, text: str, middles: list[np.ndarray]) -> bool:
     """Writes a text around the first of some places that is free; whether one is."""
     wide, tall = layer.text_size(text)
     for x, y in middles:

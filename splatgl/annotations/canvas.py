@@ -53,7 +53,7 @@ Touched = Rect | np.ndarray | tuple[Rect, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class Canvas:
     """pixels: float32 [H, W, 4], linear, premultiplied. ink: of text and lines; picture: what it lies on, [H, W, 4], or
     None; ground: linear RGB of that where it is empty. taken: reserved places; notes: what is left out, and why;
     touched: what is drawn on. scratch: of lines, made with the first. font: its height, 0: as suits the picture.
@@ -70,7 +70,7 @@ class Layer:
     font: int = 0
 
     @classmethod
-    def over(cls, pixels: np.ndarray, ground: Color | None) -> Layer:
+    def over(cls, pixels: np.ndarray, ground: Color | None) -> Canvas:
         """An empty layer for a picture; its ink is black or white, whichever reads at the picture's edges.
 
         Transparency counts as `ground`, or else as white.

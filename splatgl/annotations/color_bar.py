@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.annotations.canvas import Color, Layer, Rect, Scale
+from splatgl.annotations.canvas import Canvas, Color, Rect, Scale
 from splatgl.annotations.scale_bar import log_ticks, ticks
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.transfer import Transfer
@@ -77,7 +77,7 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
     return ColorBar(0.0, 1 / scale, colors, None, "optical depth")
 
 
-def draw(layer: Layer, bar: ColorBar) -> None:
+def draw(layer: Canvas, bar: ColorBar) -> None:
     """Draws it at the right, or at the left where that alone is empty."""
     patch = _drawn(bar, layer.em, layer.ink)
     (tall, wide), pad = patch.shape[:2], layer.pad
@@ -91,7 +91,7 @@ def draw(layer: Layer, bar: ColorBar) -> None:
 @lru_cache(maxsize=4)
 def _drawn(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
     """The bar, its numbers and its curve, linear and premultiplied, [h, w, 4]; its rows are one pixel each."""
-    sizes = Layer(np.zeros((1, 1, 4), np.float32), ink, font=em)
+    sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
     rows, edge = len(bar.colors), sizes.edge
     label = bar.label if len(bar.label) <= MOST_LETTERS else f"{bar.label[: MOST_LETTERS - 3]}..."
     marks = bar.marks()
@@ -102,7 +102,7 @@ def _drawn(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
     below = "" if bar.opacity is None else f"opacity to {bar.opacity.max():.3g}"
     right = max(sizes.text_size(label)[0], sizes.text_size(below)[0], beside + wide + curve + 2 * edge)
     top, left = line + em // 2, right - beside - wide
-    layer = Layer(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em)
+    layer = Canvas(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em)
     layer.lines([_frame(left, top, wide, rows)])
     layer.clear(Rect(left, top, left + wide, top + rows))
     shape = (rows, wide)

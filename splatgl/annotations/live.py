@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.annotations import bounding_box, color_bar
 from splatgl.annotations.annotate import bar_of, check, compose
-from splatgl.annotations.canvas import BLACK, Color, Layer, Subject, Touched, ink_on
+from splatgl.annotations.canvas import BLACK, Canvas, Color, Subject, Touched, ink_on
 from splatgl.annotations.color_bar import ColorBar
 from splatgl.data.color import srgb_from_linear
 from splatgl.splat.camera import Camera
@@ -30,7 +30,7 @@ class LiveOverlay:
     """Draws overlays of one size after another; keeps its buffers, and text and colour bars that it has drawn."""
 
     def __init__(self) -> None:
-        self.layer: Layer | None = None
+        self.layer: Canvas | None = None
         self.pixels = np.zeros((0, 0, 4), np.uint8)
         self.notes: tuple[str, ...] = ()
 
@@ -61,11 +61,11 @@ class LiveOverlay:
             _encode(layer.pixels, self.pixels, part)
         return self.pixels
 
-    def _cleared(self, size: tuple[int, int], ground: Color) -> Layer:
+    def _cleared(self, size: tuple[int, int], ground: Color) -> Canvas:
         """An empty layer of that size."""
         ink = ink_on(np.asarray(ground))
         if self.layer is None or self.layer.size != size:
-            self.layer = Layer(np.zeros((size[1], size[0], 4), np.float32), ink)
+            self.layer = Canvas(np.zeros((size[1], size[0], 4), np.float32), ink)
             self.pixels = np.zeros((size[1], size[0], 4), np.uint8)
             return self.layer
         for part in self.layer.touched:
@@ -75,7 +75,7 @@ class LiveOverlay:
                 else:
                     rect = part[0] if isinstance(part, tuple) else part
                     buffer[rect.top : rect.bottom, rect.left : rect.right] = 0
-        self.layer = Layer(self.layer.pixels, ink, scratch=self.layer.scratch)
+        self.layer = Canvas(self.layer.pixels, ink, scratch=self.layer.scratch)
         return self.layer
 
 

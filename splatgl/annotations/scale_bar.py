@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.annotations.canvas import Layer, Rect, Subject
+from splatgl.annotations.canvas import Canvas, Rect, Subject
 from splatgl.splat.camera import Camera
 
 # longest bar as a fraction of the picture's width
@@ -57,7 +57,7 @@ def in_digits(length: float, unit: str) -> tuple[float, str]:
     return metres / METRES[fitting[-1]], fitting[-1]
 
 
-def draw(layer: Layer, subject: Subject, camera: Camera) -> None:
+def draw(layer: Canvas, subject: Subject, camera: Camera) -> None:
     """Draws it at the lower right, or where there is nothing further left."""
     scale = scale_of(subject, camera)
     if scale is None:

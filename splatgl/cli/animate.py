@@ -9,7 +9,7 @@ from splatgl.animation.movie import need, write_movie
 from splatgl.cli.options import add_drawing, add_layers, add_source, add_workers, asked, drawing_of, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_source
-from splatgl.scene.draw import Drawing
+from splatgl.scene.draw import DrawOptions
 from splatgl.scene.parse import numbers
 
 FPS = 30.0
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
             draw_frames(client, animation, frames, todo, drawing_of(args), args.quiet)
     elif todo:
-        with Drawing(args.backend, args.device, args.gpu).renderer() as renderer:
+        with DrawOptions(args.backend, args.device, args.gpu).renderer() as renderer:
             animation.draw(renderer, frames, todo, args.quiet)
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK

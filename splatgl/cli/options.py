@@ -27,8 +27,8 @@ from splatgl.scene.parse import (
     times,
     window_of,
 )
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.presets import is_preset
 from splatgl.splat.segment_surfaces import SMOOTHING, strength_of
 from splatgl.splat.settings import LIKE, Settings, choices
@@ -70,10 +70,12 @@ def add_layers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--surfaces", nargs="?", const=SMOOTHING, type=float, metavar="S", help=about)
 
 
-def layer_option(text: str) -> Scene:
+def layer_option(text: str) -> SceneFile:
     """An argparse type: the layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or a colour map."""
     source, look, opacity = with_look(text, lambda last: not last or bool(LOOK.fullmatch(last)), "LOOK")
-    return Scene(source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity)
+    return SceneFile(
+        source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity
+    )
 
 
 def mesh_option(text: str) -> MeshFile:
@@ -240,14 +242,14 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--paper", action="store_true", help="the 1998 hardware path: hybrid, 8-bit table and target")
 
 
-def scene_from_source(args: argparse.Namespace) -> Scene:
+def scene_from_source(args: argparse.Namespace) -> SceneFile:
     """The scene from the source and reader options."""
     _refuse_many(args)
     source, array = inside(args.source)
     if is_mesh(source) and not hasattr(args, "mesh"):
         raise expected(source, "a volume", "a mesh", "splatgl render draws it")
     path = Path(source)
-    scene = Scene.from_toml(path) if path.suffix == ".toml" and not is_address(source) else Scene(source)
+    scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)
     reading = _given(args, *(f.name for f in fields(LoadOptions)))
     if isinstance(reading.get("time"), slice):
         if not hasattr(args, "more"):
@@ -267,14 +269,14 @@ def _refuse_many(args: argparse.Namespace) -> None:
         raise expected(source, "one file", "a pattern", "splatgl animate draws a series")
 
 
-def scene_from_transfer(args: argparse.Namespace) -> Scene:
+def scene_from_transfer(args: argparse.Namespace) -> SceneFile:
     """The scene from the source, reader and transfer function options."""
     scene = scene_from_source(args)
     threshold = scene.threshold if args.threshold is None else args.threshold
     transfer = {**scene.transfer, **_transfer_file(args.transfer), **_given(args, *TRANSFER)}
     layers = (*scene.layers, *(getattr(args, "layer", None) or ()))
     if getattr(args, "labels", None) is not None:
-        layers = (*layers, Scene(args.labels, transfer={"only_labels": args.only_labels or ()}))
+        layers = (*layers, SceneFile(args.labels, transfer={"only_labels": args.only_labels or ()}))
     elif args.only_labels is not None:
         transfer["only_labels"] = args.only_labels
     meshes = (*scene.meshes, *(getattr(args, "mesh", None) or ()))
@@ -291,7 +293,7 @@ def scene_from_transfer(args: argparse.Namespace) -> Scene:
     return found
 
 
-def scene_from(args: argparse.Namespace) -> Scene:
+def scene_from(args: argparse.Namespace) -> SceneFile:
     """The scene from all options; they override a scene.toml."""
     scene = scene_from_transfer(args)
     settings = Settings.paper() if args.paper else scene.settings
@@ -303,10 +305,10 @@ def scene_from(args: argparse.Namespace) -> Scene:
     return found if args.blend else found.blended()
 
 
-def view_of(args: argparse.Namespace, view: View, size: tuple[int, int] | None = None) -> View:
+def view_of(args: argparse.Namespace, view: ViewOptions, size: tuple[int, int] | None = None) -> ViewOptions:
     """A view with what is given. size: where none is."""
     view = view if size is None else replace(view, size=size)
-    return replace(view, **_given(args, *(f.name for f in fields(View))))
+    return replace(view, **_given(args, *(f.name for f in fields(ViewOptions))))
 
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:

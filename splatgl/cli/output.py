@@ -9,7 +9,7 @@ from splatgl.data.image import Image
 from splatgl.data.image_files import JPEG
 from splatgl.data.volume import Volume
 from splatgl.scene.draw import compared
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV
 from splatgl.splat.transfer import Transfer
 
@@ -17,7 +17,7 @@ SHOWN = 3
 """Points of a transfer function that fit a line; of more, the first and the last are told."""
 
 
-def summary(output: Path, image: Image, scene: Scene, volume: Volume, transfer: Transfer) -> str:
+def summary(output: Path, image: Image, scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     """Size and blend; the transfer function; the view; time and accuracy."""
     info, (height, width, _) = image.info, image.pixels.shape
     # without the versions in brackets
@@ -60,7 +60,7 @@ def _behind(image: Image, output: Path) -> str:
     return " on black, as JPEG has no alpha" if output.suffix.lower() in JPEG else ", transparent around"
 
 
-def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
+def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     """The opacities, the colours and what they span, and the threshold."""
     if len(volume.channels) > 1:
         return f"channels {', '.join(each.name for each in volume.channels)}"
@@ -83,7 +83,7 @@ def _transfer(scene: Scene, volume: Volume, transfer: Transfer) -> str:
     )
 
 
-def _view(scene: Scene, volume: Volume, image: Image) -> str:
+def _view(scene: SceneFile, volume: Volume, image: Image) -> str:
     """Azimuth and elevation, or the eye; and what of it is not the default."""
     view, orbit = scene.view, scene.view.orbit(volume)
     if orbit is not None:

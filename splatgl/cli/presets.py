@@ -13,7 +13,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.scene.background import suited
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -61,10 +61,10 @@ def run(args: argparse.Namespace) -> int:
     scene, volume = scene.cut(volume), smaller(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
     from splatgl.fileio import write_whole
-    from splatgl.scene.draw import Drawing
+    from splatgl.scene.draw import DrawOptions
 
     camera = scene.view.camera(volume, volume)
-    with Drawing(args.backend, args.device, args.gpu).renderer() as renderer:
+    with DrawOptions(args.backend, args.device, args.gpu).renderer() as renderer:
         pictures = {name: drawn(renderer, scene, volume, camera, look) for name, look in looks.items()}
     write_whole(output, sheet(pictures))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")
@@ -92,7 +92,7 @@ def smaller(volume: Volume) -> Volume:
 
 
 def drawn(
-    renderer: Renderer, scene: Scene, volume: Volume, camera: Camera, look: tuple[Transfer, Settings]
+    renderer: Renderer, scene: SceneFile, volume: Volume, camera: Camera, look: tuple[Transfer, Settings]
 ) -> Picture | None:
     """A picture on the background that suits it; None if nothing of the volume is visible."""
     from PIL import Image as Pillow

@@ -22,7 +22,7 @@ from splatgl.fileio import bytes_of, check_output, check_source
 from splatgl.scene.background import as_drawn, backed
 from splatgl.scene.draw import (
     OF_BLENDS,
-    Drawing,
+    DrawOptions,
     _work_bar,
     asked_for,
     depth_share,
@@ -36,7 +36,7 @@ from splatgl.scene.draw import (
     with_room,
 )
 from splatgl.scene.meshes import is_mesh
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.transfer import Transfer
 
@@ -60,7 +60,7 @@ def depth_at(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"expected a share from 0 to below 1, max or min, got {text!r}") from None
 
 
-def check_depth(args: argparse.Namespace, scene: Scene) -> None:
+def check_depth(args: argparse.Namespace, scene: SceneFile) -> None:
     """InputError, before any work, for a map that can't be written."""
     if args.depth is None:
         if args.depth_at is not None:
@@ -74,7 +74,7 @@ def check_depth(args: argparse.Namespace, scene: Scene) -> None:
         raise expected("--depth", "another file than -o", str(path))
 
 
-def write_depths(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> bool:
+def write_depths(args: argparse.Namespace, scene: SceneFile, volume: Volume, transfer: Transfer) -> bool:
     """Writes the map that is asked for, and tells its range; whether nothing else is to be drawn."""
     if args.depth is None:
         return False
@@ -164,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
     if on_workers:
         image = _on_workers(args, drawn_as, volume, transfer)
     else:
-        image = draw(Drawing.of(args), drawn_as, volume, transfer)
+        image = draw(DrawOptions.of(args), drawn_as, volume, transfer)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     behind = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     ended = 0
@@ -185,7 +185,7 @@ def run(args: argparse.Namespace) -> int:
     return ended
 
 
-def _on_workers(args: argparse.Namespace, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+def _on_workers(args: argparse.Namespace, scene: SceneFile, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn in parts by workers of Dask."""
     from splatgl.cli.options import drawing_of
     from splatgl.distributed.cluster import connected

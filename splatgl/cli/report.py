@@ -21,7 +21,7 @@ from splatgl.data.scenes import FORMULAS
 from splatgl.data.volume import Volume, coarser
 from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import InputError, expected
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -233,7 +233,7 @@ def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
 
 def subject(source: str, level: Level) -> Subject:
     """The scene of a source, downsampled until it has at most as many splats as the level allows."""
-    scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
     scene.refuse_more()
     volume = scene.open()
     transfer, scene = scene.transfer_for(volume), scene.cut(volume)

@@ -28,7 +28,7 @@ from splatgl.splat.error_bound import bound
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Moments, Motion, Shorter
 from splatgl.splat.plan import Plan, plan
-from splatgl.splat.resolve import one_by_one, streaked, suited
+from splatgl.splat.resolve import select_splats, streaked, why_per_splat
 from splatgl.splat.scene import Scene, casting, check_layer, common_samples, joined
 from splatgl.splat.settings import BLENDS, FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
@@ -126,7 +126,7 @@ class Renderer:
                 return render_moving_scene(self, splats, camera, settings or Settings(), motion, interrupted)
             return render_scene(self, splats, camera, settings or Settings(), interrupted)
         chosen = self.plan(splats, camera, settings, motion)
-        splats = suited(splats, settings or Settings(), chosen.exposure is not None)
+        splats = select_splats(splats, settings or Settings(), chosen.exposure is not None)
         if chosen.moments and motion is not None:
             asked = (settings or Settings()).but(moments=None, **({} if chosen.exposure else {"motion": "off"}))
             draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
@@ -442,7 +442,7 @@ def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Setti
     check_layer(chosen.resolved, splats.name)
     if len(splats):
         renderer.require_tiles(what, chosen)
-    return suited(splats, settings, moving=False), chosen
+    return select_splats(splats, settings, moving=False), chosen
 
 
 def told_of(chosen: Plan) -> dict[str, object]:
@@ -456,7 +456,7 @@ def told_of(chosen: Plan) -> dict[str, object]:
 
 def refuse_bricks(whole: Splats, camera: Camera, settings: Settings) -> None:
     """InputError for a picture that can't be drawn while its splats are extracted; whole: stands for them."""
-    why = one_by_one(settings, moving=False)
+    why = why_per_splat(settings, moving=False)
     if settings.classification == "pre" or why:
         raise expected("a volume in bricks", "values classified after reconstruction", why or "classification pre")
     for name in ("ambient_occlusion", "shadows"):

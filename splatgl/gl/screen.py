@@ -27,7 +27,7 @@ UNITS = {"picture": 0, "other": 1, "overlay": 2}
 
 
 @dataclass(frozen=True)
-class Look:
+class ScreenStyle:
     """How the picture is shown; see shaders/screen.frag.
 
     scale: factor on the light (an X-ray's 1/brightest). compare: with `other` right of the middle ("split"), or
@@ -85,7 +85,7 @@ class Screen:
             if kept is not None:
                 kept.release()
 
-    def draw(self, size: tuple[int, int], look: Look) -> None:
+    def draw(self, size: tuple[int, int], look: ScreenStyle) -> None:
         """Draws the textures into the window's back buffer of `size` pixels; restores the current context."""
         with self._working():
             program, whole = self._program(look.compare, look.overlay)

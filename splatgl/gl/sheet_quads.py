@@ -27,7 +27,7 @@ from splatgl.splat.grid import corners_of
 from splatgl.splat.plan import Plan
 from splatgl.splat.sheets import NearField, Sheets
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # texture units of a sheet, of the two before, and of values joined to one
 UNITS = {
@@ -234,7 +234,7 @@ class Ring:
         return [each[n] for each in (self.sums, self.masses) if each for n in some]
 
 
-def by_first_sheet(splats: Splats, sheets: Sheets, view: View) -> tuple[np.ndarray, dict[int, Group]]:
+def by_first_sheet(splats: Splats, sheets: Sheets, view: GridView) -> tuple[np.ndarray, dict[int, Group]]:
     """Indices of the records in the order of their first sheets, int64 [N]; groups by first sheet, from the first."""
     positions = splats.positions
     first = sheets.range(splats, view)[0]

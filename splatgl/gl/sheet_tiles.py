@@ -27,7 +27,7 @@ from splatgl.splat.plan import Plan
 from splatgl.splat.sheets import NearField, index_direction
 from splatgl.splat.splats import Splats
 from splatgl.splat.technique import COLUMNS, ROWS, cuts
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # buffer binding of open sheets
 RINGS = 5
@@ -333,7 +333,7 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     return found
 
 
-def clip_uniforms(clip: Clip, view: View) -> Uniforms:
+def clip_uniforms(clip: Clip, view: GridView) -> Uniforms:
     """The planes of sheet_close.glsl, from the eye; unit normals of index space."""
     rows = np.zeros((MOST_CLIPS, 4))
     own = np.column_stack([clip.g, clip.place - clip.g @ view.eye_index])
@@ -343,7 +343,7 @@ def clip_uniforms(clip: Clip, view: View) -> Uniforms:
     return {"clips": len(clip.g), "clip": [*map(tuple, rows)], "clip_normal": [*map(tuple, normals)]}
 
 
-def window_edges(view: View, window: Window) -> tuple[float, ...]:
+def window_edges(view: GridView, window: Window) -> tuple[float, ...]:
     """Slopes, or lengths in mean spacings, of the left, upper, right and lower edge of a window of samples."""
     x, y, width, height = window.box
     ends = np.array([[x, y], [x + width, y + height]]) - np.array(view.size) / 2

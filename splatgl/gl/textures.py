@@ -10,15 +10,15 @@ import numpy as np
 
 from splatgl.errors import expected
 from splatgl.gl.shader import TABLE_ROW
-from splatgl.splat.ambient_occlusion import Cues, Fields
+from splatgl.splat.ambient_occlusion import Fields, LightVolume
 from splatgl.splat.kernels import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.label_normals import LabelNormals
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.motion_blur import blur_table
 from splatgl.splat.plan import Plan
-from splatgl.splat.preintegration import WEIGHTS, PostClassified
+from splatgl.splat.preintegration import WEIGHTS, ValueClassifier
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 CUES_BINDING = 2
 # names of samplers, and their texture units
@@ -43,7 +43,7 @@ class CueFields:
         self.fields: Fields | None = None
         owned.callback(self.release)
 
-    def use(self, cues: Cues, view: View) -> None:
+    def use(self, cues: LightVolume, view: GridView) -> None:
         """Binds what a picture's shaders read."""
         fields = cues.fields
         if self.fields is not fields:
@@ -76,7 +76,7 @@ class CueFields:
         self.textures, self.fields = {}, None
 
 
-def cues_block(cues: Cues, view: View) -> np.ndarray:
+def cues_block(cues: LightVolume, view: GridView) -> np.ndarray:
     """CUES, shape ()."""
     block = np.zeros((), CUES)
     turn, moved = cues.cell_from_index
@@ -147,7 +147,7 @@ class Tables:
         self.ctx, self.owned = ctx, owned
         self.kept: dict[tuple[str, str, int, int], moderngl.Texture] = {}
         # of the last splats classified after reconstruction
-        self.classes: tuple[PostClassified, moderngl.Texture] | None = None
+        self.classes: tuple[ValueClassifier, moderngl.Texture] | None = None
 
     def use(self, plan: Plan) -> None:
         """Binds the tables of a plan's program."""
@@ -202,7 +202,7 @@ class Tables:
         return texture
 
 
-def class_uniforms(post: PostClassified) -> dict[str, object]:
+def class_uniforms(post: ValueClassifier) -> dict[str, object]:
     """Of the classification table, bound to CLASS_UNIT."""
     before, behind = post.integral.outside
     return {

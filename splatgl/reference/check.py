@@ -11,7 +11,7 @@ from splatgl.reference.renderer import render_windows, render_windows_of
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window
-from splatgl.splat.resolve import classified_before, suited
+from splatgl.splat.resolve import classified_before, select_splats
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -52,7 +52,7 @@ def check(
             inside[w.y : w.y + w.height, w.x : w.x + w.width] = True
         shown = np.flatnonzero(seen & inside)
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
-        drawn = suited(splats, settings, moving=False)
+        drawn = select_splats(splats, settings, moving=False)
         samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
         far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, settings)
         checked["field"] = {"pixels": len(pixels), **_errors(far)}

@@ -31,7 +31,7 @@ from splatgl.splat.preintegration import ClassIntegral
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # rays that a thread walks together, and most threads
 RAYS, THREADS = 1 << 14, 8
@@ -429,7 +429,7 @@ class LayerField:
         else:
             samples, look = _seen(layer, pre)
         grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-        view = View.of(grid, camera, kernel("b-spline"), antialias=False)
+        view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
         pixels = np.arange(camera.size[0] * camera.size[1])
         rays = Rays.of(view, camera, volume.shape[::-1], pixels, Clip.of(planes, grid))
         across, down = (each.ravel() for each in np.meshgrid(*camera.slopes()))

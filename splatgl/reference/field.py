@@ -20,7 +20,7 @@ from splatgl.reference.blend import classified, joined, joined_value, over_backg
 from splatgl.reference.ray_integral import OPAQUE, distances, samples_of, spread
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import weighted
-from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE, Clip
 from splatgl.splat.culling import ahead
@@ -30,12 +30,12 @@ from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
 from splatgl.splat.mask_field import MaskField, face_share
-from splatgl.splat.preintegration import ClassIntegral, PostClassified
+from splatgl.splat.preintegration import ClassIntegral, ValueClassifier
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # rays and points per batch
 RAYS, POINTS = 1 << 14, 1 << 12
@@ -48,7 +48,7 @@ STEPS = 4
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def kernel_field(volume: Volume, shape: Kernel, post: PostClassified) -> Field:
+def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
     """The kernels' normalised sum of coefficients, and of gradients, of all finite samples; NaN beyond their reach."""
     u = _values(volume, post)
     c = prefiltered(u, shape, PREFILTERED.get(shape.name, 0))
@@ -58,7 +58,7 @@ def kernel_field(volume: Volume, shape: Kernel, post: PostClassified) -> Field:
 
 
 def _kernel_mean(
-    shape: Kernel, post: PostClassified, taken: Callable[[np.ndarray], np.ndarray], places: np.ndarray
+    shape: Kernel, post: ValueClassifier, taken: Callable[[np.ndarray], np.ndarray], places: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """A field's value and gradient at places [3, P]; taken: 1, coefficient and world gradient [P, 5] of cells."""
     sums = np.zeros((places.shape[1], 5))
@@ -71,7 +71,7 @@ def _kernel_mean(
     return np.where(sums[:, 0] > 0, post.value(mean[:, 0]), np.nan), mean[:, 1:] * post.span
 
 
-def trilinear_field(volume: Volume, post: PostClassified) -> Field:
+def trilinear_field(volume: Volume, post: ValueClassifier) -> Field:
     """What ray casters interpolate: samples, and central differences of them."""
     u = _values(volume, post)
     terms = _terms(volume, u, u, post, order=2)
@@ -90,13 +90,13 @@ def trilinear_field(volume: Volume, post: PostClassified) -> Field:
     return at
 
 
-def _values(volume: Volume, post: PostClassified) -> np.ndarray:
+def _values(volume: Volume, post: ValueClassifier) -> np.ndarray:
     """Record values of all samples; NaN where one is not finite."""
     samples = np.asarray(volume.samples)
     return post.relative(np.where(np.isfinite(samples), samples, np.nan))
 
 
-def _terms(volume: Volume, u: np.ndarray, c: np.ndarray, post: PostClassified, order: int = 4) -> np.ndarray:
+def _terms(volume: Volume, u: np.ndarray, c: np.ndarray, post: ValueClassifier, order: int = 4) -> np.ndarray:
     """[D + 4, H + 4, W + 4, 5]: 1, coefficient and world gradient of each sample; 0 beyond, and where not finite."""
     z, y, x = (index.ravel() for index in np.indices(u.shape))
     around = post.around if post.faced and order == 4 else None
@@ -128,7 +128,7 @@ class Marched:
     unit: float
     light_by: Light | None
     shines: np.ndarray | None = None
-    cues: Cues | None = None
+    cues: LightVolume | None = None
     shading: bool = True
     mask: MaskField | None = None
     span: float = 1.0
@@ -197,7 +197,7 @@ class PixelRays:
     `camera`.
     """
 
-    view: View
+    view: GridView
     camera: Camera
     samples: int
     shape: tuple[int, int, int]
@@ -209,7 +209,7 @@ class PixelRays:
     ) -> PixelRays:
         """Without antialiasing of its own."""
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-        return cls(View.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape, clip)
+        return cls(GridView.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape, clip)
 
     def means(self, marched: Marched, pixels: np.ndarray, steps: int, blend: str) -> np.ndarray:
         """float64 [P, 4]: means over pixels [P], numbered row by row from the top."""
@@ -246,7 +246,7 @@ def field_integral(
         raise expected("blend", " or ".join(BLENDS), blend)
     name = field if isinstance(field, str) else "formula"
     shape = kernel_named("b-spline" if name in ("trilinear", "formula") else name)
-    post = PostClassified.of(transfer, shape.name, volume.shape[::-1])
+    post = ValueClassifier.of(transfer, shape.name, volume.shape[::-1])
     if isinstance(field, str):
         field = trilinear_field(volume, post) if name == "trilinear" else kernel_field(volume, shape, post)
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
@@ -298,7 +298,7 @@ def kept_field_integral(
     return over_background(drawn, resolved)
 
 
-def _free(volume: Volume, post: PostClassified) -> np.ndarray:
+def _free(volume: Volume, post: ValueClassifier) -> np.ndarray:
     """Distances of voxels to those that may be near an opaque point."""
     u = _values(volume, post)
     return distances(spread(needed(u, 2, post.wanted)[0], np.arange(-1, 2)))

@@ -17,7 +17,7 @@ from splatgl.splat.line_integral import Integral
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # components of a ray in index space are at least that far from 0: a ray along a face is in one of its two voxels
 LEAST = 1e-18
@@ -77,7 +77,7 @@ class BoxRays:
 class BoxRow:
     """Voxels as footprints of pixels. view: whose rays are looked at; position [N, 3]: of all."""
 
-    view: View
+    view: GridView
     resolved: Resolved
     position: np.ndarray
 

@@ -18,7 +18,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import colors_at
 from splatgl.splat.culling import Window, ahead
 from splatgl.splat.lighting import Light, surface_light
-from splatgl.splat.resolve import Resolved, suited
+from splatgl.splat.resolve import Resolved, select_splats
 from splatgl.splat.scene import Scene, check_layer, common_samples
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
@@ -51,7 +51,7 @@ class LayerScene:
 def layers_of(scene: Scene, camera: Camera, settings: Settings) -> list[tuple[Splats, Settings]]:
     """The splats of layers that have any, or of the first, with settings by which all have as many samples a pixel."""
     drawn = common_samples(scene.drawn(settings), camera, settings)
-    return [(ahead(suited(each, own, moving=False), camera), own) for each, own in drawn]
+    return [(ahead(select_splats(each, own, moving=False), camera), own) for each, own in drawn]
 
 
 def resolved_layer(splats: Splats, camera: Camera, settings: Settings) -> Resolved:

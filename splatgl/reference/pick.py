@@ -21,7 +21,7 @@ from splatgl.splat.mask_field import MaskField
 from splatgl.splat.preintegration import ClassIntegral
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.transfer import Transfer
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # parts of a ray, per smallest voxel, and most of them; parts of the one that decides
 STEPS, MOST, PARTS = 4, 1 << 20, 64
@@ -202,7 +202,7 @@ class _Ray:
         if not isinstance(volume.samples, np.ndarray):
             raise expected(volume.name or "volume", "samples in memory or mapped", "some that are read in parts")
         grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-        view = View.of(grid, camera, kernel("b-spline"), antialias=False)
+        view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
         rays = Rays.of(view, camera, volume.shape[::-1], np.array([pixel]), Clip.of(planes, grid))
         world = float(rays.stretch[0]) * grid.mean_spacing
         ends = float(rays.near[0]) * world, float(rays.far[0]) * world

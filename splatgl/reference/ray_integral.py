@@ -19,11 +19,11 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.culling import ahead
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
-from splatgl.splat.lighting import shone
-from splatgl.splat.resolve import Resolved, kernel_name, suited
+from splatgl.splat.lighting import apply_light
+from splatgl.splat.resolve import Resolved, kernel_name, select_splats
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # maximum number of cells in the lookup table of the splats' box, 4 bytes each
 MAX_CELLS = 1 << 27
@@ -141,7 +141,7 @@ def ray_integral(
     """
     started = time.perf_counter()
     settings = (settings or Settings()).but(**BEFORE)
-    splats = suited(splats, settings, moving=False)
+    splats = select_splats(splats, settings, moving=False)
     pixels = np.arange(camera.size[0] * camera.size[1])
     drawn = ray_integral_at(splats, camera, pixels, settings, steps_per_voxel, samples)
     seconds = round(time.perf_counter() - started, 6)
@@ -167,12 +167,12 @@ def ray_integral_at(
         if count < 1:
             raise expected(name, "a number of at least 1", count)
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-    splats = ahead(suited(splats, settings, moving=False), camera)
-    view = View.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
+    splats = ahead(select_splats(splats, settings, moving=False), camera)
+    view = GridView.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
     voxel = view.voxels(splats.positions)
     color = splats.colors.astype(np.float64)
     resolved = Resolved.of(splats, camera, settings)
-    color = shone(color, splats, camera, voxel, resolved)
+    color = apply_light(color, splats, camera, voxel, resolved)
     field = Field.of(splats, view.kernel, color)
 
     rays = samples_of(pixels, camera.size[0], samples)
@@ -188,7 +188,7 @@ def samples_of(pixels: np.ndarray, width: int, samples: int) -> np.ndarray:
     return np.asarray(((y[:, None] * samples + row) * (width * samples) + x[:, None] * samples + column).ravel())
 
 
-def _march(field: Field, view: View, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:
+def _march(field: Field, view: GridView, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:
     """float64 [P, 4]: the integral along the rays of those pixels, in slabs of equal length per ray."""
     start, direction = _rays(view, camera, pixel)
     near, far = _through_box(field, start, direction, view)
@@ -224,7 +224,7 @@ def _add(found: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarr
     found[rays, 3] += depth
 
 
-def _rays(view: View, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rays(view: GridView, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Starts and directions [3, P] in grid indices; the ray parameter is depth in mean spacings."""
     row, column = np.divmod(pixel, camera.size[0])
     across = (column + 0.5 - camera.size[0] / 2) * view.pitch
@@ -237,7 +237,9 @@ def _rays(view: View, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np
     return view.index_from_eye @ np.stack(at) + eye, view.index_from_eye @ np.stack(along)
 
 
-def _through_box(field: Field, start: np.ndarray, direction: np.ndarray, view: View) -> tuple[np.ndarray, np.ndarray]:
+def _through_box(
+    field: Field, start: np.ndarray, direction: np.ndarray, view: GridView
+) -> tuple[np.ndarray, np.ndarray]:
     """Entry and exit of each ray for the kernels' bounding box; orthographic rays extend both ways."""
     radius = field.kernel.radius
     low = field.low[:, None] - radius

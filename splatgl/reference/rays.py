@@ -20,7 +20,7 @@ from splatgl.splat.culling import STRETCHED, Window
 from splatgl.splat.footprint import ROWS, Quads, Splat, on_quads, table_quad
 from splatgl.splat.grid import Grid
 from splatgl.splat.line_integral import Integral, row1
-from splatgl.splat.view import View, smallest_axis
+from splatgl.splat.view import GridView, smallest_axis
 
 # relative enlargement of a box against rounding
 MARGIN = 1e-9
@@ -38,14 +38,14 @@ class Boxes:
     bottom: np.ndarray
 
 
-def pixel_boxes(view: View, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
+def pixel_boxes(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
     """The pixels of `camera` that voxels [3, N] can reach in that row of Table 1."""
     left, right, top, bottom = pixel_ends(view, row, voxel, camera)
     empty = (right <= left) | (bottom <= top)
     return Boxes(left, np.where(empty, left, right), top, bottom)
 
 
-def pixel_ends(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
+def pixel_ends(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
     """left, right, top and bottom separately: equal if no pixel centre lies between, right < left if the voxel is not
     visible.
     """
@@ -61,7 +61,7 @@ def pixel_ends(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple
     return tuple(ends)
 
 
-def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest slope, or x and y, [2, N] each; low > high if not visible."""
     z = voxel[2]
     if not view.perspective:
@@ -88,7 +88,7 @@ def _bounds(view: View, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np
     return low, high
 
 
-def _half_axes(view: View, size: np.ndarray) -> np.ndarray:
+def _half_axes(view: GridView, size: np.ndarray) -> np.ndarray:
     """[2, N]: half extents of an ellipse across the view with half axes size · R [2, N] along the view's axes."""
     return np.asarray(view.kernel.radius * np.sqrt((view.axes**2) @ (size * size)))
 
@@ -96,7 +96,7 @@ def _half_axes(view: View, size: np.ndarray) -> np.ndarray:
 Quadric = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float, np.ndarray | float]
 
 
-def _ellipsoid(view: View) -> Quadric:
+def _ellipsoid(view: GridView) -> Quadric:
     """R² A Aᵀ, an ellipsoid that contains the kernel: its xx, yy, zz, xz and yz."""
     q = view.kernel.radius**2 * view.eye_from_index @ view.eye_from_index.T
     return q[0, 0], q[1, 1], q[2, 2], q[0, 2], q[1, 2]
@@ -125,7 +125,7 @@ def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[n
     return np.where(hidden, np.inf, low), np.where(hidden, -np.inf, high)
 
 
-def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _widened(view: GridView, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same for voxels widened by antialiasing: their lateral extent is the kernel's or a pixel's."""
     z = voxel[2]
     near = z - view.reach
@@ -138,7 +138,7 @@ def _widened(view: View, row: str, voxel: np.ndarray, corner: np.ndarray) -> tup
     return ends.min(axis=0) - half, ends.max(axis=0) + half
 
 
-def reaching(positions: np.ndarray, view: View, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
+def reaching(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
     """Which splats may reach one of the windows of the picture, bool [N]: those near enough to all of its sides.
 
     positions [N, 3]: grid indices; around: of any splats that far, in grid steps, from these.
@@ -147,7 +147,7 @@ def reaching(positions: np.ndarray, view: View, windows: Sequence[Window], aroun
     return np.concatenate([np.zeros(0, bool), *(_reaching(part, view, windows, around) for part in parts)])
 
 
-def _reaching(positions: np.ndarray, view: View, windows: Sequence[Window], around: float) -> np.ndarray:
+def _reaching(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float) -> np.ndarray:
     v = view.voxels(positions)
     # a ball around the kernel; beyond z_k footprints grow with depth
     reach = (view.kernel.radius + around) * np.linalg.norm(view.eye_from_index, 2)
@@ -189,13 +189,13 @@ class Values:
 class Row:
     """One row of Table 1 for voxels [3, N]."""
 
-    view: View
+    view: GridView
     name: str
     voxel: np.ndarray
     quads: Quads | None
 
     @classmethod
-    def of(cls, view: View, name: str, voxel: np.ndarray, grid: Grid) -> Row:
+    def of(cls, view: GridView, name: str, voxel: np.ndarray, grid: Grid) -> Row:
         """InputError for a row that does not exist, or not for this grid."""
         if name not in ROWS:
             raise expected("row", " or ".join(ROWS), repr(name))
@@ -227,7 +227,7 @@ class Footprints(Protocol):
     """Splats on rays of a view."""
 
     @property
-    def view(self) -> View:
+    def view(self) -> GridView:
         """The view."""
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
@@ -292,7 +292,7 @@ class Rays:
 
     @classmethod
     def of(
-        cls, view: View, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray, clip: Clip | None = None
+        cls, view: GridView, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray, clip: Clip | None = None
     ) -> Rays:
         """Rays of `camera`'s pixels; the box holds the cells of `shape` voxels along x, y, z. clip: cuts them."""
         row, column = np.divmod(pixel, camera.size[0])

@@ -28,14 +28,14 @@ from splatgl.splat.culling import Window, ahead
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.footprint import filled_depth
 from splatgl.splat.kernels import tabulated
-from splatgl.splat.lighting import Light, shone
+from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion import Motion
 from splatgl.splat.ordering import back_to_front, order_for
-from splatgl.splat.resolve import PRE_KERNEL, Resolved, suited
+from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
 from splatgl.splat.scene import Scene, casting, joined
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, record_type
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 
 class Renderer(Protocol):
@@ -113,7 +113,7 @@ def render(
     if row != "row1":
         kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
         settings = settings.but(classification="pre", compositing="splats", kernel=kernel)
-    splats = ahead(suited(splats, settings, moving=False), camera)
+    splats = ahead(select_splats(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     picture = _drawn_in_bands(_scene(splats, resolved, row), resolved, progress)
     return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
@@ -163,7 +163,7 @@ def render_windows(
         if len(drawn) > 1 or meshes:
             return _layer_windows(drawn, camera, settings, windows, meshes)
         splats, settings = drawn[0]
-    splats = ahead(suited(splats, settings, moving=False), camera)
+    splats = ahead(select_splats(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     return _windows(_scene(_reaching(splats, resolved, windows), resolved, "row1"), resolved, windows)
 
@@ -272,7 +272,7 @@ class _Scene:
         if len(splats) and blend.ordered:
             self.order = back_to_front(splats, order_for(splats, camera))[::-1]
         self.color = splats.colors.astype(np.float64)
-        self.color = shone(self.color, splats, camera, voxel, resolved)
+        self.color = apply_light(self.color, splats, camera, voxel, resolved)
         depth = splats.records["optical_depth"].astype(np.float64)
         # opacity over the transfer function's reference length
         self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend.peak else depth
@@ -316,7 +316,7 @@ def sheet_scene(splats: Splats, resolved: Resolved) -> SheetScene:
     return SheetScene(splats, resolved, depth)
 
 
-def attenuated_depth(splats: Splats, view: View, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+def attenuated_depth(splats: Splats, view: GridView, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """Optical depth [N] of voxels [3, N], attenuated by the fraction of their pixel that their matter fills."""
     ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
     length = np.sqrt((ray * ray).sum(axis=0))

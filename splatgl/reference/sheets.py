@@ -14,14 +14,14 @@ import numpy as np
 
 from splatgl.reference.blend import classified, joined, joined_value
 from splatgl.reference.rays import Boxes, Rays, Row, Values, pixel_boxes, values
-from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE
 from splatgl.splat.culling import Window
 from splatgl.splat.kernels import Kernel, tabulated
-from splatgl.splat.lighting import Light, shone, surface_light
+from splatgl.splat.lighting import Light, apply_light, surface_light
 from splatgl.splat.mask_field import MaskField, face_share, kept_part
-from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BlendMode
 from splatgl.splat.sheets import (
@@ -36,7 +36,7 @@ from splatgl.splat.sheets import (
     layer_wave,
 )
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # opacity behind which light is less than rounding
 OPAQUE = 1 - 1e-15
@@ -47,20 +47,20 @@ class SheetField:
     """Classification of reconstructed values."""
 
     blend: BlendMode
-    post: PostClassified
-    view: View
+    post: ValueClassifier
+    view: GridView
     shading: bool
     weighted: bool
     spacing: float
     unit: float
     light: Light
     shines: np.ndarray | None
-    cues: Cues | None
+    cues: LightVolume | None
     mask: MaskField | None = None
     near: int = 0
 
     @classmethod
-    def of(cls, splats: Splats, resolved: Resolved, view: View, near: int = 0) -> SheetField:
+    def of(cls, splats: Splats, resolved: Resolved, view: GridView, near: int = 0) -> SheetField:
         """Of splats that are classified after. near: sheets from the eye on that are planes."""
         assert splats.post is not None
         look = resolved.look
@@ -283,7 +283,7 @@ def _mixed(found: Lit, other: Lit, share: np.ndarray) -> Lit:
     return factor, highlight
 
 
-def ray_offset(view: View, rays: Rays) -> np.ndarray | float:
+def ray_offset(view: GridView, rays: Rays) -> np.ndarray | float:
     """What distances along rays are shorter than those by which sheets are counted: in parallel views these are from
     the plane through the eye across the rays, in index space.
     """
@@ -334,7 +334,7 @@ class SheetScene:
             self.many = last - self.first
         if depth is not None:
             color = splats.colors.astype(np.float64)
-            color = shone(color, splats, self.camera, voxel, resolved)
+            color = apply_light(color, splats, self.camera, voxel, resolved)
             self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)
         else:
             self.field = SheetField.of(splats, resolved, view, self.near.count if self.near else 0)

@@ -20,7 +20,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window
 from splatgl.splat.footprint import run_along
 from splatgl.splat.kernels import tabulated
-from splatgl.splat.lighting import shone
+from splatgl.splat.lighting import apply_light
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
 from splatgl.splat.motion_blur import MOTIONS, blur_table, dwelt_depth, energy_gain, isolation, paper_gain, stretched
@@ -28,7 +28,7 @@ from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import AVERAGED, Resolved
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Passing:
     length: np.ndarray
     gain: np.ndarray
 
-    def streak_shape(self, view: View, motion: str) -> np.ndarray:
+    def streak_shape(self, view: GridView, motion: str) -> np.ndarray:
         """Values [P] of the streaks; motion: exact by the blur table, energy or paper by a scaled peak."""
         kernel = view.kernel
         if motion == "exact":
@@ -74,7 +74,7 @@ class Passing:
         weaken = energy_gain if motion == "energy" else paper_gain
         return np.asarray(weaken(kernel, self.length) * self.most(view))
 
-    def most(self, view: View) -> np.ndarray:
+    def most(self, view: GridView) -> np.ndarray:
         """The maximum on the path: at the closest point."""
         return np.asarray(self.gain * stretched(view.kernel, self.along, self.across, self.length))
 
@@ -86,14 +86,14 @@ class Inner(NamedTuple):
     shrink: np.ndarray
 
 
-def inner_of(view: View, z: np.ndarray) -> Inner:
+def inner_of(view: GridView, z: np.ndarray) -> Inner:
     """The map of voxels at depth z [N], antialiasing included."""
     shrink = view.shrink(z)
     own = view.index_from_eye[:, :2] @ view.axes
     return Inner(np.einsum("ij,jn,kj->ikn", own, shrink, view.axes), shrink)
 
 
-def passing(view: View, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray) -> Passing:
+def passing(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray) -> Passing:
     """How rays [2, N] pass voxels [3, N] that move by step [2, N].
 
     Beyond z_k in perspective space, where the ray has the voxel's slope; first-order term of the trapezoid.
@@ -197,7 +197,7 @@ class _Drawn:
         if blend.ordered:
             order = back_to_front(splats, order_for(splats, paths.camera))[::-1]
         color = splats.colors.astype(np.float64)
-        color = shone(color, splats, paths.camera, paths.middle, resolved)
+        color = apply_light(color, splats, paths.camera, paths.middle, resolved)
         depth = splats.records["optical_depth"].astype(np.float64)
         coverage, isolated = np.ones(len(splats)), np.zeros(len(splats))
         if attenuation != "optical-depth":
@@ -224,7 +224,7 @@ class _Drawn:
         return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
 
 
-def length_of(view: View, paths: Streaks) -> np.ndarray:
+def length_of(view: GridView, paths: Streaks) -> np.ndarray:
     """[N]: path lengths in units of their own, possibly widened, kernels."""
     own = paths.middle[:2]
     if view.perspective:
@@ -232,7 +232,7 @@ def length_of(view: View, paths: Streaks) -> np.ndarray:
     return passing(view, paths.middle, own, paths.step).length
 
 
-def _boxes(view: View, paths: Streaks) -> Boxes:
+def _boxes(view: GridView, paths: Streaks) -> Boxes:
     """Pixels that a streak can reach: the box of both ends; the whole image if one end is not visible."""
     width, height = paths.camera.size
     ends = []

@@ -23,12 +23,12 @@ from splatgl.fileio import bytes_of
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.background import as_drawn, grounded
-from splatgl.scene.draw import Drawing, depth_share, depths_of, draw, drawn, lay, origin, unbacked, with_room
+from splatgl.scene.draw import DrawOptions, depth_share, depths_of, draw, drawn, lay, origin, unbacked, with_room
 from splatgl.scene.meshes import MeshFile, asked_vectors, mark_clipped
 from splatgl.scene.parse import AUTO, BACKGROUNDS, CLEAR, background, size
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.shared_renderer import kept_renderer
-from splatgl.scene.view import View, typed
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.shared_renderer import shared_renderer
+from splatgl.scene.view import ViewOptions, typed
 from splatgl.splat.segment_surfaces import strength_of
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -66,7 +66,7 @@ TRANSFER = ("points", "gradient", "colormap", "window", "scale")
 
 
 @dataclass(frozen=True)
-class Held(Scene):
+class Held(SceneFile):
     """A scene whose volume is in memory."""
 
     held: Volume | None = None
@@ -82,7 +82,7 @@ class Held(Scene):
 
 
 @dataclass(frozen=True)
-class Fixed(View):
+class Fixed(ViewOptions):
     """A view by a camera."""
 
     fixed: Camera | None = None
@@ -129,9 +129,9 @@ def render(
     return picture(x, scene, memory)
 
 
-def picture(x: Any, scene: Scene, memory: int | None = None, seen: bool = False) -> Image:
+def picture(x: Any, scene: SceneFile, memory: int | None = None, seen: bool = False) -> Image:
     """The picture of a scene from `scene_of`, by the renderer that calls share. seen: on a background that suits it."""
-    how = Drawing(kept=True, memory=memory, check=0)
+    how = DrawOptions(kept=True, memory=memory, check=0)
     if is_splats(x):
         if not len(x):
             raise expected("splats", "at least one", "none")
@@ -163,10 +163,10 @@ def scene_of(
     camera: Camera | None,
     settings: Settings | None,
     options: Mapping[str, Any],
-) -> tuple[Scene, int | None]:
+) -> tuple[SceneFile, int | None]:
     """The scene of `x` and the arguments of `render`, and the memory to draw in. Of splats, all but the volume."""
     given = dict(options)
-    viewing, cuts = _taken(given, *(f.name for f in fields(View))), _cuts(_taken(given, "clip", "crop", "mask"))
+    viewing, cuts = _taken(given, *(f.name for f in fields(ViewOptions))), _cuts(_taken(given, "clip", "crop", "mask"))
     meshes, annotate = _meshes(given.pop("meshes", ())), given.pop("annotate", None)
     clip_meshes = bool(given.pop("clip_meshes", False))
     over = () if annotate is None else parsed(annotate) if isinstance(annotate, str) else check(annotate)
@@ -181,7 +181,7 @@ def scene_of(
         extra += ["surfaces"] * (surfaces is not None)
         if extra:
             raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
-        scene: Scene = Scene(x.name)
+        scene: SceneFile = SceneFile(x.name)
     else:
         scene = _source(x, given)
     if settings is not None and not isinstance(settings, Settings):
@@ -205,13 +205,13 @@ def scene_of(
     return found, bytes_of(memory) if isinstance(memory, str) else memory
 
 
-def _source(x: Any, given: dict[str, Any]) -> Scene:
+def _source(x: Any, given: dict[str, Any]) -> SceneFile:
     """The scene of a file, or of a volume in memory; `given` are options of its reader."""
     named = isinstance(x, str | Path)
     known = [f.name for f in fields(LoadOptions if named else ArrayOptions)]
     for name in given:
         if name not in known:
-            every = [f.name for record in (View, Settings) for f in fields(record)] + [*TRANSFER, *known]
+            every = [f.name for record in (ViewOptions, Settings) for f in fields(record)] + [*TRANSFER, *known]
             near = get_close_matches(name, [*every, "transfer", "camera", "settings", "threshold", "memory"], 1)
             fix = f"did you mean {near[0]}?" if near else ""
             raise expected("options", f"those of the view, the settings, or {', '.join(known)}", name, fix)
@@ -220,7 +220,7 @@ def _source(x: Any, given: dict[str, Any]) -> Scene:
         return Held(volume.name or "array", held=volume)
     path = str(x)
     toml = path.endswith(".toml") and not is_address(path)
-    scene = Scene.from_toml(Path(path)) if toml else Scene(path)
+    scene = SceneFile.from_toml(Path(path)) if toml else SceneFile(path)
     return replace(scene, load={**scene.load, **given}) if path not in SCENES or given else scene
 
 
@@ -247,7 +247,7 @@ def _meshes(given: Any) -> list[MeshFile | Mesh]:
     return [each if isinstance(each, Mesh) else MeshFile(str(each)) for each in every]
 
 
-def _view(view: View, camera: Camera | None, given: dict[str, Any]) -> View:
+def _view(view: ViewOptions, camera: Camera | None, given: dict[str, Any]) -> ViewOptions:
     """The view as the options have it."""
     if camera is None:
         return replace(view, **{name: _placed(name, value) for name, value in given.items()})
@@ -330,7 +330,7 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     view = view or Camera.of(x, viewing.get("size"))
     how = settings or (Settings() if layers else Settings.of(x))
-    with kept_renderer() as renderer:
+    with shared_renderer() as renderer:
         image = renderer.render(scene, view, how.but(**drawing))
     if layers:
         return image

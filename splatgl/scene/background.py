@@ -14,7 +14,7 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.scene.scene_file import Scene
+    from splatgl.scene.scene_file import SceneFile
 
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -34,13 +34,13 @@ def as_drawn(volume: Volume, transfer: Transfer) -> Transfer:
 
 
 def backed(
-    args: argparse.Namespace, scene: Scene, transfer: Transfer, output: Path, reference: Image | None = None
-) -> Scene:
+    args: argparse.Namespace, scene: SceneFile, transfer: Transfer, output: Path, reference: Image | None = None
+) -> SceneFile:
     """The scene with the background of its picture: what is asked for, else the reference's, else one that suits."""
     return replace(scene, settings=grounded(scene.settings, ground_of(args, scene, reference), transfer, output))
 
 
-def ground_of(args: argparse.Namespace, scene: Scene, reference: Image | None = None) -> Color | str | None:
+def ground_of(args: argparse.Namespace, scene: SceneFile, reference: Image | None = None) -> Color | str | None:
     """The background that is asked for, else the reference's, else AUTO; None where a scene.toml or a version says all
     there is to say.
     """

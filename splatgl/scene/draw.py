@@ -20,7 +20,7 @@ from splatgl.errors import InputError, expected
 from splatgl.fileio import size_of
 from splatgl.readers.channels import PICKED
 from splatgl.scene.meshes import is_mesh, surfaces_of
-from splatgl.scene.scene_file import Scene, check_masked
+from splatgl.scene.scene_file import SceneFile, check_masked
 from splatgl.splat.segment_surfaces import is_segmentation
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from splatgl.splat.splats import Splats
 
 
-def asked_for(text: str | None, reference: str | None, scene: Scene) -> tuple[str, ...]:
+def asked_for(text: str | None, reference: str | None, scene: SceneFile) -> tuple[str, ...]:
     """The annotations of a command's picture, else of its scene, but in comparisons; InputError for what can't be laid
     over it, before anything is drawn.
     """
@@ -50,7 +50,7 @@ def asked_for(text: str | None, reference: str | None, scene: Scene) -> tuple[st
     return asked
 
 
-def of_movie(text: str | None, scenes: Sequence[Scene]) -> tuple[str, ...]:
+def of_movie(text: str | None, scenes: Sequence[SceneFile]) -> tuple[str, ...]:
     """The annotations of a movie, else of its scene: time stands for that of each volume of a series. InputError as
     `check`, and for a time of one volume.
     """
@@ -61,7 +61,7 @@ def of_movie(text: str | None, scenes: Sequence[Scene]) -> tuple[str, ...]:
     return asked
 
 
-def at_time(asked: Sequence[str], scene: Scene, number: int, step: float | None) -> tuple[str, ...]:
+def at_time(asked: Sequence[str], scene: SceneFile, number: int, step: float | None) -> tuple[str, ...]:
     """The annotations of a frame that shows volume `number` of a series. step: seconds between two time points."""
     point = int(scene.load.get("time", number))
     told = f"{point * step:g} s" if step else f"{point}"
@@ -75,7 +75,7 @@ def unbacked(settings: Settings, asked: Sequence[str]) -> Settings:
     return settings.but(background=None) if "box" in asked and not BLENDS[settings.blend].unbounded else settings
 
 
-def with_room(scene: Scene, volume: Volume, asked: Sequence[str]) -> Scene:
+def with_room(scene: SceneFile, volume: Volume, asked: Sequence[str]) -> SceneFile:
     """The scene, with a view that shows the box and its numbers, where they are asked for."""
     if "box" not in asked:
         return scene
@@ -92,7 +92,7 @@ def room(volume: Volume) -> Part:
 
 
 def lay(
-    image: Image, scene: Scene, volume: Volume, transfer: Transfer, asked: Sequence[str], quiet: bool = False
+    image: Image, scene: SceneFile, volume: Volume, transfer: Transfer, asked: Sequence[str], quiet: bool = False
 ) -> Image:
     """The picture of a scene under annotations, by the camera that it was drawn with; prints why some are left out."""
     from splatgl.annotations.annotate import annotated, left_out, on_ground
@@ -117,7 +117,7 @@ OF_BLENDS = {"mip": "max", "minip": "min"}
 
 
 def depths_of(
-    scene: Scene, volume: Volume, transfer: Transfer, at: float | str, quiet: bool = True
+    scene: SceneFile, volume: Volume, transfer: Transfer, at: float | str, quiet: bool = True
 ) -> tuple[np.ndarray, Camera]:
     """Depths float64 [H, W] of a scene whose cuts are in its settings, and the camera of its picture."""
     from splatgl.reference.depth_map import depths
@@ -127,17 +127,17 @@ def depths_of(
     return depths(drawn, camera, at, scene.settings.but(clip=())), camera
 
 
-def camera_of(scene: Scene, volume: Volume, transfer: Transfer, drawn: Layers | None) -> Camera:
+def camera_of(scene: SceneFile, volume: Volume, transfer: Transfer, drawn: Layers | None) -> Camera:
     """The camera of the scene's picture, which is fitted to what that is drawn from. drawn: of layers or meshes."""
     from splatgl.splat.extract import only_pre
     from splatgl.splat.opaque_bounds import Opaque
-    from splatgl.splat.resolve import one_by_one
+    from splatgl.splat.resolve import why_per_splat
 
     if drawn is not None and is_layered(scene, volume):
         return scene.view.camera(volume, drawn)
     if scene.view.is_fixed(volume):
         return scene.view.camera(volume, volume)
-    before = scene.settings.classification == "pre" or one_by_one(scene.settings, moving=False)
+    before = scene.settings.classification == "pre" or why_per_splat(scene.settings, moving=False)
     # of several levels, one is chosen by the camera
     if not volume.coarser and (before or only_pre(volume, transfer, scene.threshold)):
         splats = scene.splats(volume, transfer)
@@ -152,7 +152,7 @@ def depth_share(given: float | str | None, settings: Settings) -> float | str:
 
 
 def of_channels(
-    scene: Scene, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
+    scene: SceneFile, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
 ) -> list[Layer]:
     """The layers of a volume: one for each of its channels. planes: their own."""
     from splatgl.splat.scene import Layer, channel_transfers
@@ -173,7 +173,7 @@ def of_channels(
     return [Layer(each, look, 1.0, scene.visible, scene.threshold, planes) for each, look in looks]
 
 
-def segmented(scene: Scene, volume: Volume) -> list[tuple[Volume, Transfer]]:
+def segmented(scene: SceneFile, volume: Volume) -> list[tuple[Volume, Transfer]]:
     """The channels of overlapping segments with their transfer functions; one of which none is to be seen is clear."""
     only = scene.transfer.get("only_labels") or ()
     found = []
@@ -186,7 +186,7 @@ def segmented(scene: Scene, volume: Volume) -> list[tuple[Volume, Transfer]]:
     return found
 
 
-def is_layered(scene: Scene, volume: Volume) -> bool:
+def is_layered(scene: SceneFile, volume: Volume) -> bool:
     """Whether a scene's picture is of several layers or channels, or has meshes."""
     of_channels = len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}
     alone = is_mesh(scene.volume) or not scene.visible
@@ -194,7 +194,7 @@ def is_layered(scene: Scene, volume: Volume) -> bool:
     return bool(scene.layers or scene.meshes or drawn or of_channels or alone)
 
 
-def layers_of(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> list[Layer]:
+def layers_of(scene: SceneFile, volume: Volume, transfer: Transfer, quiet: bool = True) -> list[Layer]:
     """All layers of a scene that are to be seen, of which `volume` is the first one's; if none is, that one, clear.
 
     quiet: whether notes on the other layers' files are not printed.
@@ -215,7 +215,7 @@ def layers_of(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = Tr
     return layers
 
 
-def _as_surfaces(layers: list[Layer], scene: Scene) -> list[Layer]:
+def _as_surfaces(layers: list[Layer], scene: SceneFile) -> list[Layer]:
     """The layers, segmentations among them as surfaces. InputError where there are none."""
     labelled = [is_segmentation(each.volume, each.seen) for each in layers]
     if not any(labelled):
@@ -225,7 +225,7 @@ def _as_surfaces(layers: list[Layer], scene: Scene) -> list[Layer]:
     return [replace(each, surfaces=scene.surfaces) if yes and each.surfaces is None else each for each, yes in every]
 
 
-def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True) -> Layers:
+def layered(scene: SceneFile, volume: Volume, transfer: Transfer, quiet: bool = True) -> Layers:
     """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes. quiet: as above."""
     from splatgl.splat.scene import Scene as Layers
 
@@ -237,7 +237,7 @@ def layered(scene: Scene, volume: Volume, transfer: Transfer, quiet: bool = True
     return drawn
 
 
-def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+def draw_layers(how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer) -> Image:
     """The image of a scene of several layers or channels; the first is `volume`, whose view it has by default."""
     from splatgl.reference.check import check_layers
 
@@ -257,7 +257,7 @@ def draw_layers(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) 
     return check_layers(image, drawn, camera, settings, how.check)
 
 
-def check_fits(scene: Scene, drawn: Layers, memory: int | None = None) -> None:
+def check_fits(scene: SceneFile, drawn: Layers, memory: int | None = None) -> None:
     """InputError for a layer that is drawn in bricks alone. memory: bytes; None: half of what is free."""
     from splatgl.fileio import budget
     from splatgl.splat.bricks import bricks_of, fits
@@ -289,7 +289,7 @@ PATIENCE = 1.0
 
 
 @dataclass(frozen=True)
-class Drawing:
+class DrawOptions:
     """How this process draws, as the options of `splatgl render` say. kept: by the renderer that calls share."""
 
     backend: str = "auto"
@@ -304,7 +304,7 @@ class Drawing:
     quiet: bool = True
 
     @classmethod
-    def of(cls, args: argparse.Namespace) -> Drawing:
+    def of(cls, args: argparse.Namespace) -> DrawOptions:
         """The options of a command."""
         return cls(**{each.name: getattr(args, each.name) for each in fields(cls) if each.name != "kept"})
 
@@ -312,14 +312,14 @@ class Drawing:
     def renderer(self) -> Iterator[Renderer]:
         """A renderer for one picture."""
         from splatgl.gl.renderer import Renderer
-        from splatgl.scene.shared_renderer import kept_renderer
+        from splatgl.scene.shared_renderer import shared_renderer
 
-        opened = kept_renderer() if self.kept else Renderer(self.backend, self.device, self.gpu)
+        opened = shared_renderer() if self.kept else Renderer(self.backend, self.device, self.gpu)
         with opened as renderer:
             yield renderer
 
 
-def draw(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Image:
+def draw(how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer) -> Image:
     """The image, drawn by this process."""
     if is_layered(scene, volume):
         return draw_layers(how, scene, volume, transfer)
@@ -337,7 +337,7 @@ def draw(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> Imag
     return Image(image.pixels, {**image.info, **told})
 
 
-def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
+def _level(how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
     """The camera, and the level of a multiscale image that it takes."""
     from splatgl.gl.large_volumes import just_finer, level_for
     from splatgl.splat.opaque_bounds import Opaque
@@ -352,7 +352,9 @@ def _level(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer) -> tu
     return camera, found
 
 
-def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, camera: Camera | None) -> Image | None:
+def _in_bricks(
+    how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer, camera: Camera | None
+) -> Image | None:
     """The image, drawn brick by brick, if it needs more than --memory; else None."""
     from splatgl.fileio import budget
     from splatgl.splat.bricks import bricks_of, fits
@@ -389,7 +391,7 @@ def _in_bricks(how: Drawing, scene: Scene, volume: Volume, transfer: Transfer, c
     return image
 
 
-def drawn(how: Drawing, scene: Scene, splats: Splats, camera: Camera) -> Image:
+def drawn(how: DrawOptions, scene: SceneFile, splats: Splats, camera: Camera) -> Image:
     """The image, checked; prints what --explain and --savings ask for."""
     from splatgl.reference.check import check, refuse
     from splatgl.scene.shared_renderer import savings
@@ -408,7 +410,7 @@ def drawn(how: Drawing, scene: Scene, splats: Splats, camera: Camera) -> Image:
     return image
 
 
-def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
+def origin(scene: SceneFile, transfer: Transfer) -> dict[str, object]:
     """Provenance stored in an image; of very many labels only how many, as readers of PNG limit texts."""
     few = len(transfer.labels) <= LABELS
     return {
@@ -419,7 +421,7 @@ def origin(scene: Scene, transfer: Transfer) -> dict[str, object]:
     }
 
 
-def nothing(scene: Scene, volume: Volume) -> InputError:
+def nothing(scene: SceneFile, volume: Volume) -> InputError:
     """The error for a scene without splats, with the reason."""
     if not any(np.isfinite(slab.samples).any() for slab in volume.slabs(1, halo=0)):
         return expected(scene.volume, "finite samples", "none")

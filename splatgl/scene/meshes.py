@@ -16,7 +16,7 @@ from splatgl.fileio import toml_value
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
-    from splatgl.scene.scene_file import Scene
+    from splatgl.scene.scene_file import SceneFile
 
 
 # the keys of a table, and their types
@@ -146,7 +146,7 @@ def stage(source: str) -> Volume:
     return Volume(nothing, (a, b, c), (x, y, z), name=Path(source).name, frame=mesh.frame, hints=hints)
 
 
-def surfaces_of(scene: Scene) -> list[MeshFile]:
+def surfaces_of(scene: SceneFile) -> list[MeshFile]:
     """The meshes of a scene, with the one that stands for its volume unless it is among them."""
     found = [
         each if isinstance(each, MeshFile) else HeldMesh(each.name, opacity=each.opacity, held=each)

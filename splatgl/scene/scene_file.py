@@ -32,7 +32,7 @@ from splatgl.readers import load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import FAINT, HeldMesh, MeshFile, Vectors, is_mesh, stage
-from splatgl.scene.view import Fitted, View, seen_along_z, typed
+from splatgl.scene.view import Fitted, ViewOptions, seen_along_z, typed
 from splatgl.splat.colormaps import whole
 from splatgl.splat.label_detection import MASK, decided
 from splatgl.splat.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
@@ -109,7 +109,7 @@ LAYER = ("volume", "threshold", "load", "transfer", "opacity", "visible", "clip"
 
 
 @dataclass(frozen=True)
-class Scene:
+class SceneFile:
     """A complete description of an image to render. opacity: factor of the transfer function's opacities. visible:
     whether its volume is drawn. clip: conditions of what is kept; of a layer None, those of the scene. crop: its part
     in voxels, which the view is fitted to. mask: files of what is kept; of a layer None, those of the scene. surfaces:
@@ -121,7 +121,7 @@ class Scene:
     volume: str
     load: Mapping[str, Any] = field(default_factory=dict)
     transfer: Mapping[str, Any] = field(default_factory=dict)
-    view: View = field(default_factory=View)
+    view: ViewOptions = field(default_factory=ViewOptions)
     settings: Settings = field(default_factory=Settings)
     threshold: float = 0.0
     opacity: float = 1.0
@@ -130,20 +130,20 @@ class Scene:
     crop: str = ""
     mask: tuple[Any, ...] | None = None
     surfaces: float | None = None
-    layers: tuple[Scene, ...] = ()
+    layers: tuple[SceneFile, ...] = ()
     meshes: tuple[MeshFile | Mesh, ...] = ()
     annotate: tuple[str, ...] = ()
     vectors: Vectors = field(default_factory=Vectors)
 
     @classmethod
-    def from_toml(cls, path: Path) -> Scene:
+    def from_toml(cls, path: Path) -> SceneFile:
         """Reads a scene file. Raises InputError for a missing file, bad TOML, and unknown keys."""
         table = load_table(path, "a scene")
         scene = cls._of_table(path, str(path), table, set(KEYS))
         camera = table.get("camera", {})
-        _check_keys(f"{path} [camera]", camera, {f.name for f in fields(View)})
+        _check_keys(f"{path} [camera]", camera, {f.name for f in fields(ViewOptions)})
         with _named(f"{path} [camera]"):
-            view = View(**{k: typed(k, v) for k, v in camera.items()})
+            view = ViewOptions(**{k: typed(k, v) for k, v in camera.items()})
         with _named(f"{path} [settings]"):
             settings = Settings().but(**table.get("settings", {}))
         layers = []
@@ -162,7 +162,7 @@ class Scene:
         return replace(found, layers=tuple(layers), meshes=tuple(meshes))
 
     @classmethod
-    def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], known: set[str]) -> Scene:
+    def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], known: set[str]) -> SceneFile:
         """The source, transfer function, threshold and opacity of a scene, or of one of its layers."""
         _check_keys(what, table, known)
         for key in known & table.keys():
@@ -230,7 +230,7 @@ class Scene:
             lines += [f"{key} = {toml_value(f'{name} {key}', value)}" for key, value in given.items()]
         return lines
 
-    def anywhere(self) -> Scene:
+    def anywhere(self) -> SceneFile:
         """The same scene with absolute paths, for processes in other folders."""
         reading = {name: _absolute(value) if name == "color" else value for name, value in self.load.items()}
         known = self.volume in SCENES and not self.load
@@ -298,7 +298,7 @@ class Scene:
             return replace(found.of_values("amounts") if found.labels is not None else found, notes=volume.notes)
         return found
 
-    def cut(self, volume: Volume) -> Scene:
+    def cut(self, volume: Volume) -> SceneFile:
         """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to what crop leaves."""
         if not (self.clip or self.crop):
             return self
@@ -318,7 +318,7 @@ class Scene:
 
         return extracted(volume, transfer, self.settings, self.threshold, progress, moving)
 
-    def blended(self) -> Scene:
+    def blended(self) -> SceneFile:
         """The scene with the blend of its preset, where its settings have none."""
         name = self.transfer.get("preset")
         blend = preset_named(name).blend if isinstance(name, str) and "blend" not in self.settings.given else None
@@ -373,7 +373,7 @@ def _mask_in(mask: Any, folder: Path) -> str:
     return mask if is_address(mask) else mask_moved(mask, lambda file: _relative(file, folder))
 
 
-def _told(record: View) -> dict[str, Any]:
+def _told(record: ViewOptions) -> dict[str, Any]:
     """The fields that differ from their defaults."""
     values = {f.name: getattr(record, f.name) for f in fields(record)}
     return {f.name: values[f.name] for f in fields(record) if values[f.name] != f.default}

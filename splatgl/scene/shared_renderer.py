@@ -26,7 +26,7 @@ _kept: list[Renderer] = []
 
 
 @contextmanager
-def kept_renderer() -> Iterator[Renderer]:
+def shared_renderer() -> Iterator[Renderer]:
     """The shared renderer, for the calling thread alone. InputError as `Renderer` raises, and in a forked process."""
     with _LOCK, restored():
         if _kept and inherited(_kept[0].ctx):

@@ -53,7 +53,7 @@ AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
 
 
 @dataclass(frozen=True)
-class View:
+class ViewOptions:
     """Camera parameters; those that are None come from the volume's hints, anatomy or shape."""
 
     size: tuple[int, int] = (512, 512)
@@ -112,15 +112,19 @@ class View:
 
 
 @dataclass(frozen=True)
-class Fitted(View):
+class Fitted(ViewOptions):
     """A view that is fitted to a part of the volume."""
 
     part: Bounded | None = None
 
     @classmethod
-    def of(cls, view: View, part: Bounded) -> View:
+    def of(cls, view: ViewOptions, part: Bounded) -> ViewOptions:
         """A view of the part instead of the whole; one by a camera as it is."""
-        return cls(**{f.name: getattr(view, f.name) for f in fields(View)}, part=part) if type(view) is View else view
+        return (
+            cls(**{f.name: getattr(view, f.name) for f in fields(ViewOptions)}, part=part)
+            if type(view) is ViewOptions
+            else view
+        )
 
     def is_fixed(self, volume: Volume) -> bool:
         """True: the part is given."""

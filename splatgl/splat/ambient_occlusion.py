@@ -169,7 +169,7 @@ class Fields:
 
 
 @dataclass(frozen=True, eq=False)
-class Cues:
+class LightVolume:
     """Of one picture. casters: all matter, with the planes that cut it. occlusion, shadows: strengths from 0 to 1.
 
     light: towards it, world axes; None without shadows. grid: of the positions that are asked for.

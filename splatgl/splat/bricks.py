@@ -26,13 +26,13 @@ from splatgl.splat.extract import POST_KERNEL, only_pre
 from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splats
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
-from splatgl.splat.preintegration import PostClassified
-from splatgl.splat.resolve import one_by_one
+from splatgl.splat.preintegration import ValueClassifier
+from splatgl.splat.resolve import why_per_splat
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.sheets import NearField, Sheets, near_box
 from splatgl.splat.splats import MOST_KEPT, Splats, record_type
 from splatgl.splat.transfer import Transfer
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # voxels along a brick's sides, and those looked at together for missing ones
 SIDE, PART = 64, 1 << 22
@@ -63,7 +63,7 @@ class Bricks:
     """
 
     volume: Volume
-    post: PostClassified
+    post: ValueClassifier
     low: np.ndarray
     high: np.ndarray
     found: dict[int, int] = field(default_factory=dict)
@@ -71,7 +71,7 @@ class Bricks:
     shell: Shell | None = None
 
     @classmethod
-    def of(cls, volume: Volume, post: PostClassified, side: int = SIDE) -> Bricks:
+    def of(cls, volume: Volume, post: ValueClassifier, side: int = SIDE) -> Bricks:
         """All of the volume in bricks of `side` voxels."""
         size = np.array(volume.shape[::-1])
         count = -(-size // side)
@@ -100,7 +100,7 @@ class Bricks:
         records["position"] = places
         return post_splats(self.volume, self.post, records)
 
-    def _ahead(self, order: list[int], sheets: Sheets, view: View, seen: Seen) -> Iterator[Found]:
+    def _ahead(self, order: list[int], sheets: Sheets, view: GridView, seen: Seen) -> Iterator[Found]:
         """What is in those bricks in turn, some of them extracted ahead, side by side; nothing if one is not seen."""
 
         def work(brick: int) -> Found:
@@ -144,25 +144,25 @@ class Bricks:
         self.gaps[brick] = sum(map(len, gaps or ()))
         return found
 
-    def reached(self, view: View) -> bool:
+    def reached(self, view: GridView) -> bool:
         """Whether the eye may be in a kernel, or a kernel cross its plane in the picture."""
         forward = view.eye_from_index[2]
         nearest = np.where(forward > 0, 0, np.array(self.volume.shape[::-1]) - 1)
         return view.perspective and bool(forward @ (nearest - view.eye_index) <= AROUND_EYE * view.reach)
 
-    def nearest(self, sheets: Sheets, view: View) -> np.ndarray:
+    def nearest(self, sheets: Sheets, view: GridView) -> np.ndarray:
         """int64 [B]: the first sheet of the nearest place within each brick."""
         if view.perspective:
             return sheets.base(sheets.places(view, np.clip(view.eye_index, self.low, self.high - 1)))
         return sheets.base(self._corner_places(sheets, view).min(axis=0))
 
-    def _corner_places(self, sheets: Sheets, view: View) -> np.ndarray:
+    def _corner_places(self, sheets: Sheets, view: GridView) -> np.ndarray:
         """[8, B]: the places in sheets of the corners of each brick."""
         ends = np.stack([self.low, self.high - 1])
         corners = [ends[[x, y, z], :, [0, 1, 2]].T for x in (0, 1) for y in (0, 1) for z in (0, 1)]
         return np.stack([sheets.places(view, corner) for corner in corners])
 
-    def near(self, sheets: Sheets, view: View) -> NearField | None:
+    def near(self, sheets: Sheets, view: GridView) -> NearField | None:
         """The voxels around the eye; None if there are none."""
         size = np.array(self.volume.shape[::-1])
         box = near_box(view, sheets, np.stack([np.zeros(3), size - 1.0]))
@@ -172,20 +172,20 @@ class Bricks:
         records = box_records(self.volume, self.post, self.kernel, low, high)
         return NearField.of_records(records, box, view, sheets)
 
-    def within(self, sheets: Sheets, view: View, shell: Shell) -> Bricks:
+    def within(self, sheets: Sheets, view: GridView, shell: Shell) -> Bricks:
         """The bricks that matter to what lies between two sheets, and of them those splats."""
         furthest = sheets.base(self._corner_places(sheets, view).max(axis=0))
         kept = (self.nearest(sheets, view) <= shell[1] + 1) & (furthest >= shell[0] - sheets.count)
         return replace(self, low=self.low[kept], high=self.high[kept], found={}, gaps={}, shell=shell)
 
-    def shells(self, sheets: Sheets, view: View, count: int) -> list[Shell]:
+    def shells(self, sheets: Sheets, view: GridView, count: int) -> list[Shell]:
         """The ranges of sheets of `count` parts, or fewer, of about as many bricks each, nearest first."""
         nearest = np.sort(self.nearest(sheets, view))
         cuts = np.unique(nearest[np.arange(1, count) * len(nearest) // count])
         ends = [-FAR, *cuts[cuts > nearest[0]].tolist(), FAR]
         return list(pairwise(ends))
 
-    def batches(self, sheets: Sheets, view: View, seen: Seen) -> Iterator[tuple[np.ndarray, int]]:
+    def batches(self, sheets: Sheets, view: GridView, seen: Seen) -> Iterator[tuple[np.ndarray, int]]:
         """Records of batches, and how many bricks were done with. seen: asked of a brick before it is read."""
         nearest = self.nearest(sheets, view)
         order = np.argsort(nearest, kind="stable")
@@ -287,18 +287,18 @@ def spread(most: np.ndarray, count: int) -> np.ndarray:
 
 def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks | None:
     """The volume in bricks for a picture with these settings; None if it takes voxels classified before."""
-    if settings.classification == "pre" or only_pre(volume, transfer, 0.0) or one_by_one(settings, moving=False):
+    if settings.classification == "pre" or only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False):
         return None
     kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
     every = BLENDS[settings.blend].one_value
-    return Bricks.of(volume, PostClassified.of(transfer, kernel, volume.shape[::-1], every))
+    return Bricks.of(volume, ValueClassifier.of(transfer, kernel, volume.shape[::-1], every))
 
 
 def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks:
     """The volume in bricks. InputError for a picture that takes voxels classified before, with what takes them."""
     found = bricks_of(volume, transfer, settings)
     if found is None:
-        why = only_pre(volume, transfer, 0.0) or one_by_one(settings, moving=False) or "classification pre"
+        why = only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False) or "classification pre"
         raise expected("a picture in parts", "values classified after reconstruction", why, "draw it whole, alone")
     return found
 

@@ -16,7 +16,7 @@ from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Exposure
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import LatestParts, Splats
-from splatgl.splat.view import View, between, tangents
+from splatgl.splat.view import GridView, between, tangents
 
 # rounding: a splat behind the plane by less than this share of its distance from the eye counts as on it
 ON_PLANE = 1e-9
@@ -68,13 +68,13 @@ class Frustum:
     still reaches them, times the length of (1, edge). stretch: the same at depth 1 for a widened kernel.
     """
 
-    view: View
+    view: GridView
     edge: np.ndarray
     support: np.ndarray
     stretch: np.ndarray
 
     @classmethod
-    def of(cls, view: View) -> Frustum:
+    def of(cls, view: GridView) -> Frustum:
         """The planes of a view's picture, MARGIN pixels beyond its edges."""
         edge = view.edge + BLOCK_MARGIN * view.pitch
         normals = np.zeros((2, 2, 3))
@@ -116,7 +116,7 @@ def shown(around: np.ndarray, frustum: Frustum) -> np.ndarray:
 OUTLINE_MARGIN = 1.0
 
 
-def beside_box(view: View, shape: tuple[int, int, int], window: Window, side: tuple[int, int]) -> np.ndarray:
+def beside_box(view: GridView, shape: tuple[int, int, int], window: Window, side: tuple[int, int]) -> np.ndarray:
     """bool [tiles]: whether a tile lies beside the outline of the box of `shape` voxels (x, y, z) with their cells.
 
     Tiles of `side` pixels (x, y) cover the window row by row. None does if the eye's plane is not in front of the box.
@@ -158,7 +158,7 @@ NEAR_RADII = 1.06
 HALF_LINE_REACH = 1.1
 
 
-def eye_is_near(splats: Splats, view: View, exposure: Exposure | None) -> bool:
+def eye_is_near(splats: Splats, view: GridView, exposure: Exposure | None) -> bool:
     """Whether a potentially visible splat is around the eye; perspective views only."""
     if not len(splats):
         return False
@@ -211,7 +211,7 @@ class ScreenBounds:
     mean_depth: float
 
 
-def screen_bounds(box: np.ndarray, view: View) -> ScreenBounds:
+def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
     """The bounds of all splats within a box; the whole picture if the eye is near. box [8, 3]: its corners, grid."""
     corners, size = view.voxels(box), view.size
     steps = view.eye_from_index * view.kernel.radius

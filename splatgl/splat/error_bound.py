@@ -34,7 +34,7 @@ from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Lookup
 from splatgl.splat.ray_overlap import RayOverlap, cells_of, ray_overlap
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 if TYPE_CHECKING:
     from splatgl.splat.plan import Plan
@@ -229,7 +229,7 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
     steps = splats.grid.world_from_index / splats.grid.mean_spacing
     astray = 0.0 if exposure.flow is None else 2 * float(np.linalg.norm(exposure.drift(splats), axis=1).max())
     cameras = (exposure.first, exposure.middle, exposure.last)
-    views = [View.of(splats.grid, each.resized(plan.view.size), shape, seen.antialias) for each in cameras]
+    views = [GridView.of(splats.grid, each.resized(plan.view.size), shape, seen.antialias) for each in cameras]
     boxes = [view.box(splats) for view in views]
     longest = float(np.linalg.norm(steps, ord=2))
     nearest = min(float(box[2].min()) for box in boxes) - astray * longest
@@ -315,7 +315,7 @@ def _around(splats: Splats) -> float:
     return min(each, AROUND * cells.depth) if cells.aligned else each
 
 
-def _placement(splats: Splats, view: View, plan: Plan) -> PlacementError:
+def _placement(splats: Splats, view: GridView, plan: Plan) -> PlacementError:
     """The largest error of a fragment's distance D, in voxels, and of its value."""
     radius, corners = view.kernel.radius, view.box(splats)
     widths = np.linalg.svd(view.eye_from_index, compute_uv=False)
@@ -334,12 +334,12 @@ def _placement(splats: Splats, view: View, plan: Plan) -> PlacementError:
     return PlacementError(min(place, radius), gain)
 
 
-def _edge(view: View) -> float:
+def _edge(view: GridView) -> float:
     """The slope of a ray at the picture's corner."""
     return float(np.hypot(*view.edge))
 
 
-def _form(view: View, plan: Plan, nearest: float) -> float:
+def _form(view: GridView, plan: Plan, nearest: float) -> float:
     """Position error of Table 1's forms, which use one plane or direction for all rays: slant at the picture's edge."""
     radius = view.kernel.radius
     near = radius**2 / max(nearest, 1e-3)

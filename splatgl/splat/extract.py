@@ -20,7 +20,7 @@ from splatgl.splat.extract_values import extract_post
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
-from splatgl.splat.preintegration import PostClassified, active_range, faced, opaque_intervals, transparent
+from splatgl.splat.preintegration import ValueClassifier, active_range, faced, opaque_intervals, transparent
 from splatgl.splat.splats import (
     MOST_KEPT,
     NORMAL_SCALE,
@@ -135,7 +135,7 @@ def extract(
     elif why:
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
     else:
-        post = PostClassified.of(transfer, kernel, (width, height, depth), classification == "post-all")
+        post = ValueClassifier.of(transfer, kernel, (width, height, depth), classification == "post-all")
         post = replace(post, lean=classification == "post-lean")
         found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
     found = replace(found, frame=volume.frame)

@@ -19,7 +19,7 @@ from splatgl.data.volume import Places, Volume
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import FREE, Kernel
 from splatgl.splat.mask_field import MaskField
-from splatgl.splat.preintegration import PostClassified, faced
+from splatgl.splat.preintegration import ValueClassifier, faced
 from splatgl.splat.splats import Gathered, Splats, assemble, in_parts, record_type
 
 # steps of the prefilter, after which means of coefficients are near the samples
@@ -46,7 +46,7 @@ Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 def extract_post(
-    volume: Volume, post: PostClassified, kernel: Kernel, voxels: int, progress: Progress | None = None
+    volume: Volume, post: ValueClassifier, kernel: Kernel, voxels: int, progress: Progress | None = None
 ) -> Splats:
     """Splats of value and gradient, in row order, of all finite voxels that `post` wants.
 
@@ -83,7 +83,7 @@ def boxes(shape: tuple[int, int, int], voxels: int) -> list[list[Box]]:
 
 def box_records(
     volume: Volume,
-    post: PostClassified,
+    post: ValueClassifier,
     kernel: Kernel,
     low: Places,
     high: Places,
@@ -110,7 +110,7 @@ def box_records(
     return post_records(volume, post, kernel, part, near)
 
 
-def _meets(post: PostClassified, samples: np.ndarray) -> bool:
+def _meets(post: ValueClassifier, samples: np.ndarray) -> bool:
     """Whether the interval of the samples meets a value that is wanted."""
     finite = samples if samples.dtype.kind in "bui" else samples[np.isfinite(samples)]
     if not finite.size:
@@ -129,7 +129,7 @@ class Samples(NamedTuple):
     own: tuple[slice, slice, slice]
 
 
-def _gaps(part: Samples, post: PostClassified) -> np.ndarray:
+def _gaps(part: Samples, post: ValueClassifier) -> np.ndarray:
     """Places [N, 3] (x, y, z) of missing voxels that kernels reach of those that opaque points need."""
     found = needed(part.u, 1, post.wanted)[1] & np.isfinite(part.u)
     for _ in range(KERNEL_REACH):
@@ -139,7 +139,7 @@ def _gaps(part: Samples, post: PostClassified) -> np.ndarray:
     return np.asarray((places + [a + (each.start or 0) for a, each in zip(part.first, part.own, strict=True)])[:, ::-1])
 
 
-def gaps_of(volume: Volume, post: PostClassified, layers: list[list[Box]]) -> np.ndarray:
+def gaps_of(volume: Volume, post: ValueClassifier, layers: list[list[Box]]) -> np.ndarray:
     """Places [N, 3] (x, y, z) of missing voxels beside what `post` wants, of samples in memory or mapped; none of
     others, which would be read twice.
     """
@@ -154,7 +154,7 @@ def gaps_of(volume: Volume, post: PostClassified, layers: list[list[Box]]) -> np
     return np.concatenate(found)
 
 
-def post_splats(volume: Volume, post: PostClassified, records: np.ndarray, gaps: np.ndarray | None = None) -> Splats:
+def post_splats(volume: Volume, post: ValueClassifier, records: np.ndarray, gaps: np.ndarray | None = None) -> Splats:
     """The splats of records of a volume's voxels. gaps [N, 3]: see `box_records`."""
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
     found = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
@@ -177,7 +177,7 @@ def margin_of(kernel: Kernel) -> int:
 
 def post_records(
     volume: Volume,
-    post: PostClassified,
+    post: ValueClassifier,
     kernel: Kernel,
     part: Samples,
     near: np.ndarray | None = None,
@@ -236,7 +236,7 @@ def _fill(
     found["gradient"] = gradients(values.u, x, y, z, around=values.around) @ world
 
 
-def values_of(post: PostClassified, samples: np.ndarray) -> np.ndarray:
+def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
     """Record values of samples [...], float32; NaN where a sample is not finite."""
     if samples.dtype.kind in "bui" and samples.dtype.itemsize <= TABLE_BYTES:
         kind = samples.dtype if samples.dtype.kind != "b" else np.dtype(np.uint8)

@@ -39,7 +39,7 @@ import numpy as np
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.line_integral import CurvedRay, Integral
 from splatgl.splat.splats import OCTAVES
-from splatgl.splat.view import View, perpendicular_axes, smallest_axis, voxel_ellipse
+from splatgl.splat.view import GridView, perpendicular_axes, smallest_axis, voxel_ellipse
 
 
 def form_c(splat: Splat) -> np.ndarray:
@@ -206,7 +206,7 @@ class Quads:
         return Quads(*(part[..., index] for part in parts))
 
 
-def table_quad(view: View, voxel: np.ndarray, align: str) -> Quads:
+def table_quad(view: GridView, voxel: np.ndarray, align: str) -> Quads:
     """The quads of voxels [3, N]; align: see `quad_plane`."""
     normal, e1, e2 = quad_plane(view, voxel, align)
     ellipse = voxel_ellipse(view.eye_from_index, e1, e2)
@@ -217,7 +217,7 @@ def table_quad(view: View, voxel: np.ndarray, align: str) -> Quads:
     return Quads(voxel, normal, ellipse.axis_1, ellipse.axis_2, size, shared, area * shared)
 
 
-def quad_plane(view: View, voxel: np.ndarray, align: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def quad_plane(view: GridView, voxel: np.ndarray, align: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The normals of the quads' planes and two unit vectors on them, [3, N] each.
 
     align "ray": perpendicular to the eye–voxel ray, "grid": parallel to the image.
@@ -232,7 +232,7 @@ def quad_plane(view: View, voxel: np.ndarray, align: str) -> tuple[np.ndarray, n
     return normal, e1, e2
 
 
-def on_quads(view: View, quad: Quads, ray: np.ndarray) -> Integral:
+def on_quads(view: GridView, quad: Quads, ray: np.ndarray) -> Integral:
     """The value of each quad [N] on its own ray [2, N]; 0 for rays that leave its plane behind the eye."""
     if view.perspective:
         # from the ray's point at the voxel's depth along the ray to the plane, without cancellation

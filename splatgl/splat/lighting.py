@@ -116,7 +116,7 @@ def surface_light(
     return factor, highlight
 
 
-def shone(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.ndarray, resolved: Resolved) -> np.ndarray:
+def apply_light(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.ndarray, resolved: Resolved) -> np.ndarray:
     """Colours [N, 3] of voxels [3, N] (eye axes) by their normals, if they are shaded, and by what reaches them.
 
     Float64 twin of `shone` in `shaders/splat_setup.glsl`.

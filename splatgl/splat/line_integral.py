@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.splat.kernels import Kernel, unit_rule
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # quadrature points in each smooth interval of the line: error 1e−13 of the integral
 QUADRATURE_ORDER = 24
@@ -166,7 +166,7 @@ class Integral:
     peak: np.ndarray
 
 
-def row1(view: View, voxel: np.ndarray, ray: np.ndarray) -> Integral:
+def row1(view: GridView, voxel: np.ndarray, ray: np.ndarray) -> Integral:
     """The correct value for voxels [3, ...] and rays [2, ...], whose shapes broadcast; arrays [...].
 
     A perspective ray is z·(w, 1), its slopes w given, and starts at the eye; an orthographic one is given
@@ -189,7 +189,7 @@ Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
 Pair = tuple[np.ndarray, np.ndarray]
 
 
-def _straight(view: View, voxel: Triple, slope: Pair) -> Integral:
+def _straight(view: GridView, voxel: Triple, slope: Pair) -> Integral:
     """Unwidened kernels: F(D)/|A⁻¹d̂|; the integral starts at the eye if the kernel reaches the eye's plane."""
     x, y, z = voxel
     w_x, w_y = slope
@@ -216,7 +216,7 @@ def _half_line(kernel: Kernel, distance: np.ndarray, along: np.ndarray) -> np.nd
     return kernel.partial(distance, chord) + kernel.partial(distance, np.clip(along, -chord, chord))
 
 
-def _parallel(view: View, voxel: Triple, ray: Pair) -> Integral:
+def _parallel(view: GridView, voxel: Triple, ray: Pair) -> Integral:
     """Orthographic: offsets shrink by the same factor at every depth, so that the ray stays straight."""
     shrink = view.shrink(voxel[2])
     gain = shrink[0] * shrink[1]
@@ -228,7 +228,7 @@ def _parallel(view: View, voxel: Triple, ray: Pair) -> Integral:
     return Integral(value, peak)
 
 
-def _bent(view: View, voxel: Triple, slope: Pair) -> Integral:
+def _bent(view: GridView, voxel: Triple, slope: Pair) -> Integral:
     """sec_p ∫ Π f_i(z) h(A⁻¹[U f(z) Uᵀ(w z − c); z − z_v]) dz, f_i = g_i z_v/z where widened, else 1."""
     x, y, z = voxel
     w = slope

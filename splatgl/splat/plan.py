@@ -15,7 +15,7 @@ from splatgl.splat.culling import Window, ahead, eye_is_near, screen_bounds
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.motion import Exposure, Motion, moments
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.resolve import Look, Resolved, blur, suited, values_left_out
+from splatgl.splat.resolve import Look, Resolved, blur, select_splats, values_left_out
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, of_points
 from splatgl.splat.technique import (
@@ -29,7 +29,7 @@ from splatgl.splat.technique import (
     footprint,
     technique,
 )
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Blurred:
         if form == "off" or found is None or motion is None:
             return cls(settings, camera)
         if form == "moments":
-            splats = suited(splats, settings, moving=True)
+            splats = select_splats(splats, settings, moving=True)
             count = settings.moments or moments(splats, camera, motion, settings.shutter)
             if settings.motion in MOTIONS:
                 notes.append(f"motion {settings.motion} left out: {settings.blend} of a streak is none of its moments")
@@ -172,7 +172,7 @@ class Plan:
         return self.resolved.samples
 
     @property
-    def view(self) -> View:
+    def view(self) -> GridView:
         """The view of the grid at sample resolution."""
         return self.resolved.view
 
@@ -267,7 +267,7 @@ def plan(
     blurred = Blurred.of(splats, camera, settings, motion, notes)
     settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
     notes += values_left_out(splats, settings, exposure is not None)
-    splats = suited(splats, settings, exposure is not None)
+    splats = select_splats(splats, settings, exposure is not None)
     splats = splats if exposure else ahead(splats, camera)
     resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
     notes += resolved.notes
@@ -313,7 +313,7 @@ def plan(
     )
 
 
-def _half_line(splats: Splats, view: View, align: str, exposure: Exposure | None, notes: list[str]) -> bool:
+def _half_line(splats: Splats, view: GridView, align: str, exposure: Exposure | None, notes: list[str]) -> bool:
     """Whether the eye may be inside a kernel, or a kernel may cross the eye's plane."""
     if align != "exact":
         return False

@@ -134,7 +134,7 @@ INWARDS = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
-class PostClassified:
+class ValueClassifier:
     """transfer: of reconstructed values. kernel: whose coefficients the values are.
 
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
@@ -153,7 +153,7 @@ class PostClassified:
     faced: bool = True
 
     @classmethod
-    def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> PostClassified:
+    def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> ValueClassifier:
         """Values relative to the range over which the transfer function varies."""
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0) * 1e-3
@@ -180,7 +180,7 @@ class PostClassified:
         """Values ρ of record values u [...]."""
         return np.asarray(self.low + np.asarray(u, np.float64) * self.span)
 
-    def recolored(self, transfer: Transfer) -> PostClassified:
+    def recolored(self, transfer: Transfer) -> ValueClassifier:
         """The same values under another transfer function."""
         return replace(self, transfer=transfer)
 
@@ -199,7 +199,7 @@ class PostClassified:
     @property
     def fresh(self) -> bool:
         """Whether extraction for the transfer function would give the same records."""
-        anew = PostClassified.of(self.transfer, self.kernel, self.shape, self.every)
+        anew = ValueClassifier.of(self.transfer, self.kernel, self.shape, self.every)
         same = (anew.low, anew.span, anew.faced) == (self.low, self.span, self.faced)
         return same and np.array_equal(anew.kept, self.kept)
 

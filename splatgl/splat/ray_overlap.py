@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # largest ratio of lattice points in an ellipse across a plane to its area: measured over positions, angles and lengths
 DISCRETE = 1.35
@@ -70,7 +70,7 @@ class Cells:
     groups: Groups | None
 
 
-def ray_overlap(splats: Splats, view: View, astray: float = 0.0) -> RayOverlap:
+def ray_overlap(splats: Splats, view: GridView, astray: float = 0.0) -> RayOverlap:
     """The largest overlap of any ray, for at least one splat. astray: largest displacement of a splat, grid steps."""
     reach, cells = _Reach.of(splats, view, astray), cells_of(splats)
     by_planes = _by_planes(splats, view, reach)
@@ -92,7 +92,7 @@ class _Reach:
     radius: float
 
     @classmethod
-    def of(cls, splats: Splats, view: View, astray: float) -> _Reach:
+    def of(cls, splats: Splats, view: GridView, astray: float) -> _Reach:
         corners, stretch = view.box(splats), 1.0
         if view.antialias:
             widest = view.pitch * (float(corners[2].max()) if view.perspective else 1.0)
@@ -101,7 +101,7 @@ class _Reach:
         return cls(far, float(np.linalg.norm(view.eye_from_index, ord=2)), stretch, view.kernel.radius + astray)
 
 
-def _by_planes(splats: Splats, view: View, reach: _Reach) -> RayOverlap:
+def _by_planes(splats: Splats, view: GridView, reach: _Reach) -> RayOverlap:
     cells = cells_of(splats)
     radius = reach.radius + (0.0 if cells.aligned else OFF)
     ellipse = DISCRETE * np.pi * radius**2
@@ -130,7 +130,7 @@ def _by_planes(splats: Splats, view: View, reach: _Reach) -> RayOverlap:
     return RayOverlap(count, min(splats.total_depth * reach.longest, ellipse * length * cells.depth))
 
 
-def _by_places(groups: Groups, view: View, reach: _Reach) -> RayOverlap:
+def _by_places(groups: Groups, view: GridView, reach: _Reach) -> RayOverlap:
     x, y, z = view.voxels(groups.place)
     radius = (reach.radius + groups.radius) * reach.longest
     wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0

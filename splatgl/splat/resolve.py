@@ -11,7 +11,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
-from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.clipping import Clip, clipped
 from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, only_pre
@@ -23,7 +23,7 @@ from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
-from splatgl.splat.view import View, widening
+from splatgl.splat.view import GridView, widening
 
 # kinds of antialiasing whose pixels are means of samples
 AVERAGED = ("auto", "supersample")
@@ -81,7 +81,7 @@ class Resolved:
     samples: int
     averaged: bool
     camera: Camera
-    view: View
+    view: GridView
     z_k: float
     depths: tuple[float, float]
     unsure: float
@@ -91,7 +91,7 @@ class Resolved:
     sheets: Sheets | None = None
     clip: Clip | None = None
     mask: MaskField | None = None
-    cues: Cues | None = None
+    cues: LightVolume | None = None
 
     @property
     def kernel(self) -> Kernel:
@@ -120,7 +120,7 @@ class Resolved:
         antialias, antialias_notes = (False, ()) if boxes else _antialias(settings, z_k, depths[1])
         shading, shading_notes = _shading(splats, settings)
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
-        view = View.of(splats.grid, fine, shape, antialias)
+        view = GridView.of(splats.grid, fine, shape, antialias)
         widened = widening(splats, view)
         sheets, sheets_notes = _sheets(splats, settings, view, moving)
         # widened weights of means need no attenuation
@@ -165,13 +165,13 @@ def kernel_name(splats: Splats, settings: Settings) -> str:
     return splats.post.kernel
 
 
-def _sheets(splats: Splats, settings: Settings, view: View, moving: bool) -> tuple[Sheets | None, tuple[str, ...]]:
+def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool) -> tuple[Sheets | None, tuple[str, ...]]:
     """The sheets of a picture, None if splats composite one by one; with notes. InputError for what can't be drawn."""
     _check_classification(splats, settings, moving)
     post = splats.post is not None
     if view.kernel is BOX:
         return None, ()
-    why = None if settings.compositing == "sheets" else one_by_one(settings, moving)
+    why = None if settings.compositing == "sheets" else why_per_splat(settings, moving)
     if not post and (why or moving or not BLENDS[settings.blend].ordered):
         left = why and settings.compositing == "auto" and BLENDS[settings.blend].ordered
         return None, (f"sheets left out: {why} takes splats one by one; the picture would be another",) if left else ()
@@ -246,7 +246,9 @@ def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]
     return False, (f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another",)
 
 
-def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light) -> tuple[Cues | None, tuple[str, ...]]:
+def _cues(
+    splats: Splats, camera: Camera, settings: Settings, light: Light
+) -> tuple[LightVolume | None, tuple[str, ...]]:
     """What light reaches matter, None if all; with notes."""
     asked = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
     if not asked or not len(splats):
@@ -260,7 +262,7 @@ def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light) -> t
         return None, notes
     casters = ((splats, settings.clip),)
     toward = None if shines is None else -shines
-    return Cues(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward), notes
+    return LightVolume(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward), notes
 
 
 def _attenuation(settings: Settings, weakened: bool) -> str:
@@ -312,7 +314,7 @@ def blur(splats: Splats, settings: Settings) -> str:
     values classified after reconstruction, and boxes of labels, have no streaks.
     """
     if settings.motion == "auto":
-        before = suited(splats, settings, moving=True)
+        before = select_splats(splats, settings, moving=True)
         sums = BLENDS[settings.blend].unbounded and before.post is None and not as_boxes(before, settings, False)
         return "exact" if sums else "moments"
     if settings.motion == "off":
@@ -320,7 +322,7 @@ def blur(splats: Splats, settings: Settings) -> str:
     return settings.motion if streaked(settings) else "moments"
 
 
-def one_by_one(settings: Settings, moving: bool) -> str | None:
+def why_per_splat(settings: Settings, moving: bool) -> str | None:
     """What takes splats that composite one by one, classified before; None if sheets serve.
 
     moving: whether the picture is motion-blurred.
@@ -333,14 +335,14 @@ def one_by_one(settings: Settings, moving: bool) -> str | None:
     return nearest_first(settings)
 
 
-def kind(settings: Settings, moving: bool, why: str | None, voxels: int) -> tuple[str, str]:
+def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: int) -> tuple[str, str]:
     """Classification and kernel of `extract` for a picture with these settings.
 
     why: what takes splats classified before, see `only_pre`. voxels: of the volume.
     """
     blend, how = BLENDS[settings.blend], settings.classification
     if how == "auto":
-        hindered = why or one_by_one(settings, moving) or (blend.one_value and voxels > MOST_KEPT)
+        hindered = why or why_per_splat(settings, moving) or (blend.one_value and voxels > MOST_KEPT)
         how = "pre" if hindered and not blend.post_only else "post"
     if how == "pre":
         return how, ""
@@ -359,7 +361,7 @@ def extracted(
 
     Raises InputError as `extract`.
     """
-    how, kernel = kind(settings, moving, only_pre(volume, transfer, threshold), volume.count)
+    how, kernel = extraction_kind(settings, moving, only_pre(volume, transfer, threshold), volume.count)
     if settings.classification == "auto" and how == "post":
         # or voxels, if values are too many
         return extract(volume, transfer, threshold, progress=progress, kernel=kernel)
@@ -369,7 +371,7 @@ def extracted(
     return replace(found, source=Source(volume, transfer, threshold))
 
 
-def suited(splats: Splats, settings: Settings, moving: bool) -> Splats:
+def select_splats(splats: Splats, settings: Settings, moving: bool) -> Splats:
     """The splats of the same volume that a picture with these settings takes; these, if they serve or know no volume.
     Voxels that planes cut off are left out.
 
@@ -383,7 +385,7 @@ def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
     source, post = splats.source, splats.post
     if source is None:
         return splats
-    how, kernel = kind(settings, moving, source.only_pre, source.volume.count)
+    how, kernel = extraction_kind(settings, moving, source.only_pre, source.volume.count)
     if post is None:
         serves = how == "pre" or (how == "post" and source.many and settings.classification == "auto")
     else:
@@ -393,12 +395,12 @@ def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
 
 def classified_before(splats: Splats, settings: Settings, moving: bool) -> str | None:
     """What takes voxels that are classified before, for a picture with these settings; None if it takes values."""
-    if suited(splats, settings, moving).post is not None:
+    if select_splats(splats, settings, moving).post is not None:
         return None
     source = splats.source
     if source is None or settings.classification != "auto":
         return "classification pre"
-    return source.only_pre or one_by_one(settings, moving) or f"more than {MOST_KEPT:,} values"
+    return source.only_pre or why_per_splat(settings, moving) or f"more than {MOST_KEPT:,} values"
 
 
 def values_left_out(splats: Splats, settings: Settings, moving: bool) -> list[str]:

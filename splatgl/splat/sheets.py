@@ -19,7 +19,7 @@ import numpy as np
 from splatgl.splat.grid import corners_of
 from splatgl.splat.kernels import Kernel, depth_deviation, spectrum
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # value of a cell without a splat; record values are smaller
 ABSENT = float(np.float32(1e30))
@@ -42,7 +42,7 @@ class NearField:
     around: int
 
     @classmethod
-    def of(cls, splats: Splats, view: View, sheets: Sheets) -> NearField | None:
+    def of(cls, splats: Splats, view: GridView, sheets: Sheets) -> NearField | None:
         """The voxels of splats around the eye; None if there are none, or none is classified after reconstruction."""
         if splats.post is None or not len(splats):
             return None
@@ -56,7 +56,7 @@ class NearField:
         return cls.of_records(splats.records[inside], box, view, sheets)
 
     @classmethod
-    def of_records(cls, records: np.ndarray, box: Box, view: View, sheets: Sheets) -> NearField | None:
+    def of_records(cls, records: np.ndarray, box: Box, view: GridView, sheets: Sheets) -> NearField | None:
         """The voxels of a box, which are all of its records."""
         if not len(records):
             return None
@@ -73,7 +73,7 @@ def reach_of(kernel: Kernel) -> int:
     return int(np.ceil(kernel.radius))
 
 
-def near_box(view: View, sheets: Sheets, bounds: np.ndarray) -> Box | None:
+def near_box(view: GridView, sheets: Sheets, bounds: np.ndarray) -> Box | None:
     """The voxels on which the near field depends; None if it is empty, or further than bounds [2, 3], least and largest
     grid position of splats: then no sheet within it holds any.
     """
@@ -183,14 +183,14 @@ class Sheets:
             found.append(np.stack([lag, -share * (second / (2 * np.pi**2) + box**2 / 6)]))
         return np.stack(found)
 
-    def places(self, view: View, positions: np.ndarray) -> np.ndarray:
+    def places(self, view: GridView, positions: np.ndarray) -> np.ndarray:
         """Distances from the eye over thickness, float64 [N], of splats at grid positions [N, 3]."""
         i = np.asarray(positions, np.float64) - view.eye_index
         if view.perspective:
             return np.linalg.norm(i, axis=-1) / self.thickness
         return i @ index_direction(view) / self.thickness
 
-    def range(self, splats: Splats, view: View) -> tuple[int, int]:
+    def range(self, splats: Splats, view: GridView) -> tuple[int, int]:
         """Least and largest base of all splats, from the box in which they are counted."""
         low, high = counted_box(splats)
         places = self.places(view, corners_of(low, high))
@@ -212,7 +212,7 @@ def counted_box(splats: Splats) -> np.ndarray:
     return np.stack([np.minimum(bounds[0], 0.0), np.maximum(bounds[1], np.array(splats.post.shape) - 1.0)])
 
 
-def index_direction(view: View) -> np.ndarray:
+def index_direction(view: GridView) -> np.ndarray:
     """[3]: unit vector along a parallel view's rays, index axes."""
     along = view.index_from_eye[:, 2]
     return np.asarray(along / np.linalg.norm(along))

@@ -22,7 +22,7 @@ import numpy as np
 from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.errors import expected
 from splatgl.splat.grid import Grid, Lattice, columns, corners_of, index_rows, lattice_across
-from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.preintegration import ValueClassifier
 
 if TYPE_CHECKING:
     from splatgl.splat.extract import Source
@@ -234,7 +234,7 @@ class Splats:
     shaded: bool = False
     dropped_depth: float = 0.0
     name: str = ""
-    post: PostClassified | None = None
+    post: ValueClassifier | None = None
     source: Source | None = None
     mask: MaskField | None = None
     frame: str | None = None
@@ -325,7 +325,7 @@ class Splats:
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
-    def classified_after(self, post: PostClassified) -> Splats:
+    def classified_after(self, post: ValueClassifier) -> Splats:
         """The same samples under `post`, which must have their low and span, and its transfer function's unit."""
         unit = post.transfer.unit or self.grid.mean_spacing
         made = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)

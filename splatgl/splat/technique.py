@@ -18,7 +18,7 @@ from splatgl.splat.kernels import Kernel, kernel, polynomials
 from splatgl.splat.resolve import by_distance, nearest_first
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 # one level of an 8-bit picture
 LEVELS = 255.0
@@ -26,7 +26,7 @@ LEVELS = 255.0
 REACH_STEP = 1.1
 
 
-def alignment(splats: Splats, view: View, settings: Settings, notes: list[str]) -> tuple[str, float]:
+def alignment(splats: Splats, view: GridView, settings: Settings, notes: list[str]) -> tuple[str, float]:
     """(align, z_s). `auto` never picks grid: it loses path length, visible in the sum of many splats."""
     if not view.perspective:
         if settings.align != "grid":
@@ -40,7 +40,7 @@ def alignment(splats: Splats, view: View, settings: Settings, notes: list[str]) 
     return "hybrid", z_k * _switch(splats, view, settings)
 
 
-def _switch(splats: Splats, view: View, settings: Settings) -> float:
+def _switch(splats: Splats, view: GridView, settings: Settings) -> float:
     """z_s/z_k from the tolerance, at the volume's extent from the view axis, rounded up."""
     reach = max(float(np.hypot(*view.box(splats)[:2]).max()), 1.0)
     rounded = REACH_STEP ** np.ceil(np.log(reach) / np.log(REACH_STEP))
@@ -73,7 +73,7 @@ class Hiding:
     cutoff: float = 0.0
 
 
-def solid(splats: Splats, view: View, bounds: ScreenBounds) -> bool:
+def solid(splats: Splats, view: GridView, bounds: ScreenBounds) -> bool:
     """Whether the splats' mean optical depth over the window hides most of them."""
     area = bounds.window.width * bounds.window.height
     pixel = view.pitch * bounds.mean_depth if view.perspective else view.pitch
@@ -204,7 +204,7 @@ MOST_DOUBLINGS = 5
 SLANTED = 1.5
 
 
-def depth_batches(splats: Splats, view: View, bounds: ScreenBounds, sheets: bool) -> int:
+def depth_batches(splats: Splats, view: GridView, bounds: ScreenBounds, sheets: bool) -> int:
     """Number of depth batches: most splats of solid volumes lie behind terminated tiles. sheets: whether they add up
     within sheets.
     """

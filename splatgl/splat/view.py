@@ -43,7 +43,7 @@ def perpendicular_axes(unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([1 + s * x * x * a, s * b, -s * x]), np.stack([b, s + y * y * a, -y])
 
 
-def smallest_axis(view: View, z: np.ndarray) -> np.ndarray:
+def smallest_axis(view: GridView, z: np.ndarray) -> np.ndarray:
     """Antialiasing's smallest half axis at depth z [N]: a pixel's side; 0 without antialiasing.  [M98 Eq. 3]"""
     return view.pixel_side(np.maximum(z, 0.0)) if view.antialias else np.zeros(np.shape(z))
 
@@ -79,7 +79,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-def between(splats: Splats, view: View, low: float, high: float) -> np.ndarray:
+def between(splats: Splats, view: GridView, low: float, high: float) -> np.ndarray:
     """[3, N]: the centres, eye axes in mean spacings, of the splats whose depth is from `low` to `high`."""
     # depth is linear along a row; points may be anywhere in their cells
     start = splats.row_start
@@ -104,7 +104,7 @@ def eye_from_index(grid: Grid, camera: Camera) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class GridView:
     """A grid seen by a camera. eye_from_index [3, 3]: A. pitch: a pixel's side at depth 1, or everywhere.
 
     eye_index [3]: the eye in grid indices. size: pixels along x and y. antialias: whether widths below p are widened.
@@ -128,7 +128,7 @@ class View:
         kernel: Kernel,
         antialias: bool = True,
         beyond: tuple[float, float] | None = None,
-    ) -> View:
+    ) -> GridView:
         """The view of `grid` by `camera`; lengths in the grid's mean spacing."""
         spacing = grid.mean_spacing
         pitch = camera.extent / camera.size[1] / (1.0 if camera.perspective else spacing)
@@ -235,7 +235,7 @@ class Widening(NamedTuple):
     unsure: float = 0.0
 
 
-def widening(splats: Splats, view: View) -> Widening:
+def widening(splats: Splats, view: GridView) -> Widening:
     """The widening depths of a view whose `beyond` is None; moved only in perspective views with antialiasing."""
     first, second = view.widened_beyond
     if not (view.antialias and view.perspective and len(splats)):
@@ -247,7 +247,7 @@ def widening(splats: Splats, view: View) -> Widening:
     return Widening((wide, narrow), 0.0 if sure and sure_too else _jump(view, second))
 
 
-def _clear(splats: Splats, view: View, depth: float) -> tuple[float, bool]:
+def _clear(splats: Splats, view: GridView, depth: float) -> tuple[float, bool]:
     """The first depth ≥ `depth` with no splat near, and whether there is one; else the middle of the widest gap."""
     low, high = splats.index_bounds
     reach = np.abs(view.eye_from_index[2]) @ np.maximum(np.abs(low - view.eye_index), np.abs(high - view.eye_index))
@@ -264,7 +264,7 @@ def _clear(splats: Splats, view: View, depth: float) -> tuple[float, bool]:
     return float(begins[widest] + gaps[widest] / 2), False
 
 
-def _jump(view: View, depth: float) -> float:
+def _jump(view: GridView, depth: float) -> float:
     """Relative change of a splat where widening begins: the first-order term, else 1."""
     at_a_pixel = depth <= float(view.widths[1]) / view.pitch * (1 + FURTHEST)
     return min(view.reach * view.kernel.radius / depth, 1.0) if at_a_pixel else 1.0

@@ -14,15 +14,15 @@ from splatgl.data.volume import Volume, coarser
 from splatgl.errors import expected
 from splatgl.scene.draw import is_layered, of_channels, tell
 from splatgl.scene.meshes import MeshFile, surfaces_of
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import FOV, View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.culling import skinned
 from splatgl.splat.extract import Progress, extract, only_pre
 from splatgl.splat.grid import Grid
 from splatgl.splat.opaque_bounds import Opaque
-from splatgl.splat.resolve import Resolved, kind, one_by_one
+from splatgl.splat.resolve import Resolved, extraction_kind, why_per_splat
 from splatgl.splat.scene import MOST_LAYERS, Layer, check_layer
 from splatgl.splat.scene import Scene as Layers
 from splatgl.splat.settings import BLENDS, Settings
@@ -48,7 +48,7 @@ class Content:
     this one replaces. beside: contents that differ in kind alone, by `after`. waiting: whether nothing is read yet.
     """
 
-    scene: Scene
+    scene: SceneFile
     volumes: tuple[Volume, ...]
     transfer: Transfer
     threshold: float
@@ -64,17 +64,19 @@ class Content:
         self.beside[self.after] = self
 
     @classmethod
-    def nothing(cls, scene: Scene) -> Content:
+    def nothing(cls, scene: SceneFile) -> Content:
         """What there is of a scene before it is read."""
         volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
-        bare = replace(scene, view=View(), settings=Settings(), transfer={}, layers=(), meshes=(), crop="", clip=None)
+        bare = replace(
+            scene, view=ViewOptions(), settings=Settings(), transfer={}, layers=(), meshes=(), crop="", clip=None
+        )
         found = cls(bare, (volume,) * len(STRIDES), Transfer([(0, 0.0), (1, 0.5)]), 0.0, waiting=True)
         for stride in STRIDES:
             found.skin(stride)
         return found
 
     @classmethod
-    def open(cls, scene: Scene, quiet: bool = False) -> Content:
+    def open(cls, scene: SceneFile, quiet: bool = False) -> Content:
         """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise.
 
         quiet: whether notes on the files are not printed.
@@ -91,7 +93,7 @@ class Content:
         return cls.of_volume(scene.cut(volume), volume, scene.transfer_for(volume))
 
     @classmethod
-    def of_volume(cls, scene: Scene, volume: Volume, transfer: Transfer) -> Content:
+    def of_volume(cls, scene: SceneFile, volume: Volume, transfer: Transfer) -> Content:
         """Of a volume that is read, or of a stand-in."""
         shown = portion(volume, transfer, scene.settings)
         if shown.told or shown.finer:
@@ -105,7 +107,7 @@ class Content:
         return self._of(self.scene, self.portion.finer(), self.transfer)
 
     @classmethod
-    def _of(cls, scene: Scene, shown: Portion, transfer: Transfer) -> Content:
+    def _of(cls, scene: SceneFile, shown: Portion, transfer: Transfer) -> Content:
         volume = shown.volume
         volumes = [volume]
         for _ in STRIDES[1:]:
@@ -297,7 +299,7 @@ class Content:
         # pre where it is all that volume or settings allow
         asked = settings.but(classification="auto") if settings.classification == "post" else settings
         why = only_pre(self.volume, self.transfer, self.threshold)
-        found = kind(asked, moving, why, self.volume.count)
+        found = extraction_kind(asked, moving, why, self.volume.count)
         if found == self.kind:
             # values that are kept for other transfer functions are not this one's
             return replace(self, made={}, skins={}, beside={}) if why and self.after and self.made else self
@@ -312,7 +314,7 @@ class Content:
 
     def only_before(self, settings: Settings, moving: bool) -> str | None:
         """What takes splats that are classified before reconstruction; None if these settings don't."""
-        return only_pre(self.volume, self.transfer, self.threshold) or one_by_one(settings, moving)
+        return only_pre(self.volume, self.transfer, self.threshold) or why_per_splat(settings, moving)
 
     def home(self, size: tuple[int, int]) -> Pose:
         """The scene's initial view, with its pivot at the scene's middle."""
@@ -419,12 +421,12 @@ class Together(Content):
         return replace(found, **kept, beside={}, drawn={})
 
     @classmethod
-    def opened(cls, scene: Scene, volume: Volume, quiet: bool = False) -> Together:
+    def opened(cls, scene: SceneFile, volume: Volume, quiet: bool = False) -> Together:
         """Of a scene whose volume is read; reads all others, with notes on them unless `quiet`. Raises InputError as
         their readers.
         """
         scene = scene.cut(volume)
-        sources: list[tuple[Scene, Volume, tuple[Plane, ...] | None]] = [(scene, volume, None)]
+        sources: list[tuple[SceneFile, Volume, tuple[Plane, ...] | None]] = [(scene, volume, None)]
         names: list[str] = []
         contents: list[Content] = []
         looks: list[Look] = []
@@ -624,7 +626,7 @@ def _none(splats: Splats) -> Splats:
     return splats.part(np.zeros(len(splats), bool))
 
 
-def _channels(source: Scene, volume: Volume, settings: Settings) -> list[tuple[str, Content, Look]]:
+def _channels(source: SceneFile, volume: Volume, settings: Settings) -> list[tuple[str, Content, Look]]:
     """Name, content and look of each channel of a source, or of the one that there is."""
     plain = replace(source, opacity=1.0)
     found = []

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from splatgl.data.scenes import SCENES
 from splatgl.readers.remote import is_address
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 
 
-def watched(path: str, scene: Scene) -> tuple[str, ...]:
+def watched(path: str, scene: SceneFile) -> tuple[str, ...]:
     """The files of the scene opened from `path`; empty for a built-in scene. What lies at an address is not watched."""
     files = dict.fromkeys((path, *scene.files))
     return tuple(file for file in files if file not in SCENES and not is_address(file))

@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.annotations.text import Overlay, Path, Text, box, drawn
 from splatgl.gl.renderer import Renderer
-from splatgl.gl.screen import Look, Screen
+from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import FAITHFUL, outside
 from splatgl.splat.motion import Motion
@@ -223,13 +223,13 @@ class Painter:
                 return corner
         return ""
 
-    def look(self, state: State, reference: Reference) -> Look:
+    def look(self, state: State, reference: Reference) -> ScreenStyle:
         """Current display mode; uploads the reference if there is one."""
         xray = BLENDS[state.settings.blend].unbounded
         background = None if xray else state.settings.background
         scale = 1.0 / self.brightest if xray else 1.0
         written = self.overlay is not None and bool(self.overlay.texts or self.overlay.paths)
-        plain = Look(state.ground, scale, overlay=written, background=background)
+        plain = ScreenStyle(state.ground, scale, overlay=written, background=background)
         right = reference.image
         if right is None or state.compare == "off" or right.pixels.shape != self.pixels.shape:
             return plain

@@ -22,7 +22,7 @@ from splatgl.fileio import write_whole
 from splatgl.readers import listed, load
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import MeshFile, is_mesh
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.document import Content, Together, bare, read_meshes
 from splatgl.viewer.file_watch import Watch, watched
@@ -145,7 +145,7 @@ MARK, BESIDE = "* ", "   "
 EVERY = "all"
 
 
-def opened(scene: Scene) -> tuple[Content, tuple[Pick, ...]]:
+def opened(scene: SceneFile) -> tuple[Content, tuple[Pick, ...]]:
     """The content of a scene, and what of its file can be picked. Where one has to be, that is the first."""
     try:
         content = Content.open(scene)
@@ -159,7 +159,7 @@ def opened(scene: Scene) -> tuple[Content, tuple[Pick, ...]]:
     return content, _picks(scene, content)
 
 
-def _picks(scene: Scene, content: Content) -> tuple[Pick, ...]:
+def _picks(scene: SceneFile, content: Content) -> tuple[Pick, ...]:
     """What else could have been read, as far as that is told at once."""
     if scene.volume in SCENES or is_address(scene.volume) or content.scene.vectors.show:
         return ()
@@ -174,7 +174,7 @@ def _picks(scene: Scene, content: Content) -> tuple[Pick, ...]:
     return tuple(Pick(option, choices) for option, choices in found.items() if len(choices) > 1)
 
 
-def _without(scene: Scene, option: str) -> tuple[tuple[str, str], ...]:
+def _without(scene: SceneFile, option: str) -> tuple[tuple[str, str], ...]:
     """What a reader offers where an option is not given."""
     try:
         volume = load(scene.volume, **{name: value for name, value in scene.load.items() if name != option})
@@ -201,7 +201,7 @@ def _listed(path: str) -> tuple[tuple[str, str], ...]:
 GONE = "is gone: its last picture stays"
 # what jobs begin with
 OPENING, TIME = "opening", "reading time"
-Reopen = Callable[[], Scene]
+Reopen = Callable[[], SceneFile]
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +217,7 @@ class News:
     reopen: Reopen | None = None
     path: str = ""
     finer: bool = False
-    times: tuple[Scene, ...] = ()
+    times: tuple[SceneFile, ...] = ()
     time: int | None = None
     picks: tuple[Pick, ...] = ()
     picked: bool = False
@@ -246,7 +246,7 @@ class Files:
         self.begun = now
         self.opening = ""
         # the scenes of a series, and the number of the one that is shown
-        self.times: tuple[Scene, ...] = ()
+        self.times: tuple[SceneFile, ...] = ()
         self.time = 0
         # files of further time points whose notes are printed
         self.told: set[str] = set()
@@ -261,7 +261,7 @@ class Files:
         """Watches these files, which `reopen` reads again."""
         self.reopen, self.watch = reopen, Watch.of(watched, now) if watched else None
 
-    def begin(self, scene: Scene) -> None:
+    def begin(self, scene: SceneFile) -> None:
         """Opens the scene that the window was opened for."""
         self._open(Path(scene.volume).name, lambda: _opened_news(scene))
 
@@ -277,8 +277,8 @@ class Files:
             return
         path, beside = (named[0], tuple(meshes)) if named else (meshes[0].file, tuple(meshes[1:]))
 
-        def scene() -> Scene:
-            found = Scene.from_toml(Path(path)) if path.endswith(".toml") else Scene(path, settings=settings)
+        def scene() -> SceneFile:
+            found = SceneFile.from_toml(Path(path)) if path.endswith(".toml") else SceneFile(path, settings=settings)
             return replace(found, meshes=(*found.meshes, *beside))
 
         def read() -> News:
@@ -289,7 +289,7 @@ class Files:
 
         self._open(Path(path).name, read)
 
-    def pick(self, scene: Scene, option: str, value: str) -> None:
+    def pick(self, scene: SceneFile, option: str, value: str) -> None:
         """Opens what else the file of a scene holds."""
         read = replace(scene, load={**scene.load, option: value})
         # other samples have other values
@@ -359,7 +359,7 @@ class Files:
         self.jobs.submit(what, work, kind)
 
 
-def _opened_news(scene: Scene, times: tuple[Scene, ...] = ()) -> News:
+def _opened_news(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> News:
     content, picks = opened(scene)
     # what has to be picked of the file is picked of every time point
     scene = replace(scene, load=content.scene.load) if len(content.channels) == 1 else scene

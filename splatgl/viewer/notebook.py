@@ -14,8 +14,8 @@ import numpy as np
 from jupyter_rfb import RemoteFrameBuffer
 
 from splatgl.data.image import Image
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.shared_renderer import kept_renderer
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.culling import outside
 from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
@@ -34,7 +34,7 @@ BLACK = (0.0, 0.0, 0.0)
 class Session:
     """A scene seen from a pose. Events are dictionaries as jupyter_rfb has them, places in CSS pixels."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: SceneFile) -> None:
         self.scene = scene
         self.content = Content.open(scene)
         self.pose = self.content.home(scene.view.size)
@@ -102,7 +102,7 @@ class Session:
             # without those that are hidden from every side
             skin = self.content.skin(level.stride)
             splats = skin if outside(skin, camera.eye) else splats
-        with kept_renderer() as renderer:
+        with shared_renderer() as renderer:
             return renderer.render(splats, camera, settings, verify_bound=False)
 
     def _take_finer(self) -> None:

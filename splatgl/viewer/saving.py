@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.annotations.annotate import LEAST_SIDE
-from splatgl.annotations.canvas import BLACK, WHITE, Layer
+from splatgl.annotations.canvas import BLACK, WHITE, Canvas
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.errors import TOLD, expected, told
@@ -19,7 +19,7 @@ from splatgl.fileio import overwrites, write_whole
 from splatgl.gl.screen import Sprite, Stroke
 from splatgl.scene.draw import lay, origin
 from splatgl.scene.meshes import MeshFile, surfaces_of
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene as Layers
 from splatgl.splat.settings import BLENDS, Settings
@@ -50,7 +50,7 @@ def with_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite
     """A picture under marks, in the order in which the window draws them."""
     if not strokes and not sprites:
         return image
-    layer = Layer(np.zeros_like(image.pixels), WHITE)
+    layer = Canvas(np.zeros_like(image.pixels), WHITE)
     for sprite in sprites:
         left, top = (round(each) for each in sprite.place[:2])
         layer.stamp(as_dark(sprite.pixels[..., 3] / 255), linear_from_srgb(sprite.pixels[..., :3] / 255), (left, top))
@@ -88,7 +88,7 @@ Add = Callable[[Image], Image]
 RENDERED = "splatgl render draws it, as large as it is"
 
 
-def scene_of(state: State, content: Content) -> Scene:
+def scene_of(state: State, content: Content) -> SceneFile:
     """The scene equivalent to the window's state."""
     # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.settings.but(motion=state.blur)
@@ -103,13 +103,13 @@ def scene_of(state: State, content: Content) -> Scene:
     return replace(shown, view=state.pose.view(), settings=settings, annotate=annotate)
 
 
-def _look(scene: Scene, content: Content) -> Look:
+def _look(scene: SceneFile, content: Content) -> Look:
     """How a part is seen in a scene."""
     base = replace(scene, opacity=1.0).transfer_for(content.volume)
     return Look(base, scene.threshold, 1.0, scene.opacity, scene.visible)
 
 
-def _part(content: Content, look: Look) -> Scene:
+def _part(content: Content, look: Look) -> SceneFile:
     """The scene of a volume, or of a layer, as it is seen."""
     scene, portion = content.scene, content.portion
     load = scene.load if portion is None or portion.level is None else {**scene.load, "level": portion.level}
@@ -117,7 +117,7 @@ def _part(content: Content, look: Look) -> Scene:
     return replace(found, opacity=look.opacity, visible=look.visible)
 
 
-def picture_of(scene: Scene, content: Content, draw: Draw) -> Image:
+def picture_of(scene: SceneFile, content: Content, draw: Draw) -> Image:
     """The image that `splatgl render` makes of a scene of this content, drawn by the window's renderer."""
     transfer = scene.transfer_for(content.volume)
     looks = [_look(each, content.part(number)) for number, each in enumerate((scene, *scene.layers))]
@@ -175,7 +175,7 @@ def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path, ad
 
 
 def saved_as(
-    state: State, content: Content, draw: Draw, target: Path, add: Add = nothing, times: Sequence[Scene] = ()
+    state: State, content: Content, draw: Draw, target: Path, add: Add = nothing, times: Sequence[SceneFile] = ()
 ) -> tuple[State, bool]:
     """Writes a scene (.toml, also where a name has no ending) or a picture of it; the state with what it says, and
     whether a scene was written. times: the series that it is of, of which no file is overwritten either.
@@ -195,7 +195,7 @@ def saved_as(
         return replace(state, message=told(error)), False
 
 
-def sources(content: Content, times: Sequence[Scene] = ()) -> list[str]:
+def sources(content: Content, times: Sequence[SceneFile] = ()) -> list[str]:
     """What a content, and the series that it is of, were read from."""
     parts = [content.part(number) for number in range(len(content.looks))]
     scenes = (content.scene, *(each.scene for each in parts), *times)

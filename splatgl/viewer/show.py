@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
@@ -71,7 +71,7 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _window(scene: Scene, sized: bool) -> None:
+def _window(scene: SceneFile, sized: bool) -> None:
     """Opens the window until it is closed."""
     files = reading(scene)
     from splatgl.viewer.viewer import Options
@@ -83,7 +83,7 @@ def _window(scene: Scene, sized: bool) -> None:
 AT_ONCE = 0.1
 
 
-def reading(scene: Scene, source: str = "", reopen: Reopen | None = None) -> Files:
+def reading(scene: SceneFile, source: str = "", reopen: Reopen | None = None) -> Files:
     """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE. source: of what is
     watched, and read again by `reopen`.
     """
@@ -101,7 +101,7 @@ def reading(scene: Scene, source: str = "", reopen: Reopen | None = None) -> Fil
 
 def opened(
     files: Files,
-    scene: Scene,
+    scene: SceneFile,
     options: Options,
     backend: str = "window",
     device: int | None = None,

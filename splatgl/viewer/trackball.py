@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.data.volume import Triple
-from splatgl.scene.view import View
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.camera import Camera
 
 if TYPE_CHECKING:
@@ -118,11 +118,13 @@ class Pose:
         """World size of a pixel at the pivot."""
         return float(self.camera.pixel_pitch(self.depth))
 
-    def view(self) -> View:
+    def view(self) -> ViewOptions:
         """The view in scene-file form."""
         camera = self.camera
         target, up = camera.eye + camera.forward * self.depth, -camera.eye_from_world[1]
-        placed = View(camera.size, eye=_triple(camera.eye), look_at=_triple(target), up=_triple(up), fov=self.fov)
+        placed = ViewOptions(
+            camera.size, eye=_triple(camera.eye), look_at=_triple(target), up=_triple(up), fov=self.fov
+        )
         return placed if camera.perspective else replace(placed, orthographic=True, height=camera.extent)
 
     def resized(self, size: tuple[int, int]) -> Pose:

@@ -21,8 +21,8 @@ from splatgl.animation.animation import Frames, scaled
 from splatgl.animation.camera_track import Swept, between, keyframes, turning
 from splatgl.animation.movie import read_ahead, volumes
 from splatgl.cli.main import main
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from tests.helpers.bricks import noise
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -55,7 +55,7 @@ def test_a_turn_is_the_cameras_orbit(here: Path) -> None:
     """Frame after frame the picture of an eye that goes around, counter-clockwise from above; one turn closes."""
     assert animate("letter-f", "-o", "f/{frame:02d}.npy", "--frames", "4", "--motion", "off") == 0
     assert sorted(p.name for p in Path("f").iterdir()) == ["00.npy", "01.npy", "02.npy", "03.npy"]
-    scene = Scene("letter-f", view=View(size=(24, 24)))
+    scene = SceneFile("letter-f", view=ViewOptions(size=(24, 24)))
     volume = scene.open()
     splats = sg.extract(volume, scene.transfer_for(volume), classification="pre")
     first = turning(scene.view, volume, splats, -90).camera(0)
@@ -81,7 +81,7 @@ def test_a_turning_camera_keeps_its_distance_and_sees_all() -> None:
     rng = np.random.default_rng(2)
     splats = sg.Splats.from_points(rng.uniform((-30, -3, -5), (30, 3, 9), (200, 3)), np.ones((200, 3)), np.ones(200))
     volume = sg.Volume(np.zeros((2, 2, 2)))
-    track = turning(View(azimuth=10, elevation=25), volume, splats, 7.0)
+    track = turning(ViewOptions(azimuth=10, elevation=25), volume, splats, 7.0)
     center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2
     distances = []
     for n in range(52):
@@ -116,7 +116,7 @@ def test_keyframes_move_the_camera(here: Path) -> None:
     )
     volume = sg.load("ball.npy")
     splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
-    track = keyframes(Path("k.toml"), View(elevation=0), volume, splats)
+    track = keyframes(Path("k.toml"), ViewOptions(elevation=0), volume, splats)
     assert track.last == 4
     center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2
     away = [track.camera(n).eye - center for n in range(5)]
@@ -152,7 +152,7 @@ def test_bad_keyframes_are_one_line(text: str, message: str, here: Path, capsys:
 
 
 def test_series_go_by_the_numbers_in_names(here: Path) -> None:
-    found = [s.volume for s in volumes(Scene("t*.npy"), ["ball.npy"])]
+    found = [s.volume for s in volumes(SceneFile("t*.npy"), ["ball.npy"])]
     assert found == ["t1.npy", "t2.npy", "t9.npy", "t10.npy", "ball.npy"]
     assert animate("t*.npy", "-o", "{frame}.npy", "--hold", "2") == 0
     frames = [pixels(f"{n}.npy") for n in range(8)]

@@ -15,12 +15,12 @@ import splatgl as sg
 from splatgl.annotations import bounding_box, scale_bar
 from splatgl.annotations.annotate import annotated, bar_of, compose, parsed
 from splatgl.annotations.axes import COLORS, LONG, letters
-from splatgl.annotations.canvas import WHITE, Layer, Subject
+from splatgl.annotations.canvas import WHITE, Canvas, Subject
 from splatgl.annotations.color_bar import of_values
 from splatgl.annotations.live import LiveOverlay, usual
 from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
 from splatgl.cli.main import main
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 
 ALL = ("scale", "colorbar", "axes", "directions", "title=Head", "time=3 h")
 VOLUME = sg.Volume(np.zeros((9, 9, 9), np.float32), unit="mm", frame="LPS", name="ct")
@@ -143,7 +143,7 @@ def at(points: np.ndarray, camera: sg.Camera) -> np.ndarray:
 def test_edges_are_drawn_where_corners_are(volume: sg.Volume) -> None:
     """Lines pass the middles of pixels along each edge that is not hidden; a fifth of a pixel beside, they are not."""
     for camera in cameras(volume):
-        layer = Layer(np.zeros((500, 600, 4), np.float32), WHITE)
+        layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
         bounding_box.draw_edges(layer, Subject.of(volume), camera)
         light = layer.pixels[..., 0]
         every = bounding_box.edges(volume.corners, camera)
@@ -184,7 +184,7 @@ def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
     """World coordinates along world axes, lengths from the first corner along others; drawn at the projected point."""
     for camera in cameras(volume):
         subject, every = Subject.of(volume), bounding_box.edges(volume.corners, camera)
-        layer = Layer(np.zeros((500, 600, 4), np.float32), WHITE)
+        layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
         bounding_box.draw_edges(layer, subject, camera)
         chosen = bounding_box.numbered(every, subject, camera)
         assert [each.axis for each in chosen] == [0, 1, 2]
@@ -229,7 +229,7 @@ def test_nothing_overlaps_or_is_cut_off(size: tuple[int, int], shown: float) -> 
     asked = ("scale", "colorbar", "axes", "directions", "box", "title=Head", "time=3 h")
     for volume in VOLUMES[:2]:
         camera = sg.Camera.orbit(volume, 30, 20, size=size, zoom=0.7)
-        layer = Layer.over(np.full((size[1], size[0], 4), shown, np.float32), (0, 0, 0))
+        layer = Canvas.over(np.full((size[1], size[0], 4), shown, np.float32), (0, 0, 0))
         subject = Subject.of(volume)
         bar = bar_of(subject, TRANSFER, "composite", round(0.45 * size[1]))
         compose(layer, subject, camera, asked, [] if bar is None else [bar])
@@ -238,7 +238,7 @@ def test_nothing_overlaps_or_is_cut_off(size: tuple[int, int], shown: float) -> 
             assert rect.left >= 0 and rect.top >= 0 and rect.right <= size[0] and rect.bottom <= size[1]
         assert size[0] > 256 or layer.notes
         # without the box nothing is drawn outside of the places
-        layer = Layer(np.zeros((size[1], size[0], 4), np.float32), WHITE)
+        layer = Canvas(np.zeros((size[1], size[0], 4), np.float32), WHITE)
         compose(layer, subject, camera, [each for each in asked if each != "box"], ())
         for rect in layer.taken:
             layer.clear(rect)
@@ -275,7 +275,7 @@ def test_an_eye_within_the_box_is_told() -> None:
     """No numbers, a note, and edges ahead of the eye alone."""
     center = OBLONG.center
     camera = sg.Camera.look_at(center, center + np.array([0, 1.0, 0]), (0, 0, 1), 120, (200, 200))
-    layer = Layer(np.zeros((200, 200, 4), np.float32), WHITE)
+    layer = Canvas(np.zeros((200, 200, 4), np.float32), WHITE)
     compose(layer, Subject.of(OBLONG), camera, ["box"], ())
     bounding_box.draw_behind(layer, Subject.of(OBLONG), camera)
     assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
@@ -323,7 +323,7 @@ def test_axes_point_where_the_camera_has_them(angles: tuple[float, float]) -> No
     volume = sg.Volume(np.zeros((9, 9, 9), np.float32))
     camera = sg.Camera.orbit(volume, *angles, size=(600, 600))
     image = sg.annotated(bare(camera), volume, CLEAR, camera, ["axes"], ground=(1, 1, 1))
-    layer = Layer.over(bare(camera).pixels, (1, 1, 1))
+    layer = Canvas.over(bare(camera).pixels, (1, 1, 1))
     half = int(np.ceil(LONG * layer.em + 1.3 * layer.em))
     middle = np.array([layer.pad + half, 600 - layer.pad - half])
     for axis, color in enumerate(COLORS):
@@ -365,8 +365,8 @@ def test_scene_files_and_python_draw_what_the_command_draws(tmp_path: Path, caps
     same = sg.render(source, size=96, points=((0.3, 0), (0.9, 0.5)), annotate=names)
     assert (same.pixels == right).all() and same.info["annotated"] == names
     path = tmp_path / "s.toml"
-    path.write_text(Scene(source, annotate=tuple(names)).to_toml(tmp_path))
-    assert Scene.from_toml(path).annotate == tuple(names)
+    path.write_text(SceneFile(source, annotate=tuple(names)).to_toml(tmp_path))
+    assert SceneFile.from_toml(path).annotate == tuple(names)
     assert main(["render", str(path), *options]) == 0
     assert (np.load(out) == right).all()
     # left out of comparisons

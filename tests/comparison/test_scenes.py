@@ -9,7 +9,7 @@ import pytest
 import splatgl as sg
 from splatgl.comparison.image_regression import ImageRegression
 from splatgl.comparison.verdict import judge
-from splatgl.scene.view import View
+from splatgl.scene.view import ViewOptions
 from tests.helpers.splatting import SPLATS
 
 SIZE = (96, 72)
@@ -23,7 +23,7 @@ def scenes() -> dict[str, tuple[sg.Splats, sg.Camera]]:
     for name in SCENES:
         volume = getattr(sg.scenes, name.replace("-", "_"))()
         splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
-        made[name] = (splats, View(size=SIZE).camera(volume, splats))
+        made[name] = (splats, ViewOptions(size=SIZE).camera(volume, splats))
     return made
 
 

@@ -21,7 +21,7 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.cli.main import COMMANDS, _parser, main
 from splatgl.readers import FORMATS
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
 from splatgl.studies.stress import CASES
@@ -253,7 +253,7 @@ def test_the_first_snippet_is_ten_lines() -> None:
 
 
 def test_scene_file(here: Path) -> None:
-    scene = Scene.from_toml(Path("scene.toml"))
+    scene = SceneFile.from_toml(Path("scene.toml"))
     assert scene.settings.antialias == "supersample" and scene.view.size == (400, 300)
     assert main(["render", "scene.toml", "--size", "20"]) == 0
 

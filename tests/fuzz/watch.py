@@ -23,7 +23,7 @@ from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice
 from splatgl.readers import hdf5, listed
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 
 TOUCH = 2**22
 """Samples up to which a loaded volume is summed up and described whole; of a larger one both ends are."""
@@ -44,7 +44,7 @@ def read(path: Path, kind: str) -> None:
         sg.Transfer.load(path)
         return
     if kind == "scene":
-        _touch(Scene.from_toml(path).open())
+        _touch(SceneFile.from_toml(path).open())
         return
     listed(path)
     try:

@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.splat.culling import ahead
 from splatgl.splat.kernels import kernel
-from splatgl.splat.view import View, between, widening
+from splatgl.splat.view import GridView, between, widening
 from tests.fuzz import error_bound
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
@@ -74,7 +74,7 @@ def test_no_splat_is_near_the_depth_where_widening_begins() -> None:
     moved = 0
     for n in range(40):
         camera = error_bound.at_z_k(np.random.default_rng(n), splats)
-        view = View.of(splats.grid, camera, kernel("crawfis-max"))
+        view = GridView.of(splats.grid, camera, kernel("crawfis-max"))
         found = widening(splats, view)
         assert found.unsure == 0.0
         for depth, asked in zip(found.beyond, view.widened_beyond, strict=True):
@@ -86,10 +86,12 @@ def test_no_splat_is_near_the_depth_where_widening_begins() -> None:
     places = np.zeros((60_000, 3))
     places[:, 2] = np.linspace(-1, 4, len(places))
     column = sg.Splats.from_points(places, np.ones_like(places), np.ones(len(places)))
-    eye = View.of(column.grid, sg.Camera.look_at((0, 0, -1.0), (0, 0, 0), (0, 1, 0), 60, (4, 4)), kernel("crawfis-max"))
+    eye = GridView.of(
+        column.grid, sg.Camera.look_at((0, 0, -1.0), (0, 0, 0), (0, 1, 0), 60, (4, 4)), kernel("crawfis-max")
+    )
     assert widening(column, eye).unsure == 0.0
     far = sg.Camera.look_at((0, 0, -100), (0, 0, 0), (0, 1, 0), 2 * np.degrees(np.arctan(0.02)), (4, 4))
-    assert 0 < widening(column, View.of(column.grid, far, kernel("crawfis-max"))).unsure <= 1
+    assert 0 < widening(column, GridView.of(column.grid, far, kernel("crawfis-max"))).unsure <= 1
 
 
 @pytest.mark.few(3)

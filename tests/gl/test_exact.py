@@ -231,7 +231,7 @@ def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> 
     """A built-in scene or some planes of it, a CT and a microscopy volume at 256²: RMSE below 2e−4, maximum below
     3e−3.
     """
-    from splatgl.scene.view import View
+    from splatgl.scene.view import ViewOptions
 
     if name not in SCENES and not (DATA / name).exists():
         pytest.skip(f"{name} is not there")
@@ -242,7 +242,7 @@ def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> 
         some[planes] = volume.samples[planes]
         volume = replace(volume, samples=some)
     splats = sg.extract(volume, transfer, classification="pre")
-    camera = View(size=(256, 256)).camera(volume, splats)
+    camera = ViewOptions(size=(256, 256)).camera(volume, splats)
     settings = SPLATS.but(blend=blend)
     drawn = renderer.render(splats, camera, settings)
     found = sg.compare(drawn, sg.reference.render(splats, camera, settings))

@@ -15,7 +15,7 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.near_sheets import grid_step
 from splatgl.splat.bricks import Bricks
-from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.sheets import NearField
 from tests.helpers.marcher import calm, march
 
@@ -225,7 +225,7 @@ def test_portions_bricks_and_bands_are_the_whole(renderer: sg.Renderer, monkeypa
         patch.setattr(sheet_tiles, "MOST_ENTRIES", 16)
         patch.setattr(sheet_tiles, "MOST_PIXELS", 40 * 16)
         assert np.abs(renderer.render(splats, camera, settings, verify_bound=False).pixels - right).max() < 1e-5
-    bricks = Bricks.of(volume, PostClassified.of(transfer, "b-spline", volume.shape[::-1]), side=5)
+    bricks = Bricks.of(volume, ValueClassifier.of(transfer, "b-spline", volume.shape[::-1]), side=5)
     assert np.abs(renderer.render_bricks(bricks, camera, settings, bands=2).pixels - right).max() < 1e-4
     # of a small volume, all voxels are around the eye, and no list has any
     few = sg.extract(sg.Volume(cells[:3, :3, :3]), sg.Transfer([(0, 0.2), (1, 0.6)], shading=False))

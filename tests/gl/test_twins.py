@@ -20,7 +20,7 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.reference.blend import blended, pixel_means
 from splatgl.reference.renderer import attenuated_depth
 from splatgl.splat.footprint import filled_depth, run_along, run_lengths
-from splatgl.splat.lighting import shone
+from splatgl.splat.lighting import apply_light
 from splatgl.splat.resolve import END_CORRECTION
 from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
 from tests.helpers.noise import GRIDS, noise, views
@@ -230,7 +230,7 @@ def test_light(light: Any, twin: Twin, rng: np.random.Generator) -> None:
         normal = splats.records["normal"].astype(np.float64)
         color = rng.random((len(splats), 3))
         found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, n=normal, c=color)[:, :3]
-        assert np.abs(found - shone(color, splats, camera, voxel, plan.resolved)).max() < 5e-6
+        assert np.abs(found - apply_light(color, splats, camera, voxel, plan.resolved)).max() < 5e-6
 
 
 @pytest.mark.parametrize("record", [VOXEL, VALUE, POINT, POINT_VALUE])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.ambient_occlusion import Cues
+from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.grid import trilinear
 from tests.helpers.noise import noise, views
 from tests.helpers.twins import COUNT, Twin
@@ -14,7 +14,7 @@ from tests.helpers.twins import COUNT, Twin
 CUED = sg.Settings(classification="pre", shading="on", light="matte", ambient_occlusion=0.8, shadows=0.7)
 
 
-def cell_at(cues: Cues, positions: np.ndarray) -> np.ndarray:
+def cell_at(cues: LightVolume, positions: np.ndarray) -> np.ndarray:
     """[N, 3]: the cells of grid positions [N, 3]."""
     turn, moved = cues.cell_from_index
     return np.asarray(positions @ turn.T + moved)

@@ -12,7 +12,7 @@ from splatgl.splat import footprint as approximations
 from splatgl.splat.footprint import Splat, form_bprime
 from splatgl.splat.kernels import Kernel, kernel, polynomials
 from splatgl.splat.line_integral import row1
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 from tests.helpers.noise import GRIDS, inside, noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.twins import COUNT, Twin, some_voxels
@@ -27,13 +27,13 @@ def footprint(shape: Kernel, at: np.ndarray) -> np.ndarray:
     return radial(shape, (at * at).sum(axis=0))
 
 
-def ray_at(view: View, pixel: np.ndarray) -> np.ndarray:
+def ray_at(view: GridView, pixel: np.ndarray) -> np.ndarray:
     """[3, N]: the rays, of depth 1, of places in the picture [2, N], pixels."""
     across = (pixel - np.array(view.size)[:, None] / 2) * view.pitch
     return np.stack([*across, np.ones(pixel.shape[1])])
 
 
-def ray_of(view: View, pixel: np.ndarray) -> np.ndarray:
+def ray_of(view: GridView, pixel: np.ndarray) -> np.ndarray:
     """[3, N]: the ray's length, 1/|across|², and the integral over F of a kernel that is not widened."""
     ray = ray_at(view, pixel)
     length, across = (np.linalg.norm(vector, axis=0) for vector in (ray, view.index_from_eye @ ray))
@@ -45,7 +45,7 @@ def exact_share(shape: Kernel, at: np.ndarray, gain: np.ndarray, further: np.nda
     return np.asarray((1 + (gain * at).sum(axis=0)) * radial(shape, (at * at).sum(axis=0) + further))
 
 
-def half_line(view: View, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
+def half_line(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
     """The integral from the eye on, in an index space in which the kernel is round, times the length of its steps."""
     ray = np.stack([*place, np.ones(place.shape[1])])
     direction = view.index_from_eye @ ray
@@ -53,22 +53,22 @@ def half_line(view: View, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
     return np.asarray(approximations.half_line(view.kernel, (view.index_from_eye @ voxel).T, direction.T) * speed)
 
 
-def near_reach(view: View, distance: np.ndarray) -> np.ndarray:
+def near_reach(view: GridView, distance: np.ndarray) -> np.ndarray:
     """Radius [N] of a ball's outline on the plane through its centre, seen from that distance."""
     return np.asarray(distance * np.tan(np.arcsin(view.kernel.radius / distance)))
 
 
-def near_quad(view: View, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
+def near_quad(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
     """The footprint at the true distance."""
     return row1(replace(view, antialias=False), voxel, place).value
 
 
-def cubic_quad(view: View, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
+def cubic_quad(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
     """The ellipse of perspective space with the trapezoid's term."""
     return form_bprime(Splat(view.kernel, voxel.T, place.T, 1 / view.pitch))
 
 
-def far_quad(view: View, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
+def far_quad(view: GridView, voxel: np.ndarray, place: np.ndarray) -> np.ndarray:
     """The integral of the widened kernel itself."""
     return row1(view, voxel, place).value
 

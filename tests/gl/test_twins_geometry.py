@@ -11,7 +11,7 @@ from splatgl.splat.culling import PIXEL_MARGIN, Frustum
 from splatgl.splat.footprint import NEAR, Quads, quad_plane, table_quad
 from splatgl.splat.plan import Plan
 from splatgl.splat.technique import COLUMNS, ROWS
-from splatgl.splat.view import View, perpendicular_axes, smallest_axis, tangents, voxel_ellipse
+from splatgl.splat.view import GridView, perpendicular_axes, smallest_axis, tangents, voxel_ellipse
 from tests.helpers.noise import GRIDS, inside, noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.twins import COUNT, Twin, pixel_of, some_voxels
@@ -19,11 +19,11 @@ from tests.helpers.twins import COUNT, Twin, pixel_of, some_voxels
 CASES = [(grid, view) for grid in GRIDS for view in ("far", "fitted", "parallel", "parallel, far")]
 
 
-def to_index(view: View, offset: np.ndarray) -> np.ndarray:
+def to_index(view: GridView, offset: np.ndarray) -> np.ndarray:
     return np.asarray(view.index_from_eye @ offset)
 
 
-def clip_from_eye(view: View, point: np.ndarray) -> np.ndarray:
+def clip_from_eye(view: GridView, point: np.ndarray) -> np.ndarray:
     """Clip coordinates [4, N]; NEAR is where z = −w, as z only clips what is nearer."""
     across = point[:2] / view.edge[:, None]
     one = np.ones_like(point[2])
@@ -31,21 +31,21 @@ def clip_from_eye(view: View, point: np.ndarray) -> np.ndarray:
     return np.stack([*across, *deep])
 
 
-def near_projection(view: View, voxel: np.ndarray, off: np.ndarray) -> np.ndarray:
+def near_projection(view: GridView, voxel: np.ndarray, off: np.ndarray) -> np.ndarray:
     """Distance [N], index axes, of the voxels from the rays at offsets [2, N], in pixels, from their centres."""
     slope = voxel[:2] / voxel[2] + off * view.pitch
     i, ray = to_index(view, voxel), to_index(view, np.stack([*slope, np.ones_like(voxel[2])]))
     return np.asarray(np.linalg.norm(np.cross(i, ray, axis=0), axis=0) / np.linalg.norm(ray, axis=0))
 
 
-def planar_projection(view: View, quad: Quads, off: np.ndarray) -> np.ndarray:
+def planar_projection(view: GridView, quad: Quads, off: np.ndarray) -> np.ndarray:
     """Footprint coordinates [2, N] at offsets [2, N], in pixels, on quads that are parallel to the image."""
     side = view.pixel_side(quad.voxel[2]) * off
     axes = (quad.axis_1, quad.axis_2)
     return np.stack([(axis[:2] * side).sum(axis=0) / size for axis, size in zip(axes, quad.size, strict=True)])
 
 
-def widened_corner(view: View, quad: Quads, corner: np.ndarray) -> np.ndarray:
+def widened_corner(view: GridView, quad: Quads, corner: np.ndarray) -> np.ndarray:
     """A corner [2, N] further out by PIXEL_MARGIN of a pixel along both axes."""
     return np.asarray(corner * (1 + PIXEL_MARGIN * view.pixel_side(quad.voxel[2]) / (quad.size * view.kernel.radius)))
 
@@ -55,7 +55,7 @@ def triangle_of(local: np.ndarray, off: np.ndarray) -> np.ndarray:
     return np.asarray((local[:2] * off).sum(axis=0) ** 2 + (local[2:] * off).sum(axis=0) ** 2)
 
 
-def form_radius(view: View, center: np.ndarray, half_side: np.ndarray) -> np.ndarray:
+def form_radius(view: GridView, center: np.ndarray, half_side: np.ndarray) -> np.ndarray:
     """[N]: R times the longest of the rays, index axes, at the corners of squares within the picture; before z_k."""
     ends = np.stack([center - half_side, center + half_side])
     middle = np.array(view.size)[:, None] / 2
@@ -107,7 +107,7 @@ def span_of(center: np.ndarray, extent: np.ndarray, row: np.ndarray, origin: np.
     return reached_by(center[0] + np.stack([low, high]), origin[0], COLUMNS, many)
 
 
-def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, View, Plan]:
+def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, GridView, Plan]:
     splats = noise(grid)
     plan = sg.plan(splats, views(splats)[name], SPLATS.but(**change), tiles=True)
     return splats, plan.view, plan

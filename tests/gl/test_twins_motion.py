@@ -11,7 +11,7 @@ from splatgl.reference.streaks import inner_of, length_of, passing
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
 from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, dwelt_opacity, hermite, isolation, stretched
 from splatgl.splat.plan import Plan
-from splatgl.splat.view import View, tangents
+from splatgl.splat.view import GridView, tangents
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.twins import COUNT, Twin, some_voxels
@@ -20,19 +20,19 @@ MOVE = sg.Motion(spin=(0, 3, 20), velocity=(0.4, 0, 0))
 BOTH = "bool widened = PERSPECTIVE == 0 || is_widened(v); Inner inner = inner_of(v, widened);"
 
 
-def moving(grid: str, name: str, motion: str = "exact", **change: object) -> tuple[sg.Splats, View, Plan]:
+def moving(grid: str, name: str, motion: str = "exact", **change: object) -> tuple[sg.Splats, GridView, Plan]:
     splats = noise(grid)
     plan = sg.plan(splats, views(splats)[name], SPLATS.but(tolerance=1e-6, motion=motion, **change), MOVE)
     assert plan.exposure is not None
     return splats, plan.view, plan
 
 
-def some_steps(rng: np.random.Generator, view: View, voxel: np.ndarray) -> np.ndarray:
+def some_steps(rng: np.random.Generator, view: GridView, voxel: np.ndarray) -> np.ndarray:
     """Paths [2, N] of up to 4 widths of the splats."""
     return np.asarray(rng.uniform(-4, 4, (2, voxel.shape[1])) * np.maximum(view.pixel_side(voxel[2]), view.widths[0]))
 
 
-def reach_along(view: View, voxel: np.ndarray, heading: np.ndarray, half: np.ndarray) -> np.ndarray:
+def reach_along(view: GridView, voxel: np.ndarray, heading: np.ndarray, half: np.ndarray) -> np.ndarray:
     """How far [N] rays that meet a kernel on its path are from its middle, along `heading` [2, N] at its depth."""
     steps = np.einsum("in,ij->jn", heading, view.eye_from_index[:2]) * view.kernel.radius
     deep = np.repeat(view.eye_from_index[2][:, None], half.size, axis=1) * view.kernel.radius

@@ -28,10 +28,10 @@ from splatgl.splat.clipping import FACE
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.lighting import surface_light
 from splatgl.splat.plan import Plan
-from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.sheets import Sheets, layer_wave
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.sheet_twins import RAMP, uniforms
 from tests.helpers.twins import COUNT, Twin
@@ -51,7 +51,7 @@ def planned(splats: sg.Splats, view: str, count: int, **changes: Any) -> Plan:
     return sg.plan(splats, views(splats)[view], settings, tiles=True)
 
 
-def sheet_place(sheets: Sheets, view: View, positions: np.ndarray, first: float) -> np.ndarray:
+def sheet_place(sheets: Sheets, view: GridView, positions: np.ndarray, first: float) -> np.ndarray:
     return sheets.places(view, positions) - first
 
 
@@ -316,11 +316,11 @@ def class_state(renderer: sg.Renderer, splats: sg.Splats) -> dict[str, object]:
     return class_uniforms(splats.post)
 
 
-def class_until(post: PostClassified, u: np.ndarray) -> np.ndarray:
+def class_until(post: ValueClassifier, u: np.ndarray) -> np.ndarray:
     return post.integral.until(post.value(u))
 
 
-def class_mean(post: PostClassified, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+def class_mean(post: ValueClassifier, first: np.ndarray, last: np.ndarray) -> np.ndarray:
     return post.integral.mean(post.value(first), post.value(last))
 
 

@@ -19,7 +19,7 @@ from splatgl.gl.program import build, splat_switches
 from splatgl.gl.textures import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT, SAMPLERS
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.plan import Plan
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 COUNT = 2000
 UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT, **SAMPLERS}
@@ -131,14 +131,14 @@ def functions() -> dict[str, str]:
     return found
 
 
-def some_voxels(rng: np.random.Generator, view: View, splats: sg.Splats, beside: float = 2.0) -> np.ndarray:
+def some_voxels(rng: np.random.Generator, view: GridView, splats: sg.Splats, beside: float = 2.0) -> np.ndarray:
     """Random voxels [3, N] among the splats; in perspective deeper than `beside` kernel reaches."""
     low, high = splats.index_bounds
     voxel = view.voxels(rng.uniform(low, high, (COUNT, 3)))
     return voxel[:, voxel[2] > (beside * view.reach if view.perspective else -np.inf)]
 
 
-def pixel_of(view: View, voxel: np.ndarray) -> np.ndarray:
+def pixel_of(view: GridView, voxel: np.ndarray) -> np.ndarray:
     """[2, N]: where voxels [3, N] are in the picture, pixels."""
     place = voxel[:2] / (voxel[2] if view.perspective else 1.0)
     return np.asarray(place / view.pitch + np.array(view.size)[:, None] / 2)

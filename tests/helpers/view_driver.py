@@ -25,7 +25,7 @@ from splatgl.errors import InputError
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud, stand_in, trackball
 from splatgl.viewer.document import Content
 from splatgl.viewer.jobs import Jobs
@@ -275,7 +275,7 @@ def main() -> None:
     if "whole" in asked:
         # bytes of samples that are read at once
         vars(ome_zarr)["WHOLE"] = asked.pop("whole")
-    scene = Scene.from_toml(Path(source)) if source.endswith(".toml") else Scene(source)
+    scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
     with Renderer(backend) as renderer:
         behind = asked.pop("behind", False)
         files = Files(Jobs(lambda: None), tuple(asked.pop("watched", ())), lambda: scene, time.monotonic())

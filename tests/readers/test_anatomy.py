@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.animation.camera_track import Swept, turning
 from splatgl.annotations.axes import letters
-from splatgl.scene.view import View
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.opaque_bounds import Opaque
 
 STEP = np.array([2.0, 2.5, 3.0])
@@ -151,12 +151,12 @@ def test_whatever_a_view_is_fitted_to_is_seen_from_the_front(frame: str | None) 
     subjects += [sg.extract(volume, transfer, classification=how) for how in ("pre", "post", "auto")]
     subjects += [Swept.of(volume, np.array([0.0, 0.0, 1.0]))]
     cameras = [sg.Camera.orbit(subject) for subject in subjects]
-    cameras += [View(azimuth=0.0, elevation=0.0).camera(volume, subject) for subject in subjects]
-    cameras += [turning(View(azimuth=0.0, elevation=0.0), volume, volume, 5.0).base]
+    cameras += [ViewOptions(azimuth=0.0, elevation=0.0).camera(volume, subject) for subject in subjects]
+    cameras += [turning(ViewOptions(azimuth=0.0, elevation=0.0), volume, volume, 5.0).base]
     for camera in cameras:
         assert np.allclose(camera.forward, (0, -1 if frame == "RAS" else 1, 0), atol=1e-9)
         if frame:
             towards, right, up = -camera.forward, camera.right, -camera.eye_from_world[1]
             assert [letters(frame, each) for each in (towards, right, up)] == ["A", "L", "S"]
-    default = View().camera(volume, volume)
+    default = ViewOptions().camera(volume, volume)
     assert frame is None or letters(frame, -default.forward)[0] in "AL"

@@ -12,8 +12,8 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.fileio import WHOLE
 from splatgl.readers.chunked import Chunked
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.scene import channel_transfers
 
 tifffile = pytest.importorskip("tifffile")
@@ -74,7 +74,7 @@ def test_one_time_point_is_decoded_alone(tmp_path: Path) -> None:
 
 def test_a_plane_is_no_terrain_and_time_no_depth(tmp_path: Path) -> None:
     """One plane of a microscope is seen along z; without its metadata pages are planes."""
-    volume = Scene(str(imwrite(tmp_path / "a.ome.tif", "TYX", ome=True))).open()
+    volume = SceneFile(str(imwrite(tmp_path / "a.ome.tif", "TYX", ome=True))).open()
     assert volume.shape == (1, 10, 12) and volume.hints.up == (0, -1, 0)
     tifffile.imwrite(tmp_path / "b.tif", values("TYX"), photometric="minisblack", metadata=None)
     assert sg.load(tmp_path / "b.tif").shape == (3, 10, 12)
@@ -427,11 +427,11 @@ def test_channels_are_one_picture(
     full = 1 - np.exp(-6 / 24)
     assert [look.points for look in looks] == [((100, 0), (900, full)), ((50, 0), (800, full))]
     scene = sg.Scene([sg.Layer(each, look) for each, look in zip(volume.channels, looks, strict=True)])
-    pixels = renderer.render(scene, View(size=(48, 48)).camera(volume, scene)).pixels
+    pixels = renderer.render(scene, ViewOptions(size=(48, 48)).camera(volume, scene)).pixels
     assert np.array_equal(np.load(out), pixels)
     red, green, blue, alpha = np.moveaxis(pixels, -1, 0)
     assert np.allclose(red, blue, atol=1e-6) and (np.minimum(red, green) > 0.05).sum() > 20 and alpha.max() > 0.7
-    scene_file = Scene(path.name, transfer={"color_of": [["DAPI", "#ff00ff"]], "window_of": list(windows.items())})
+    scene_file = SceneFile(path.name, transfer={"color_of": [["DAPI", "#ff00ff"]], "window_of": list(windows.items())})
     (tmp_path / "scene.toml").write_text(scene_file.to_toml(tmp_path))
     assert main(["render", "scene.toml", "--size", "48", "-o", "b.npy", "--quiet"]) == 0
     assert np.array_equal(np.load(tmp_path / "b.npy"), pixels)
@@ -506,10 +506,10 @@ def test_flat_stacks_are_seen_as_in_a_microscope(renderer: sg.Renderer, tmp_path
     tifffile.imwrite(tmp_path / "a.ome.tif", stack, ome=True, metadata={"axes": "ZYX"}, photometric="minisblack")
     tifffile.imwrite(tmp_path / "plain.tif", stack, photometric="minisblack")
     assert not sg.load(tmp_path / "plain.tif").hints.stack
-    volume = Scene(str(tmp_path / "a.ome.tif")).open()
+    volume = SceneFile(str(tmp_path / "a.ome.tif")).open()
     assert volume.hints.stack and "seen along z" in volume.notes[-1]
     splats = sg.extract(volume, sg.Transfer([(30, 0), (220, 0.9)]))
-    camera = View(size=(60, 40)).camera(volume, splats)
+    camera = ViewOptions(size=(60, 40)).camera(volume, splats)
     assert np.allclose(camera.right, (1, 0, 0)) and np.allclose(camera.forward, (0, 0, 1))
     image = renderer.render(splats, camera)
     alpha = image.pixels[..., 3]

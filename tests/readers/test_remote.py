@@ -18,7 +18,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.readers import remote
 from splatgl.readers.remote import is_address, name_of
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
 
@@ -205,9 +205,9 @@ def test_pictures_and_scenes(server: Server, store: None, tmp_path: Path, monkey
     assert main(["render", server("v.ome.zarr"), *asked, "a.npy"]) == 0
     assert main(["render", str(tmp_path / "served" / "v.ome.zarr"), *asked, "b.npy"]) == 0
     assert np.array_equal(np.load("a.npy"), np.load("b.npy")) and np.load("a.npy").max() > 0.1
-    scene = Scene(server("v.ome.zarr"), transfer={"points": SOFT.points})
+    scene = SceneFile(server("v.ome.zarr"), transfer={"points": SOFT.points})
     (tmp_path / "s.toml").write_text(scene.to_toml(tmp_path))
-    assert Scene.from_toml(tmp_path / "s.toml").volume == server("v.ome.zarr")
+    assert SceneFile.from_toml(tmp_path / "s.toml").volume == server("v.ome.zarr")
 
 
 def test_names_stay_inside_the_copy(server: Server, store: None) -> None:

@@ -15,8 +15,8 @@ import splatgl as sg
 from splatgl.reference.field import field_integral, kept_field_integral, kernel_field, trilinear_field
 from splatgl.splat.extract_values import PREFILTERED, margin_of, prefiltered
 from splatgl.splat.kernels import FREE, kernel
-from splatgl.splat.preintegration import PostClassified
-from splatgl.splat.resolve import suited
+from splatgl.splat.preintegration import ValueClassifier
+from splatgl.splat.resolve import select_splats
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 
 STEP = 1e-5
@@ -88,7 +88,7 @@ def rmse(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("name", FORMULAS)
 def test_the_b_spline_is_nearer_than_trilinear(name: str, ratio: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its ends unlit as those of the others: the formulas go on beyond the grid."""
-    monkeypatch.setattr(PostClassified, "around", lambda _, u: (u, np.zeros(len(u), bool)))
+    monkeypatch.setattr(ValueClassifier, "around", lambda _, u: (u, np.zeros(len(u), bool)))
     # its pictures are kept for no other test
     case = Known.of(name, ratio, 30 if ratio > 1 else 24)
     right = case.picture()
@@ -168,7 +168,7 @@ def test_fields_pass_through_what_they_interpolate() -> None:
     """Trilinear through samples; the b-spline's coefficients near them, unlike a kernel without prefilter."""
     case = known("balls", 1)
     samples = case.volume.samples
-    post = PostClassified.of(case.transfer, "b-spline", samples.shape[::-1])
+    post = ValueClassifier.of(case.transfer, "b-spline", samples.shape[::-1])
     places = np.stack([index.ravel() for index in np.indices(samples.shape)[::-1]])
     value, gradient = trilinear_field(case.volume, post)(places)
     assert np.abs(value - samples.ravel()).max() < 1e-6
@@ -320,7 +320,7 @@ def test_missing_samples_leave_a_field_of_the_others() -> None:
     """A NaN has no share: the mean of the others is what is left."""
     cells = np.full((6, 6, 6), 0.7)
     cells[2, 3, 3] = np.nan
-    post = PostClassified.of(sg.Transfer([(0, 0), (1, 1)]), "b-spline", (6, 6, 6))
+    post = ValueClassifier.of(sg.Transfer([(0, 0), (1, 1)]), "b-spline", (6, 6, 6))
     places = np.random.default_rng(1).uniform(0, 5, (3, 200))
     for field in (kernel_field(sg.Volume(cells), kernel("b-spline"), post), trilinear_field(sg.Volume(cells), post)):
         value, _ = field(places)
@@ -351,7 +351,7 @@ def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     transfer, camera = sg.default_transfer(volume), sg.Camera.orbit(volume, 30, 20, size=(40, 30))
     splats, settings = sg.extract(volume, transfer), sg.Settings(blend=blend, antialias="off")
     pixels = np.flatnonzero(np.random.default_rng(1).random(1200) < 0.2)
-    kept = suited(splats, settings, moving=False)
+    kept = select_splats(splats, settings, moving=False)
     found = kept_field_integral(kept, camera, pixels, settings=settings)
     right = field_integral(volume, transfer, camera, "b-spline", 4, blend=blend).pixels.reshape(-1, 4)[pixels]
     assert right.max() > 0.3 and np.abs(found - right).max() < 1e-3 * max(right.max(), 1.0)

@@ -11,7 +11,7 @@ from splatgl.reference.ray_integral import ray_integral
 from splatgl.reference.renderer import render
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 from tests.helpers.splatting import SPLATS
 
 
@@ -37,7 +37,7 @@ def test_one_splat_is_its_line_integral(spacing: tuple[float, float, float], par
         camera = sg.Camera.look_at(middle + away * np.array([0.6, -0.7, 0.2]), middle, (0, 0, 1), 60, (6, 5))
         camera = camera.parallel(splats, 2.0) if parallel else camera
         x, y = (slope / (1 if camera.perspective else splats.grid.mean_spacing) for slope in camera.slopes())
-        view = View.of(splats.grid, camera, kernel("crawfis-max"), antialias=False)
+        view = GridView.of(splats.grid, camera, kernel("crawfis-max"), antialias=False)
         voxel = view.voxels(splats.positions)[:, :, None]
         value = row1(view, voxel, np.stack(np.broadcast_arrays(x[None, :], y[:, None]))).value
         found = ray_integral(splats, camera, steps_per_voxel=64).pixels[..., 3]

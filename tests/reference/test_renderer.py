@@ -17,7 +17,7 @@ from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import Resolved
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
 
@@ -76,7 +76,7 @@ def test_one_splat_is_its_line_integral() -> None:
     camera = sg.Camera.look_at((0, 0, 0), (2, 1, 20), (0, -1, 0), 40, (12, 8))
     found = render(splats, camera, SPLATS.but(attenuation="optical-depth")).pixels
     x, y = camera.slopes()
-    view = View.of(splats.grid, camera, kernel("crawfis-max"))
+    view = GridView.of(splats.grid, camera, kernel("crawfis-max"))
     assert (view.coverage(view.voxels(splats.positions)[2]) < 1).all()
     voxel = view.voxels(splats.positions)[:, :, None]
     value = row1(view, voxel, np.stack(np.broadcast_arrays(x[None, :], y[:, None]))).value
@@ -166,7 +166,7 @@ def test_homogeneous_slab(kernel_name: str, bound: float, distance: float) -> No
 def by_hand(splats: sg.Splats, camera: sg.Camera, blend: str) -> np.ndarray:
     """The picture, a splat at a time over all pixels, back to front."""
     plan = sg.plan(splats, camera, SPLATS)
-    view = View.of(splats.grid, camera, kernel("crawfis-max"), plan.program.seen.antialias)
+    view = GridView.of(splats.grid, camera, kernel("crawfis-max"), plan.program.seen.antialias)
     x, y = (slopes / (1 if camera.perspective else splats.grid.mean_spacing) for slopes in camera.slopes())
     ray = np.stack(np.broadcast_arrays(x[None, :], y[:, None]))
     picture = np.zeros((*ray.shape[1:], 4))
@@ -221,7 +221,7 @@ def test_boxes_hold_every_ray(row: str, pixels: int, monkeypatch: pytest.MonkeyP
         assert np.abs(found - right).max() < 1e-11
 
 
-def everywhere(view: View, row: str, voxel: np.ndarray, camera: sg.Camera) -> Boxes:
+def everywhere(view: GridView, row: str, voxel: np.ndarray, camera: sg.Camera) -> Boxes:
     zero = np.zeros(voxel.shape[1], np.int64)
     return Boxes(zero, zero + camera.size[0], zero, zero + camera.size[1])
 

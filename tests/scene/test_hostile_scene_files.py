@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from splatgl.errors import InputError
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
-READ: dict[str, Callable[[Path], object]] = {"scene": Scene.from_toml, "transfer": Transfer.load}
+READ: dict[str, Callable[[Path], object]] = {"scene": SceneFile.from_toml, "transfer": Transfer.load}
 HEAD = 'volume = "tunnel"\n'
 BAD_TEXT = {
     "digits": "threshold = " + "9" * 5000,
@@ -58,7 +58,7 @@ def test_values_of_the_wrong_kind(tmp_path: Path, text: str, message: str) -> No
     path = tmp_path / "a.toml"
     path.write_text(HEAD + text)
     with pytest.raises(InputError) as caught:
-        Scene.from_toml(path)
+        SceneFile.from_toml(path)
     assert str(caught.value).startswith(str(path)) and message in str(caught.value)
 
 

@@ -14,8 +14,8 @@ from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.cli.options import layer_option
 from splatgl.gl import layers as layer_tiles
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.scene import joined
 
 FOG = {"a": (0.05, "gray"), "b": (0.12, "viridis")}
@@ -260,14 +260,14 @@ def test_layers_of_the_command_line(
     other = replace(sg.default_transfer(volumes[1]), colormap="viridis")
     points = sg.Transfer([(0.4, 0), (0.7, 0.6)])
     scene = sg.Scene([sg.Layer(volumes[0], points), sg.Layer(volumes[1], other, opacity=0.5)])
-    camera = View(size=(40, 40)).camera(volumes[0], scene)
+    camera = ViewOptions(size=(40, 40)).camera(volumes[0], scene)
     pixels = np.load(out)
     assert np.array_equal(pixels, renderer.render(scene, camera).pixels) and pixels[..., 3].max() > 0.5
 
-    made = Scene(first, transfer={"points": ((0.4, 0.0), (0.7, 0.6))}, view=View(size=(40, 40)))
-    made = replace(made, layers=(Scene(second, transfer={"colormap": "viridis"}, opacity=0.5),))
+    made = SceneFile(first, transfer={"points": ((0.4, 0.0), (0.7, 0.6))}, view=ViewOptions(size=(40, 40)))
+    made = replace(made, layers=(SceneFile(second, transfer={"colormap": "viridis"}, opacity=0.5),))
     (tmp_path / "scene.toml").write_text(made.to_toml(tmp_path))
-    assert Scene.from_toml(tmp_path / "scene.toml").layers == made.layers
+    assert SceneFile.from_toml(tmp_path / "scene.toml").layers == made.layers
     assert main(["render", str(tmp_path / "scene.toml"), "-o", str(out), "--check", "0", "--quiet"]) == 0
     assert np.array_equal(np.load(out), pixels)
 
@@ -286,7 +286,7 @@ def test_layers_of_the_command_line(
     ],
 )
 def test_what_a_layer_is(text: str, volume: str, transfer: dict[str, str], opacity: float) -> None:
-    assert layer_option(text) == Scene(volume, transfer=transfer, opacity=opacity)
+    assert layer_option(text) == SceneFile(volume, transfer=transfer, opacity=opacity)
 
 
 @pytest.mark.parametrize(
@@ -332,7 +332,7 @@ def test_bad_layers_of_scene_files_are_told(tmp_path: Path) -> None:
     ):
         path.write_text('volume = "tunnel"\n' + text)
         with pytest.raises(sg.InputError, match=said):
-            Scene.from_toml(path)
+            SceneFile.from_toml(path)
 
 
 @pytest.mark.long

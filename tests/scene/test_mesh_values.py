@@ -15,7 +15,7 @@ from splatgl.cli.main import main
 from splatgl.cli.options import mesh_option
 from splatgl.errors import InputError
 from splatgl.scene.meshes import MeshFile
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.clipping import planes
 from splatgl.splat.colormaps import colormap
 from tests.helpers.meshes import PLAIN, along_y, block, cloud, knots
@@ -243,8 +243,8 @@ def test_scene_files_and_commands(tmp_path: Path, capsys: pytest.CaptureFixture[
     source = vtp(tmp_path, array("a", "1 2 3 4 5") + array("b", "5 4 3 2 1"))
     mesh = MeshFile(source, "hot", array="b", window=(1.0, 4.0), clip=True)
     path = tmp_path / "scene.toml"
-    path.write_text(Scene(source, meshes=(mesh,)).to_toml(tmp_path))
-    assert Scene.from_toml(path).meshes == (mesh,)
+    path.write_text(SceneFile(source, meshes=(mesh,)).to_toml(tmp_path))
+    assert SceneFile.from_toml(path).meshes == (mesh,)
     opened = mesh.open()
     assert opened.clipped and opened.window == (1.0, 4.0) and Scale.of([opened]) == (Scale("hot", 1.0, 4.0, "b"),)
     out = tmp_path / "o.npy"
@@ -259,7 +259,7 @@ def test_scene_files_and_commands(tmp_path: Path, capsys: pytest.CaptureFixture[
     for bad in ("array = 3", "window = [3, 1]", 'window = "a"', 'clip = "yes"'):
         path.write_text(f'volume = "a.vtp"\n[[mesh]]\nfile = "a.vtp"\n{bad}\n')
         with pytest.raises(InputError, match=f"{bad.split()[0]}: expected"):
-            Scene.from_toml(path)
+            SceneFile.from_toml(path)
     assert main(["render", source, "--mesh", f"{source}:nosuch", *options]) == 2
     assert "a colour such as #e8dcc8 or red, or a colour map such as viridis, got 'nosuch'" in capsys.readouterr().err
     for look in ({"values": [1, 2]}, {"values": "a"}, {"window": (3, 3)}, {"corner_normals": np.zeros((1, 3))}):

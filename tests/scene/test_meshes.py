@@ -16,7 +16,7 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.reference.layers import crossings
 from splatgl.scene.meshes import MeshFile
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.culling import Window
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 from tests.helpers.meshes import PLAIN, RED, along_y, block, cloud, knots
@@ -325,7 +325,7 @@ def test_commands_draw_meshes(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     out, source = tmp_path / "o.npy", str(tmp_path / "a.npy")
     assert main(["render", source, "-o", str(out), "--mesh", f"{tmp_path / 'a.ply'}:tomato:0.5", *options]) == 0
     first = np.load(out)
-    scene = Scene(source, meshes=(MeshFile(str(tmp_path / "a.ply"), "tomato", 0.5),))
+    scene = SceneFile(source, meshes=(MeshFile(str(tmp_path / "a.ply"), "tomato", 0.5),))
     (tmp_path / "s.toml").write_text(scene.to_toml(tmp_path))
     assert 'file = "a.ply"' in (tmp_path / "s.toml").read_text()
     assert main(["render", str(tmp_path / "s.toml"), "-o", str(out), *options]) == 0

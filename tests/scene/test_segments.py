@@ -14,7 +14,7 @@ from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
 from splatgl.fileio import limit
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 
 MIDDLE = np.array([11.7, 11.4, 11.9])
 TABLE = (Label(1, "liver", "#c04020"), Label(2, "tumour", "#20c040", 0.5), Label(9, "vein", hidden=True))
@@ -249,9 +249,9 @@ def test_commands(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "splats and" in out and err.count("drawn as smoothed surfaces (0.5)") == 1
     assert main(["pick", "gray.npy", "12,12", *look, "--quiet"]) == 0
     assert "mesh: " in capsys.readouterr().out
-    scene = Scene("seg.npy", load={"values": "labels"}, surfaces=0.25, layers=(Scene("seg.npy", surfaces=1.0),))
+    scene = SceneFile("seg.npy", load={"values": "labels"}, surfaces=0.25, layers=(SceneFile("seg.npy", surfaces=1.0),))
     Path("scene.toml").write_text(scene.to_toml(files))
-    found = Scene.from_toml(Path("scene.toml"))
+    found = SceneFile.from_toml(Path("scene.toml"))
     assert found.surfaces == 0.25 and found.layers[0].surfaces == 1.0
     assert main(["animate", "scene.toml", "--frames", "2", "--size", "16", "-o", "f{frame}.png", "--quiet"]) == 0
     assert Path("f1.png").exists() and capsys.readouterr().err == ""

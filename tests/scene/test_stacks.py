@@ -12,8 +12,8 @@ import splatgl as sg
 from splatgl.animation.camera_track import turning
 from splatgl.cli.main import main
 from splatgl.data.volume import Hints, Volume
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View, is_flat_stack, seen_along_z
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions, is_flat_stack, seen_along_z
 
 
 def stack(depth: int = 6) -> Volume:
@@ -50,13 +50,13 @@ def test_what_is_a_flat_stack(name: str) -> None:
     changes, flat = CASES[name]
     volume = seen_along_z(replace(stack(), **changes))
     assert is_flat_stack(replace(stack(), **changes)) == flat == (len(volume.notes) == 1)
-    assert (abs(View().camera(volume, volume).forward[2]) > 0.999) == flat
+    assert (abs(ViewOptions().camera(volume, volume).forward[2]) > 0.999) == flat
 
 
 def test_x_is_to_the_right_and_y_down(renderer: sg.Renderer) -> None:
     volume = seen_along_z(stack())
     splats = sg.extract(volume, sg.default_transfer(volume))
-    camera = View(size=(60, 40)).camera(volume, volume)
+    camera = ViewOptions(size=(60, 40)).camera(volume, volume)
     assert np.allclose(camera.forward, [0, 0, 1]) and np.allclose(camera.right, [1, 0, 0])
     alpha = renderer.render(splats, camera).pixels[..., 3]
     rows, columns = np.nonzero(alpha > 0.5)
@@ -69,19 +69,19 @@ def test_x_is_to_the_right_and_y_down(renderer: sg.Renderer) -> None:
 @pytest.mark.parametrize("asked", [{"up": (0.0, 1.0, 0.0)}, {"eye": (0.0, -200.0, 50.0)}])
 def test_a_view_that_says_what_is_up_is_taken(asked: dict[str, object], tmp_path: Path) -> None:
     np.save(tmp_path / "stack.npy", stack().samples)
-    scene = Scene(str(tmp_path / "stack.npy"), view=View(**asked))
-    found, right = scene.view.camera(scene.open(), stack()), View(**asked).camera(stack(), stack())
+    scene = SceneFile(str(tmp_path / "stack.npy"), view=ViewOptions(**asked))
+    found, right = scene.view.camera(scene.open(), stack()), ViewOptions(**asked).camera(stack(), stack())
     assert np.allclose(found.eye, right.eye) and np.allclose(found.eye_from_world, right.eye_from_world)
 
 
 def test_azimuth_and_elevation_turn_what_is_seen() -> None:
     """About the picture's columns, as a projection in Fiji, and towards its lower edge."""
     volume = seen_along_z(stack())
-    track = turning(View(), volume, volume, 90.0)
+    track = turning(ViewOptions(), volume, volume, 90.0)
     assert np.allclose(np.abs(track.camera(1).forward), [1, 0, 0])
-    for camera in (track.camera(1), View(azimuth=50.0).camera(volume, volume)):
+    for camera in (track.camera(1), ViewOptions(azimuth=50.0).camera(volume, volume)):
         assert np.allclose(camera.eye_from_world[1], [0, 1, 0])
-    tilted = View(elevation=30.0).camera(volume, volume)
+    tilted = ViewOptions(elevation=30.0).camera(volume, volume)
     assert np.allclose(tilted.right, [1, 0, 0]) and np.allclose(tilted.forward, [0, 0.5, np.sqrt(0.75)])
 
 

@@ -10,7 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
-from splatgl.splat.ambient_occlusion import BEFORE, Coarse, Cues, Sweep, axes, sky_of
+from splatgl.splat.ambient_occlusion import BEFORE, Coarse, LightVolume, Sweep, axes, sky_of
 from splatgl.splat.grid import trilinear
 from tests.helpers.noise import GRIDS, views
 
@@ -104,7 +104,7 @@ def test_corners_are_darker_and_edges_are_not() -> None:
     samples = np.zeros((40, 40, 40))
     samples[:10] = samples[:, :10] = 1
     splats = block(samples, 0.999)
-    cues = Cues(((splats, ()),), splats.grid, 1.0, 0.0, None)
+    cues = LightVolume(((splats, ()),), splats.grid, 1.0, 0.0, None)
     up, into = np.array([[0, 0, 1.0]]), np.array([[0, 0, -1.0]])
     corner, far = (cues.reached(np.array([[20.0, y, 9.5]]), up, into)[0][0] for y in (11.0, 34.0))
     # the half of a plane's sky that a wall leaves
@@ -120,7 +120,7 @@ def test_a_wall_casts_its_outline() -> None:
     samples[4:20, 20:40, 28:32] = 1
     splats = block(samples, 0.9999)
     light = unit(-1, 0, 1)
-    cues = Cues(((splats, ()),), splats.grid, 0.0, 1.0, light)
+    cues = LightVolume(((splats, ()),), splats.grid, 0.0, 1.0, light)
     normal, seen = np.array([[0, 0, 1.0]]), np.array([[0, 0, -1.0]])
 
     def border(places: np.ndarray) -> float:

@@ -11,9 +11,9 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.reference.field import field_integral
-from splatgl.scene.view import View
+from splatgl.scene.view import ViewOptions
 from splatgl.splat import extract, resolve
-from splatgl.splat.resolve import extracted, suited
+from splatgl.splat.resolve import extracted, select_splats
 from tests.helpers.splatting import SPLATS
 
 TRANSFER = sg.Transfer([(0.3, 0.0), (0.8, 0.6)], colormap="hot", window=(0.0, 1.0))
@@ -98,12 +98,12 @@ def test_a_moving_picture_is_classified_as_a_still(renderer: sg.Renderer, splats
 
 def test_pictures_extract_others_once(renderer: sg.Renderer, volume: sg.Volume, camera: sg.Camera) -> None:
     splats = sg.extract(volume, TRANSFER)
-    first, again = (suited(splats, SPLATS, False) for _ in range(2))
-    assert first is again and first.post is None and suited(splats, sg.Settings(), False) is splats
-    assert suited(first, sg.Settings(), False) is first
+    first, again = (select_splats(splats, SPLATS, False) for _ in range(2))
+    assert first is again and first.post is None and select_splats(splats, sg.Settings(), False) is splats
+    assert select_splats(first, sg.Settings(), False) is first
     own = extracted(volume, TRANSFER, sg.Settings(order="back-to-front"))
-    assert own.post is None and suited(own, sg.Settings(), False).post is not None
-    assert suited(splats, sg.Settings(blend="mip"), False) is not suited(splats, sg.Settings(), False)
+    assert own.post is None and select_splats(own, sg.Settings(), False).post is not None
+    assert select_splats(splats, sg.Settings(blend="mip"), False) is not select_splats(splats, sg.Settings(), False)
 
 
 def test_what_is_made_of_splats_is_not_extracted_again(splats: sg.Splats) -> None:
@@ -117,7 +117,7 @@ def test_what_is_made_of_splats_is_not_extracted_again(splats: sg.Splats) -> Non
         splats.classified_after(post),
         flow.moved(splats, -0.5),
     )
-    assert all(each.source is None and suited(each, SPLATS, False) is each for each in made)
+    assert all(each.source is None and select_splats(each, SPLATS, False) is each for each in made)
 
 
 def test_a_view_is_fitted_to_what_is_visible(splats: sg.Splats) -> None:
@@ -126,11 +126,11 @@ def test_a_view_is_fitted_to_what_is_visible(splats: sg.Splats) -> None:
     ball = sg.Volume((place < 5).astype(np.float32))
     after, before = (sg.extract(ball, TRANSFER, classification=how) for how in ("post", "pre"))
     assert len(after) > len(before)
-    first, second = (View(size=(20, 20)).camera(ball, each) for each in (after, before))
+    first, second = (ViewOptions(size=(20, 20)).camera(ball, each) for each in (after, before))
     assert np.array_equal(first.eye, second.eye) and np.array_equal(first.eye_from_world, second.eye_from_world)
     assert splats.post is not None
     clear = splats.classified_after(splats.post.recolored(sg.Transfer([(0.3, 0.0), (0.8, 0.0)])))
-    assert np.array_equal(View().camera(ball, clear).eye, View().camera(ball, ball).eye)
+    assert np.array_equal(ViewOptions().camera(ball, clear).eye, ViewOptions().camera(ball, ball).eye)
 
 
 @pytest.mark.parametrize("why", ["threshold", "colours of its own", "many values", "values from"])
@@ -155,7 +155,7 @@ def test_volumes_of_which_voxels_are_classified(
     assert image.info["classification"] == "pre" and image.info["sheets"] == 3
     before = sg.extract(volume, transfer, threshold, classification="pre")
     again = extracted(volume, transfer, sg.Settings(), threshold)
-    assert suited(again, sg.Settings(), False) is again and len(again) == len(before)
+    assert select_splats(again, sg.Settings(), False) is again and len(again) == len(before)
     assert np.array_equal(renderer.render(before, camera).pixels, image.pixels)
     assert f"reconstruction left out: {said}" in renderer.plan(splats, camera).explain()
 

@@ -26,7 +26,7 @@ from splatgl.splat.kernels import kernel
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.settings import Settings
 from splatgl.splat.sheets import Sheets
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 from tests.helpers.bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
 from tests.helpers.noise import GRIDS
 from tests.helpers.splatting import spread
@@ -201,7 +201,7 @@ def test_shells_hold_what_reaches_them(name: str, rng: np.random.Generator) -> N
     volume = sg.Volume(noise(rng, (20, 17, 22)), spacing=(1, 1.3, 0.8))
     bricks = in_bricks(volume, RAMP, ALL)
     records = np.concatenate([bricks.records(n) for n in range(len(bricks.low))])
-    view = View.of(bricks.whole.grid, cameras(volume)[name], kernel("b-spline"), antialias=False)
+    view = GridView.of(bricks.whole.grid, cameras(volume)[name], kernel("b-spline"), antialias=False)
     sheets = Sheets.of(kernel("b-spline"), 3, 2)
     base = sheets.base(sheets.places(view, records["position"]))
     count = 0

@@ -13,7 +13,7 @@ from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.reference.field import kept_field_integral
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.clipping import MOST_CLIPS, Box, Plane, crop_planes, left, planes, planes_of
 from splatgl.splat.grid import corners_of
@@ -256,15 +256,17 @@ def test_parts_in_voxels() -> None:
 
 def test_scenes_keep_their_cuts(tmp_path: Path) -> None:
     """Written to a file and read again; a layer's empty list too."""
-    scene = Scene("fog", clip=("x>0.3", "z<10mm"), crop="1:9,:,:", layers=(Scene("fog", clip=()), Scene("fog")))
+    scene = SceneFile(
+        "fog", clip=("x>0.3", "z<10mm"), crop="1:9,:,:", layers=(SceneFile("fog", clip=()), SceneFile("fog"))
+    )
     path = tmp_path / "scene.toml"
     path.write_text(scene.to_toml(tmp_path))
-    again = Scene.from_toml(path)
+    again = SceneFile.from_toml(path)
     assert (again.clip, again.crop) == (scene.clip, scene.crop)
     assert [each.clip for each in again.layers] == [(), None]
     path.write_text('volume = "fog"\nclip = [3]\n')
     with pytest.raises(InputError, match="clip: expected conditions"):
-        Scene.from_toml(path)
+        SceneFile.from_toml(path)
 
 
 @pytest.mark.long

@@ -11,7 +11,7 @@ import splatgl as sg
 from splatgl.reference.rays import pixel_boxes
 from splatgl.splat.culling import Window
 from splatgl.splat.kernels import kernel
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
 
@@ -44,7 +44,7 @@ def test_the_window_holds_all_that_the_reference_reaches(grid: str, parallel: bo
         camera = sg.Camera.look_at(eye, target, rng.normal(size=3), 1.0, (500, 400))
         camera = camera.parallel(splats) if parallel else camera
         window = sg.plan(splats, camera, SPLATS).window
-        view = View.of(splats.grid, camera, kernel("crawfis-max"))
+        view = GridView.of(splats.grid, camera, kernel("crawfis-max"))
         box = pixel_boxes(view, "row1", view.voxels(splats.positions), camera)
         reached = (int(box.left[0]), int(box.right[0]), int(box.top[0]), int(box.bottom[0]))
         assert window.x <= reached[0] and reached[1] <= window.x + window.width

@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.splat import mask_field
 from splatgl.splat.bricks import Bricks
-from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.preintegration import ValueClassifier
 
 
 def faces(kind: str, n: int = 12) -> sg.Volume:
@@ -119,7 +119,7 @@ class Stored:
 
 
 def in_bricks(volume: sg.Volume) -> Bricks:
-    return Bricks.of(volume, PostClassified.of(WHITE, "b-spline", volume.shape[::-1]), side=7)
+    return Bricks.of(volume, ValueClassifier.of(WHITE, "b-spline", volume.shape[::-1]), side=7)
 
 
 def test_missing_samples_that_nothing_masks_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.volume import Label
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.colormaps import label_color, label_opacity
 from splatgl.splat.label_detection import AMOUNTS, LABELS, MASK, decided, kind_of
 
@@ -154,13 +154,13 @@ def test_the_choice_is_told_and_an_option_changes_it(tmp_path: Path, capsys: pyt
         assert main(["info", path]) == 0
         err = capsys.readouterr().err
         assert said in err and f"--values {other} draws" in err and err.count("\n") == 1
-        scene = Scene(path, {"values": other})
+        scene = SceneFile(path, {"values": other})
         volume = scene.open()
         assert not volume.notes and bool(scene.transfer_for(volume).labels) == (other == "labels")
         assert bool(sg.default_transfer(sg.load(path, values=other)).labels) == (other == "labels")
         assert bool(sg.default_transfer(sg.Volume.of(np.load(path), values=other)).labels) == (other == "labels")
     # what is given decides, and nothing is to be told
-    assert not Scene(path, transfer={"preset": "surface"}).open().notes
+    assert not SceneFile(path, transfer={"preset": "surface"}).open().notes
     with pytest.raises(sg.InputError, match="values: expected labels, amounts or heights, got 'names'"):
         sg.load(path, values="names")
     table = sg.Volume(atlas(4).astype(np.uint8), labels=(Label(1, "one"),))
@@ -200,12 +200,12 @@ def test_options_of_amounts_draw_amounts(tmp_path: Path) -> None:
     """Unless the file itself says that its numbers are labels: then they are refused, not left out."""
     np.save(tmp_path / "a.npy", atlas(12).astype(np.uint8))
     for given in ({"window": (0, 9)}, {"colormap": "hot"}, {"points": ((0, 0), (9, 1))}):
-        scene = Scene(str(tmp_path / "a.npy"), transfer=given)
+        scene = SceneFile(str(tmp_path / "a.npy"), transfer=given)
         volume = scene.open()
         assert not volume.notes and not scene.transfer_for(volume).labels
     with pytest.raises(sg.InputError, match="labels: expected none of the options of amounts, got window; --values"):
-        Scene("a", transfer={"window": (0, 9)}).transfer_for(sg.Volume(atlas(12).astype(np.uint8), labels=()))
+        SceneFile("a", transfer={"window": (0, 9)}).transfer_for(sg.Volume(atlas(12).astype(np.uint8), labels=()))
     cube = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
     (tmp_path / "a.off").write_text(cube)
     with pytest.raises(sg.InputError, match="options: expected none of volumes for a mesh, got spacing"):
-        Scene(str(tmp_path / "a.off"), {"spacing": (1, 1, 1)}).open()
+        SceneFile(str(tmp_path / "a.off"), {"spacing": (1, 1, 1)}).open()

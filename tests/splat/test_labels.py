@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
-from splatgl.scene.view import View
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.colormaps import COLORS, color_of
 from splatgl.splat.presets import label_transfer
 
@@ -129,12 +129,14 @@ def test_labels_of_the_command_line(renderer: sg.Renderer, tmp_path: Path, capsy
     labels = sg.load(tmp_path / "seg.npy")
     ball = sg.load(tmp_path / "ball.npy")
     scene = sg.Scene([ball, sg.Layer(labels, label_transfer(labels, [(2, 1.0), (7, 0.5)]))])
-    camera = View(size=(30, 30)).camera(ball, scene)
+    camera = ViewOptions(size=(30, 30)).camera(ball, scene)
     assert np.array_equal(np.load(out), renderer.render(scene, camera).pixels)
     alone = ["render", str(tmp_path / "seg.npy"), "--size", "30", "-o", str(out), "--quiet"]
     assert main([*alone, "--only-labels", "9"]) == 0
     splats = sg.extract(labels, label_transfer(labels, [(9, 1.0)]))
-    assert np.array_equal(np.load(out), renderer.render(splats, View(size=(30, 30)).camera(labels, splats)).pixels)
+    assert np.array_equal(
+        np.load(out), renderer.render(splats, ViewOptions(size=(30, 30)).camera(labels, splats)).pixels
+    )
     for more, said in (
         (["--only-labels", "4"], "some of 2, 7, 9, got 4"),
         (["--only-labels", "x"], "expected labels N"),

@@ -10,7 +10,7 @@ from splatgl.splat.footprint import ROWS, Splat, on_quads, table_quad
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import Gaussian, kernel, tabulated
 from splatgl.splat.line_integral import row1
-from splatgl.splat.view import View
+from splatgl.splat.view import GridView
 
 KERNELS = ("crawfis-max", "gaussian")
 TURN = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -22,17 +22,17 @@ GRIDS = {
 }
 
 
-def view_of(matrix: np.ndarray, name: str = "crawfis-max", height: float | None = None, fov: float = 60) -> View:
+def view_of(matrix: np.ndarray, name: str = "crawfis-max", height: float | None = None, fov: float = 60) -> GridView:
     """100 pixels high, from an eye at no special place."""
     grid = Grid(matrix, np.array([1.0, 2, 3]))
     eye, target, up = (4, 5, -6), (1, 0, 20), (0, 1, 0)
     camera = sg.Camera.look_at(eye, target, up, fov, (100, 100))
     if height:
         camera = sg.Camera.orthographic(eye, target, up, height, (100, 100))
-    return View.of(grid, camera, kernel(name))
+    return GridView.of(grid, camera, kernel(name))
 
 
-def some_rays(view: View, depth: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def some_rays(view: GridView, depth: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Voxels [3, N] of those depths all over the picture, and rays [2, N] near them, widened as they are."""
     n = len(depth)
     voxel = np.concatenate([rng.uniform(-0.57, 0.57, (2, n)) * depth, depth[None]])
@@ -58,7 +58,7 @@ def test_cubes_are_table_1(matrix: np.ndarray, name: str, rng: np.random.Generat
         assert found.coverage == pytest.approx(splat.m**-2, rel=1e-12)
 
 
-def brute_force(view: View, voxel: np.ndarray, ray: np.ndarray) -> tuple[float, int]:
+def brute_force(view: GridView, voxel: np.ndarray, ray: np.ndarray) -> tuple[float, int]:
     """∫ Π f_i(z) h(A⁻¹[U f(z) Uᵀ(w z − c); z − z_v]) ds in front of the eye; and how many axes are widened."""
     nodes, weights = np.polynomial.legendre.leggauss(16)
     edges = np.linspace(voxel[2] - view.reach, voxel[2] + view.reach, 3001)
@@ -117,7 +117,7 @@ def test_brute_force_along_the_ray(grid: str, height: float | None, rng: np.rand
 )
 def test_half_line(depth: float, right: float) -> None:
     """The eye in, before and beyond a kernel exp(−2r²): only what lies before it counts."""
-    view = View(kernel("gaussian"), np.eye(3), np.zeros(3), 1e-3, (8, 8), perspective=True, antialias=True)
+    view = GridView(kernel("gaussian"), np.eye(3), np.zeros(3), 1e-3, (8, 8), perspective=True, antialias=True)
     found = row1(view, np.array([[0.0], [0], [depth]]), np.zeros((2, 1))).value
     assert found * 1.966468767 == pytest.approx(right, abs=1e-9)
 
@@ -150,7 +150,9 @@ def test_flat_voxels_lose_no_digits() -> None:
         speed = np.sqrt((along * along).sum())
         distance = float(np.sqrt((cross * cross).sum()) / speed)
         right = view.kernel.footprint(np.array(distance)) * float(np.linalg.norm(direction) / speed)
-        unwidened = View(view.kernel, view.eye_from_index, view.eye_index, view.pitch, view.size, True, antialias=False)
+        unwidened = GridView(
+            view.kernel, view.eye_from_index, view.eye_index, view.pitch, view.size, True, antialias=False
+        )
         assert row1(unwidened, centre[:, None], ray[:, None]).value[0] == pytest.approx(right, rel=1e-9)
 
 
@@ -182,6 +184,6 @@ def test_narrow_kernels_bend_too() -> None:
     """A long way beyond z_k the value tends to the box stretch's, row 2, for any kernel."""
     h = Gaussian(k=9.0, radius=0.7, name="narrow")
     voxel, ray = np.array([[300.0], [100.0], [5000.0]]), np.array([[0.0602], [0.0201]])
-    view = View(h, np.eye(3), np.zeros(3), 0.01, (8, 8), perspective=True, antialias=True)
+    view = GridView(h, np.eye(3), np.zeros(3), 0.01, (8, 8), perspective=True, antialias=True)
     splat = Splat(h, voxel.T, ray.T, 100.0)
     assert row1(view, voxel, ray).value[0] == pytest.approx(float(ROWS["row2"](splat)[0]), rel=1e-3)

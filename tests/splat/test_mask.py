@@ -14,7 +14,7 @@ from splatgl.cli.main import main
 from splatgl.data.mask import named
 from splatgl.errors import InputError
 from splatgl.reference.field import field_integral, kept_field_integral
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import mask_field
 from splatgl.splat.ambient_occlusion import Coarse
 from splatgl.splat.bricks import Bricks
@@ -343,12 +343,12 @@ def test_commands_and_scene_files_mask(tmp_path: Path, capsys: pytest.CaptureFix
     same = sg.render(source, size=48, points=((0.3, 0), (0.9, 0.7)), mask=blob(volume))
     assert (np.load(out) == same.pixels).all()
     assert (np.load(out) == sg.render(source, size=48, points=((0.3, 0), (0.9, 0.7)), mask=f"{mask}:3").pixels).all()
-    layers = (Scene(source, mask=()), Scene(source), Scene(source, mask=(f"{mask}:2,3:outside",)))
-    scene = Scene(source, mask=(f"{mask}:3", mask), layers=layers)
+    layers = (SceneFile(source, mask=()), SceneFile(source), SceneFile(source, mask=(f"{mask}:2,3:outside",)))
+    scene = SceneFile(source, mask=(f"{mask}:3", mask), layers=layers)
     path = tmp_path / "scene.toml"
     path.write_text(scene.to_toml(tmp_path))
     assert '"m.npy:3", "m.npy"' in path.read_text()
-    again = Scene.from_toml(path)
+    again = SceneFile.from_toml(path)
     assert again.mask == scene.mask and [each.mask for each in again.layers] == [each.mask for each in layers]
     path.write_text('volume = "a.npy"\nmask = "m.npy:3"\n[transfer]\npoints = [[0.3, 0], [0.9, 0.7]]\n')
     assert main(["render", str(path), "-o", str(out), "--size", "48", "--check", "0", "--quiet"]) == 0
@@ -386,7 +386,7 @@ def test_masks_that_are_none(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     with pytest.raises(InputError, match=r"an array \(16, 16, 16\) on the volume's grid"):
         volume.masked(np.ones((3, 3, 3)))
     with pytest.raises(InputError, match="mask: expected FILE"):
-        Scene.from_toml(Path(_toml(tmp_path, "mask = [3]")))
+        SceneFile.from_toml(Path(_toml(tmp_path, "mask = [3]")))
 
 
 def _toml(folder: Path, line: str) -> str:

@@ -21,7 +21,7 @@ from splatgl.reference.rays import Rays
 from splatgl.splat import extract_values
 from splatgl.splat.culling import beside_box
 from splatgl.splat.motion import Motion
-from splatgl.splat.preintegration import CELLS, ClassIntegral, PostClassified, opaque_intervals
+from splatgl.splat.preintegration import CELLS, ClassIntegral, ValueClassifier, opaque_intervals
 from splatgl.splat.settings import Technique
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 
@@ -392,7 +392,7 @@ def test_means_of_classes() -> None:
     """Between any two values, across steps and spikes, as sums of many small parts; and beyond the ends."""
     points = [(0, 0.1), (2, 0.5), (2, 0), (5, 0), (5.001, 0.9), (5.002, 0), (9, 0.3), (9, 0.7)]
     transfer = sg.Transfer(points, colormap="hot", window=(0, 10))
-    integral = PostClassified.of(transfer, "b-spline", (9, 9, 9)).integral
+    integral = ValueClassifier.of(transfer, "b-spline", (9, 9, 9)).integral
     for first, last in ((1.5, 2.5), (4.9, 5.1), (5.0004, 5.0011), (-3, -1), (8, 14), (14, 8), (3, 3), (6.2, 6.2000001)):
         at = first + (last - first) * (np.arange(400_000) + 0.5) / 400_000
         extinction = transfer.extinction(transfer.opacity(at), 1.0)[:, None]
@@ -424,7 +424,7 @@ def test_samples_where_a_ramp_begins_are_left_out(empty: float) -> None:
 
 
 def test_which_transfer_functions_the_records_serve() -> None:
-    post = PostClassified.of(sg.Transfer([(10, 0), (20, 0.5), (30, 0), (50, 0), (60, 1)]), "b-spline", (9, 9, 9))
+    post = ValueClassifier.of(sg.Transfer([(10, 0), (20, 0.5), (30, 0), (50, 0), (60, 1)]), "b-spline", (9, 9, 9))
     for points, served in (
         ([(10, 0), (15, 1), (30, 0)], True),
         ([(12, 0), (14, 0.1), (28, 0), (55, 0), (1e3, 1)], True),

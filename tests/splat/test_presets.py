@@ -15,7 +15,7 @@ from splatgl.cli import presets
 from splatgl.cli.main import main
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import InputError
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.presets import BONE_HU, MEDICAL, PRESETS, SOLID, default_transfer, preset, preset_named
 from splatgl.splat.statistics import PLANES, sorted_percentile, statistics
@@ -230,7 +230,7 @@ def test_colours_of_surfaces_span_the_data() -> None:
     look = default_transfer(volume)
     assert look.window is not None and look.window[0] >= cells.min() and look.colormap == "ivory[0.6:]"
     assert np.abs(look.color(look.window[0]) - colormap("ivory")[round(0.6 * 255)]).max() < 0.01
-    scene = Scene("", transfer={"window": (0.0, 100.0)})
+    scene = SceneFile("", transfer={"window": (0.0, 100.0)})
     assert scene.transfer_for(volume).colormap == "ivory"
 
 

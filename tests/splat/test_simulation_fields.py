@@ -13,8 +13,8 @@ from splatgl.cli.main import main
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
 from splatgl.readers.common import is_field
-from splatgl.scene.scene_file import Scene
-from splatgl.splat.preintegration import PostClassified
+from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.presets import default_transfer, logarithmic, preset
 from splatgl.splat.transfer import Transfer
 
@@ -138,7 +138,7 @@ def test_bad_scales(fields: dict[str, object]) -> None:
 def test_integrals_over_values_hold_on_a_logarithmic_scale() -> None:
     """Means over intervals of any decade, and the table that is drawn from, are those of a fine sum."""
     transfer = Transfer([(0.1, 0.0), (1.0, 0.3), (1000.0, 0.9)], "viridis", (0.1, 1000.0), scale="log")
-    integral = PostClassified.of(transfer, "b-spline", (4, 4, 4)).integral
+    integral = ValueClassifier.of(transfer, "b-spline", (4, 4, 4)).integral
     for low, high in ((0.11, 0.13), (0.5, 3.0), (2.0, 500.0)):
         values = np.linspace(low, high, 200_001)
         extinction = transfer.extinction(transfer.opacity(values), 1.0)
@@ -157,11 +157,11 @@ def test_a_logarithmic_picture_is_the_reference(renderer: sg.Renderer) -> None:
 
 def test_points_of_a_logarithmic_scale() -> None:
     samples = densities()
-    found = Scene("x", transfer={"scale": "log", "preset": "field"}).transfer_for(Volume(samples))
+    found = SceneFile("x", transfer={"scale": "log", "preset": "field"}).transfer_for(Volume(samples))
     assert found.scale == "log" and found.colormap == "viridis" and found.window is not None
     assert found.points[0][0] == pytest.approx(np.median(samples), rel=0.01)
     assert found.window[0] == pytest.approx(samples.min()) and found.points[-1][0] <= samples.max()
-    own = Scene("x", transfer={"scale": "log", "points": ((0.5, 0.0), (8.0, 0.6))}).transfer_for(Volume(samples))
+    own = SceneFile("x", transfer={"scale": "log", "points": ((0.5, 0.0), (8.0, 0.6))}).transfer_for(Volume(samples))
     assert own.points == ((0.5, 0.0), (8.0, 0.6)) and own.scale == "log"
     wide = np.geomspace(1e-12, 1e3, 4096).reshape(16, 16, 16)
     far = logarithmic(found, Volume(wide))

@@ -11,7 +11,7 @@ import splatgl as sg
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.clipping import clipped, index_plane
 from splatgl.splat.kernels import kernel
-from splatgl.splat.preintegration import PostClassified
+from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.sheets import Sheets
 
 CLASSES = sg.Transfer([(0.0, 0.2), (1.0, 0.8)], window=(0, 1), shading=False)
@@ -190,7 +190,7 @@ def test_bricks_and_whole_volumes_on_thresholds_agree(renderer: sg.Renderer) -> 
     for n in range(8):
         volume = grid(*GRIDS[n % len(GRIDS)], rng.random((6, 6, 6)))
         camera = on_threshold(rng, volume, way)
-        bricks = Bricks.of(volume, PostClassified.of(CLASSES, "b-spline", volume.shape[::-1], every=False), side=3)
+        bricks = Bricks.of(volume, ValueClassifier.of(CLASSES, "b-spline", volume.shape[::-1], every=False), side=3)
         found = renderer.render_bricks(bricks, camera, PLAIN).pixels
         whole = renderer.render(sg.extract(volume, CLASSES, classification="post"), camera, PLAIN).pixels
         assert np.abs(found - whole).max() < 1e-3

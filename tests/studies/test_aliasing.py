@@ -7,7 +7,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.animation.camera_track import turning
-from splatgl.scene.view import View
+from splatgl.scene.view import ViewOptions
 from splatgl.studies.aliasing import (
     Reach,
     aliasing_energy,
@@ -161,7 +161,7 @@ def cube() -> sg.Splats:
 
 
 def test_a_strip_is_the_middle_column_of_each_frame(renderer: sg.Renderer, cube: sg.Splats) -> None:
-    track = turning(View(size=(30, 24), elevation=20), sg.Volume(np.zeros((8, 8, 8))), cube, 5.0)
+    track = turning(ViewOptions(size=(30, 24), elevation=20), sg.Volume(np.zeros((8, 8, 8))), cube, 5.0)
     cameras = [track.camera(n) for n in range(4)]
     found = strip(renderer.render, cube, cameras, SETTINGS)
     assert found.shape == (12, 4, 4) and found[..., :3].max() > 0.2
@@ -178,7 +178,7 @@ def test_flicker_is_the_variance_of_differences(rng: np.random.Generator) -> Non
 
 
 def test_popping_is_where_planes_turn(renderer: sg.Renderer, cube: sg.Splats) -> None:
-    track = turning(View(size=(40, 40), elevation=15), sg.Volume(np.zeros((8, 8, 8))), cube, 1.0)
+    track = turning(ViewOptions(size=(40, 40), elevation=15), sg.Volume(np.zeros((8, 8, 8))), cube, 1.0)
     found = popping(renderer.render, cube, track.camera, SETTINGS, turn=100)
     assert [round(pop.angle) for pop in found] == [45] or len(found) == 1
     assert all(1 > pop.change > 3 * pop.usual >= 0 for pop in found)

@@ -12,8 +12,8 @@ from PIL import Image
 import splatgl as sg
 from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
 from splatgl.cli.main import main
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.studies.figures.rendered import PICTURES, Shown, by_moments
 from tests.helpers.figures import refused
 from tests.helpers.splatting import SPLATS
@@ -52,7 +52,7 @@ def test_figure_5_is_the_tunnel_twice(here: Path, renderer: sg.Renderer, capsys:
     assert main(["figure", "5", "-o", "f.png", "--size", "60"]) == 0
     assert "Figure 5. A tunnel" in capsys.readouterr().out
     found = page()
-    scene = Scene("tunnel", view=View(size=(60, 60)))
+    scene = SceneFile("tunnel", view=ViewOptions(size=(60, 60)))
     volume = scene.open()
     splats = sg.extract(volume, scene.transfer_for(volume), classification="pre")
     camera = scene.view.camera(volume, splats)
@@ -89,7 +89,7 @@ def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) ->
     height = found.shape[0] - 2 * MARGIN
     blocks = strip[: (height - 2 * ROOM - GAP) // 2].reshape(-1, 5, 7, 5, 3)
     assert (blocks == blocks[:, :1, :, :1]).all()
-    scene = Scene("letter-f", view=View(size=(32, 32)))
+    scene = SceneFile("letter-f", view=ViewOptions(size=(32, 32)))
     shown = Shown(PICTURES[14], scene, renderer.render, by_moments(2))
     strips = shown.strips(1.0, 7)
     assert len(strips) == 4 and strips[0].shape == (16, 7, 4)
@@ -124,7 +124,7 @@ def test_real_terrain_is_seen_from_low(here: Path) -> None:
     if not folder.is_dir():
         pytest.skip("no terrain_puget: set SPLATGL_DATA")
     load = {"color": str(folder / "texture_1024.png")}
-    scene = Scene(str(folder / "height_u8_512.png"), load=load, view=View(size=(48, 48)))
+    scene = SceneFile(str(folder / "height_u8_512.png"), load=load, view=ViewOptions(size=(48, 48)))
     shown = Shown(PICTURES[13], scene, lambda *_: sg.Image(np.zeros((48, 48, 4))))
     eye = shown.camera.eye_from_points(shown.splats.outline)
     assert (eye[:, 2] > 0).all() and np.abs(eye[:, 0] / eye[:, 2]).max() < 0.75

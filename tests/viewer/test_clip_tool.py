@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.clipping import crop_planes
 from splatgl.viewer.clip_tool import Held, cut, handles, on_sphere, outline, plane_middle, under
 from splatgl.viewer.commands import acted, add_plane
@@ -38,7 +38,7 @@ def content(tmp_path: Path) -> Content:
     z, y, x = np.indices((16, 16, 16)) / 15 - 0.5
     np.save(tmp_path / "ball.npy", np.float32(40 * np.clip(1.4 - 3 * np.sqrt(x * x + y * y + z * z), 0, 1)))
     points = ((4.0, 0.0), (30.0, 0.6))
-    return Content.open(Scene(str(tmp_path / "ball.npy"), transfer={"points": points, "colormap": "hot"}))
+    return Content.open(SceneFile(str(tmp_path / "ball.npy"), transfer={"points": points, "colormap": "hot"}))
 
 
 @CAMERAS
@@ -228,7 +228,7 @@ def test_cuts_are_saved(renderer: sg.Renderer, content: Content, tmp_path: Path,
     saved = np.load(tmp_path / "scene-001.npy")
     assert np.array_equal(saved, np.load(tmp_path / "again.npy")) and saved.max() > 0.1
     assert np.abs(saved - whole).max() > 0.1
-    again = Content.open(Scene.from_toml(tmp_path / "scene-001.toml"))
+    again = Content.open(SceneFile.from_toml(tmp_path / "scene-001.toml"))
     opened = State.of(again, SIZE)
     assert opened.settings.clip == state.settings.clip and len(opened.cuts.planes) == 1
     assert opened.cuts.sides[2][1] == pytest.approx(10 / 16)

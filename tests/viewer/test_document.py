@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import Choice, InputError
 from splatgl.scene.meshes import MeshFile
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import acted, drawable
 from splatgl.viewer.document import Content, Together, read_meshes
 from splatgl.viewer.file_watch import watched
@@ -65,7 +65,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def content(folder: Path) -> Content:
-    return Content.open(Scene.from_toml(folder / "two.toml"))
+    return Content.open(SceneFile.from_toml(folder / "two.toml"))
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_hidden_parts_are_not_drawn(state: State, content: Content, renderer: sg
     alone = state.looking(1, replace(second, opacity=0.0))
     shown, again = saved(replace(alone, meshes=()), content, renderer, folder)
     (folder / "one.toml").write_text(OPAQUE + '[settings]\nantialias = "off"\n')
-    one = Content.open(Scene.from_toml(folder / "one.toml"))
+    one = Content.open(SceneFile.from_toml(folder / "one.toml"))
     right = renderer.render(one.at(1), state.pose.camera, sg.Settings(antialias="off")).pixels
     assert np.abs(shown - again).max() < 1e-4 and np.array_equal(shown, right)
 
@@ -131,7 +131,7 @@ def test_hidden_parts_are_not_drawn(state: State, content: Content, renderer: sg
 def test_the_view_is_that_of_render(content: Content, folder: Path) -> None:
     from splatgl.scene.draw import layered
 
-    scene = Scene.from_toml(folder / "two.toml")
+    scene = SceneFile.from_toml(folder / "two.toml")
     volume = scene.open()
     right = replace(scene.view, size=SIZE).camera(volume, layered(scene, volume, scene.transfer_for(volume)))
     found = content.home(SIZE).camera
@@ -142,7 +142,7 @@ def test_the_view_is_that_of_render(content: Content, folder: Path) -> None:
 def test_an_opacity_weakens_once(folder: Path, tmp_path: Path, renderer: sg.Renderer) -> None:
     """Of one volume, too: a saved scene that keeps the factor beside points with it would be fainter."""
     (folder / "faint.toml").write_text('volume = "blob.npy"\nopacity = 0.3\n[settings]\nantialias = "off"\n')
-    content = Content.open(Scene.from_toml(folder / "faint.toml"))
+    content = Content.open(SceneFile.from_toml(folder / "faint.toml"))
     shown, again = saved(turned(State.of(content, SIZE)), content, renderer, folder)
     assert np.abs(shown - again).max() < 1e-4 and 0.01 < shown[..., 3].max() < 0.9
 
@@ -152,7 +152,9 @@ def test_channels_are_parts(folder: Path, renderer: sg.Renderer) -> None:
     planes = np.stack([blob(12).samples.astype(np.uint16) * 50, blob(12).samples[::-1].astype(np.uint16) * 40], 1)
     channel = {"Name": ["one", "two"]}
     tifffile.imwrite(folder / "c.ome.tif", planes, ome=True, metadata={"axes": "ZCYX", "Channel": channel})
-    content, picks = opened(Scene(str(folder / "c.ome.tif"), {"channel": "all"}, settings=sg.Settings(antialias="off")))
+    content, picks = opened(
+        SceneFile(str(folder / "c.ome.tif"), {"channel": "all"}, settings=sg.Settings(antialias="off"))
+    )
     assert content.names == ("one", "two")
     assert [(each.option, each.number(content.scene.load)) for each in picks] == [("channel", 0)]
     assert [value for value, _ in picks[0].found] == ["all", "0", "1"]
@@ -170,7 +172,7 @@ def test_channels_are_parts(folder: Path, renderer: sg.Renderer) -> None:
 def test_coarser_strides_in_motion(folder: Path, renderer: sg.Renderer) -> None:
     """All parts have them: the picture is nearly the same, of fewer splats."""
     np.save(folder / "large.npy", blob(40).samples)
-    scene = Scene.from_toml(folder / "two.toml")
+    scene = SceneFile.from_toml(folder / "two.toml")
     content = Content.open(replace(scene, volume=str(folder / "large.npy")))
     state = State.of(content, SIZE)
     assert set(content.extracted) < {1, 2, 4, 8}
@@ -215,7 +217,7 @@ def test_edits_are_undone(state: State) -> None:
 def test_meshes_look_as_their_files_say(folder: Path) -> None:
     """Colour and opacity are changed without reading again."""
     file = MeshFile(str(folder / "ball.ply"), "#3366cc", 0.3)
-    found = Together.with_meshes(Content.open(Scene(str(folder / "blob.npy"))), read_meshes([file]))
+    found = Together.with_meshes(Content.open(SceneFile(str(folder / "blob.npy"))), read_meshes([file]))
     made = found.followed(found.looks, (file,), sg.Settings())
     assert isinstance(made, Together)
     (mesh,) = made.meshes
@@ -234,7 +236,7 @@ def test_blends_without_an_order_draw_no_meshes(state: State, content: Content) 
 
 def test_a_mesh_alone(folder: Path, renderer: sg.Renderer) -> None:
     """It opens, and its look is saved."""
-    scene = Scene(str(folder / "ball.ply"), settings=sg.Settings(antialias="off"))
+    scene = SceneFile(str(folder / "ball.ply"), settings=sg.Settings(antialias="off"))
     content = Content.open(scene)
     state = State.of(content, SIZE)
     plain, again = saved(state, content, renderer, folder)
@@ -247,7 +249,7 @@ def test_a_mesh_alone(folder: Path, renderer: sg.Renderer) -> None:
 @pytest.mark.long
 def test_a_mesh_in_memory_is_not_saved(folder: Path, renderer: sg.Renderer) -> None:
     mesh = MeshFile(str(folder / "ball.ply")).open()
-    content = Content.open(Scene(str(folder / "blob.npy"), meshes=(mesh,)))
+    content = Content.open(SceneFile(str(folder / "blob.npy"), meshes=(mesh,)))
     with pytest.raises(InputError, match="meshes in files"):
         save_scene(State.of(content, SIZE), content, renderer.render, folder)
 
@@ -255,7 +257,7 @@ def test_a_mesh_in_memory_is_not_saved(folder: Path, renderer: sg.Renderer) -> N
 @pytest.mark.long
 def test_as_many_layers_as_a_picture_has(folder: Path, renderer: sg.Renderer) -> None:
     """Eight are drawn; nine are told, unless some are hidden."""
-    base, layer = Scene(str(folder / "other.npy")), Scene(str(folder / "other.npy"), opacity=0.1)
+    base, layer = SceneFile(str(folder / "other.npy")), SceneFile(str(folder / "other.npy"), opacity=0.1)
     content = Content.open(replace(base, layers=(layer,) * 7, settings=sg.Settings(antialias="off")))
     state = State.of(content, (48, 36))
     picture = picture_of(replace(scene_of(state, content), annotate=()), content, renderer.render)
@@ -266,9 +268,9 @@ def test_as_many_layers_as_a_picture_has(folder: Path, renderer: sg.Renderer) ->
 
 
 def test_what_is_missing_or_damaged_is_told(folder: Path) -> None:
-    scene = Scene.from_toml(folder / "two.toml")
+    scene = SceneFile.from_toml(folder / "two.toml")
     with pytest.raises(InputError, match="gone"):
-        Content.open(replace(scene, layers=(Scene(str(folder / "gone.npy")),)))
+        Content.open(replace(scene, layers=(SceneFile(str(folder / "gone.npy")),)))
     with pytest.raises(InputError, match="cut"):
         Content.open(replace(scene, meshes=(MeshFile(str(folder / "cut.ply")),)))
     names = {Path(each).name for each in watched(str(folder / "two.toml"), scene)}
@@ -283,11 +285,11 @@ def test_one_of_several_arrays(folder: Path) -> None:
     np.savez(folder / "many.npz", first=blob(8).samples, second=blob(10).samples)
     for name, names in (("many.h5", ["/a", "/group/b"]), ("many.npz", ["first", "second"])):
         with pytest.raises(Choice):
-            Content.open(Scene(str(folder / name)))
-        content, (pick,) = opened(Scene(str(folder / name)))
+            Content.open(SceneFile(str(folder / name)))
+        content, (pick,) = opened(SceneFile(str(folder / name)))
         assert pick.option == "array" and [value for value, _ in pick.found] == names
         assert content.scene.load == {"array": names[0]} and pick.number(content.scene.load) == 0
-        content, (pick,) = opened(Scene(str(folder / name), {"array": names[1]}))
+        content, (pick,) = opened(SceneFile(str(folder / name), {"array": names[1]}))
         assert pick.number(content.scene.load) == 1 and content.volume.shape[0] > 8
 
 

@@ -14,7 +14,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.annotations.text import legible, plain
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, Sweep
 from splatgl.viewer.document import Content
@@ -32,7 +32,7 @@ from tests.helpers.window import MISSING, Window
 @pytest.fixture
 def content(tmp_path: Path) -> Content:
     np.save(tmp_path / "blob.npy", blob(48).samples)
-    return Content.open(Scene(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6))}))
+    return Content.open(SceneFile(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6))}))
 
 
 def no_memory(*_: object) -> sg.Image:
@@ -61,7 +61,7 @@ def test_too_many_splats_are_a_scene_without_a_picture(
     said = saved(state, "save", content, renderer.render, tmp_path).message
     assert said.startswith("saved scene-001.toml") and "splatgl render" in said
     assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not content.whole
-    assert Scene.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
+    assert SceneFile.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
 
 
 @pytest.mark.parametrize("name", ["/", ".", "x" * 300 + ".png", "x" * 300])
@@ -77,8 +77,8 @@ def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path)
     paths = {name: str(tmp_path / f"{name}.npy") for name in ("a", "layer", "mask", "later")}
     for path in paths.values():
         np.save(path, blob(8).samples)
-    layer = Scene(paths["layer"], mask=(f"{paths['mask']}:outside",))
-    content, later = Content.open(Scene(paths["a"], layers=(layer,))), Scene(paths["later"])
+    layer = SceneFile(paths["layer"], mask=(f"{paths['mask']}:outside",))
+    content, later = Content.open(SceneFile(paths["a"], layers=(layer,))), SceneFile(paths["later"])
     state = State.of(content, SIZE)
     os.link(tmp_path / "layer.npy", tmp_path / "link.npy")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
@@ -96,7 +96,7 @@ def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path)
 def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -> None:
     for name, side in (("a", 48), ("b", 40)):
         np.save(tmp_path / f"{name}.npy", blob(side).samples)
-    content = Content.open(Scene(str(tmp_path / "a.npy"), layers=(Scene(str(tmp_path / "b.npy")),)))
+    content = Content.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
     state = State.of(content, SIZE)
     state = state.looking(0, replace(state.looks[0], visible=False))
     content = content.followed(state.looks, state.meshes, state.settings)
@@ -115,7 +115,7 @@ def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypa
     """Nor those of the other one at that stride, over and over."""
     for name, low in (("a", 0), ("b", 20)):
         np.save(tmp_path / f"{name}.npy", blob(48).samples * (blob(48).samples > low))
-    content = Content.open(Scene(str(tmp_path / "a.npy"), layers=(Scene(str(tmp_path / "b.npy")),)))
+    content = Content.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
     for stride in STRIDES[1:]:
         content.extract(stride)
     first, second = (len(content.part(number).at(2)) for number in (0, 1))

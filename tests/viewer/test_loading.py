@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from splatgl.scene.meshes import MeshFile
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Content, Together, read_meshes
@@ -76,12 +76,12 @@ def test_what_waits_is_replaced_by_its_kind_alone(folder: Path) -> None:
 def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
     """Finer voxels, time points and changed files were asked for before the mesh was there."""
     pytest.importorskip("trimesh")
-    content = Content.open(Scene(str(folder / "a.npy")))
+    content = Content.open(SceneFile(str(folder / "a.npy")))
     mesh = MeshFile(str(folder / "m.off"))
     for news in (
         News(replace(content, made={}, beside={}), finer=True),
-        News(Content.open(Scene(str(folder / "b.npy"))), time=1),
-        News(Content.open(Scene(str(folder / "a.npy")))),
+        News(Content.open(SceneFile(str(folder / "b.npy"))), time=1),
+        News(Content.open(SceneFile(str(folder / "a.npy")))),
     ):
         viewer = viewer_of(content, files())
         arrived(viewer, Done("reading m.off", Brought((mesh,), read_meshes([mesh]))))
@@ -94,8 +94,8 @@ def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
 
 def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Path) -> None:
     found = files()
-    viewer = viewer_of(Content.open(Scene(str(folder / "a.npy"))), found)
-    found.times = tuple(Scene(str(folder / name)) for name in ("a.npy", "b.npy", "c.npy"))
+    viewer = viewer_of(Content.open(SceneFile(str(folder / "a.npy"))), found)
+    found.times = tuple(SceneFile(str(folder / name)) for name in ("a.npy", "b.npy", "c.npy"))
     viewer.state = replace(viewer.state, times=3, time=2, playing=True)
     found.show_time(2)
     (done,) = all_done(found)
@@ -147,7 +147,7 @@ def test_a_job_that_is_told_has_ended() -> None:
 
 def test_a_failed_extraction_that_is_taken_back_is_over(folder: Path) -> None:
     """The picture is that of the state again: nothing is said, and nothing redrawn."""
-    content = Content.open(Scene(str(folder / "a.npy")))
+    content = Content.open(SceneFile(str(folder / "a.npy")))
     for stride in STRIDES:
         content.extract(stride)
     viewer = viewer_of(content, files(), coming=None, extractor=Extractor(lambda: None))
@@ -178,7 +178,7 @@ def test_other_channels_have_their_own_looks(folder: Path) -> None:
     for count in (3, 2):
         path, samples = folder / f"{count}.tif", np.stack([blob().samples] * count, axis=1).astype(np.uint8)
         tifffile.imwrite(path, samples, imagej=True, metadata={"axes": "ZCYX"})
-        contents.append(opened(Scene(str(path), {"channel": "all"}))[0])
+        contents.append(opened(SceneFile(str(path), {"channel": "all"}))[0])
     assert [len(each.looks) for each in contents] == [3, 2]
     viewer = viewer_of(contents[0], files())
     viewer.history.note(viewer.state.selecting(2))
@@ -192,11 +192,11 @@ def test_other_channels_have_their_own_looks(folder: Path) -> None:
 
 def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) -> None:
     path = folder / "a.npy"
-    found = files((str(path),), lambda: Scene(str(path)))
+    found = files((str(path),), lambda: SceneFile(str(path)))
     gate = threading.Event()
     found._open("b.npy", lambda: cast(News, gate.wait(LONGEST)))
     os.utime(path, (1, 1))
-    state = State.of(Content.open(Scene(str(path))), SIZE)
+    state = State.of(Content.open(SceneFile(str(path))), SIZE)
     found.look(state, 1e9)
     assert found.jobs.names == ["opening b.npy"]
     gate.set()
@@ -216,7 +216,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
 
 def test_another_size_is_no_step(folder: Path) -> None:
     """What was undone can be redone in a window of another size."""
-    state = State.of(Content.open(Scene(str(folder / "a.npy"))), SIZE)
+    state = State.of(Content.open(SceneFile(str(folder / "a.npy"))), SIZE)
     history = History(state)
     edited = replace(state, extinction=2.0)
     history.note(edited)

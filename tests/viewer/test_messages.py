@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from splatgl.annotations.text import FONT, Text, _fitted
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer import loading
 from splatgl.viewer.document import Content
@@ -138,11 +138,11 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     """
     gates = {name: threading.Event() for name in ("a/v.npy", "b/v.npy")}
 
-    def opened(scene: Scene, times: tuple[Scene, ...] = ()) -> News:
+    def opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> News:
         assert gates[scene.volume].wait(300.0)
         return News(content)
 
-    content = Content.open(Scene(str(folder / "blob.npy")))
+    content = Content.open(SceneFile(str(folder / "blob.npy")))
     np.save(folder / "watched.npy", blob().samples)
     monkeypatch.setattr(loading, "_opened_news", opened)
     woken = threading.Semaphore(0)

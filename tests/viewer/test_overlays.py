@@ -12,7 +12,7 @@ import splatgl as sg
 from splatgl.annotations.text import beside, label
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import TURN, acted, angles, name_of
 from splatgl.viewer.document import Content
 from splatgl.viewer.measure_tool import clicked, told, under_cursor
@@ -30,7 +30,7 @@ def content(tmp_path: Path) -> Content:
     """A block that is opaque from x = 8 on, with values that grow along z."""
     z, _, x = np.indices((16, 16, 16))
     np.save(tmp_path / "block.npy", np.float32(np.where(x >= 8, 100.0 + z, 0.0)))
-    return Content.open(Scene(str(tmp_path / "block.npy"), transfer={"points": ((40.0, 0.0), (60.0, 0.99))}))
+    return Content.open(SceneFile(str(tmp_path / "block.npy"), transfer={"points": ((40.0, 0.0), (60.0, 0.99))}))
 
 
 def along_x(content: Content) -> State:
@@ -145,7 +145,7 @@ def test_annotations_are_saved(renderer: sg.Renderer, content: Content, tmp_path
     one, two, again = (sg.Image.load(tmp_path / f"{name}.png").pixels for name in names)
     assert np.array_equal(one, again) and not np.array_equal(one, two)
     assert "annotate" in (tmp_path / "scene-001.toml").read_text() and not bare.annotate
-    opened = State.of(Content.open(Scene.from_toml(tmp_path / "scene-001.toml")), SIZE)
+    opened = State.of(Content.open(SceneFile.from_toml(tmp_path / "scene-001.toml")), SIZE)
     assert opened.annotate == USUAL
     # a window that is too small for them
     small = replace(state, pose=state.pose.resized((80, 60)))

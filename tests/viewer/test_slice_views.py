@@ -17,7 +17,7 @@ import splatgl as sg
 from splatgl.annotations.axes import letters
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl.screen import Stroke
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import acted
 from splatgl.viewer.document import Content
 from splatgl.viewer.saving import with_slices
@@ -205,7 +205,7 @@ def test_lines_end_at_the_slices() -> None:
 
 def test_keys_show_them(tmp_path: Path) -> None:
     np.save(tmp_path / "blob.npy", blob().samples)
-    content = Content.open(Scene(str(tmp_path / "blob.npy")))
+    content = Content.open(SceneFile(str(tmp_path / "blob.npy")))
     state = acted(State.of(content, (120, 80)), "slices", content)
     assert state.slices.shown and not acted(state, "slices", content).slices.shown
     moved = replace(state, slices=acted(state, "slice-colors", content).slices.at((0, 0, 0), content.volume))
@@ -314,7 +314,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
     zarr = pytest.importorskip("zarr")
     zarr.save(str(tmp_path / "grid.zarr"), np.zeros((16, 16, 16), np.float32))
     monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 1000)
-    content = Content.open(Scene(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (1.0, 0.5))}))
+    content = Content.open(SceneFile(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (1.0, 0.5))}))
     assert not isinstance(content.volume.samples, np.ndarray)
     state = replace(State.of(content, (400, 300)), slices=Slices(shown=True))
     said: list[str] = []
@@ -356,7 +356,7 @@ def test_samples_in_parts_are_read_behind_the_window(tmp_path: Path) -> None:
     values = np.tensordot([400.0, 20.0, 1.0], np.indices((16, 16, 16)), 1).astype(np.float32)
     zarr.save(str(tmp_path / "grid.zarr"), values)
     # slices are grey by the window of the colours
-    scene = Scene(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (6315.0, 0.5))})
+    scene = SceneFile(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (6315.0, 0.5))})
     (tmp_path / "scene.toml").write_text(scene.to_toml(tmp_path))
     window = Window(tmp_path / "scene.toml", tmp_path, size=(400, 300), whole=1000)
     told = window.key("z")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.scene.scene_file import Scene
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import EACH, FIXED, SAMPLE
 from splatgl.splat.settings import Settings
 from splatgl.viewer import stand_in
@@ -80,7 +80,7 @@ def test_colours_go_along(volume: sg.Volume) -> None:
 
 def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.save(tmp_path / "v.npy", volume.samples)
-    scene = Scene(str(tmp_path / "v.npy"), transfer={"points": SOFT.points})
+    scene = SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points})
     whole = Content.open(scene)
     assert whole.transfer.unit is None and whole.portion is not None and not whole.portion.told
     allow(volume.count / 60, monkeypatch)
@@ -108,7 +108,7 @@ def test_a_level_is_saved_with_its_scene(
 ) -> None:
     write(tmp_path / "v.zarr", with_levels(volume, 3))
     monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
-    content = Content.open(Scene(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
+    content = Content.open(SceneFile(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
     found = scene_of(State.of(content, (20, 16)), content)
     assert found.load == {"level": 1} and found.open().shape == content.volume.shape
     assert np.array_equal(found.splats(found.open(), found.transfer_for(found.open())).records, content.at(1).records)
@@ -120,7 +120,7 @@ def test_a_finer_portion_of_what_is_no_longer_shown_is_not_taken(
 ) -> None:
     allow(volume.count / 60, monkeypatch)
     np.save(tmp_path / "v.npy", volume.samples)
-    scenes = [Scene(str(tmp_path / "v.npy"), transfer={"points": SOFT.points}) for _ in range(2)]
+    scenes = [SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points}) for _ in range(2)]
     shown, other = (Content.open(scene) for scene in scenes)
     news = News(shown.finer(), finer=True)
     edited = shown.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)

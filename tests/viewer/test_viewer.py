@@ -17,8 +17,8 @@ from splatgl.annotations.text import Overlay, Text, drawn, plain
 from splatgl.cli.main import main
 from splatgl.data.volume import coarser
 from splatgl.gl.screen import Screen
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.culling import outside, skinned
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.statistics import statistics
@@ -48,9 +48,9 @@ from tests.helpers.blobs import LONGEST, SIZE, blob
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Scene:
+def scene(tmp_path: Path) -> SceneFile:
     np.save(tmp_path / "blob.npy", blob().samples)
-    return Scene(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6)), "colormap": "hot"})
+    return SceneFile(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6)), "colormap": "hot"})
 
 
 @pytest.fixture
@@ -152,11 +152,11 @@ def test_a_turn_is_about_up_and_counter_clockwise_from_above(pose: Pose) -> None
     assert np.allclose(after, (before[1], -before[0], before[2]), atol=1e-9)
 
 
-def test_a_view_survives_the_scene_file(pose: Pose, scene: Scene, tmp_path: Path) -> None:
+def test_a_view_survives_the_scene_file(pose: Pose, scene: SceneFile, tmp_path: Path) -> None:
     for shown in (pose, pose.switched(), pose.rotated((10, 10), (90, 60))):
         text = replace(scene, view=shown.view()).to_toml(tmp_path)
         (tmp_path / "s.toml").write_text(text)
-        view = Scene.from_toml(tmp_path / "s.toml").view
+        view = SceneFile.from_toml(tmp_path / "s.toml").view
         assert view == shown.view()
         camera = view.camera(blob(), blob())
         assert np.allclose(camera.eye_from_world, shown.camera.eye_from_world, atol=1e-12)
@@ -405,7 +405,7 @@ def test_a_picture_that_cannot_be_had_is_not_tried_again() -> None:
     assert refiner.level(("b",), Moment(5.0)) is not None
 
 
-def test_undo_and_redo(scene: Scene) -> None:
+def test_undo_and_redo(scene: SceneFile) -> None:
     """Every change at rest is one step; what is open and said is none; a new change forgets what was undone."""
     content = Content.open(scene)
     first = State.of(content, (64, 48))
@@ -449,7 +449,7 @@ def test_coarse_colours_are_those_of_the_matter() -> None:
     assert np.abs(coarse.color[:, :, 1].astype(int) - (200, 100, 50)).max() <= 1
 
 
-def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: Scene) -> None:
+def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: SceneFile) -> None:
     """Opacities are per the finest volume's length: a coarse picture is as bright as the fine one."""
     content = Content.open(scene)
     # a volume this small is drawn as it is
@@ -601,7 +601,7 @@ def test_nodes() -> None:
 # --- states -------------------------------------------------------------------------------------------------------
 
 
-def test_opacity_keys_undo_each_other(scene: Scene) -> None:
+def test_opacity_keys_undo_each_other(scene: SceneFile) -> None:
     content = Content.open(scene)
     state = State.of(content, SIZE)
     more = acted(state, "opacity-up", content)
@@ -610,7 +610,7 @@ def test_opacity_keys_undo_each_other(scene: Scene) -> None:
     assert stronger(1.0, 0.2) == 1.0 and stronger(0.0, 5.0) == 0.0
 
 
-def test_settings_that_a_volume_does_not_allow_are_passed_over(scene: Scene) -> None:
+def test_settings_that_a_volume_does_not_allow_are_passed_over(scene: SceneFile) -> None:
     content = replace(Content.open(scene), volumes=(blob(),) * len(STRIDES), made={}, skins={})
     state, met = State.of(content, SIZE), []
     state = replace(state, settings=state.settings.but(technique="tiles"))
@@ -627,7 +627,7 @@ POST, PRE = sg.Settings(classification="post"), sg.Settings(classification="pre"
 
 
 @pytest.fixture
-def after(scene: Scene) -> Content:
+def after(scene: SceneFile) -> Content:
     return Content.open(replace(scene, settings=POST))
 
 
@@ -737,7 +737,7 @@ def said_of(state: State, content: Content, frame: hud.Frame) -> tuple[str, ...]
     return hud.lines(state, content, frame, None)
 
 
-def test_classification_is_a_choice(after: Content, scene: Scene) -> None:
+def test_classification_is_a_choice(after: Content, scene: SceneFile) -> None:
     """It is passed over where it cannot be had."""
     content, met = Content.open(scene), []
     state = State.of(content, SIZE)
@@ -790,29 +790,29 @@ def test_scenes_survive_their_file(tmp_path: Path) -> None:
     np.save(tmp_path / "data" / 'a "b"\\c\tä.npy', np.zeros((2, 2, 2)))
     settings = sg.Settings(blend="mip", tolerance=0.01, background=(0.1, 0.2, 1 / 3), z_s=1e-30, align="hybrid")
     scenes = [
-        Scene("tunnel"),
-        Scene(str(tmp_path / "data" / 'a "b"\\c\tä.npy'), settings=settings, threshold=1 / 3),
-        Scene("/elsewhere/x.raw", load={"shape": (3, 4, 5), "dtype": "uint8", "anywhere": True}),
-        Scene("tunnel", transfer={"points": ((1, 0.25), (2.5, 1.0)), "shading": False, "unit": 1e-9}),
-        Scene("nerve", view=View((3, 4), azimuth=12.5, zoom=2.0, up=(0.0, 1.0, 0.0))),
+        SceneFile("tunnel"),
+        SceneFile(str(tmp_path / "data" / 'a "b"\\c\tä.npy'), settings=settings, threshold=1 / 3),
+        SceneFile("/elsewhere/x.raw", load={"shape": (3, 4, 5), "dtype": "uint8", "anywhere": True}),
+        SceneFile("tunnel", transfer={"points": ((1, 0.25), (2.5, 1.0)), "shading": False, "unit": 1e-9}),
+        SceneFile("nerve", view=ViewOptions((3, 4), azimuth=12.5, zoom=2.0, up=(0.0, 1.0, 0.0))),
     ]
     for number, scene in enumerate(scenes):
         path = tmp_path / f"{number}.toml"
         path.write_text(scene.to_toml(tmp_path), encoding="utf-8")
-        again = Scene.from_toml(path)
+        again = SceneFile.from_toml(path)
         assert (again.volume, again.view, again.settings) == (scene.volume, scene.view, scene.settings)
         assert again.threshold == scene.threshold and set(again.load) == set(scene.load)
         assert {**again.transfer}.keys() == {**scene.transfer}.keys()
     assert 'volume = "data/' in (tmp_path / "1.toml").read_text()
     with pytest.raises(sg.InputError, match="volume: expected text that TOML can hold"):
-        Scene("bad\udcff.npy").to_toml(tmp_path)
+        SceneFile("bad\udcff.npy").to_toml(tmp_path)
 
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["composite", "xray"])
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_what_is_saved_is_what_render_makes(
-    renderer: sg.Renderer, scene: Scene, tmp_path: Path, blend: str, orthographic: bool
+    renderer: sg.Renderer, scene: SceneFile, tmp_path: Path, blend: str, orthographic: bool
 ) -> None:
     """The PNG, the floats, and what `splatgl render` makes of the saved scene are the same, bit for bit."""
     content = Content.open(replace(scene, settings=sg.Settings(blend=blend)))
@@ -847,10 +847,10 @@ def test_what_is_saved_of_values_is_what_render_makes(
     assert main([*given, "-o", str(tmp_path / "again.npy")]) == 0
     assert np.array_equal(np.load(tmp_path / "scene-001.npy"), np.load(tmp_path / "again.npy"))
     kind = "pre" if edit == "threshold-up" else "post"
-    assert Scene.from_toml(tmp_path / "scene-001.toml").settings.classification == kind
+    assert SceneFile.from_toml(tmp_path / "scene-001.toml").settings.classification == kind
 
 
-def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: Scene, tmp_path: Path) -> None:
+def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: SceneFile, tmp_path: Path) -> None:
     content = Content.open(scene)
     state = replace(State.of(content, SIZE), annotate=())
     shown = renderer.render(content.at(1), state.pose.camera, state.settings).pixels
@@ -886,17 +886,17 @@ def test_watching(tmp_path: Path) -> None:
 
 
 def test_what_is_watched() -> None:
-    assert watched("a.npy", Scene("a.npy")) == ("a.npy",)
-    assert watched("s.toml", Scene("b.npy")) == ("s.toml", "b.npy")
+    assert watched("a.npy", SceneFile("a.npy")) == ("a.npy",)
+    assert watched("s.toml", SceneFile("b.npy")) == ("s.toml", "b.npy")
     # a built-in scene is no file, that would be waited for
-    assert watched("s.toml", Scene("tunnel")) == ("s.toml",) and watched("tunnel", Scene("tunnel")) == ()
+    assert watched("s.toml", SceneFile("tunnel")) == ("s.toml",) and watched("tunnel", SceneFile("tunnel")) == ()
     # nor is what lies at an address; colours and masks, also of layers, are
-    layer = Scene("b.npy", load={"color": "c.png"}, mask=("m.nrrd:2,3:outside", "https://host/m.nrrd"))
-    assert watched("a.npy", Scene("a.npy", layers=(layer,))) == ("a.npy", "b.npy", "c.png", "m.nrrd")
-    assert watched("https://host/a.nrrd", Scene("https://host/a.nrrd")) == ()
+    layer = SceneFile("b.npy", load={"color": "c.png"}, mask=("m.nrrd:2,3:outside", "https://host/m.nrrd"))
+    assert watched("a.npy", SceneFile("a.npy", layers=(layer,))) == ("a.npy", "b.npy", "c.png", "m.nrrd")
+    assert watched("https://host/a.nrrd", SceneFile("https://host/a.nrrd")) == ()
 
 
-def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
+def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: SceneFile) -> None:
     """A transfer function that keeps everything of something big stays coarse."""
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 3000)
     content = Content.open(scene)
@@ -908,7 +908,7 @@ def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Sc
     assert not content.changed(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).heavy
 
 
-def test_values_that_are_kept_serve_no_threshold(scene: Scene) -> None:
+def test_values_that_are_kept_serve_no_threshold(scene: SceneFile) -> None:
     """mip keeps values through a threshold; minip, which takes the same, still allows none."""
     content = Content.open(replace(scene, settings=Settings(blend="mip")))
     state = acted(State.of(content, SIZE), "threshold-up", content)
@@ -952,7 +952,7 @@ class Kept:
         self.pictures[name] = pixels
 
 
-def test_a_frame_tells_the_plan_it_was_drawn_by(scene: Scene, renderer: sg.Renderer) -> None:
+def test_a_frame_tells_the_plan_it_was_drawn_by(scene: SceneFile, renderer: sg.Renderer) -> None:
     content = Content.open(scene)
     kept = Kept()
     painter, state = Painter(cast(Screen, kept), renderer, ()), State.of(content, SIZE)

@@ -16,7 +16,7 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.scene.shared_renderer import kept_renderer
+from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import SOLID, labels_of, of_colors
@@ -187,7 +187,7 @@ def _drawn(
 ) -> Image:
     """The scene from the viewer's camera."""
     camera, mirrored = camera_of(viewer, scene.corners, size)
-    with kept_renderer() as renderer:
+    with shared_renderer() as renderer:
         image = renderer.render(scene, camera, Settings(blend=blend, background=background))
     return Image(image.pixels[:, ::-1].copy(), image.info) if mirrored else image
 

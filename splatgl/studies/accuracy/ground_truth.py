@@ -24,7 +24,7 @@ from splatgl.reference.ray_integral import ray_integral
 from splatgl.reference.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import POST_KERNEL
-from splatgl.splat.resolve import depth_range, kind
+from splatgl.splat.resolve import depth_range, extraction_kind
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -115,7 +115,7 @@ class Subject:
         """Splats and settings of `method`. Raises InputError for what the scene does not allow."""
         settings = method.settings(self.settings, depth_range(self.splats(), self.camera))
         why = self.only_pre if settings.classification == "auto" else None
-        kernel = kind(settings, moving=False, why=why, voxels=0)[1]
+        kernel = extraction_kind(settings, moving=False, why=why, voxels=0)[1]
         return self.splats(method.threshold, method.coarse, kernel), settings
 
     def mark(self) -> str:

@@ -19,10 +19,10 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_whole
-from splatgl.scene.draw import Drawing
+from splatgl.scene.draw import DrawOptions
 from splatgl.scene.parse import size
-from splatgl.scene.scene_file import Scene
-from splatgl.scene.view import View
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Draw, Moments, moments, streaks
@@ -182,7 +182,7 @@ def run_picture(args: argparse.Namespace) -> int:
     for path, suffix in pictures + tables:
         check_output(path, (suffix,))
         check_source(path, args.source, *scene.files)
-    with Drawing().renderer() as renderer:
+    with DrawOptions().renderer() as renderer:
         shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
         if drawn:
             about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."
@@ -236,13 +236,13 @@ def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
     return replace(figure, spin=args.spin or figure.spin, frames=args.frames or figure.frames)
 
 
-def _scene(figure: PictureFigure, args: argparse.Namespace) -> Scene:
+def _scene(figure: PictureFigure, args: argparse.Namespace) -> SceneFile:
     """The requested scene or the paper's; a scene.toml overrides everything it can specify."""
     source = args.source or figure.source
     wanted = args.size or (figure.size, figure.size)
-    scene = Scene(source, view=View(size=wanted))
+    scene = SceneFile(source, view=ViewOptions(size=wanted))
     if Path(source).suffix == ".toml":
-        scene = Scene.from_toml(Path(source))
+        scene = SceneFile.from_toml(Path(source))
         scene = replace(scene, view=replace(scene.view, size=args.size)) if args.size else scene
     return replace(scene, load={**scene.load, "color": args.color}) if args.color else scene
 
@@ -332,7 +332,7 @@ class Shown:
     """A figure of a scene. blur: wraps a `Draw` with motion blur, for a rotating scene."""
 
     figure: PictureFigure
-    scene: Scene
+    scene: SceneFile
     draw: Draw
     blur: Motioned | None = None
 
@@ -355,7 +355,7 @@ class Shown:
     def turned(self, spin: float) -> Turning:
         """The scene rotating by `spin` degrees per frame; a flat scene without its own view gets a low one."""
         view = self.scene.view
-        if view == View(size=view.size) and _flat(self.volume):
+        if view == ViewOptions(size=view.size) and _flat(self.volume):
             view = _low_view(self.volume, view.size)
         elif self.scene.volume == self.figure.source and self.figure.zoom != 1 and view.zoom is None:
             view = replace(view, zoom=self.figure.zoom)
@@ -445,10 +445,10 @@ def _flat(volume: Volume) -> bool:
     return silent and bool(extent[2] < FLAT * min(extent[0], extent[1]))
 
 
-def _low_view(volume: Volume, size: tuple[int, int]) -> View:
+def _low_view(volume: Volume, size: tuple[int, int]) -> ViewOptions:
     """The built-in terrain's view, scaled to a volume of any width."""
     low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
     width = float(high[0] - low[0])
     x, y = (float(m) for m in (low + high)[:2] / 2)
     eye = (x, float(low[1]) - LOW_EYE * width, float(low[2]) + LOW_HEIGHT * width)
-    return View(size=size, eye=eye, look_at=(x, y, float(low[2]) + LOW_TARGET * width), fov=60.0)
+    return ViewOptions(size=size, eye=eye, look_at=(x, y, float(low[2]) + LOW_TARGET * width), fov=60.0)
