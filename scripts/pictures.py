@@ -21,13 +21,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from benchmarks.side_by_side import side_by_side
 from PIL import Image as Pillow
+from splatgl.studies.accuracy.document import CONVERGENCE, registry
 
 import splatgl as sg
 from splatgl.cli.main import main as command
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.technique import TECHNIQUES, combinations
-from splatgl.studies.accuracy.content import CONVERGENCE, registry
 from splatgl.studies.accuracy.export import as_table
 from splatgl.studies.tables import as_markdown
 
@@ -91,12 +91,12 @@ def classification(skull: str) -> None:
 
 def window(source: str) -> None:
     """The viewer with its panel and slices, showing a volume or a scene at full quality."""
-    from splatgl.viewer.document import Content
+    from splatgl.viewer.document import Document
     from splatgl.viewer.viewer import Options, Viewer
 
     scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
     with sg.Renderer("window") as renderer:
-        viewer = Viewer(Content.open(scene), renderer, Options(size=WINDOW))
+        viewer = Viewer(Document.open(scene), renderer, Options(size=WINDOW))
         try:
             # with slices beside it, and a few extra frames for the panel
             viewer.hands.key("z")

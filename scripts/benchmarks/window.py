@@ -22,7 +22,7 @@ from splatgl.gl.renderer import Renderer
 from splatgl.scene.parse import size
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.transfer import Transfer
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.viewer import Options, Viewer
 
 # longest wait for a picture at rest
@@ -117,14 +117,14 @@ def main() -> None:
     for file in args.files:
         begun = time.perf_counter()
         with Renderer("window") as renderer:
-            content = Content.open(SceneFile.from_toml(Path(file)) if file.endswith(".toml") else SceneFile(file))
-            viewer = Viewer(content, renderer, Options(size=args.size))
+            document = Document.open(SceneFile.from_toml(Path(file)) if file.endswith(".toml") else SceneFile(file))
+            viewer = Viewer(document, renderer, Options(size=args.size))
             while viewer.painter.frame is None:
                 viewer.step(0.0)
             first = time.perf_counter() - begun
             rest(viewer)
             print(
-                f"{content.volume.name}: {content.counts[0]:,} splats, first {first:.2f} s, "
+                f"{document.volume.name}: {document.counts[0]:,} splats, first {first:.2f} s, "
                 f"refined {time.perf_counter() - begun:.2f} s",
                 flush=True,
             )

@@ -43,7 +43,7 @@ def give_back_free() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-class Sweep:
+class IdleTrim:
     """Frees what is given up. Contents and pictures refer to themselves, and hold splats and textures: Python by itself
     keeps them until it has made many other objects.
     """

@@ -14,7 +14,7 @@ from splatgl.viewer.state import MOST_PLANES, Cuts, box_planes
 from splatgl.viewer.trackball import Place, nearest_on_line, ray, seen
 
 if TYPE_CHECKING:
-    from splatgl.viewer.document import Content
+    from splatgl.viewer.document import Document
     from splatgl.viewer.state import State
 
 
@@ -27,13 +27,13 @@ def leaves(cuts: Cuts, volume: Volume) -> bool:
     return not found or bool(len(left(found, volume.corners)))
 
 
-def cut(state: State, content: Content, cuts: Cuts) -> State:
+def cut(state: State, document: Document, cuts: Cuts) -> State:
     """The state with other cuts; the same with a message where they would leave nothing."""
     if cuts == state.cuts:
         return state
-    if not leaves(cuts, content.volume):
+    if not leaves(cuts, document.volume):
         return replace(state, message="this would cut everything off")
-    clip = cuts.clip(content.volume)
+    clip = cuts.clip(document.volume)
     # a scene's own planes stay as they are until they are changed
     same = (cuts.sides, cuts.planes, cuts.active) == (state.cuts.sides, state.cuts.planes, state.cuts.active)
     return replace(state, cuts=cuts, settings=state.settings if same else state.settings.but(clip=clip))

@@ -19,54 +19,54 @@ from splatgl.splat.plan import plan
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import FULL, cut
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import FIRST
 from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, Cuts, Ruler, State, _next
 from splatgl.viewer.trackball import NOTCH, Pose, up_of
 
 
-def facing(state: State, content: Content) -> Plane:
+def facing(state: State, document: Document) -> Plane:
     """A plane through the middle of what is left that cuts off what is towards the eye, and looks at it."""
-    forward, middle = state.pose.camera.forward, content.volume.corners.mean(axis=0)
+    forward, middle = state.pose.camera.forward, document.volume.corners.mean(axis=0)
     return (*map(float, forward), float(forward @ middle))  # type: ignore[return-value]
 
 
-def add_plane(state: State, content: Content, normal: Sequence[float] | None = None) -> State:
+def add_plane(state: State, document: Document, normal: Sequence[float] | None = None) -> State:
     """With one more plane through the volume's middle. normal: towards what is kept; None: away from the eye."""
     cuts = state.cuts
     if len(cuts.planes) >= MOST_PLANES:
         return replace(state, message=FULL)
-    plane = facing(state, content)
+    plane = facing(state, document)
     if normal is not None:
         along = np.asarray(normal, np.float64)
-        plane = (*map(float, along), float(along @ content.volume.corners.mean(axis=0)))  # type: ignore[assignment]
-    return cut(state, content, replace(cuts.with_plane(len(cuts.planes), plane), active=True, shown=True))
+        plane = (*map(float, along), float(along @ document.volume.corners.mean(axis=0)))  # type: ignore[assignment]
+    return cut(state, document, replace(cuts.with_plane(len(cuts.planes), plane), active=True, shown=True))
 
 
-def _handles(state: State, content: Content) -> State:
+def _handles(state: State, document: Document) -> State:
     cuts = replace(state.cuts, shown=not state.cuts.shown)
     said = "drag the dots to cut; shift+x: with and without the cuts" if cuts.shown else ""
-    return replace(cut(state, content, cuts), message=said)
+    return replace(cut(state, document, cuts), message=said)
 
 
-def _active(state: State, content: Content) -> State:
+def _active(state: State, document: Document) -> State:
     if not state.cuts.any:
         return replace(state, message="nothing is cut: x shows the handles, ctrl+x makes a plane")
     cuts = replace(state.cuts, active=not state.cuts.active)
-    return replace(cut(state, content, cuts), message=f"cuts {'on' if cuts.active else 'off'}")
+    return replace(cut(state, document, cuts), message=f"cuts {'on' if cuts.active else 'off'}")
 
 
-def _plane(state: State, content: Content) -> State:
-    found = add_plane(state, content)
+def _plane(state: State, document: Document) -> State:
+    found = add_plane(state, document)
     return (
         found if found.message else replace(found, message="drag its dot up or down; turn the view to reach its arrow")
     )
 
 
-def _uncut(state: State, content: Content) -> State:
+def _uncut(state: State, document: Document) -> State:
     if not state.cuts.any:
         return replace(state, message="nothing is cut")
-    return replace(cut(state, content, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
+    return replace(cut(state, document, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
 
 
 CLIP_ACTIONS: dict[str, Any] = {"handles": _handles, "cuts": _active, "plane": _plane, "uncut": _uncut}
@@ -77,30 +77,30 @@ def toggled(asked: tuple[str, ...], name: str) -> tuple[str, ...]:
     return tuple(one for one in asked if one != name) if name in asked else (*asked, name)
 
 
-def _usual(state: State, content: Content) -> State:
-    names = usual(Subject.of(content.volume))
+def _usual(state: State, document: Document) -> State:
+    names = usual(Subject.of(document.volume))
     rest = tuple(one for one in state.annotate if one not in names)
     return replace(state, annotate=rest if set(names) & set(state.annotate) else (*names, *rest))
 
 
-def _color_bar(state: State, content: Content) -> State:
-    said = "voxels have colours of their own: no colour bar" if content.volume.color is not None else ""
+def _color_bar(state: State, document: Document) -> State:
+    said = "voxels have colours of their own: no colour bar" if document.volume.color is not None else ""
     return replace(state, annotate=toggled(state.annotate, "colorbar"), message=said)
 
 
-def _box(state: State, content: Content) -> State:
+def _box(state: State, document: Document) -> State:
     return replace(state, annotate=toggled(state.annotate, "box"))
 
 
 ANNOTATION_ACTIONS: dict[str, Any] = {"annotations": _usual, "colorbar": _color_bar, "box": _box}
 
 
-def _probe(state: State, content: Content) -> State:
+def _probe(state: State, document: Document) -> State:
     said = "" if state.probe else "the value under the cursor"
     return replace(state, probe=not state.probe, message=said)
 
 
-def _measure(state: State, content: Content) -> State:
+def _measure(state: State, document: Document) -> State:
     if state.ruler.active:
         return replace(state, ruler=Ruler(state.ruler.points))
     if state.ruler.points:
@@ -111,7 +111,7 @@ def _measure(state: State, content: Content) -> State:
 MEASURE_ACTIONS: dict[str, Any] = {"probe": _probe, "measure": _measure}
 
 
-Action = Callable[["State", "Content"], "State"]
+Action = Callable[[State, Document], State]
 
 # degrees per key press
 TURN, ROLL = 10.0, 10.0
@@ -153,10 +153,10 @@ def angles(view: str, frame: str | None) -> tuple[float, float]:
 def view(name: str) -> Action:
     """The action that shows a standard view."""
 
-    def look(state: State, content: Content) -> State:
-        frame, pose, up = content.volume.frame, state.pose, up_of(content)
-        camera = Camera.orbit(content.subject, *angles(name, frame), pose.fov, pose.camera.size, up=up)
-        seen = replace(pose, camera=camera, pivot=content.middle)
+    def look(state: State, document: Document) -> State:
+        frame, pose, up = document.volume.frame, state.pose, up_of(document)
+        camera = Camera.orbit(document.subject, *angles(name, frame), pose.fov, pose.camera.size, up=up)
+        seen = replace(pose, camera=camera, pivot=document.middle)
         pose = seen if pose.camera.perspective else seen.switched()
         return replace(state, pose=pose, turning=False, message=name_of(name, frame))
 
@@ -164,19 +164,19 @@ def view(name: str) -> Action:
 
 
 def _moved(move: Callable[[Pose, np.ndarray], Pose]) -> Action:
-    return lambda state, content: replace(state, pose=move(state.pose, up_of(content)), turning=False)
+    return lambda state, document: replace(state, pose=move(state.pose, up_of(document)), turning=False)
 
 
 def _middle(pose: Pose) -> tuple[float, float]:
     return pose.camera.size[0] / 2, pose.camera.size[1] / 2
 
 
-def _turntable(state: State, content: Content) -> State:
+def _turntable(state: State, document: Document) -> State:
     said = "trackball: a drag turns about any axis" if state.turntable else "turntable: up stays up"
     return replace(state, turntable=not state.turntable, message=said)
 
 
-def _ground(state: State, content: Content) -> State:
+def _ground(state: State, document: Document) -> State:
     own = state.settings.background
     names = (*GROUNDS, *COLORS)
     colors = {name: tuple(map(float, linear_from_srgb(np.array(rgb)))) for name, rgb in COLORS.items()}
@@ -187,13 +187,13 @@ def _ground(state: State, content: Content) -> State:
     return replace(state, ground=ground, settings=state.settings.but(background=background), message=f"on {name}")
 
 
-def _light(state: State, content: Content) -> State:
+def _light(state: State, document: Document) -> State:
     allowed = choices()["light"]
     light = allowed[(allowed.index(state.settings.light) + 1) % len(allowed)]
     return replace(state, settings=state.settings.but(light=light), message=f"light {light}")
 
 
-def _fullscreen(state: State, content: Content) -> State:
+def _fullscreen(state: State, document: Document) -> State:
     return replace(state, fullscreen=not state.fullscreen)
 
 
@@ -214,11 +214,11 @@ CAMERA_ACTIONS: dict[str, Any] = {
 }
 
 
-def _show(state: State, content: Content) -> State:
+def _show(state: State, document: Document) -> State:
     return replace(state, slices=replace(state.slices, shown=not state.slices.shown))
 
 
-def _color(state: State, content: Content) -> State:
+def _color(state: State, document: Document) -> State:
     colored = not state.slices.colored
     said = "slices in the colours of values" if colored else "slices in grey, by the window of values"
     return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=said)
@@ -242,74 +242,74 @@ CYCLES = {
 }
 
 
-def acted(state: State, action: str, content: Content) -> State:
+def acted(state: State, action: str, document: Document) -> State:
     """The state after an action."""
-    return ACTIONS[action](replace(state, message=""), content)
+    return ACTIONS[action](replace(state, message=""), document)
 
 
-def _reset(state: State, content: Content) -> State:
-    return replace(state, pose=content.home(state.pose.camera.size), turning=False)
+def _reset(state: State, document: Document) -> State:
+    return replace(state, pose=document.home(state.pose.camera.size), turning=False)
 
 
-def _projection(state: State, content: Content) -> State:
+def _projection(state: State, document: Document) -> State:
     pose = state.pose.switched()
     return replace(state, pose=pose, message="perspective" if pose.camera.perspective else "orthographic")
 
 
 def _cycle(name: str) -> Action:
-    def cycle(state: State, content: Content) -> State:
+    def cycle(state: State, document: Document) -> State:
         allowed = choices()[name]
         chosen = getattr(state.settings, name)
         for _ in allowed:
             chosen = _next(allowed, chosen)
             settings = state.settings.but(**{name: chosen})
-            if drawable(settings, state, content):
+            if drawable(settings, state, document):
                 break
         return replace(state, settings=settings, message=f"{name} {chosen}{CYCLES[name]}")
 
     return cycle
 
 
-def _blur(state: State, content: Content) -> State:
+def _blur(state: State, document: Document) -> State:
     blur = _next(BLURS, state.blur)
     said = "motion blur off" if blur == "off" else f"motion blur {blur}: while the view is turned; a still has none"
     return replace(state, blur=blur, message=said)
 
 
-def drawable(settings: Settings, state: State, content: Content) -> bool:
+def drawable(settings: Settings, state: State, document: Document) -> bool:
     """Whether these settings are valid for this volume as the state sees it."""
-    return not refusal(settings, state, content)
+    return not refusal(settings, state, document)
 
 
-def refusal(settings: Settings, state: State, content: Content) -> str:
+def refusal(settings: Settings, state: State, document: Document) -> str:
     """Why these settings are not valid for this volume as the state sees it; "" if they are."""
     try:
-        splats = content.followed(state.looks, state.meshes, settings).at(STRIDES[-1])
+        splats = document.followed(state.looks, state.meshes, settings).at(STRIDES[-1])
         chosen = plan(splats, state.pose.camera, settings.but(classification="auto"))
-        content.check(settings, chosen.resolved)
+        document.check(settings, chosen.resolved)
     except InputError as error:
         return str(error)
     return ""
 
 
-def _beyond(state: State, content: Content) -> State:
+def _beyond(state: State, document: Document) -> State:
     camera, said = state.pose.camera, ""
     if not state.beyond:
         if not camera.perspective:
             said = "z_k: every voxel is as wide as any other in an orthographic view"
-        elif (z_k := camera.z_k(min(content.volume.spacing))) > camera.eye_from_points(content.volume.corners)[
+        elif (z_k := camera.z_k(min(document.volume.spacing))) > camera.eye_from_points(document.volume.corners)[
             :, 2
         ].max():
             said = f"z_k = {z_k:.4g}: all voxels are nearer, so that none is stretched; zoom out to see it"
     return replace(state, beyond=not state.beyond, message=said)
 
 
-def _compare(state: State, content: Content) -> State:
+def _compare(state: State, document: Document) -> State:
     return replace(state, compare=_next(COMPARE, state.compare), turning=False)
 
 
 def _opacity(factor: float) -> Action:
-    def change(state: State, content: Content) -> State:
+    def change(state: State, document: Document) -> State:
         extinction = state.extinction * factor
         # snap back to 1 despite rounding
         extinction = 1.0 if abs(extinction - 1.0) < 1e-9 else extinction
@@ -319,7 +319,7 @@ def _opacity(factor: float) -> Action:
 
 
 def _threshold(factor: float) -> Action:
-    def change(state: State, content: Content) -> State:
+    def change(state: State, document: Document) -> State:
         moved = max(state.threshold * factor, LOWEST) if factor > 1 else state.threshold * factor
         moved = 0.0 if moved < LOWEST * 0.999 else min(moved, HIGHEST)
         return thresholded(replace(state, message=f"threshold {moved:.4g}"), moved)
@@ -335,21 +335,21 @@ def thresholded(state: State, threshold: float) -> State:
 
 
 def _toggle(name: str) -> Action:
-    def toggle(state: State, content: Content) -> State:
+    def toggle(state: State, document: Document) -> State:
         changes: dict[str, Any] = {name: not getattr(state, name)}
         return replace(state, **changes)
 
     return toggle
 
 
-def _close(state: State, content: Content) -> State:
+def _close(state: State, document: Document) -> State:
     if state.help:
         return replace(state, help=False)
     return replace(state, turning=False, playing=False, asks=(*state.asks, "cancel"))
 
 
 def _time(step: int) -> Action:
-    def go(state: State, content: Content) -> State:
+    def go(state: State, document: Document) -> State:
         if state.times < 2:
             return replace(state, message=ONE_TIME)
         return replace(state, time=(state.time + step) % state.times, playing=False)
@@ -357,12 +357,12 @@ def _time(step: int) -> Action:
     return go
 
 
-def _play(state: State, content: Content) -> State:
+def _play(state: State, document: Document) -> State:
     return replace(state, playing=not state.playing) if state.times > 1 else replace(state, message=ONE_TIME)
 
 
 def _ask(what: str) -> Action:
-    return lambda state, content: replace(state, asks=(*state.asks, what))
+    return lambda state, document: replace(state, asks=(*state.asks, what))
 
 
 ACTIONS: dict[str, Action] = {
@@ -381,7 +381,7 @@ ACTIONS: dict[str, Action] = {
     "save": _ask("save"),
     "open": _ask("open"),
     "save-as": _ask("save-as"),
-    "hud": lambda state, content: replace(state, hud=_next(HUDS, state.hud)),
+    "hud": lambda state, document: replace(state, hud=_next(HUDS, state.hud)),
     "undo": _ask("undo"),
     "redo": _ask("redo"),
     "close": _close,

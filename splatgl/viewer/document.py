@@ -29,8 +29,8 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.stand_in import Portion, portion
-from splatgl.viewer.state import Look
+from splatgl.viewer.stand_in import StandIn, choose_stand_in
+from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.trackball import Pose
 
 # volumes with fewer voxels are not downsampled
@@ -40,12 +40,12 @@ FEW = 200_000
 
 
 @dataclass(frozen=True, eq=False)
-class Content:
+class Document:
     """volumes: one for each of STRIDES, finest first. Splats are extracted on demand.
 
     portion: what of the scene's volume they are.
-    kind: classification and kernel that splats are extracted for. before: `counts` of the content that
-    this one replaces. beside: contents that differ in kind alone, by `after`. waiting: whether nothing is read yet.
+    kind: classification and kernel that splats are extracted for. before: `counts` of the document that
+    this one replaces. beside: documents that differ in kind alone, by `after`. waiting: whether nothing is read yet.
     """
 
     scene: SceneFile
@@ -56,15 +56,15 @@ class Content:
     before: tuple[int, ...] = (0,) * len(STRIDES)
     made: dict[int, Splats] = field(default_factory=dict)
     skins: dict[int, Splats] = field(default_factory=dict)
-    beside: dict[bool, Content] = field(default_factory=dict)
-    portion: Portion | None = None
+    beside: dict[bool, Document] = field(default_factory=dict)
+    portion: StandIn | None = None
     waiting: bool = False
 
     def __post_init__(self) -> None:
         self.beside[self.after] = self
 
     @classmethod
-    def nothing(cls, scene: SceneFile) -> Content:
+    def nothing(cls, scene: SceneFile) -> Document:
         """What there is of a scene before it is read."""
         volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
         bare = replace(
@@ -76,7 +76,7 @@ class Content:
         return found
 
     @classmethod
-    def open(cls, scene: SceneFile, quiet: bool = False) -> Content:
+    def open(cls, scene: SceneFile, quiet: bool = False) -> Document:
         """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise.
 
         quiet: whether notes on the files are not printed.
@@ -93,21 +93,21 @@ class Content:
         return cls.of_volume(scene.cut(volume), volume, scene.transfer_for(volume))
 
     @classmethod
-    def of_volume(cls, scene: SceneFile, volume: Volume, transfer: Transfer) -> Content:
+    def of_volume(cls, scene: SceneFile, volume: Volume, transfer: Transfer) -> Document:
         """Of a volume that is read, or of a stand-in."""
-        shown = portion(volume, transfer, scene.settings)
+        shown = choose_stand_in(volume, transfer, scene.settings)
         if shown.told or shown.finer:
             # opacities stay those of the finest voxels
             transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
         return cls._of(scene, shown, transfer)
 
-    def finer(self) -> Content:
-        """The content of the portion that replaces this one's, which is read now."""
+    def finer(self) -> Document:
+        """The document of the portion that replaces this one's, which is read now."""
         assert self.portion and self.portion.finer
         return self._of(self.scene, self.portion.finer(), self.transfer)
 
     @classmethod
-    def _of(cls, scene: SceneFile, shown: Portion, transfer: Transfer) -> Content:
+    def _of(cls, scene: SceneFile, shown: StandIn, transfer: Transfer) -> Document:
         volume = shown.volume
         volumes = [volume]
         for _ in STRIDES[1:]:
@@ -116,15 +116,15 @@ class Content:
             half = next(iter(last.coarser), less)
             volumes.append(half)
         before = tuple(each.count for each in volumes)
-        content = cls(scene, tuple(volumes), transfer, scene.threshold, before=before, portion=shown)
-        content = content.classified(scene.settings)
-        content.skin(STRIDES[-1])
-        return content
+        document = cls(scene, tuple(volumes), transfer, scene.threshold, before=before, portion=shown)
+        document = document.classified(scene.settings)
+        document.skin(STRIDES[-1])
+        return document
 
     @property
-    def looks(self) -> tuple[Look, ...]:
-        """How each part of the content is seen; of one volume, that one."""
-        return (Look(self.transfer, self.threshold),)
+    def looks(self) -> tuple[LayerStyle, ...]:
+        """How each part of the document is seen; of one volume, that one."""
+        return (LayerStyle(self.transfer, self.threshold),)
 
     @property
     def surfaces(self) -> tuple[MeshFile, ...]:
@@ -132,7 +132,7 @@ class Content:
         return ()
 
     @property
-    def channels(self) -> list[Content]:
+    def channels(self) -> list[Document]:
         """The parts that are channels of one volume."""
         return [self]
 
@@ -142,7 +142,7 @@ class Content:
         return (self.volume.name or self.scene.volume,)
 
     @property
-    def drawing(self) -> list[Content]:
+    def drawing(self) -> list[Document]:
         """The parts whose splats are drawn."""
         return [self]
 
@@ -150,8 +150,8 @@ class Content:
         """What is read of a mesh; None if it is not."""
         return None
 
-    def part(self, number: int) -> Content:
-        """One part of the content."""
+    def part(self, number: int) -> Document:
+        """One part of the document."""
         return self
 
     @property
@@ -259,9 +259,9 @@ class Content:
         return self.whole and (post is None or post.fresh)
 
     def followed(
-        self, looks: Sequence[Look], surfaces: Sequence[MeshFile], settings: Settings, moving: bool = False
-    ) -> Content:
-        """The content as its parts are to be seen; this one if it is."""
+        self, looks: Sequence[LayerStyle], surfaces: Sequence[MeshFile], settings: Settings, moving: bool = False
+    ) -> Document:
+        """The document as its parts are to be seen; this one if it is."""
         return self.following(looks[0].transfer, looks[0].threshold, settings, moving)
 
     def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Layers, Settings]:
@@ -269,18 +269,18 @@ class Content:
         return self.at(stride), settings
 
     def check(self, settings: Settings, resolved: Resolved) -> None:
-        """InputError for settings that this content is not drawn with."""
+        """InputError for settings that this document is not drawn with."""
 
-    def anew(self) -> Content:
+    def anew(self) -> Document:
         """The same without any splats: those that are there may be of values extracted for another transfer."""
         return replace(self, made={}, skins={}, beside={})
 
-    def following(self, transfer: Transfer, threshold: float, settings: Settings, moving: bool = False) -> Content:
-        """The content of these values, as a picture with these settings takes it; this one if it is."""
+    def following(self, transfer: Transfer, threshold: float, settings: Settings, moving: bool = False) -> Document:
+        """The document of these values, as a picture with these settings takes it; this one if it is."""
         same = (transfer, threshold) == (self.transfer, self.threshold)
         return (self if same else self.changed(transfer, threshold)).classified(settings, moving)
 
-    def changed(self, transfer: Transfer, threshold: float) -> Content:
+    def changed(self, transfer: Transfer, threshold: float) -> Document:
         """A copy with another transfer function, and of the splats those whose values serve it too."""
         after = self.beside.get(True, self)
         made = {
@@ -289,10 +289,10 @@ class Content:
             if splats.post is not None and splats.post.holds(transfer)
         }
         kept = (after.kind, self.counts, made, made.copy())
-        return Content(self.scene, self.volumes, transfer, threshold, *kept, portion=self.portion)
+        return Document(self.scene, self.volumes, transfer, threshold, *kept, portion=self.portion)
 
-    def classified(self, settings: Settings, moving: bool = False) -> Content:
-        """The content as a picture with these settings takes it; others of the same transfer function are kept.
+    def classified(self, settings: Settings, moving: bool = False) -> Document:
+        """The document as a picture with these settings takes it; others of the same transfer function are kept.
 
         moving: whether the picture is motion-blurred.
         """
@@ -345,20 +345,20 @@ def _fov(camera: Camera) -> float:
     return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
 
 
-def bare(surface: MeshFile) -> MeshFile:
+def source_key(surface: MeshFile) -> MeshFile:
     """What is read of a mesh, whatever its look."""
     return replace(surface, color="", opacity=1.0, visible=True)
 
 
 def read_meshes(surfaces: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
     """The meshes, by `bare`. Raises InputError as `MeshFile.open`."""
-    return {each: each.open() for each in dict.fromkeys(map(bare, surfaces))}
+    return {each: each.open() for each in dict.fromkeys(map(source_key, surfaces))}
 
 
-def dressed(surfaces: Sequence[MeshFile], found: Mapping[MeshFile, Mesh]) -> tuple[Mesh, ...]:
+def styled_meshes(surfaces: Sequence[MeshFile], found: Mapping[MeshFile, Mesh]) -> tuple[Mesh, ...]:
     """Those that are to be seen, in their colours and opacities, as `MeshFile.open` reads them."""
-    shown = [each for each in surfaces if each.visible and bare(each) in found]
-    return tuple(_looking(each, found[bare(each)]) for each in shown)
+    shown = [each for each in surfaces if each.visible and source_key(each) in found]
+    return tuple(_looking(each, found[source_key(each)]) for each in shown)
 
 
 def _looking(surface: MeshFile, mesh: Mesh) -> Mesh:
@@ -388,16 +388,16 @@ class Drawn(Layers):
 
 
 @dataclass(frozen=True, eq=False)
-class Together(Content):
-    """The content of the first part, and all parts, with their names.
+class Together(Document):
+    """The document of the first part, and all parts, with their names.
 
     seen: how each part is; cuts: planes of its own, None: the scene's. surfaces: the meshes of the scene; read: what is
     read of them; always: others that are always seen, such as lines. drawn: what was drawn last.
     """
 
-    parts: tuple[Content, ...] = ()
+    parts: tuple[Document, ...] = ()
     names: tuple[str, ...] = ()
-    seen: tuple[Look, ...] = ()
+    seen: tuple[LayerStyle, ...] = ()
     cuts: tuple[tuple[Plane, ...] | None, ...] = ()
     surfaces: tuple[MeshFile, ...] = ()
     read: Mapping[MeshFile, Mesh] = field(default_factory=dict)
@@ -405,7 +405,7 @@ class Together(Content):
     drawn: dict[object, Drawn] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, parts: Sequence[Content], seen: Sequence[Look], more: Together | None = None) -> Together:
+    def of(cls, parts: Sequence[Document], seen: Sequence[LayerStyle], more: Together | None = None) -> Together:
         """Of these parts, with meshes and cuts of `more`. Raises InputError for too many that are to be seen."""
         shown = sum(each.visible and each.opacity > 0 for each in seen)
         if shown > MOST_LAYERS:
@@ -428,8 +428,8 @@ class Together(Content):
         scene = scene.cut(volume)
         sources: list[tuple[SceneFile, Volume, tuple[Plane, ...] | None]] = [(scene, volume, None)]
         names: list[str] = []
-        contents: list[Content] = []
-        looks: list[Look] = []
+        documents: list[Document] = []
+        looks: list[LayerStyle] = []
         cuts: list[tuple[Plane, ...] | None] = []
         for layer in scene.layers:
             other = (replace(layer, mask=scene.mask) if layer.mask is None else layer).open()
@@ -437,49 +437,49 @@ class Together(Content):
             own = None if layer.clip is None and not layer.crop else layer.cut(other).settings.clip
             sources.append((layer, other, own))
         for source, each, own in sources:
-            for name, content, look in _channels(source, each, scene.settings):
+            for name, document, look in _channels(source, each, scene.settings):
                 names.append(name)
-                contents.append(content)
+                documents.append(document)
                 looks.append(look)
                 cuts.append(own)
         surfaces, always = tuple(surfaces_of(scene)), tuple(scene.vectors.meshes(volume))
-        made = replace(cls.of(contents, looks), scene=scene, names=tuple(names), cuts=tuple(cuts), beside={}, drawn={})
+        made = replace(cls.of(documents, looks), scene=scene, names=tuple(names), cuts=tuple(cuts), beside={}, drawn={})
         return replace(made, surfaces=surfaces, read=read_meshes(surfaces), always=always, beside={}, drawn={})
 
     @classmethod
-    def with_meshes(cls, content: Content, found: Mapping[MeshFile, Mesh]) -> Together:
-        """A content, and what is read of meshes, which are seen where a state names them."""
-        base = content if isinstance(content, Together) else cls.of([content], content.looks)
+    def with_meshes(cls, document: Document, found: Mapping[MeshFile, Mesh]) -> Together:
+        """A document, and what is read of meshes, which are seen where a state names them."""
+        base = document if isinstance(document, Together) else cls.of([document], document.looks)
         return replace(base, read={**base.read, **found}, drawn={}, beside={})
 
     @property
-    def looks(self) -> tuple[Look, ...]:
+    def looks(self) -> tuple[LayerStyle, ...]:
         """How each part is seen."""
         return self.seen
 
     @property
-    def shown(self) -> list[Content]:
+    def shown(self) -> list[Document]:
         """The parts that are to be seen."""
         return [part for part, look in zip(self.parts, self.seen, strict=True) if look.visible and look.opacity > 0]
 
-    def part(self, number: int) -> Content:
+    def part(self, number: int) -> Document:
         """One part."""
         return self.parts[number]
 
     def mesh(self, file: MeshFile) -> Mesh | None:
         """What is read of a mesh; None if it is not."""
-        return self.read.get(bare(file))
+        return self.read.get(source_key(file))
 
     @property
-    def channels(self) -> list[Content]:
+    def channels(self) -> list[Document]:
         """The parts of the first volume."""
         found = [part for part in self.parts if part.scene.volume == self.scene.volume and "channel" in part.scene.load]
         return found or [self.parts[0]]
 
-    # --- what the window asks of any content -----------------------------------------------------------------------
+    # --- what the window asks of any document -----------------------------------------------------------------------
 
     @property
-    def drawing(self) -> list[Content]:
+    def drawing(self) -> list[Document]:
         """Those whose splats are drawn; the first also where nothing is seen but meshes."""
         return self.shown or [self.parts[0]]
 
@@ -533,9 +533,9 @@ class Together(Content):
             part.extract(stride, progress)
 
     def followed(
-        self, looks: Sequence[Look], surfaces: Sequence[MeshFile], settings: Settings, moving: bool = False
-    ) -> Content:
-        """The content of these looks and meshes; this one if it is."""
+        self, looks: Sequence[LayerStyle], surfaces: Sequence[MeshFile], settings: Settings, moving: bool = False
+    ) -> Document:
+        """The document of these looks and meshes; this one if it is."""
         # the parts of a scene that was changed on disk may be others
         looks = (*looks, *self.seen[len(looks) :])[: len(self.parts)]
         asked = settings.but(motion="off")
@@ -546,21 +546,21 @@ class Together(Content):
             return self
         return replace(Together.of(parts, looks, self), surfaces=tuple(surfaces), beside={}, drawn={})
 
-    def following(self, transfer: object, threshold: float, settings: Settings, moving: bool = False) -> Content:
-        """The content as a picture with these settings takes it, and as its parts are seen."""
+    def following(self, transfer: object, threshold: float, settings: Settings, moving: bool = False) -> Document:
+        """The document as a picture with these settings takes it, and as its parts are seen."""
         return self.followed(self.seen, self.surfaces, settings)
 
-    def classified(self, settings: Settings, moving: bool = False) -> Content:
+    def classified(self, settings: Settings, moving: bool = False) -> Document:
         """As a picture with these settings takes it; blurred ones are means of sharp ones."""
         return self.followed(self.seen, self.surfaces, settings)
 
-    def finer(self) -> Content:
+    def finer(self) -> Document:
         """The same with the finer portion of the first part that has one, which is read now."""
         number = next(n for n, part in enumerate(self.parts) if part.portion and part.portion.finer)
         parts = [part.finer() if n == number else part for n, part in enumerate(self.parts)]
         return Together.of(parts, self.seen, self)
 
-    def anew(self) -> Content:
+    def anew(self) -> Document:
         """The same, of which splats that extraction would not give are left out."""
         parts = [part if part.fresh else part.anew() for part in self.parts]
         return replace(Together.of(parts, self.seen, self), beside={}, drawn={})
@@ -576,7 +576,7 @@ class Together(Content):
     @cached_property
     def meshes(self) -> tuple[Mesh, ...]:
         """Those that are to be seen, in their colours."""
-        return (*dressed(self.surfaces, self.read), *self.always)
+        return (*styled_meshes(self.surfaces, self.read), *self.always)
 
     def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Layers, Settings]:
         """The layers and meshes, which the planes of the settings cut."""
@@ -626,21 +626,21 @@ def _none(splats: Splats) -> Splats:
     return splats.part(np.zeros(len(splats), bool))
 
 
-def _channels(source: SceneFile, volume: Volume, settings: Settings) -> list[tuple[str, Content, Look]]:
-    """Name, content and look of each channel of a source, or of the one that there is."""
+def _channels(source: SceneFile, volume: Volume, settings: Settings) -> list[tuple[str, Document, LayerStyle]]:
+    """Name, document and look of each channel of a source, or of the one that there is."""
     plain = replace(source, opacity=1.0)
     found = []
     for number, layer in enumerate(of_channels(plain, volume, plain.transfer_for(volume))):
         scene = replace(source, settings=settings, layers=(), meshes=())
         if len(volume.channels) > 1:
             scene = replace(scene, load={**source.load, "channel": _token(source.load.get("channel"), number)})
-        look = Look(layer.seen, source.threshold, 1.0, source.opacity, source.visible)
+        look = LayerStyle(layer.seen, source.threshold, 1.0, source.opacity, source.visible)
         # the first has what is known of the file: its view and time points
         samples = layer.volume if number else replace(volume, channels=())
-        content = Content.of_volume(scene, samples, look.transfer)
-        unit = content.transfer.unit
+        document = Document.of_volume(scene, samples, look.transfer)
+        unit = document.transfer.unit
         name = layer.volume.name or source.volume
-        found.append((name, content, look if unit is None else look.of_unit(unit)))
+        found.append((name, document, look if unit is None else look.of_unit(unit)))
     return found
 
 

@@ -87,7 +87,7 @@ class Dialogs:
         if self.kind == OPEN:
             viewer.hands.drop(list(paths))
             return
-        told = viewer.state, viewer.content, viewer.renderer.render, Path(paths[0])
+        told = viewer.state, viewer.document, viewer.renderer.render, Path(paths[0])
         viewer.state, kept = saved_as(*told, partial(as_seen, viewer), viewer.files.times)
         if kept:
             viewer.history.keep(viewer.state)
@@ -95,7 +95,7 @@ class Dialogs:
 
     def _folder(self) -> Path:
         """That of what is shown."""
-        shown = Path(self.viewer.content.scene.volume)
+        shown = Path(self.viewer.document.scene.volume)
         return shown.parent if shown.exists() else Path()
 
 

@@ -22,7 +22,7 @@ from splatgl.splat.settings import BLENDS
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, Level
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.key_bindings import MOUSE, Binding
 from splatgl.viewer.reference_view import Difference, Reference, enlarged
@@ -111,8 +111,8 @@ ENOUGH = 1000
 Ask = Callable[[], bool]
 
 
-class Painter:
-    """Holds the screen's contents: the last frame, the overlay, and the display mode."""
+class FrameRenderer:
+    """Holds the screen's documents: the last frame, the overlay, and the display mode."""
 
     def __init__(self, screen: Screen, renderer: Renderer, bindings: tuple[Binding, ...]) -> None:
         self.screen, self.renderer, self.bindings = screen, renderer, bindings
@@ -135,7 +135,7 @@ class Painter:
         self.whole = 0.0
         self.beside: object = None
 
-    def draw(self, state: State, content: Content, level: Level, gliding: bool, interrupted: Ask) -> Frame:
+    def draw(self, state: State, document: Document, level: Level, gliding: bool, interrupted: Ask) -> Frame:
         """Renders the splats at a level and keeps the image. Raises InputError as the renderer does.
 
         gliding: the view moves continuously from the last frame, so that motion blur may apply. interrupted: polled
@@ -143,48 +143,48 @@ class Painter:
         """
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
-        # as the content's splats were extracted
+        # as the document's splats were extracted
         asked = state.settings.but(motion=state.blur, classification="auto")
-        chosen = self.renderer.plan(content.finest, state.pose.camera, asked)
-        splats = _enough(state, content, level, chosen)
+        chosen = self.renderer.plan(document.finest, state.pose.camera, asked)
+        splats = _enough(state, document, level, chosen)
         # the reference has no tint, nor have layers
         tint = state.beyond and state.compare == "off" and not state.parts
         z_k = chosen.resolved.z_k
-        if tint and not content.after:
+        if tint and not document.after:
             splats = tinted(splats, camera, z_k)
         # of a picture of reconstructed values, its light is tinted, before the background
-        settings = level.settings(asked.but(background=None) if tint and content.after else asked)
+        settings = level.settings(asked.but(background=None) if tint and document.after else asked)
         motion = self._motion(state, camera, started - self.begun) if gliding else None
         if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
             settings = settings.but(moments=MOMENTS)
         # previews are short and not cancelled
         ask = interrupted if level == FULL else None
-        matter, drawn_with = (splats, settings) if not state.parts else content.subject_at(level.stride, settings)
+        matter, drawn_with = (splats, settings) if not state.parts else document.subject_at(level.stride, settings)
         render = partial(
             self.renderer.render, camera=camera, settings=drawn_with, motion=motion, verify_bound=False, interrupted=ask
         )
         image = render(matter)
         pixels = image.pixels
-        if tint and content.after:
+        if tint and document.after:
             pixels = tinted_light(pixels, render(nearer(splats, camera, z_k)).pixels)
         seconds = time.perf_counter() - started
 
-        subject = (state.pose, state.settings, content, state.beyond)
+        subject = (state.pose, state.settings, document, state.beyond)
         replaces = level == FULL and self.frame is not None and not self.frame.full
         self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
         self.subject, self.pose, self.pixels, self.begun = subject, state.pose, pixels, started
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
-        beyond = partial(share_beyond, content.sample, state.pose.camera, z_k)
-        hidden = len(content.at(level.stride)) - len(splats)
+        beyond = partial(share_beyond, document.sample, state.pose.camera, z_k)
+        hidden = len(document.at(level.stride)) - len(splats)
         # that of the picture itself
         drawn_by = self.renderer.plan(splats, camera, settings, motion)
         blurred = "motion" in image.info
         self.frame = Frame(image.info, seconds, level, drawn_by, beyond, hidden, blurred, whole=self.whole)
         return self.frame
 
-    def write(self, state: State, content: Content, scale: float, busy: str | None, said: str) -> bool:
-        """Redraws the overlay if its contents changed; True if so. said: text about the reference.
+    def write(self, state: State, document: Document, scale: float, busy: str | None, said: str) -> bool:
+        """Redraws the overlay if its documents changed; True if so. said: text about the reference.
 
         A frame that replaces a preview is displayed first; its text follows in the next call.
         """
@@ -198,13 +198,13 @@ class Painter:
         if state.hud == "off" or state.help:
             self.words = ()
         elif not (moving and self.words and now - self.written < CALM):
-            told = (hud.short if state.hud == "short" else hud.lines)(state, content, self.frame, busy)
+            told = (hud.short if state.hud == "short" else hud.lines)(state, document, self.frame, busy)
             most = max(20, int(state.pose.camera.size[0] / LETTER / scale * COLUMN))
             self.words = tuple(part for line in told if line for part in _wrapped(line, most))
             self.written = now
             if not moving and state.hud == "short":
                 self.corner = self._free(Text(self.words), state.pose.camera.size, scale)
-        wanted = self._overlay(state, content, scale, said)
+        wanted = self._overlay(state, document, scale, said)
         if wanted == self.overlay:
             return False
         self.overlay = wanted
@@ -270,7 +270,7 @@ class Painter:
         one = self.brightest if xray else 1.0
         return Difference.of(enlarged(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
 
-    def _overlay(self, state: State, content: Content, scale: float, said: str) -> Overlay:
+    def _overlay(self, state: State, document: Document, scale: float, said: str) -> Overlay:
         texts, size = [], state.pose.camera.size
         corner = self.corner if state.hud == "short" else "top left"
         if self.words and corner:
@@ -285,22 +285,22 @@ class Painter:
             texts.append(Text(lines, "top left" if corner == "bottom left" else "bottom left", note=True))
         paths: tuple[Path, ...] = ()
         if state.beyond and self.frame is not None and self.frame.plan.program.seen.perspective:
-            found = crossing(content.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
+            found = crossing(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
             polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)
 
 
-def _enough(state: State, content: Content, level: Level, chosen: Plan) -> Splats:
+def _enough(state: State, document: Document, level: Level, chosen: Plan) -> Splats:
     """The splats to draw: all, or only the visible ones where the result is equally good."""
     if state.parts:
-        return content.at(level.stride)
-    skin = content.skin(level.stride)
+        return document.at(level.stride)
+    skin = document.skin(level.stride)
     # planes bare what lies inside
     fits = chosen.program.look.blend.ordered and not state.settings.clip and outside(skin, state.pose.camera.eye)
     if level == FULL:
         fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
-    return skin if fits else content.at(level.stride)
+    return skin if fits else document.at(level.stride)
 
 
 def _wrapped(text: str, width: int) -> list[str]:

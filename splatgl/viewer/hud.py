@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from splatgl.splat.plan import Plan
 from splatgl.viewer.adaptive_quality import FULL, Level
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.reference_view import Difference
 from splatgl.viewer.state import State
 
@@ -42,29 +42,29 @@ class Frame:
         return f"{self.level}{', blurred' if self.blurred else ''}"
 
 
-def short(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+def short(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
     """What users need first: file, view, and quality."""
-    name = content.volume.name or content.scene.volume
+    name = document.volume.name or document.scene.volume
     camera = state.pose.camera
     view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
-    told = [content.portion.told] if content.portion and content.portion.told else []
-    if content.waiting:
+    told = [document.portion.told] if document.portion and document.portion.told else []
+    if document.waiting:
         return (name, *([busy] if busy else []))
     return (name, *told, view, busy or progress(frame))
 
 
-def lines(state: State, content: Content, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+def lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
     """Everything of the picture: device, splats, time, z_k, bounds and the plan it was drawn by."""
-    if frame is None or content.waiting:
-        return short(state, content, frame, busy)
+    if frame is None or document.waiting:
+        return short(state, document, frame, busy)
     info, size = frame.info, state.pose.camera.size
     return (
-        f"{content.volume.name or content.scene.volume}  {size[0]} x {size[1]}",
+        f"{document.volume.name or document.scene.volume}  {size[0]} x {size[1]}",
         f"{info['renderer']} ({info['backend']})",
-        *_splats(content, frame),
-        *_instead(state, content),
+        *_splats(document, frame),
+        *_instead(state, document),
         *_pace(state, frame, busy),
-        _depths(content, frame),
+        _depths(document, frame),
         *_bound(info),
         "",
         *frame.plan.explain().splitlines(),
@@ -82,20 +82,19 @@ def progress(frame: Frame | None) -> str:
     return f"moving: {rate}{frame.given_up}"
 
 
-def _splats(content: Content, frame: Frame) -> list[str]:
+def _splats(document: Document, frame: Frame) -> list[str]:
     """What of the volume is shown, numbers of drawn and total splats, and why the rest are omitted."""
-    told = content.portion.told if content.portion else ""
-    return ([told] if told else []) + _numbers(content, frame)
+    told = document.portion.told if document.portion else ""
+    return ([told] if told else []) + _numbers(document, frame)
 
 
-def _numbers(content: Content, frame: Frame) -> list[str]:
-    kept = sum(len(part.finest) for part in content.drawing)
-    total = sum(part.volume.count for part in content.drawing)
-    if frame.level.stride > 1 or not content.whole:
+def _numbers(document: Document, frame: Frame) -> list[str]:
+    kept = sum(len(part.finest) for part in document.drawing)
+    total = sum(part.volume.count for part in document.drawing)
+    if frame.level.stride > 1 or not document.whole:
         return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
-    left = (
-        f"the rest: opacity {f'at most {content.threshold:g}' if content.threshold else '0'}{' around' * content.after}"
-    )
+    most = f"at most {document.threshold:g}" if document.threshold else "0"
+    left = f"the rest: opacity {most}{' around' * document.after}"
     said = [f"{kept:,} of {total:,} voxels are splats ({left})"]
     drawn = frame.info.get("drawn", kept - frame.hidden)
     if isinstance(drawn, int) and drawn < kept:
@@ -103,11 +102,11 @@ def _numbers(content: Content, frame: Frame) -> list[str]:
     return said
 
 
-def _instead(state: State, content: Content) -> list[str]:
+def _instead(state: State, document: Document) -> list[str]:
     """Why splats are classified before reconstruction although the settings ask for after."""
-    if content.after or state.settings.classification != "post":
+    if document.after or state.settings.classification != "post":
         return []
-    why = content.only_before(state.moving, True)
+    why = document.only_before(state.moving, True)
     return [f"{why} takes splats classified before reconstruction: so they are"]
 
 
@@ -126,8 +125,8 @@ def _tolerance(tolerance: float) -> str:
     return f"1/{1 / tolerance:.0f}" if abs(1 / tolerance - round(1 / tolerance)) < 1e-6 else f"{tolerance:g}"
 
 
-def _depths(content: Content, frame: Frame) -> str:
-    z_k, unit = frame.plan.resolved.z_k, content.volume.unit
+def _depths(document: Document, frame: Frame) -> str:
+    z_k, unit = frame.plan.resolved.z_k, document.volume.unit
     if frame.plan.program.seen.perspective:
         return f"z_k = {z_k:.4g}{' ' + unit if unit else ''}, {frame.beyond():.0%} of the splats beyond"
     return "z_k: voxels are " + ("narrower" if z_k == 0 else "wider") + " than pixels everywhere"

@@ -8,7 +8,7 @@ from typing import Any
 from imgui_bundle import imgui, implot
 
 from splatgl.gl.context import current
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel import Panel
 from splatgl.viewer.state import State
@@ -105,7 +105,7 @@ class Gui:
         for bit, key in MODIFIERS:
             self.io.add_key_event(key, bool(bits & bit))
 
-    def frame(self, state: State, content: Content, frame: Frame | None) -> State:
+    def frame(self, state: State, document: Document, frame: Frame | None) -> State:
         """Draws the panel over the window's back buffer; returns the edited state."""
         now = time.perf_counter()
         width, height = self.window.glfw.get_window_size(self.window.handle)
@@ -120,7 +120,7 @@ class Gui:
                 imgui.backends.opengl3_new_frame()
                 imgui.new_frame()
                 # beside the slices
-                state = self.panel.draw(state, content, frame, room)
+                state = self.panel.draw(state, document, frame, room)
                 imgui.render()
             self.fresh = False
             imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())

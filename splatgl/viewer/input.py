@@ -41,7 +41,7 @@ class Hands:
         """Runs the action bound to `chord`, if any."""
         action = self.keys.get(chord)
         if action:
-            self.viewer.state = acted(self.viewer.state, action, self.viewer.content)
+            self.viewer.state = acted(self.viewer.state, action, self.viewer.document)
             self.touch()
 
     def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
@@ -51,15 +51,15 @@ class Hands:
             return
         if self.mouse.doubles(button, place, viewer.now()):
             before = viewer.state.pose.pivot
-            viewer.state = pivoted(viewer.state, viewer.content, place)
+            viewer.state = pivoted(viewer.state, viewer.document, place)
             if viewer.state.pose.pivot is not before:
-                found = viewer.state.slices.through(viewer.state.pose.pivot, viewer.content.volume)
+                found = viewer.state.slices.through(viewer.state.pose.pivot, viewer.document.volume)
                 viewer.state = replace(viewer.state, slices=found)
             self.touch()
         self.mouse = self.mouse.press(button, held, place, viewer.state.pose, viewer.now())
         drag = self.mouse.drag
         if viewer.state.turntable and drag is not None:
-            self.mouse = replace(self.mouse, drag=replace(drag, up=up_of(viewer.content)))
+            self.mouse = replace(self.mouse, drag=replace(drag, up=up_of(viewer.document)))
 
     def release(self, button: str) -> None:
         """Ends the drag."""
@@ -98,14 +98,14 @@ class Hands:
             self.resize(self.viewer.window.size)
 
     def drop(self, paths: list[str]) -> None:
-        """Opens the files; the current content stays until they are loaded."""
+        """Opens the files; the current document stays until they are loaded."""
         if paths:
             viewer = self.viewer
-            viewer.files.open(paths, viewer.state.settings, viewer.content.waiting)
+            viewer.files.open(paths, viewer.state.settings, viewer.document.waiting)
             self.touch()
 
     def refresh(self) -> None:
-        """Shows the window's content again in the next step."""
+        """Shows the window's document again in the next step."""
         self.viewer.refresh()
 
     def raw(self, kind: str, *values: Any) -> bool:
@@ -140,9 +140,9 @@ class Tools:
         """A button is pressed."""
         viewer, state = self.viewer, self.viewer.state
         self.pressed = place if button == "left" and not held else None
-        if button != "left" or held or not state.cuts.shown or viewer.content.waiting:
+        if button != "left" or held or not state.cuts.shown or viewer.document.waiting:
             return False
-        found = under(handles(state.cuts, viewer.content.volume), state.pose.camera, place, viewer.window.scale)
+        found = under(handles(state.cuts, viewer.document.volume), state.pose.camera, place, viewer.window.scale)
         self.held = None if found is None else Held(found, place, replace(state.cuts, active=True))
         return found is not None
 
@@ -155,8 +155,8 @@ class Tools:
         if held is None:
             return False
         before = viewer.state
-        cuts = held.to(viewer.content.volume, before.pose.camera, place)
-        viewer.state = cut(replace(before, message=""), viewer.content, cuts)
+        cuts = held.to(viewer.document.volume, before.pose.camera, place)
+        viewer.state = cut(replace(before, message=""), viewer.document, cuts)
         if viewer.state.cuts != before.cuts or viewer.state.message != before.message:
             viewer.hands.touch()
         return True
@@ -168,7 +168,7 @@ class Tools:
         self.held, pressed, self.pressed = None, self.pressed, None
         viewer = self.viewer
         if viewer.state.ruler.active and pressed is not None and max(map(abs, _apart(pressed, place))) < CLICK:
-            viewer.state = clicked(viewer.state, viewer.content, place)
+            viewer.state = clicked(viewer.state, viewer.document, place)
             viewer.hands.touch()
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.errors import TOLD, told
 from splatgl.viewer.adaptive_quality import REST, STRIDES
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 
 if TYPE_CHECKING:
     from splatgl.viewer.viewer import Viewer
@@ -27,9 +27,9 @@ class Extractor:
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.jobs = Jobs(wake)
-        self.wanted: Content | None = None
-        # the content whose extraction failed, and why: it is not tried again
-        self.failed: Content | None = None
+        self.wanted: Document | None = None
+        # the document whose extraction failed, and why: it is not tried again
+        self.failed: Document | None = None
         self.why = ""
         self.share = 0.0
 
@@ -38,46 +38,46 @@ class Extractor:
         """What is being done, with its progress; None if nothing is."""
         return f"extracting {self.share:.0%}" if self.jobs.busy else None
 
-    def want(self, content: Content, resting: bool) -> None:
-        """Starts on the missing strides of a content; not on those that take long while its values are being edited."""
-        if self.wanted is not content:
-            self.wanted = content
-        elif self.jobs.busy or self.failed is content:
+    def want(self, document: Document, resting: bool) -> None:
+        """Extracts the missing strides of a document; while its values are being edited, only quick ones."""
+        if self.wanted is not document:
+            self.wanted = document
+        elif self.jobs.busy or self.failed is document:
             return
-        missing = [stride for stride in reversed(STRIDES) if stride not in content.extracted]
-        quick = [stride for stride in missing if content.voxels(stride) <= QUICK]
-        due = missing if resting else quick or missing[: not content.extracted]
+        missing = [stride for stride in reversed(STRIDES) if stride not in document.extracted]
+        quick = [stride for stride in missing if document.voxels(stride) <= QUICK]
+        due = missing if resting else quick or missing[: not document.extracted]
         if due:
-            self.jobs.submit(EXTRACTING, lambda: self._extract(content, due))
+            self.jobs.submit(EXTRACTING, lambda: self._extract(document, due))
 
     def collect(self) -> list[Done]:
         """Finished jobs; those that were given up are none."""
         return [done for done in self.jobs.collect() if not isinstance(done.error, Cancelled)]
 
-    def _extract(self, content: Content, strides: list[int]) -> None:
+    def _extract(self, document: Document, strides: list[int]) -> None:
         for stride in strides:
-            if stride == 1 and content.heavy:
+            if stride == 1 and document.heavy:
                 return
             self.share = 0.0
 
             def parts(given: Iterator[T], count: int) -> Iterator[T]:
                 for number, part in enumerate(given):
-                    if self.wanted is not content:
+                    if self.wanted is not document:
                         raise Cancelled
                     self.share = number / max(count, 1)
                     yield part
 
             try:
-                content.extract(stride, parts)
+                document.extract(stride, parts)
             except TOLD as error:
-                self.failed, self.why = content, told(error)
+                self.failed, self.why = document, told(error)
                 raise
             self.jobs.wake()
 
 
 def followed(viewer: Viewer, blurs: bool) -> None:
-    """Takes the content that a viewer's state asks for once its coarsest splats are there; the finer ones follow at
-    rest. Until then the picture is that of the content before.
+    """Takes the document that a viewer's state asks for once its coarsest splats are there; the finer ones follow at
+    rest. Until then the picture is that of the document before.
     """
     state, extractor = viewer.state, viewer.extractor
     if viewer.coming is not None:
@@ -86,32 +86,32 @@ def followed(viewer: Viewer, blurs: bool) -> None:
         elif viewer.coming is not extractor.failed:
             extractor.want(viewer.coming, False)
             return
-    asked = viewer.coming or viewer.content
-    content = asked.followed(state.looks, state.meshes, state.moving, blurs)
-    if content is viewer.coming:
+    asked = viewer.coming or viewer.document
+    document = asked.followed(state.looks, state.meshes, state.moving, blurs)
+    if document is viewer.coming:
         # it failed, until something else is asked for; the picture is another one, which no key hides
         if not state.message:
             viewer.say(extractor.why, EXTRACTING)
         return
-    if content is not viewer.content and not content.extracted:
-        viewer.coming = content
-        extractor.want(content, False)
+    if document is not viewer.document and not document.extracted:
+        viewer.coming = document
+        extractor.want(document, False)
         return
-    if content is not viewer.content or viewer.coming is not None:
-        viewer.take(content)
-    moving = content.classified(state.moving, True)
-    waiting = [each for each in (content, moving) if not each.complete]
+    if document is not viewer.document or viewer.coming is not None:
+        viewer.take(document)
+    moving = document.classified(state.moving, True)
+    waiting = [each for each in (document, moving) if not each.complete]
     if waiting:
         extractor.want(waiting[0], viewer.now() - viewer.hands.touched >= REST)
-    _weighed(viewer, content)
+    _weighed(viewer, document)
 
 
-def _weighed(viewer: Viewer, content: Content) -> None:
+def _weighed(viewer: Viewer, document: Document) -> None:
     """Says where the splats of what is shown are too many to be drawn, as long as they are."""
-    if content.heavy and content.extracted[0] == 2 and not viewer.state.message:
-        count = sum(8 * len(part.at(2)) for part in content.drawing if part.heavy)
+    if document.heavy and document.extracted[0] == 2 and not viewer.state.message:
+        count = sum(8 * len(part.at(2)) for part in document.drawing if part.heavy)
         viewer.say(f"some {count:,} splats: too many to draw all; make more of it transparent", "count")
-    elif not content.heavy:
+    elif not document.heavy:
         viewer.over("count")
 
 

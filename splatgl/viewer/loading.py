@@ -24,10 +24,10 @@ from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.viewer.document import Content, Together, bare, read_meshes
+from splatgl.viewer.document import Document, Together, read_meshes, source_key
 from splatgl.viewer.file_watch import Watch, watched
 from splatgl.viewer.jobs import Done, Jobs
-from splatgl.viewer.state import Pick
+from splatgl.viewer.state import FileOption
 
 if TYPE_CHECKING:
     from splatgl.splat.transfer import Transfer
@@ -41,31 +41,31 @@ def arrived(viewer: Viewer, done: Done) -> None:
     viewer.files.finished(done.name)
     if isinstance(done.error, TOLD):
         viewer.say(told(done.error), done.name.split()[0])
-        if viewer.content.waiting:
+        if viewer.document.waiting:
             viewer.failed, viewer.closed = done.error, True
         elif done.name.startswith(TIME):
             # the slider goes back to what is shown
             viewer.state = replace(viewer.state, time=viewer.files.time, playing=False)
         elif done.name.startswith(OPENING):
             # which waited for what was to be opened
-            viewer.files.refine(viewer.content)
+            viewer.files.refine(viewer.document)
     elif done.error is not None:
         raise done.error
     elif isinstance(done.result, Brought):
         _brought(viewer, done.result)
     elif not isinstance(done.result, News):
         viewer.over(done.name.split()[0])
-        viewer.refiner.renew(viewer.content.counts, prod(viewer.size))
+        viewer.refiner.renew(viewer.document.counts, prod(viewer.size))
         # all time points have the view of the first
-        if viewer.state.pose is viewer.home and viewer.content.whole and viewer.files.time == 0:
+        if viewer.state.pose is viewer.home and viewer.document.whole and viewer.files.time == 0:
             _fit(viewer)
-    elif not done.result.stale(viewer.content):
+    elif not done.result.stale(viewer.document):
         _apply_opened(viewer, done.result)
 
 
 def _apply_opened(viewer: Viewer, news: News) -> None:
     """Takes a loaded file; a reloaded one keeps its view unless its scene file changed, a time point keeps all."""
-    content, shown = news.content, viewer.content
+    document, shown = news.document, viewer.document
     for what in () if news.finer else ("opening", "reading"):
         viewer.over(what)
     if news.reopen is not None or shown.waiting:
@@ -74,60 +74,60 @@ def _apply_opened(viewer: Viewer, news: News) -> None:
         viewer.files.turn_to(news)
     elif not shown.waiting and isinstance(shown, Together) and shown.read:
         # meshes that were laid over what is shown meanwhile
-        own = content.read if isinstance(content, Together) else {}
-        content = Together.with_meshes(content, {**shown.read, **own})
+        own = document.read if isinstance(document, Together) else {}
+        document = Together.with_meshes(document, {**shown.read, **own})
     if news.time is not None:
         viewer.files.time = news.time
     elif not news.finer:
         viewer.files.times, viewer.files.time = news.times or viewer.files.times, 0
-    if news.time is None and (news.reopen is not None or shown.waiting or content.scene != shown.scene):
+    if news.time is None and (news.reopen is not None or shown.waiting or document.scene != shown.scene):
         viewer.files.times = news.times
         before = viewer.state.pose
-        viewer.state = replace(viewer.state.opened(content), times=len(news.times), picks=news.picks)
+        viewer.state = replace(viewer.state.opened(document), times=len(news.times), picks=news.picks)
         viewer.home = viewer.state.pose
-        if news.picked and np.array_equal(content.volume.corners, shown.volume.corners):
+        if news.picked and np.array_equal(document.volume.corners, shown.volume.corners):
             viewer.state = replace(viewer.state, pose=before)
         viewer.history.begin(viewer.state)
         # what is kept for pictures of the file before would stay as long as the window
         viewer.renderer.free()
     elif news.time is None and _bases(viewer.state) == _bases(shown):
-        _based(viewer, content)
+        _based(viewer, document)
         viewer.state = replace(viewer.state, message="")
-    elif len(content.looks) != len(viewer.state.looks):
-        _based(viewer, content)
-    viewer.take(content)
-    viewer.files.refine(content)
+    elif len(document.looks) != len(viewer.state.looks):
+        _based(viewer, document)
+    viewer.take(document)
+    viewer.files.refine(document)
     viewer.hands.touch()
 
 
-def _based(viewer: Viewer, content: Content) -> None:
-    """Takes the transfer functions of a content, and forgets the steps of others, if it has other channels."""
+def _based(viewer: Viewer, document: Document) -> None:
+    """Takes the transfer functions of a document, and forgets the steps of others, if it has other channels."""
     edited, count = viewer.history.unsaved(viewer.state), len(viewer.state.looks)
-    viewer.state = viewer.state.based_on(content)
-    if len(content.looks) != count:
+    viewer.state = viewer.state.based_on(document)
+    if len(document.looks) != count:
         viewer.history.forget(viewer.state)
     if not edited:
         viewer.history.keep(viewer.state)
 
 
-def _bases(x: State | Content) -> list[Transfer]:
+def _bases(x: State | Document) -> list[Transfer]:
     return [look.base for look in x.looks]
 
 
 def _brought(viewer: Viewer, brought: Brought) -> None:
     """Lays meshes over what is shown, which is edited meanwhile; undoing it takes them away again."""
     viewer.history.note(viewer.state)
-    viewer.take(Together.with_meshes(viewer.content, brought.read))
+    viewer.take(Together.with_meshes(viewer.document, brought.read))
     names = ", ".join(Path(each.file).name for each in brought.files)
     # a file that is dropped again takes the place of the one before
-    kept = [each for each in viewer.state.meshes if bare(each) not in brought.read]
+    kept = [each for each in viewer.state.meshes if source_key(each) not in brought.read]
     viewer.state = viewer.state.joined((*kept, *brought.files), f"{names} lies in the picture; ctrl+z takes it away")
     viewer.hands.touch()
 
 
 def _fit(viewer: Viewer) -> None:
     """Fits a view that nobody has changed to the finest splats, as `splatgl render` does."""
-    home = viewer.content.home(viewer.size)
+    home = viewer.document.home(viewer.size)
     if home.view() == viewer.home.view():
         return
     viewer.home = home
@@ -145,25 +145,25 @@ MARK, BESIDE = "* ", "   "
 EVERY = "all"
 
 
-def opened(scene: SceneFile) -> tuple[Content, tuple[Pick, ...]]:
-    """The content of a scene, and what of its file can be picked. Where one has to be, that is the first."""
+def opened(scene: SceneFile) -> tuple[Document, tuple[FileOption, ...]]:
+    """The document of a scene, and what of its file can be picked. Where one has to be, that is the first."""
     try:
-        content = Content.open(scene)
+        document = Document.open(scene)
     except Choice as error:
         found = _found(scene.volume, error)
         if error.option not in PICKING or not found or error.option in scene.load:
             raise
-        pick = Pick(error.option, found)
-        content, others = opened(replace(scene, load={**scene.load, pick.option: found[0][0]}))
-        return content, (pick, *(each for each in others if each.option != pick.option))
-    return content, _picks(scene, content)
+        pick = FileOption(error.option, found)
+        document, others = opened(replace(scene, load={**scene.load, pick.option: found[0][0]}))
+        return document, (pick, *(each for each in others if each.option != pick.option))
+    return document, _picks(scene, document)
 
 
-def _picks(scene: SceneFile, content: Content) -> tuple[Pick, ...]:
+def _picks(scene: SceneFile, document: Document) -> tuple[FileOption, ...]:
     """What else could have been read, as far as that is told at once."""
-    if scene.volume in SCENES or is_address(scene.volume) or content.scene.vectors.show:
+    if scene.volume in SCENES or is_address(scene.volume) or document.scene.vectors.show:
         return ()
-    names = [part.volume.name for part in content.channels]
+    names = [part.volume.name for part in document.channels]
     found = {"array": _listed(scene.volume)}
     if len(names) > 1 and scene.load.get("channel", EVERY) == EVERY:
         found["channel"] = ((EVERY, "together"), *((str(n), name) for n, name in enumerate(names)))
@@ -171,7 +171,7 @@ def _picks(scene: SceneFile, content: Content) -> tuple[Pick, ...]:
         path = Path(scene.volume)
         if option in scene.load and not found.get(option) and (path.is_dir() or path.stat().st_size <= SMALL):
             found[option] = _without(scene, option)
-    return tuple(Pick(option, choices) for option, choices in found.items() if len(choices) > 1)
+    return tuple(FileOption(option, choices) for option, choices in found.items() if len(choices) > 1)
 
 
 def _without(scene: SceneFile, option: str) -> tuple[tuple[str, str], ...]:
@@ -206,26 +206,26 @@ Reopen = Callable[[], SceneFile]
 
 @dataclass(frozen=True, eq=False)
 class News:
-    """Content loaded by the worker thread. reopen: for a newly opened file, `path`, the function that reloads it.
+    """Document loaded by the worker thread. reopen: for a newly opened file, `path`, the function that reloads it.
 
-    finer: whether it is a finer portion of a content with the same scene. times: of a newly opened file, the scenes of
+    finer: whether it is a finer portion of a document with the same scene. times: of a newly opened file, the scenes of
     its time points, or of the files opened with it; time: the number of the one that this is. picks: what else the file
     holds; picked: whether this is what was picked of it. watch: its files as they were before they were read.
     """
 
-    content: Content
+    document: Document
     reopen: Reopen | None = None
     path: str = ""
     finer: bool = False
     times: tuple[SceneFile, ...] = ()
     time: int | None = None
-    picks: tuple[Pick, ...] = ()
+    picks: tuple[FileOption, ...] = ()
     picked: bool = False
     watch: Watch | None = None
 
-    def stale(self, shown: Content) -> bool:
+    def stale(self, shown: Document) -> bool:
         """Whether this is a portion of what is no longer shown."""
-        return self.finer and self.content.scene is not shown.scene
+        return self.finer and self.document.scene is not shown.scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +308,7 @@ class Files:
             # the first one's are printed where it is opened
             quiet = scene.volume in {self.times[0].volume, *self.told}
             self.told.add(scene.volume)
-            self._read(f"{TIME} {number}", lambda: News(Content.open(scene, quiet), time=number), TIME)
+            self._read(f"{TIME} {number}", lambda: News(Document.open(scene, quiet), time=number), TIME)
 
     def cancel(self) -> bool:
         """Gives up what is being read; whether there was anything."""
@@ -318,10 +318,10 @@ class Files:
             self.jobs, self.opening = Jobs(self.jobs.wake), ""
         return found
 
-    def refine(self, content: Content) -> None:
-        """Reads the finer portion of what a content shows, if there is one."""
-        if content.portion and content.portion.finer and not self.opening:
-            self._read("reading finer voxels", lambda: News(content.finer(), finer=True), "finer")
+    def refine(self, document: Document) -> None:
+        """Reads the finer portion of what a document shows, if there is one."""
+        if document.portion and document.portion.finer and not self.opening:
+            self._read("reading finer voxels", lambda: News(document.finer(), finer=True), "finer")
 
     def look(self, state: State, now: float) -> State:
         """Reloads the file if it has changed; returns the state with what there is to say."""
@@ -360,11 +360,11 @@ class Files:
 
 
 def _opened_news(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> News:
-    content, picks = opened(scene)
+    document, picks = opened(scene)
     # what has to be picked of the file is picked of every time point
-    scene = replace(scene, load=content.scene.load) if len(content.channels) == 1 else scene
-    found = times or tuple(time_points(scene, content.volume, None))
-    return News(content, times=found if len(found) > 1 else (), picks=picks)
+    scene = replace(scene, load=document.scene.load) if len(document.channels) == 1 else scene
+    found = times or tuple(time_points(scene, document.volume, None))
+    return News(document, times=found if len(found) > 1 else (), picks=picks)
 
 
 MOST = 10

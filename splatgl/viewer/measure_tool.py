@@ -16,7 +16,7 @@ from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import eye_from_index
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.state import Ruler, State
 from splatgl.viewer.trackball import Place
 
@@ -26,24 +26,24 @@ FIRST = "click on the first point; a drag turns the view"
 SECOND = "click on the second point"
 
 
-def under_cursor(state: State, content: Content, place: Place) -> Picked | None:
+def under_cursor(state: State, document: Document, place: Place) -> Picked | None:
     """What is seen under a position in pixels; None where nothing is, or the volume is not in memory."""
     pixel = tuple(int(np.floor(each)) for each in place)
     width, height = state.pose.camera.size
-    if content.waiting or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
+    if document.waiting or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
         return None
     mode = "max" if state.settings.blend in LARGEST else "first"
     try:
-        return pick(_scene(state, content), state.pose.camera, pixel, mode=mode)
+        return pick(_scene(state, document), state.pose.camera, pixel, mode=mode)
     except InputError:
         return None
 
 
-def told(found: Picked | None, content: Content) -> tuple[str, ...]:
+def told(found: Picked | None, document: Document) -> tuple[str, ...]:
     """Value, place and index in words."""
     if found is None:
         return ("nothing here",)
-    unit = content.volume.unit
+    unit = document.volume.unit
     place = ", ".join(f"{each:.4g}" for each in found.place)
     if found.mesh is not None:
         return (found.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
@@ -55,34 +55,34 @@ def told(found: Picked | None, content: Content) -> tuple[str, ...]:
     )
 
 
-def clicked(state: State, content: Content, place: Place) -> State:
+def clicked(state: State, document: Document, place: Place) -> State:
     """The state after a click while distances are measured."""
-    found = under_cursor(state, content, place)
+    found = under_cursor(state, document, place)
     if found is None:
         return replace(state, message="nothing here to measure from")
     ruler = state.ruler.with_point(found.place)
-    length = distance(ruler, content)
+    length = distance(ruler, document)
     return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND)
 
 
-def distance(ruler: Ruler, content: Content) -> str:
+def distance(ruler: Ruler, document: Document) -> str:
     """The length of the line in words; "" until there are two points."""
     length = ruler.length
-    return "" if length is None else length_text(float(f"{length:.4g}"), content.volume.unit)
+    return "" if length is None else length_text(float(f"{length:.4g}"), document.volume.unit)
 
 
-# what the latest values of a content were picked from, of these looks and cuts
-_latest: WeakKeyDictionary[Content, tuple[tuple[object, ...], Scene]] = WeakKeyDictionary()
+# what the latest values of a document were picked from, of these looks and cuts
+_latest: WeakKeyDictionary[Document, tuple[tuple[object, ...], Scene]] = WeakKeyDictionary()
 
 
-def _scene(state: State, content: Content) -> Scene:
-    key, known = (state.looks, state.settings.clip), _latest.get(content)
+def _scene(state: State, document: Document) -> Scene:
+    key, known = (state.looks, state.settings.clip), _latest.get(document)
     if known is None or known[0] != key:
-        scene, _ = content.subject_at(1, state.settings)
+        scene, _ = document.subject_at(1, state.settings)
         if not isinstance(scene, Scene):
-            layer = Layer(content.volume, state.looks[0].transfer, threshold=state.threshold)
+            layer = Layer(document.volume, state.looks[0].transfer, threshold=state.threshold)
             scene = Scene([layer], state.settings.clip)
-        known = _latest[content] = key, scene
+        known = _latest[document] = key, scene
     return known[1]
 
 
@@ -91,14 +91,14 @@ WITHIN = 1.0
 ENOUGH = 0.7
 
 
-def pivoted(state: State, content: Content, place: tuple[float, float]) -> State:
+def pivoted(state: State, document: Document, place: tuple[float, float]) -> State:
     """The state with the matter under a pixel as its centre of rotation, if there is any."""
     if state.parts:
         # of layers and meshes
-        seen = under_cursor(state, content, place)
+        seen = under_cursor(state, document, place)
         found = None if seen is None else np.array(seen.place)
     else:
-        found = picked(content.at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
+        found = picked(document.at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
     if found is None:
         return replace(state, message="nothing here to turn about")
     return replace(state, pose=state.pose.about(found), message="turns about this point")

@@ -19,7 +19,7 @@ from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.culling import outside
 from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.trackball import Mouse, Place, wheeled
 
 # seconds without input before the full picture, longer than in a window: while it is drawn, no event is handled
@@ -36,12 +36,12 @@ class Session:
 
     def __init__(self, scene: SceneFile) -> None:
         self.scene = scene
-        self.content = Content.open(scene)
-        self.pose = self.content.home(scene.view.size)
+        self.document = Document.open(scene)
+        self.pose = self.document.home(scene.view.size)
         self.mouse = Mouse()
         self.ratio = 1.0
         self.touched = -np.inf
-        self.refiner = Refiner(self.content.counts, prod(scene.view.size), TARGET)
+        self.refiner = Refiner(self.document.counts, prod(scene.view.size), TARGET)
         self.image = Image(np.zeros((1, 1, 4), np.float32))
         self.level = FULL
 
@@ -64,7 +64,7 @@ class Session:
             self.pose = wheeled(self.pose, self._place(event), notches)
         elif kind == "double_click":
             self.mouse = self.mouse.release()
-            self.pose = self.content.home(self.pose.camera.size)
+            self.pose = self.document.home(self.pose.camera.size)
         if self.pose is not before:
             self.touched = self.now()
         return self.pose is not before
@@ -92,24 +92,24 @@ class Session:
         return time.monotonic()
 
     def _wanted(self) -> tuple[object, ...]:
-        return self.pose, self.content
+        return self.pose, self.document
 
     def _drawn(self, level: Level) -> Image:
         camera = self.pose.camera.resized(level.size(self.pose.camera.size))
         settings = level.settings(self.scene.settings.but(classification="auto"))
-        splats = self.content.at(level.stride)
+        splats = self.document.at(level.stride)
         if level != FULL and BLENDS[settings.blend].ordered:
             # without those that are hidden from every side
-            skin = self.content.skin(level.stride)
+            skin = self.document.skin(level.stride)
             splats = skin if outside(skin, camera.eye) else splats
         with shared_renderer() as renderer:
             return renderer.render(splats, camera, settings, verify_bound=False)
 
     def _take_finer(self) -> None:
         """Reads what replaces the stand-in of a large volume."""
-        while self.content.portion is not None and self.content.portion.finer is not None:
-            self.content = self.content.finer()
-            self.refiner.renew(self.content.counts, prod(self.pose.camera.size))
+        while self.document.portion is not None and self.document.portion.finer is not None:
+            self.document = self.document.finer()
+            self.refiner.renew(self.document.counts, prod(self.pose.camera.size))
 
     def _place(self, event: Mapping[str, Any]) -> Place:
         return float(event.get("x", 0.0)) * self.ratio, float(event.get("y", 0.0)) * self.ratio
@@ -119,7 +119,7 @@ class Session:
         size = tuple(max(1, round(float(event[side]) * self.ratio)) for side in ("width", "height"))
         if size != self.pose.camera.size:
             self.pose = self.pose.resized((size[0], size[1]))
-            self.refiner.renew(self.content.counts, prod(size))
+            self.refiner.renew(self.document.counts, prod(size))
 
 
 class View(RemoteFrameBuffer):  # type: ignore[misc]

@@ -22,7 +22,7 @@ from splatgl.viewer.state import Cuts, Ruler
 from splatgl.viewer.trackball import seen, segment
 
 if TYPE_CHECKING:
-    from splatgl.viewer.document import Content
+    from splatgl.viewer.document import Document
     from splatgl.viewer.state import State
     from splatgl.viewer.viewer import Viewer
 
@@ -34,7 +34,7 @@ GAP = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Scenery:
+class AnnotationInputs:
     """What annotations are drawn for. blend: of the picture; ground: behind it, linear RGB."""
 
     asked: tuple[str, ...]
@@ -54,7 +54,7 @@ class Legend:
         self.latest: tuple[Sprite, ...] = ()
         self.subject: tuple[Volume | None, Subject | None] = (None, None)
 
-    def sprites(self, scenery: Scenery) -> tuple[Sprite, ...]:
+    def sprites(self, scenery: AnnotationInputs) -> tuple[Sprite, ...]:
         """Those of a picture of the camera's size; none for one that is too small."""
         camera = scenery.camera
         if not scenery.asked or min(camera.size) < LEAST_SIDE:
@@ -118,27 +118,27 @@ class Marking:
 
     def marked(self, viewer: Viewer) -> Marks:
         """All that is marked now."""
-        state, content, scale = viewer.state, viewer.content, viewer.window.scale
+        state, document, scale = viewer.state, viewer.document, viewer.window.scale
         frame = viewer.painter.frame
-        if content.waiting or frame is None or state.help:
+        if document.waiting or frame is None or state.help:
             # nothing lies over the help
             return viewer.slicing.marks()
         camera = state.pose.camera
         look = state.looks[0].transfer, camera, state.settings.blend, ground_of(state)
-        legend = self.legend.sprites(Scenery(state.annotate, content.volume, *look))
-        strokes = of_cuts(state.cuts, content.volume, camera, scale)
-        lines, labels = of_ruler(state.ruler, content, camera, scale)
+        legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *look))
+        strokes = of_cuts(state.cuts, document.volume, camera, scale)
+        lines, labels = of_ruler(state.ruler, document, camera, scale)
         if state.probe and viewer.hands.mouse.drag is None:
             labels += _probed(viewer, scale)
         beside = viewer.slicing.marks()
         if not beside:
             return Marks((*legend, *labels), (*strokes, *lines))
-        lines += outlines(state.slices, content.volume, camera, scale)
+        lines += outlines(state.slices, document.volume, camera, scale)
         seen_of = left_of((*strokes, *lines), camera.size[0])
         return Marks((*legend, *labels, *beside.sprites), (*seen_of, *beside.strokes))
 
 
-def of_ruler(ruler: Ruler, content: Content, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
+def of_ruler(ruler: Ruler, document: Document, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
     """The line between two points with dots at its ends, and its length beside it."""
     places = seen(camera, np.array(ruler.points).reshape(-1, 3))
     dots = [(float(x), float(y)) for x, y in places if np.isfinite(x)]
@@ -148,7 +148,7 @@ def of_ruler(ruler: Ruler, content: Content, camera: Camera, scale: float) -> tu
     line = segment(camera, *map(np.array, ruler.points))
     if line is None:
         return strokes, []
-    text = label((distance(ruler, content),), scale)
+    text = label((distance(ruler, document),), scale)
     # beside the end to the right, where the line is not
     end = max(line)
     place = beside(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
@@ -161,7 +161,7 @@ def _probed(viewer: Viewer, scale: float) -> list[Sprite]:
     covered = viewer.panel is not None and state.panel and viewer.panel.touched
     if covered or not (0 <= at[0] < width and 0 <= at[1] < height):
         return []
-    text = label(told(under_cursor(state, viewer.content, at), viewer.content), scale)
+    text = label(told(under_cursor(state, viewer.document, at), viewer.document), scale)
     return [Sprite(text, beside(at, (text.shape[1], text.shape[0]), (width, height), 1.5 * DOT * scale))]
 
 

@@ -15,7 +15,7 @@ from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer import file_dialogs, hud, panel_sections, transfer_editor
 from splatgl.viewer.commands import HIGHEST, refusal, thresholded
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.transfer_editor import Curve
@@ -56,7 +56,7 @@ class Panel:
         # whether a list is open, and whether it is to close
         self.popup = self.closes = False
 
-    def draw(self, state: State, content: Content, frame: Frame | None, window: tuple[int, int]) -> State:
+    def draw(self, state: State, document: Document, frame: Frame | None, window: tuple[int, int]) -> State:
         """Draws one frame between ImGui's new_frame and render; returns the edited state."""
         wide = min(WIDTH * imgui.get_style().font_scale_main, window[0] - 2 * MARGIN)
         imgui.set_next_window_pos((window[0] - wide - MARGIN, MARGIN), imgui.Cond_.always)
@@ -74,24 +74,24 @@ class Panel:
                 state = _time(state)
             if imgui.collapsing_header("Files"):
                 state = file_dialogs.draw(state, self.recent)
-            state = panel_sections.pick(state, content)
+            state = panel_sections.pick(state, document)
             opened = imgui.TreeNodeFlags_.default_open
             if state.parts and imgui.collapsing_header("Layers", opened):
-                state = panel_sections.draw_layers(state, content)
-            edited = content.part(state.selected)
-            several = f" of {plain(content.names[state.selected])}" if len(state.parts) > 1 else ""
+                state = panel_sections.draw_layers(state, document)
+            edited = document.part(state.selected)
+            several = f" of {plain(document.names[state.selected])}" if len(state.parts) > 1 else ""
             # of a mesh alone there is none
             curved = not is_mesh(edited.scene.volume)
             if curved and imgui.collapsing_header(f"Transfer function{several}###curve", opened):
                 state = self._transfer(state, edited)
             if imgui.collapsing_header("View"):
-                state = panel_sections.draw_view(state, content)
+                state = panel_sections.draw_view(state, document)
             if imgui.collapsing_header("Slices"):
-                state = panel_sections.draw_slices(state, content)
+                state = panel_sections.draw_slices(state, document)
             if imgui.collapsing_header("Cuts"):
-                state = panel_sections.draw_clipping(state, content)
+                state = panel_sections.draw_clipping(state, document)
             if imgui.collapsing_header("Settings"):
-                state = _settings(state, content)
+                state = _settings(state, document)
             if imgui.collapsing_header("Statistics"):
                 self._statistics(state, edited, frame)
         corner, size = imgui.get_window_pos(), imgui.get_window_size()
@@ -106,15 +106,15 @@ class Panel:
         left, top, right, bottom = self.place
         return self.popup or (left <= x < right and top <= y < bottom)
 
-    def _transfer(self, state: State, content: Content) -> State:
+    def _transfer(self, state: State, document: Document) -> State:
         """The opacity curve and its controls."""
-        stats = self.curve.known(content.volume)
-        base = self.curve.draw(state.transfer, content.volume)
+        stats = self.curve.known(document.volume)
+        base = self.curve.draw(state.transfer, document.volume)
         base = _colors(base, stats)
         names = ["(preset)", *PRESETS]
         changed, chosen = imgui.combo("preset", 0, names)
         if changed and chosen:
-            base = preset(names[chosen], content.volume)
+            base = preset(names[chosen], document.volume)
         if base != state.transfer:
             state = replace(state, base=base, extinction=1.0)
         logarithmic = imgui.SliderFlags_.logarithmic
@@ -126,14 +126,14 @@ class Panel:
             state = thresholded(state, min(max(threshold, 0.0), HIGHEST))
         return state
 
-    def _statistics(self, state: State, content: Content, frame: Frame | None) -> None:
-        stats, volume = self.curve.known(content.volume), content.volume
+    def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
+        stats, volume = self.curve.known(document.volume), document.volume
         depth, height, width = volume.shape
         imgui.text(f"{width} x {height} x {depth} voxels, {volume.samples.dtype}")
         if len(stats.values):
             low, high = stats.values[0], stats.values[-1]
             imgui.text(f"values {low:.5g} to {high:.5g}, median {stats.percentile(50):.5g}")
-        for line in hud.lines(state, content, frame, None)[1:]:
+        for line in hud.lines(state, document, frame, None)[1:]:
             imgui.text_wrapped(plain(line))
 
 
@@ -147,7 +147,7 @@ def _time(state: State) -> State:
     return replace(state, playing=playing) if changed else state
 
 
-def _settings(state: State, content: Content) -> State:
+def _settings(state: State, document: Document) -> State:
     """Controls of Settings, each with a description."""
     for name, about in ABOUT.items():
         allowed = BLURS if name == "motion" else choices()[name]
@@ -160,7 +160,7 @@ def _settings(state: State, content: Content) -> State:
             continue
         settings = state.settings.but(**{name: allowed[index]})
         if changed:
-            why = refusal(settings, state, content)
+            why = refusal(settings, state, document)
             state = replace(state, message=why) if why else replace(state, settings=settings, message="")
         if name == "light":
             state = panel_sections.cues(state)

@@ -17,14 +17,14 @@ from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import colormap
 from splatgl.viewer.clip_tool import cut
 from splatgl.viewer.commands import ALONG, ANATOMY, acted, add_plane, name_of, toggled
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import ground_of, plane_color
-from splatgl.viewer.state import MOST_PLANES, Cuts, Look, Ruler, State
+from splatgl.viewer.state import MOST_PLANES, Cuts, LayerStyle, Ruler, State
 
 
-def draw_clipping(state: State, content: Content) -> State:
+def draw_clipping(state: State, document: Document) -> State:
     """The section's controls; returns the edited state."""
-    cuts, volume = state.cuts, content.volume
+    cuts, volume = state.cuts, document.volume
     _, shown = imgui.checkbox("handles", cuts.shown)
     imgui.set_item_tooltip("Dots in the view that move the box's sides and the planes (x).")
     imgui.same_line()
@@ -32,13 +32,13 @@ def draw_clipping(state: State, content: Content) -> State:
     imgui.set_item_tooltip("With and without the cuts (shift+x).")
     cuts = _box(replace(cuts, shown=shown, active=active), volume)
     cuts = _planes(cuts, volume)
-    state = cut(state, content, cuts)
+    state = cut(state, document, cuts)
     if len(state.cuts.planes) < MOST_PLANES:
-        state = _more(state, content)
+        state = _more(state, document)
     if state.cuts.any:
         imgui.same_line()
         if imgui.button("no cuts"):
-            state = cut(state, content, Cuts(shown=state.cuts.shown))
+            state = cut(state, document, Cuts(shown=state.cuts.shown))
     return state
 
 
@@ -80,7 +80,7 @@ def _planes(cuts: Cuts, volume: Volume) -> Cuts:
     return cuts
 
 
-def _more(state: State, content: Content) -> State:
+def _more(state: State, document: Document) -> State:
     """Buttons that add a plane."""
     imgui.align_text_to_frame_padding()
     imgui.text("plane")
@@ -88,7 +88,7 @@ def _more(state: State, content: Content) -> State:
     for name, normal in normals.items():
         imgui.same_line()
         if imgui.button(f"+ {name}"):
-            state = add_plane(state, content, normal and normal[:3])
+            state = add_plane(state, document, normal and normal[:3])
         towards = "that faces you (ctrl+x)" if normal is None else f"across world {name}"
         imgui.set_item_tooltip(f"One more plane {towards}.")
     return state
@@ -100,17 +100,17 @@ NAME, OPACITY = 0.42, 0.26
 DIGITS = 3
 
 
-def draw_layers(state: State, content: Content) -> State:
+def draw_layers(state: State, document: Document) -> State:
     """The section's controls; returns the edited state."""
-    for number, look in enumerate(state.looks[: len(content.names)]):
+    for number, look in enumerate(state.looks[: len(document.names)]):
         # a mesh alone stands on a volume of nothing
-        if not is_mesh(content.part(number).scene.volume):
+        if not is_mesh(document.part(number).scene.volume):
             imgui.push_id(number)
-            state = _layer(state, content, number, look)
+            state = _layer(state, document, number, look)
             imgui.pop_id()
     for number, mesh in enumerate(state.meshes):
         imgui.push_id(f"mesh {number}")
-        changed = _mesh(content, mesh)
+        changed = _mesh(document, mesh)
         if changed != mesh:
             meshes = (*state.meshes[:number], changed, *state.meshes[number + 1 :])
             state = replace(state, meshes=meshes)
@@ -118,10 +118,10 @@ def draw_layers(state: State, content: Content) -> State:
     return state
 
 
-def pick(state: State, content: Content) -> State:
+def pick(state: State, document: Document) -> State:
     """Lists of a file's arrays and channels, which open what is picked."""
     for each in state.picks:
-        now = each.number(content.scene.load)
+        now = each.number(document.scene.load)
         changed, chosen = imgui.combo(each.option, now, [plain(text) for text in each.texts])
         imgui.set_item_tooltip("What the file holds beside it: opens that, with the view and settings of this.")
         if changed and chosen != now:
@@ -129,13 +129,13 @@ def pick(state: State, content: Content) -> State:
     return state
 
 
-def _layer(state: State, content: Content, number: int, look: Look) -> State:
+def _layer(state: State, document: Document, number: int, look: LayerStyle) -> State:
     """Whether it is seen, its name, opacity, and colour where it is one."""
     _, visible = imgui.checkbox("##seen", look.visible)
     imgui.set_item_tooltip("Whether it is drawn.")
     imgui.same_line()
     room = imgui.get_content_region_avail().x
-    if imgui.selectable(plain(content.names[number]), state.selected == number, size=(room * NAME, 0.0))[0]:
+    if imgui.selectable(plain(document.names[number]), state.selected == number, size=(room * NAME, 0.0))[0]:
         state = state.selecting(number)
     imgui.set_item_tooltip("Select it: the transfer function below, and the keys, are those of what is selected.")
     opacity = _opacity(look.opacity, room)
@@ -147,14 +147,14 @@ def _layer(state: State, content: Content, number: int, look: Look) -> State:
     return state if made == look else state.looking(number, made)
 
 
-def _mesh(content: Content, mesh: MeshFile) -> MeshFile:
+def _mesh(document: Document, mesh: MeshFile) -> MeshFile:
     _, visible = imgui.checkbox("##seen", mesh.visible)
     imgui.set_item_tooltip("Whether it is drawn.")
     imgui.same_line()
     room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
     imgui.text(plain(mesh.name))
     opacity = _opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
-    found = content.mesh(mesh)
+    found = document.mesh(mesh)
     own = found is not None and found.colors is None and found.values is None
     given = mesh.linear or (found.color if found is not None and own else None)
     # those of its vertices and values are many, until one is picked
@@ -181,9 +181,9 @@ def _color(linear: tuple[float, ...]) -> str | None:
     return "#{:02x}{:02x}{:02x}".format(*(round(255 * min(max(part, 0.0), 1.0)) for part in picked))
 
 
-def draw_slices(state: State, content: Content) -> State:
+def draw_slices(state: State, document: Document) -> State:
     """The section's controls; returns the edited state."""
-    slices, volume = state.slices, content.volume
+    slices, volume = state.slices, document.volume
     _, shown = imgui.checkbox("slices", slices.shown)
     imgui.set_item_tooltip("Three slices beside the picture (z): the wheel moves one, a click moves the others there.")
     imgui.same_line()
@@ -219,14 +219,14 @@ CUES = {
 }
 
 
-def draw_view(state: State, content: Content) -> State:
+def draw_view(state: State, document: Document) -> State:
     """The section's controls; returns the edited state."""
-    frame = content.volume.frame
+    frame = document.volume.frame
     order = ("front", "back", "left", "right", "top", "bottom")
     names = {view: (ANATOMY if frame else ALONG)[view] for view in order}
     for view in _flow(list(names), 3 if frame else 6):
         if imgui.button(f"{names[view]}##view"):
-            state = acted(state, view, content)
+            state = acted(state, view, document)
         imgui.set_item_tooltip(f"{name_of(view, frame)}, as {'3D Slicer' if frame else 'ParaView'} names it.")
     for number, (action, name, on) in enumerate(
         (
@@ -238,14 +238,14 @@ def draw_view(state: State, content: Content) -> State:
         if number:
             imgui.same_line()
         if imgui.checkbox(name, on)[0]:
-            state = acted(state, action, content)
-    state = _over(state, content)
+            state = acted(state, action, document)
+    state = _over(state, document)
     return _ground(state)
 
 
-def _over(state: State, content: Content) -> State:
+def _over(state: State, document: Document) -> State:
     """What is laid over the picture."""
-    shown = [name for name in OVER if name != "directions" or content.volume.frame]
+    shown = [name for name in OVER if name != "directions" or document.volume.frame]
     for name in _flow(shown, 4):
         if imgui.checkbox(name, name in state.annotate)[0]:
             state = replace(state, annotate=toggled(state.annotate, name))

@@ -15,7 +15,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene as Layers
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Cancelled, Jobs
 
 if TYPE_CHECKING:
@@ -61,10 +61,10 @@ class Wanted:
     count: int
 
     @classmethod
-    def of(cls, content: Content, camera: Camera, settings: Settings) -> Wanted:
-        """Of all splats of a content."""
-        subject, settings = content.subject_at(1, settings)
-        return cls(subject, camera, settings, content.counts[0])
+    def of(cls, document: Document, camera: Camera, settings: Settings) -> Wanted:
+        """Of all splats of a document."""
+        subject, settings = document.subject_at(1, settings)
+        return cls(subject, camera, settings, document.counts[0])
 
 
 class Reference:
@@ -124,4 +124,4 @@ def follow(viewer: Viewer) -> None:
             reference.forget()
     elif reference.wanted is None:
         settings = state.settings.but(classification="auto")
-        reference.ask(Wanted.of(viewer.content, state.pose.camera, settings))
+        reference.ask(Wanted.of(viewer.document, state.pose.camera, settings))

@@ -24,10 +24,10 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene as Layers
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import of_ruler
 from splatgl.viewer.slice_views import outlines
-from splatgl.viewer.state import Look, State
+from splatgl.viewer.state import LayerStyle, State
 
 if TYPE_CHECKING:
     from splatgl.viewer.viewer import Viewer
@@ -39,9 +39,9 @@ RIM = 0.6
 
 def as_seen(viewer: Viewer, image: Image) -> Image:
     """The picture with what the window shows over it and beside it, but for handles and the value under the cursor."""
-    state, content, scale = viewer.state, viewer.content, viewer.window.scale
-    lines, labels = of_ruler(state.ruler, content, state.pose.camera, scale)
-    image = with_marks(image, (*lines, *outlines(state.slices, content.volume, state.pose.camera, scale)), labels)
+    state, document, scale = viewer.state, viewer.document, viewer.window.scale
+    lines, labels = of_ruler(state.ruler, document, state.pose.camera, scale)
+    image = with_marks(image, (*lines, *outlines(state.slices, document.volume, state.pose.camera, scale)), labels)
     beside = viewer.slicing.picture()
     return image if beside is None else with_slices(image, beside)
 
@@ -88,44 +88,44 @@ Add = Callable[[Image], Image]
 RENDERED = "splatgl render draws it, as large as it is"
 
 
-def scene_of(state: State, content: Content) -> SceneFile:
+def scene_of(state: State, document: Document) -> SceneFile:
     """The scene equivalent to the window's state."""
     # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.settings.but(motion=state.blur)
-    if settings.classification == "post" and not content.followed(state.looks, state.meshes, settings).after:
+    if settings.classification == "post" and not document.followed(state.looks, state.meshes, settings).after:
         settings = settings.but(classification="pre")
-    first, *others = [_part(content.part(number), look) for number, look in enumerate(state.looks)]
-    meshes = tuple(each for each in state.meshes if each != MeshFile(content.scene.volume))
-    shown = replace(content.scene, load=first.load, transfer=first.transfer, threshold=first.threshold)
+    first, *others = [_part(document.part(number), look) for number, look in enumerate(state.looks)]
+    meshes = tuple(each for each in state.meshes if each != MeshFile(document.scene.volume))
+    shown = replace(document.scene, load=first.load, transfer=first.transfer, threshold=first.threshold)
     shown = replace(shown, opacity=first.opacity, visible=first.visible, layers=tuple(others), meshes=meshes)
     # what is laid over a window too small for it is not asked for
     annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
     return replace(shown, view=state.pose.view(), settings=settings, annotate=annotate)
 
 
-def _look(scene: SceneFile, content: Content) -> Look:
+def _look(scene: SceneFile, document: Document) -> LayerStyle:
     """How a part is seen in a scene."""
-    base = replace(scene, opacity=1.0).transfer_for(content.volume)
-    return Look(base, scene.threshold, 1.0, scene.opacity, scene.visible)
+    base = replace(scene, opacity=1.0).transfer_for(document.volume)
+    return LayerStyle(base, scene.threshold, 1.0, scene.opacity, scene.visible)
 
 
-def _part(content: Content, look: Look) -> SceneFile:
+def _part(document: Document, look: LayerStyle) -> SceneFile:
     """The scene of a volume, or of a layer, as it is seen."""
-    scene, portion = content.scene, content.portion
+    scene, portion = document.scene, document.portion
     load = scene.load if portion is None or portion.level is None else {**scene.load, "level": portion.level}
     found = replace(scene, load=load, transfer=look.table, threshold=look.threshold)
     return replace(found, opacity=look.opacity, visible=look.visible)
 
 
-def picture_of(scene: SceneFile, content: Content, draw: Draw) -> Image:
-    """The image that `splatgl render` makes of a scene of this content, drawn by the window's renderer."""
-    transfer = scene.transfer_for(content.volume)
-    looks = [_look(each, content.part(number)) for number, each in enumerate((scene, *scene.layers))]
-    content = content.followed(looks, surfaces_of(scene), scene.settings)
-    subject, settings = (content if content.fresh else content.anew()).subject_at(1, scene.settings)
-    image = draw(subject, scene.view.camera(content.volume, subject), settings)
+def picture_of(scene: SceneFile, document: Document, draw: Draw) -> Image:
+    """The image that `splatgl render` makes of a scene of this document, drawn by the window's renderer."""
+    transfer = scene.transfer_for(document.volume)
+    looks = [_look(each, document.part(number)) for number, each in enumerate((scene, *scene.layers))]
+    document = document.followed(looks, surfaces_of(scene), scene.settings)
+    subject, settings = (document if document.fresh else document.anew()).subject_at(1, scene.settings)
+    image = draw(subject, scene.view.camera(document.volume, subject), settings)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
-    return lay(image, scene, content.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
+    return lay(image, scene, document.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
 
 
 def nothing(image: Image) -> Image:
@@ -133,28 +133,28 @@ def nothing(image: Image) -> Image:
     return image
 
 
-def save_picture(state: State, content: Content, draw: Draw, folder: Path, add: Add = nothing) -> str:
+def save_picture(state: State, document: Document, draw: Draw, folder: Path, add: Add = nothing) -> str:
     """Writes the next free picture-NNN.png; returns the message to show. add: what the window adds to the picture."""
-    return _picture(state, content, draw, free(folder, "picture", ".png"), add)
+    return _picture(state, document, draw, free(folder, "picture", ".png"), add)
 
 
-def _picture(state: State, content: Content, draw: Draw, target: Path, add: Add) -> str:
-    if content.heavy:
+def _picture(state: State, document: Document, draw: Draw, target: Path, add: Add) -> str:
+    if document.heavy:
         raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
-    scene = scene_of(state, content)
+    scene = scene_of(state, document)
     ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    add(picture_of(scene, content, draw)).save(target, background=ground)
+    add(picture_of(scene, document, draw)).save(target, background=ground)
     return f"saved {target.name}"
 
 
-def save_scene(state: State, content: Content, draw: Draw, folder: Path) -> str:
+def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> str:
     """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
     target = free(folder, "scene", ".toml")
-    scene = scene_of(state, content)
-    if content.heavy:
+    scene = scene_of(state, document)
+    if document.heavy:
         write_whole(target, scene.to_toml(target.parent).encode())
         return f"saved {target.name}: {RENDERED}"
-    picture_of(scene, content, draw).save(target.with_suffix(".npy"))
+    picture_of(scene, document, draw).save(target.with_suffix(".npy"))
     write_whole(target, scene.to_toml(target.parent).encode())
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
 
@@ -164,18 +164,18 @@ SCENE = "save"
 SAVES = ("screenshot", SCENE)
 
 
-def saved(state: State, ask: str, content: Content, draw: Draw, folder: Path, add: Add = nothing) -> State:
+def saved(state: State, ask: str, document: Document, draw: Draw, folder: Path, add: Add = nothing) -> State:
     """Runs one of SAVES; returns the state with its message. add: as of `save_picture`."""
     try:
         if ask == SCENE:
-            return replace(state, message=save_scene(state, content, draw, folder))
-        return replace(state, message=save_picture(state, content, draw, folder, add))
+            return replace(state, message=save_scene(state, document, draw, folder))
+        return replace(state, message=save_picture(state, document, draw, folder, add))
     except TOLD as error:
         return replace(state, message=told(error))
 
 
 def saved_as(
-    state: State, content: Content, draw: Draw, target: Path, add: Add = nothing, times: Sequence[SceneFile] = ()
+    state: State, document: Document, draw: Draw, target: Path, add: Add = nothing, times: Sequence[SceneFile] = ()
 ) -> tuple[State, bool]:
     """Writes a scene (.toml, also where a name has no ending) or a picture of it; the state with what it says, and
     whether a scene was written. times: the series that it is of, of which no file is overwritten either.
@@ -185,21 +185,21 @@ def saved_as(
         if not target.name or os.path.isdir(target):
             raise expected(target, "a file's name", "a folder")
         target = target.with_suffix(".toml") if scene else target
-        if overwrites(target, sources(content, times)):
+        if overwrites(target, sources(document, times)):
             raise expected(target, "another file", "what is shown", "choose another name")
         if scene:
-            write_whole(target, scene_of(state, content).to_toml(target.parent).encode())
+            write_whole(target, scene_of(state, document).to_toml(target.parent).encode())
             return replace(state, message=f"saved {target.name}"), True
-        return replace(state, message=_picture(state, content, draw, target, add)), False
+        return replace(state, message=_picture(state, document, draw, target, add)), False
     except TOLD as error:
         return replace(state, message=told(error)), False
 
 
-def sources(content: Content, times: Sequence[SceneFile] = ()) -> list[str]:
-    """What a content, and the series that it is of, were read from."""
-    parts = [content.part(number) for number in range(len(content.looks))]
-    scenes = (content.scene, *(each.scene for each in parts), *times)
-    return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in content.surfaces)]
+def sources(document: Document, times: Sequence[SceneFile] = ()) -> list[str]:
+    """What a document, and the series that it is of, were read from."""
+    parts = [document.part(number) for number in range(len(document.looks))]
+    scenes = (document.scene, *(each.scene for each in parts), *times)
+    return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in document.surfaces)]
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:

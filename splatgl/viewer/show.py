@@ -110,11 +110,11 @@ def opened(
     """Opens the window for what is being read, and returns once it is closed for any reason."""
     from splatgl.gl.backends import BackendError
     from splatgl.gl.renderer import Renderer
-    from splatgl.viewer.document import Content
+    from splatgl.viewer.document import Document
     from splatgl.viewer.viewer import Viewer
 
     with Renderer(backend, device, gpu) as renderer:
-        viewer = Viewer(Content.nothing(scene), renderer, options, files)
+        viewer = Viewer(Document.nothing(scene), renderer, options, files)
         try:
             with _ended_by_signals(viewer):
                 viewer.run()

@@ -22,7 +22,7 @@ from splatgl.viewer.state import Slices
 from splatgl.viewer.trackball import Place, segment, up_of
 
 if TYPE_CHECKING:
-    from splatgl.viewer.document import Content
+    from splatgl.viewer.document import Document
     from splatgl.viewer.state import State
     from splatgl.viewer.viewer import Viewer
 
@@ -216,9 +216,9 @@ class Slicing:
     def panes(self) -> tuple[Pane, ...]:
         """Those that are shown now."""
         viewer = self.viewer
-        if not viewer.state.slices.shown or viewer.content.waiting:
+        if not viewer.state.slices.shown or viewer.document.waiting:
             return ()
-        return panes(viewer.content.volume, up_of(viewer.content), viewer.whole, viewer.window.scale)
+        return panes(viewer.document.volume, up_of(viewer.document), viewer.whole, viewer.window.scale)
 
     def press(self, button: str, place: Place) -> bool:
         """A button is pressed; whether that was on the slices."""
@@ -245,7 +245,7 @@ class Slicing:
         """The wheel moves a slice by voxels; whether the cursor was over one."""
         found = next((pane for pane in self.panes() if pane.holds(place)), None)
         if found is not None and notches:
-            slices, volume = self.viewer.state.slices, self.viewer.content.volume
+            slices, volume = self.viewer.state.slices, self.viewer.document.volume
             self._show(slices.moved(found.axis, round(notches) or int(np.sign(notches)), volume))
         return found is not None
 
@@ -272,13 +272,13 @@ class Slicing:
             self.drawn.clear()
             self.failed.clear()
             return Marks()
-        state, content, scale = viewer.state, viewer.content, viewer.window.scale
-        volume, index = content.volume, state.slices.index(content.volume)
+        state, document, scale = viewer.state, viewer.document, viewer.window.scale
+        volume, index = document.volume, state.slices.index(document.volume)
         left = found[0].room[0]
         sprites = [Sprite(GROUND, (left, 0.0, float(viewer.whole[0]), float(viewer.whole[1])))]
         strokes: list[Stroke] = []
         for pane in found:
-            pixels = self._pixels(pane, state, content)
+            pixels = self._pixels(pane, state, document)
             if pixels is not None:
                 sprites.append(Sprite(pixels, pane.box, smooth=True))
             sprites += _labels(pane, index, volume, scale)
@@ -313,7 +313,7 @@ class Slicing:
         return np.asarray(viewer.screen.read(viewer.window.size)[:, viewer.size[0] :])
 
     def _link(self, pane: Pane, place: Place) -> None:
-        slices, volume = self.viewer.state.slices, self.viewer.content.volume
+        slices, volume = self.viewer.state.slices, self.viewer.document.volume
         self._show(slices.at(pane.index(place, slices.index(volume), volume), volume))
 
     def _show(self, slices: Slices) -> None:
@@ -321,9 +321,9 @@ class Slicing:
         self.viewer.state = replace(self.viewer.state, slices=slices)
         self.viewer.refresh()
 
-    def _pixels(self, pane: Pane, state: State, content: Content) -> np.ndarray | None:
+    def _pixels(self, pane: Pane, state: State, document: Document) -> np.ndarray | None:
         """Those of a slice; of samples that are read in parts the ones before until a thread has read them."""
-        volume, transfer, colored = content.volume, state.looks[0].given, state.slices.colored
+        volume, transfer, colored = document.volume, state.looks[0].given, state.slices.colored
         index = state.slices.index(volume)[pane.axis]
         look = transfer if colored or transfer.labels else window_of(transfer)
         logarithmic = transfer.logarithmic

@@ -24,7 +24,7 @@ PIXELS = 4 << 20
 
 
 @dataclass(frozen=True, eq=False)
-class Portion:
+class StandIn:
     """What is shown of a volume. told: what that is, "" if it is all. finer: reads what is to replace it, if any.
 
     level: its number in a multiscale image, with which the scene is saved; None for others.
@@ -32,15 +32,15 @@ class Portion:
 
     volume: Volume
     told: str = ""
-    finer: Callable[[], Portion] | None = None
+    finer: Callable[[], StandIn] | None = None
     level: int | None = None
 
 
-def portion(volume: Volume, transfer: Transfer, settings: Settings) -> Portion:
+def choose_stand_in(volume: Volume, transfer: Transfer, settings: Settings) -> StandIn:
     """The portion of a volume to begin with. Its memory is estimated for half of what is free."""
     most = budget()
     if not volume.coarser and _fits(volume, transfer, settings, most):
-        return Portion(volume)
+        return StandIn(volume)
     levels = _levels(volume)
     number = next((n for n, level in enumerate(levels) if _fits(level, transfer, settings, most)), None)
     if number is not None:
@@ -48,7 +48,7 @@ def portion(volume: Volume, transfer: Transfer, settings: Settings) -> Portion:
         return _level(levels, first, number)
     base = levels[-1]
     step = max(2, int(np.ceil((base.count / STAND_IN) ** (1 / 3))))
-    return Portion(every(base, step), f"every {_nth(step)} voxel", lambda: _means(base, transfer, settings, most))
+    return StandIn(every(base, step), f"every {_nth(step)} voxel", lambda: _means(base, transfer, settings, most))
 
 
 def every(volume: Volume, step: int) -> Volume:
@@ -65,14 +65,14 @@ def every(volume: Volume, step: int) -> Volume:
     )
 
 
-def _means(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> Portion:
+def _means(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> StandIn:
     """Means over blocks of voxels, of labels what most of a block are, as small as fit."""
     labels = bool(transfer.labels)
     found, side = coarser(volume, labels), 2
     while not _fits(found, transfer, settings, most) and max(found.shape) >= FEWEST:
         found, side = coarser(found, labels), 2 * side
     what = "most frequent labels" if labels else "means"
-    return Portion(found, f"{what} of {side}^3 voxels: smaller ones need more than {size_of(most)}")
+    return StandIn(found, f"{what} of {side}^3 voxels: smaller ones need more than {size_of(most)}")
 
 
 def _levels(volume: Volume) -> list[Volume]:
@@ -81,13 +81,13 @@ def _levels(volume: Volume) -> list[Volume]:
     return [replace(level, coarser=tuple(levels[number + 1 :])) for number, level in enumerate(levels)]
 
 
-def _level(levels: list[Volume], number: int, finest: int) -> Portion:
+def _level(levels: list[Volume], number: int, finest: int) -> StandIn:
     """One level, which finer ones replace one by one."""
     volume, last = levels[number], len(levels) - 1
     told = f"level {number} of {last}, {' x '.join(map(str, volume.shape[::-1]))} voxels" if number else ""
     if number > finest:
-        return Portion(volume, told, lambda: _level(levels, number - 1, finest), number)
-    return Portion(volume, f"{told}: finer ones are too large for a window" if number else "", None, number)
+        return StandIn(volume, told, lambda: _level(levels, number - 1, finest), number)
+    return StandIn(volume, f"{told}: finer ones are too large for a window" if number else "", None, number)
 
 
 def _fits(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> bool:

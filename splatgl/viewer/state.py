@@ -19,11 +19,11 @@ from splatgl.splat.transfer import OPAQUE, Transfer
 from splatgl.viewer.trackball import Pose
 
 if TYPE_CHECKING:
-    from splatgl.viewer.document import Content
+    from splatgl.viewer.document import Document
 
 
 @dataclass(frozen=True)
-class Pick:
+class FileOption:
     """An option of `load`, and what it may be: values, each with a few words."""
 
     option: str
@@ -183,7 +183,7 @@ class History:
             self.now = replace(self.now, pose=pose)
 
     def begin(self, state: State) -> None:
-        """Forgets everything: the state is that of another content."""
+        """Forgets everything: the state is that of another document."""
         self.forget(state)
         self.saved = state
 
@@ -211,9 +211,9 @@ def _same(a: State, b: State) -> bool:
     return all(getattr(a, name) == getattr(b, name) for name in names)
 
 
-def usual_of(content: Content) -> tuple[str, ...]:
-    """What a window shows of a content unless its scene asks for other annotations."""
-    return content.scene.annotate or usual(Subject.of(content.volume))
+def default_annotations(document: Document) -> tuple[str, ...]:
+    """What a window shows of a document unless its scene asks for other annotations."""
+    return document.scene.annotate or usual(Subject.of(document.volume))
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ class Ruler:
 
 
 @dataclass(frozen=True)
-class Look:
+class LayerStyle:
     """base: a transfer function; extinction: a factor on it; opacity: a factor on its opacities. threshold: as of
     `extract`.
     """
@@ -263,7 +263,7 @@ class Look:
         given = self.given
         return {f.name: getattr(given, f.name) for f in fields(Transfer) if getattr(given, f.name) is not None}
 
-    def of_unit(self, unit: float) -> Look:
+    def of_unit(self, unit: float) -> LayerStyle:
         """With opacities of that length, where none is stated."""
         return self if self.base.unit is not None else replace(self, base=replace(self.base, unit=unit))
 
@@ -326,7 +326,7 @@ class State:
     cursor is told. ruler: what is measured. slices: those beside the picture. turntable: whether a drag turns about a
     fixed axis.
 
-    parts: how the layers of a content of several are seen, of which `selected` is the one that base, threshold and
+    parts: how the layers of a document of several are seen, of which `selected` is the one that base, threshold and
     extinction are of, and edit; none: one volume. meshes: those of the scene. picks: what else its file holds; picked:
     the option of one of them, and its value, to be opened.
     """
@@ -351,10 +351,10 @@ class State:
     asks: tuple[str, ...] = field(default=())
     cuts: Cuts = field(default_factory=Cuts)
     annotate: tuple[str, ...] = ()
-    parts: tuple[Look, ...] = ()
+    parts: tuple[LayerStyle, ...] = ()
     selected: int = 0
     meshes: tuple[MeshFile, ...] = ()
-    picks: tuple[Pick, ...] = ()
+    picks: tuple[FileOption, ...] = ()
     picked: tuple[str, str] | None = None
     turntable: bool = False
     fullscreen: bool = False
@@ -363,14 +363,14 @@ class State:
     slices: Slices = field(default_factory=Slices)
 
     @classmethod
-    def of(cls, content: Content, size: tuple[int, int]) -> State:
-        """Initial state of a content: its home view at `size` pixels, its settings and transfer function."""
-        settings = content.scene.settings
-        cuts = Cuts.of(settings.clip, content.volume)
-        annotate = usual_of(content)
-        looks = content.looks
-        found = cls(content.home(size), settings, looks[0].base, looks[0].threshold, cuts=cuts, annotate=annotate)
-        return replace(found, parts=looks if content.surfaces or len(looks) > 1 else (), meshes=content.surfaces)
+    def of(cls, document: Document, size: tuple[int, int]) -> State:
+        """Initial state of a document: its home view at `size` pixels, its settings and transfer function."""
+        settings = document.scene.settings
+        cuts = Cuts.of(settings.clip, document.volume)
+        annotate = default_annotations(document)
+        looks = document.looks
+        found = cls(document.home(size), settings, looks[0].base, looks[0].threshold, cuts=cuts, annotate=annotate)
+        return replace(found, parts=looks if document.surfaces or len(looks) > 1 else (), meshes=document.surfaces)
 
     @property
     def moving(self) -> Settings:
@@ -380,17 +380,17 @@ class State:
     @property
     def transfer(self) -> Transfer:
         """The transfer function of what is selected: node extinctions times the factor."""
-        return Look(self.base, self.threshold, self.extinction).given
+        return LayerStyle(self.base, self.threshold, self.extinction).given
 
     @property
-    def looks(self) -> tuple[Look, ...]:
+    def looks(self) -> tuple[LayerStyle, ...]:
         """How each part is seen; of one volume, that one."""
         if not self.parts:
-            return (Look(self.base, self.threshold, self.extinction),)
+            return (LayerStyle(self.base, self.threshold, self.extinction),)
         own = {name: getattr(self, name) for name in EDITED}
         return _put(self.parts, self.selected, replace(self.parts[self.selected], **own))
 
-    def looking(self, number: int, look: Look) -> State:
+    def looking(self, number: int, look: LayerStyle) -> State:
         """With another look of a part."""
         found = replace(self, parts=_put(self.looks, number, look))
         return found if number != self.selected else replace(found, **{name: getattr(look, name) for name in EDITED})
@@ -399,9 +399,9 @@ class State:
         """With another part selected, whose transfer function is edited."""
         return replace(self, parts=self.looks, selected=number).looking(number, self.looks[number])
 
-    def based_on(self, content: Content) -> State:
-        """With the transfer functions of a content that is read again, none of which was edited."""
-        looks = content.looks
+    def based_on(self, document: Document) -> State:
+        """With the transfer functions of a document that is read again, none of which was edited."""
+        looks = document.looks
         if len(looks) != len(self.looks):
             return replace(self, parts=looks, selected=0).looking(0, looks[0])
         if not self.parts:
@@ -414,15 +414,15 @@ class State:
         """With these meshes in the picture."""
         return replace(self, parts=self.looks, meshes=tuple(meshes), message=message)
 
-    def opened(self, content: Content) -> State:
-        """State for another content with its own view and settings; display options are kept."""
-        fresh = State.of(content, self.pose.camera.size)
+    def opened(self, document: Document) -> State:
+        """State for another document with its own view and settings; display options are kept."""
+        fresh = State.of(document, self.pose.camera.size)
         kept = ("hud", "help", "panel", "ground", "turning", "blur", "turntable", "fullscreen", "probe")
         beside = replace(self.slices, place=fresh.slices.place)
         return replace(fresh, slices=beside, **{name: getattr(self, name) for name in kept})
 
 
-def _put(parts: tuple[Look, ...], number: int, look: Look) -> tuple[Look, ...]:
+def _put(parts: tuple[LayerStyle, ...], number: int, look: LayerStyle) -> tuple[LayerStyle, ...]:
     return (*parts[:number], look, *parts[number + 1 :])
 
 

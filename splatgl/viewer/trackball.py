@@ -16,7 +16,7 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.camera import Camera
 
 if TYPE_CHECKING:
-    from splatgl.viewer.document import Content
+    from splatgl.viewer.document import Document
 
 
 # maximum seconds and pixels between the presses of a double click
@@ -79,9 +79,9 @@ def wheeled(pose: Pose, place: Place, notches: float) -> Pose:
     return pose.zoomed(place, NOTCH**notches)
 
 
-def up_of(content: Content) -> np.ndarray:
+def up_of(document: Document) -> np.ndarray:
     """The scene's up direction."""
-    up = np.asarray(content.scene.view.up or content.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    up = np.asarray(document.scene.view.up or document.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
     return np.asarray(up / np.linalg.norm(up))
 
 

@@ -17,10 +17,10 @@ from splatgl.errors import TOLD, missing_extra, told
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
 from splatgl.gl.target import Interrupted
-from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, Moment, Refiner, Sweep, give_back_large
-from splatgl.viewer.document import Content
+from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, IdleTrim, Moment, Refiner, give_back_large
+from splatgl.viewer.document import Document
 from splatgl.viewer.file_dialogs import OPEN, SAVE, Dialogs
-from splatgl.viewer.frame_renderer import Painter
+from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.hud import progress
 from splatgl.viewer.input import Hands
 from splatgl.viewer.jobs import EXTRACTING, Extractor, Jobs, followed
@@ -46,7 +46,7 @@ def moved_on(viewer: Viewer) -> None:
     now, state = viewer.now(), viewer.state
     if state.turning:
         viewer.state = state = replace(
-            state, pose=state.pose.spun(SPEED * (now - viewer.ticked), up_of(viewer.content))
+            state, pose=state.pose.spun(SPEED * (now - viewer.ticked), up_of(viewer.document))
         )
         viewer.hands.touched = now
     shown = viewer.files.time == state.time and not viewer.files.jobs.busy and not viewer.dirty
@@ -77,14 +77,14 @@ def answered(viewer: Viewer) -> None:
         elif ask == "forget":
             viewer.recent = viewer.recent.forgotten()
         elif ask in SAVES:
-            told = viewer.state, ask, viewer.content, viewer.renderer.render, viewer.options.folder
+            told = viewer.state, ask, viewer.document, viewer.renderer.render, viewer.options.folder
             viewer.state = saved(*told, partial(as_seen, viewer))
             if ask == "save" and viewer.state.message.startswith("saved"):
                 viewer.history.keep(viewer.state)
     viewer.dialogs.look()
     picked = viewer.state.picked
     if picked is not None:
-        state, scene = viewer.state, viewer.content.scene
+        state, scene = viewer.state, viewer.document.scene
         kept = replace(scene, settings=state.settings, annotate=state.annotate, meshes=state.meshes)
         viewer.files.pick(kept, *picked)
         viewer.state = replace(state, picked=None)
@@ -100,11 +100,11 @@ def _cancelled(viewer: Viewer) -> None:
     """Gives up what is being read; closes a window that has nothing to show."""
     opening = viewer.files.opening
     if viewer.files.cancel():
-        viewer.closed |= viewer.content.waiting
+        viewer.closed |= viewer.document.waiting
         viewer.state = replace(viewer.state, time=viewer.files.time)
         if opening:
             # what waited for it
-            viewer.files.refine(viewer.content)
+            viewer.files.refine(viewer.document)
 
 
 def _quit(viewer: Viewer) -> None:
@@ -138,13 +138,13 @@ class Options:
 
 
 class Viewer:
-    """Shows one content at a time. `step()` runs one iteration of the event loop; `run()` loops until closed.
+    """Shows one document at a time. `step()` runs one iteration of the event loop; `run()` loops until closed.
 
     files: what is being read already; failed: why nothing could be shown at all.
     """
 
     def __init__(
-        self, content: Content, renderer: Renderer, options: Options | None = None, files: Files | None = None
+        self, document: Document, renderer: Renderer, options: Options | None = None, files: Files | None = None
     ) -> None:
         give_back_large()
         self.options = options or Options()
@@ -155,12 +155,12 @@ class Viewer:
             self.extractor = Extractor(self.window.wake)
             self.reference = Reference(Jobs(self.window.wake))
             self.marking, self.slicing = Marking(), Slicing(self)
-            self.painter = Painter(self.screen, renderer, self.options.bindings)
+            self.painter = FrameRenderer(self.screen, renderer, self.options.bindings)
             self.renderer = renderer
-            self.content = content
+            self.document = document
             # the next one, whose coarsest splats are being extracted
-            self.coming: Content | None = None
-            self.state = replace(State.of(content, self.whole), ground=self.options.ground)
+            self.coming: Document | None = None
+            self.state = replace(State.of(document, self.whole), ground=self.options.ground)
             self.panel: Any = None
             if self.options.panel and find_spec("imgui_bundle"):
                 self.state = replace(self.state, panel=True)
@@ -174,10 +174,10 @@ class Viewer:
         self.home = self.state.pose
         self.files = files or Files(Jobs(self.window.wake), (), None, self.now())
         self.files.jobs.wake = self.window.wake
-        self.files.refine(content)
-        self.refiner = Refiner(content.counts, prod(self.size), self.options.target)
+        self.files.refine(document)
+        self.refiner = Refiner(document.counts, prod(self.size), self.options.target)
         self.ticked = self.played = self.now()
-        self.sweep = Sweep(self.ticked)
+        self.sweep = IdleTrim(self.ticked)
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
         # what the latest error was of, and what it said; why the latest picture was not drawn
@@ -201,7 +201,7 @@ class Viewer:
     @property
     def busy(self) -> str | None:
         """What is being done in other threads; None if nothing is."""
-        return self.files.busy or ("opening" if self.content.waiting else self.extractor.busy)
+        return self.files.busy or ("opening" if self.document.waiting else self.extractor.busy)
 
     @property
     def stale(self) -> str | None:
@@ -210,7 +210,7 @@ class Viewer:
         return OTHER if refused or (self.coming and self.coming is self.extractor.failed) else None
 
     def refresh(self) -> None:
-        """Redisplays the window's content in the next step."""
+        """Redisplays the window's document in the next step."""
         self.dirty = max(self.dirty, 1)
 
     def run(self) -> None:
@@ -282,11 +282,11 @@ class Viewer:
         # quads near the eye may be slow even in portions: deferred until the mouse button is released
         frame = self.painter.frame
         held = self.hands.mouse.drag is not None and (frame is None or frame.plan.program.technique == "quads")
-        return Moment(self.now() - self.hands.touched, self.state.turning, held, self.content.extracted)
+        return Moment(self.now() - self.hands.touched, self.state.turning, held, self.document.extracted)
 
     def wanted(self) -> tuple[object, ...]:
         """Key of a frame: all its inputs, as values or immutable objects."""
-        return self.state.pose, self.state.settings, self.content, self.state.beyond and self.state.compare == "off"
+        return self.state.pose, self.state.settings, self.document, self.state.beyond and self.state.compare == "off"
 
     def _draw(self) -> int | None:
         """Renders a preview after changes, or the full-quality frame at rest, which is shown again with its text.
@@ -303,7 +303,7 @@ class Viewer:
         if wanted != self.refiner.drawn:
             self.reference.forget()
         try:
-            frame = self.painter.draw(self.state, self.content, LADDER[level], blurs, lambda: self._given_up(asked))
+            frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, lambda: self._given_up(asked))
         except Interrupted:
             return None
         except TOLD as error:
@@ -319,7 +319,7 @@ class Viewer:
 
     def _refused(self) -> None:
         """Says why the picture is another one, which no key hides."""
-        # the content before need not suit what is asked of the one that is coming
+        # the document before need not suit what is asked of the one that is coming
         if self.coming is None and not self.state.message:
             self.say(self.refusal, "picture")
 
@@ -351,17 +351,17 @@ class Viewer:
         """Displays the image, its overlay and the panel if any of them changed."""
         said = self.painter.compared(self.state, self.reference)
         doing = self.busy or self.stale
-        if self.painter.write(self.state, self.content, self.window.scale, doing, said):
+        if self.painter.write(self.state, self.document, self.window.scale, doing, said):
             self.refresh()
         if not self.dirty:
             return
         self.dirty -= 1
         self._compose()
         self.window.show()
-        self.window.title(f"{self.content.volume.name} - splatgl - {doing or progress(self.painter.frame)}")
+        self.window.title(f"{self.document.volume.name} - splatgl - {doing or progress(self.painter.frame)}")
 
     def _compose(self) -> None:
-        """Draws the window's content into its back buffer."""
+        """Draws the window's document into its back buffer."""
         if self.state.panel and self.panel is None:
             self._open_panel()
         self.screen.draw(self.size, self.painter.look(self.state, self.reference))
@@ -369,15 +369,15 @@ class Viewer:
         if self.panel is not None and self.state.panel and not self.state.help:
             before = self.state
             self.panel.panel.recent = self.recent.paths
-            self.state = self.panel.frame(self.state, self.content, self.painter.frame)
+            self.state = self.panel.frame(self.state, self.document, self.painter.frame)
             if self.state is not before:
                 self.hands.touch()
 
-    def take(self, content: Content) -> None:
-        """Sets the displayed content."""
+    def take(self, document: Document) -> None:
+        """Sets the displayed document."""
         self.over(EXTRACTING)
-        self.content, self.coming, self.extractor.failed = content, None, None
-        self.refiner.renew(content.counts, prod(self.size))
+        self.document, self.coming, self.extractor.failed = document, None, None
+        self.refiner.renew(document.counts, prod(self.size))
         self.refresh()
 
     def show_panel(self) -> Any:

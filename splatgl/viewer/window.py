@@ -55,7 +55,7 @@ class Listener(Protocol):
         ...
 
     def refresh(self) -> None:
-        """The window's content was lost and must be redrawn."""
+        """The window's document was lost and must be redrawn."""
         ...
 
     def raw(self, kind: str, *values: Any) -> bool:
@@ -96,7 +96,7 @@ class Window:
 
     @property
     def scale(self) -> float:
-        """Content scale of the display for text, at least 1."""
+        """Document scale of the display for text, at least 1."""
         return max(1.0, float(self.glfw.get_window_content_scale(self.handle)[1]))
 
     @property

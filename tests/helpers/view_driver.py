@@ -27,7 +27,7 @@ from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud, stand_in, trackball
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import reading
@@ -39,7 +39,7 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 PATIENCE = 240.0
 
 # those that are not freed yet; a list of all objects would hold what other threads are making
-CONTENTS: WeakSet[Content] = WeakSet()
+CONTENTS: WeakSet[Document] = WeakSet()
 
 
 def told(viewer: Viewer) -> dict[str, Any]:
@@ -69,7 +69,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "extent": camera.extent,
         "perspective": camera.perspective,
         "pivot": state.pose.pivot.tolist(),
-        "middle": viewer.content.middle.tolist(),
+        "middle": viewer.document.middle.tolist(),
         "settings": asdict(state.settings),
         "cuts": asdict(state.cuts),
         "annotate": state.annotate,
@@ -81,13 +81,13 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "fullscreen": viewer.window.before is not None,
         "points": state.transfer.points,
         "window": state.transfer.window,
-        "source": viewer.content.scene.volume,
-        "splats": viewer.content.counts[0],
+        "source": viewer.document.scene.volume,
+        "splats": viewer.document.counts[0],
         "level": frame and str(frame.level),
         "full": bool(frame and frame.full),
         "seconds": frame and frame.seconds,
         "blurred": bool(frame and frame.blurred),
-        "hud lines": hud.lines(state, viewer.content, frame, viewer.busy),
+        "hud lines": hud.lines(state, viewer.document, frame, viewer.busy),
         "words": viewer.painter.words,
         "title": hud.progress(frame),
         "size of picture": viewer.painter.pixels.shape,
@@ -96,7 +96,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "closed": viewer.closed,
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
         "textures": len(viewer.screen.textures),
-        "contents": len(CONTENTS),
+        "documents": len(CONTENTS),
         "recent": viewer.recent.paths,
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,
@@ -195,10 +195,10 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "shot":
         np.save(ask["path"], viewer.shot())
     elif what == "reset":
-        content, scene = viewer.content, viewer.content.scene
-        content = content.following(content.transfer, scene.threshold, scene.settings)
-        viewer.state = viewer.state.opened(content)
-        viewer.state = type(viewer.state).of(content, viewer.whole)
+        document, scene = viewer.document, viewer.document.scene
+        document = document.following(document.transfer, scene.threshold, scene.settings)
+        viewer.state = viewer.state.opened(document)
+        viewer.state = type(viewer.state).of(document, viewer.whole)
         viewer.history.begin(viewer.state)
         viewer.closed = False
         if viewer.panel is not None:
@@ -230,10 +230,10 @@ def noted(viewer: Viewer) -> tuple[list[list[float]], list[str]]:
     levels: list[str] = []
     draw = viewer.painter.draw
 
-    def noting(state: Any, content: Any, level: Any, *rest: Any) -> Any:
+    def noting(state: Any, document: Any, level: Any, *rest: Any) -> Any:
         eyes.append(state.pose.camera.eye.tolist())
         levels.append(str(level))
-        return draw(state, content, level, *rest)
+        return draw(state, document, level, *rest)
 
     viewer.painter.draw = noting  # type: ignore[method-assign, assignment]
     return eyes, levels
@@ -253,14 +253,14 @@ def asked_first(viewer: Viewer, folder: Path) -> Any:
 
 
 def counted() -> None:
-    """Has contents counted from now on."""
-    made = Content.__post_init__
+    """Has documents counted from now on."""
+    made = Document.__post_init__
 
-    def noted(content: Content) -> None:
-        made(content)
-        CONTENTS.add(content)
+    def noted(document: Document) -> None:
+        made(document)
+        CONTENTS.add(document)
 
-    Content.__post_init__ = noted  # type: ignore[assignment, method-assign]
+    Document.__post_init__ = noted  # type: ignore[assignment, method-assign]
 
 
 def main() -> None:
@@ -270,7 +270,7 @@ def main() -> None:
     threading.Thread(target=lambda: [lines.put(line) for line in sys.stdin], daemon=True).start()
     backend = asked.pop("backend", "window")
     if "free" in asked:
-        # bytes of memory that contents may take
+        # bytes of memory that documents may take
         vars(stand_in)["budget"] = partial(int, asked.pop("free"))
     if "whole" in asked:
         # bytes of samples that are read at once
@@ -282,9 +282,9 @@ def main() -> None:
         options = Options(folder=Path(folder), **asked)
         if behind:
             # the window is there before its file is read
-            viewer = Viewer(Content.nothing(scene), renderer, options, reading(scene))
+            viewer = Viewer(Document.nothing(scene), renderer, options, reading(scene))
         else:
-            viewer = Viewer(Content.open(scene), renderer, options, files)
+            viewer = Viewer(Document.open(scene), renderer, options, files)
         eyes, levels = noted(viewer)
         first = asked_first(viewer, Path(folder))
         until(viewer, lambda: settled(viewer))

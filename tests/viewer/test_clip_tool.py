@@ -14,7 +14,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.clipping import crop_planes
 from splatgl.viewer.clip_tool import Held, cut, handles, on_sphere, outline, plane_middle, under
 from splatgl.viewer.commands import acted, add_plane
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import picked
 from splatgl.viewer.saving import save_scene
 from splatgl.viewer.state import WHOLE, Cuts, History, State
@@ -34,11 +34,11 @@ def sheared() -> sg.Volume:
 
 
 @pytest.fixture
-def content(tmp_path: Path) -> Content:
+def document(tmp_path: Path) -> Document:
     z, y, x = np.indices((16, 16, 16)) / 15 - 0.5
     np.save(tmp_path / "ball.npy", np.float32(40 * np.clip(1.4 - 3 * np.sqrt(x * x + y * y + z * z), 0, 1)))
     points = ((4.0, 0.0), (30.0, 0.6))
-    return Content.open(SceneFile(str(tmp_path / "ball.npy"), transfer={"points": points, "colormap": "hot"}))
+    return Document.open(SceneFile(str(tmp_path / "ball.npy"), transfer={"points": points, "colormap": "hot"}))
 
 
 @CAMERAS
@@ -170,42 +170,42 @@ def test_planes_cut_the_box_in_polygons() -> None:
     assert np.allclose(plane_middle(Cuts(planes=((0.0, 0.0, 1.0, 9.0),)), volume, 0), (1.5, 1.5, 9.0))
 
 
-def test_keys_cut_and_undo(content: Content) -> None:
-    state = State.of(content, SIZE)
+def test_keys_cut_and_undo(document: Document) -> None:
+    state = State.of(document, SIZE)
     history = History(state)
-    assert "nothing is cut" in acted(state, "cuts", content).message
-    shown = acted(state, "handles", content)
+    assert "nothing is cut" in acted(state, "cuts", document).message
+    shown = acted(state, "handles", document)
     assert shown.cuts.shown and shown.settings is state.settings
-    faced = acted(shown, "plane", content)
+    faced = acted(shown, "plane", document)
     assert faced.cuts.planes == faced.settings.clip
     assert np.allclose(faced.settings.clip[0][:3], state.pose.camera.forward)
     history.note(faced)
-    off = acted(faced, "cuts", content)
+    off = acted(faced, "cuts", document)
     assert off.settings.clip == () and off.cuts.planes == faced.cuts.planes and history.unsaved(faced)
     history.note(off)
     assert history.undone(off).settings.clip == faced.settings.clip
-    assert acted(faced, "uncut", content).settings.clip == ()
-    assert acted(faced, "uncut", content).cuts.sides == WHOLE
+    assert acted(faced, "uncut", document).settings.clip == ()
+    assert acted(faced, "uncut", document).cuts.sides == WHOLE
     # what would leave nothing is told and not done
-    nothing = cut(faced, content, faced.cuts.with_plane(0, (0.0, 0.0, 1.0, 99.0)))
+    nothing = cut(faced, document, faced.cuts.with_plane(0, (0.0, 0.0, 1.0, 99.0)))
     assert nothing.settings is faced.settings and "everything" in nothing.message
     many = faced
     for _ in range(12):
-        many = add_plane(many, content, (0, 0, 1))
+        many = add_plane(many, document, (0, 0, 1))
     assert len(many.settings.clip) == 10 and "remove one" in many.message
 
 
-def test_a_cut_extracts_nothing(content: Content) -> None:
-    state = acted(State.of(content, SIZE), "plane", content)
-    assert content.following(state.transfer, state.threshold, state.settings) is content
+def test_a_cut_extracts_nothing(document: Document) -> None:
+    state = acted(State.of(document, SIZE), "plane", document)
+    assert document.following(state.transfer, state.threshold, state.settings) is document
 
 
-def test_what_is_cut_off_is_not_picked(content: Content) -> None:
-    state = State.of(content, SIZE)
+def test_what_is_cut_off_is_not_picked(document: Document) -> None:
+    state = State.of(document, SIZE)
     middle = (60.0, 40.0)
-    whole = picked(content.at(1), state.pose.camera, middle)
-    state = acted(state, "plane", content)
-    found = picked(content.at(1), state.pose.camera, middle, state.settings.clip)
+    whole = picked(document.at(1), state.pose.camera, middle)
+    state = acted(state, "plane", document)
+    found = picked(document.at(1), state.pose.camera, middle, state.settings.clip)
     assert whole is not None and found is not None
     # near the plane through the middle, farther away than the ball's front
     depths = [float(state.pose.camera.eye_from_points(point)[2]) for point in (whole, found)]
@@ -214,21 +214,21 @@ def test_what_is_cut_off_is_not_picked(content: Content) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("classification", ["post", "pre"])
-def test_cuts_are_saved(renderer: sg.Renderer, content: Content, tmp_path: Path, classification: str) -> None:
+def test_cuts_are_saved(renderer: sg.Renderer, document: Document, tmp_path: Path, classification: str) -> None:
     """`splatgl render` of the saved scene gives the same picture, bit for bit, also after it was opened again."""
-    state = State.of(content, SIZE)
+    state = State.of(document, SIZE)
     state = replace(state, settings=state.settings.but(classification=classification))
-    whole = renderer.render(content.classified(state.settings).at(1), state.pose.camera, state.settings).pixels
-    state = acted(replace(state, pose=state.pose.rotated((3, 4), (50, 60))), "plane", content)
-    state = cut(state, content, state.cuts.with_side(2, 1, 10 / 16))
-    content = content.following(state.transfer, state.threshold, state.settings)
-    save_scene(state, content, renderer.render, tmp_path)
+    whole = renderer.render(document.classified(state.settings).at(1), state.pose.camera, state.settings).pixels
+    state = acted(replace(state, pose=state.pose.rotated((3, 4), (50, 60))), "plane", document)
+    state = cut(state, document, state.cuts.with_side(2, 1, 10 / 16))
+    document = document.following(state.transfer, state.threshold, state.settings)
+    save_scene(state, document, renderer.render, tmp_path)
     given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
     assert main([*given, "-o", str(tmp_path / "again.npy")]) == 0
     saved = np.load(tmp_path / "scene-001.npy")
     assert np.array_equal(saved, np.load(tmp_path / "again.npy")) and saved.max() > 0.1
     assert np.abs(saved - whole).max() > 0.1
-    again = Content.open(SceneFile.from_toml(tmp_path / "scene-001.toml"))
+    again = Document.open(SceneFile.from_toml(tmp_path / "scene-001.toml"))
     opened = State.of(again, SIZE)
     assert opened.settings.clip == state.settings.clip and len(opened.cuts.planes) == 1
     assert opened.cuts.sides[2][1] == pytest.approx(10 / 16)

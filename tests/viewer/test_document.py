@@ -15,7 +15,7 @@ from splatgl.errors import Choice, InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import acted, drawable
-from splatgl.viewer.document import Content, Together, read_meshes
+from splatgl.viewer.document import Document, Together, read_meshes
 from splatgl.viewer.file_watch import watched
 from splatgl.viewer.loading import opened
 from splatgl.viewer.saving import picture_of, save_scene, scene_of
@@ -64,22 +64,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def content(folder: Path) -> Content:
-    return Content.open(SceneFile.from_toml(folder / "two.toml"))
+def document(folder: Path) -> Document:
+    return Document.open(SceneFile.from_toml(folder / "two.toml"))
 
 
 @pytest.fixture
-def state(content: Content) -> State:
-    return State.of(content, SIZE)
+def state(document: Document) -> State:
+    return State.of(document, SIZE)
 
 
-def saved(state: State, content: Content, renderer: sg.Renderer, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+def saved(state: State, document: Document, renderer: sg.Renderer, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """What the window draws of a state, and what `splatgl render` makes of the scene that it saves."""
     state = replace(state, annotate=())
-    drawn = content.followed(state.looks, state.meshes, state.settings)
+    drawn = document.followed(state.looks, state.meshes, state.settings)
     subject, settings = drawn.subject_at(1, state.settings)
     shown = renderer.render(subject, state.pose.camera, settings, verify_bound=False).pixels
-    name = save_scene(state, content, renderer.render, folder).split()[-1]
+    name = save_scene(state, document, renderer.render, folder).split()[-1]
     options = ["--backend", renderer.info.backend, "--quiet"]
     assert main(["render", str(folder / name), "-o", str(folder / "again.npy"), *options]) == 0
     again = np.load(folder / "again.npy")
@@ -96,45 +96,45 @@ def turned(state: State) -> State:
 
 @pytest.mark.long
 def test_a_saved_scene_renders_equal(
-    state: State, content: Content, renderer: sg.Renderer, folder: Path, tmp_path: Path
+    state: State, document: Document, renderer: sg.Renderer, folder: Path, tmp_path: Path
 ) -> None:
     """Bit for bit, also edited: another transfer function, opacities, a hidden mesh, one in another colour."""
-    plain, again = saved(turned(state), content, renderer, folder)
+    plain, again = saved(turned(state), document, renderer, folder)
     # the view is saved as numbers, which round
     assert np.abs(plain - again).max() < 1e-4 and plain[..., 3].max() > 0.9
     look = replace(state.looks[1], opacity=0.8)
-    edited = turned(acted(state.looking(1, look).selecting(1), "opacity-down", content))
+    edited = turned(acted(state.looking(1, look).selecting(1), "opacity-down", document))
     ball, wall = edited.meshes
     edited = replace(edited, meshes=(replace(ball, visible=False), replace(wall, color="#30a0ff")))
-    other, again = saved(edited, content, renderer, folder)
+    other, again = saved(edited, document, renderer, folder)
     assert np.abs(other - again).max() < 1e-4 and np.abs(other - plain).max() > 0.2
 
 
 @pytest.mark.long
-def test_hidden_parts_are_not_drawn(state: State, content: Content, renderer: sg.Renderer, folder: Path) -> None:
+def test_hidden_parts_are_not_drawn(state: State, document: Document, renderer: sg.Renderer, folder: Path) -> None:
     """The first one hidden, all hidden but meshes, and the volume alone, which is the picture of one volume."""
     first, second = state.looks
     hidden = state.looking(0, replace(first, visible=False))
-    without, again = saved(hidden, content, renderer, folder)
+    without, again = saved(hidden, document, renderer, folder)
     assert np.abs(without - again).max() < 1e-4
     bare = hidden.looking(1, replace(second, visible=False))
-    meshes, again = saved(bare, content, renderer, folder)
+    meshes, again = saved(bare, document, renderer, folder)
     assert np.abs(meshes - again).max() < 1e-4 and 0.9 < meshes[..., 3].max() <= 1
     alone = state.looking(1, replace(second, opacity=0.0))
-    shown, again = saved(replace(alone, meshes=()), content, renderer, folder)
+    shown, again = saved(replace(alone, meshes=()), document, renderer, folder)
     (folder / "one.toml").write_text(OPAQUE + '[settings]\nantialias = "off"\n')
-    one = Content.open(SceneFile.from_toml(folder / "one.toml"))
+    one = Document.open(SceneFile.from_toml(folder / "one.toml"))
     right = renderer.render(one.at(1), state.pose.camera, sg.Settings(antialias="off")).pixels
     assert np.abs(shown - again).max() < 1e-4 and np.array_equal(shown, right)
 
 
-def test_the_view_is_that_of_render(content: Content, folder: Path) -> None:
+def test_the_view_is_that_of_render(document: Document, folder: Path) -> None:
     from splatgl.scene.draw import layered
 
     scene = SceneFile.from_toml(folder / "two.toml")
     volume = scene.open()
     right = replace(scene.view, size=SIZE).camera(volume, layered(scene, volume, scene.transfer_for(volume)))
-    found = content.home(SIZE).camera
+    found = document.home(SIZE).camera
     assert np.array_equal(found.eye, right.eye) and np.array_equal(found.eye_from_world, right.eye_from_world)
 
 
@@ -142,8 +142,8 @@ def test_the_view_is_that_of_render(content: Content, folder: Path) -> None:
 def test_an_opacity_weakens_once(folder: Path, tmp_path: Path, renderer: sg.Renderer) -> None:
     """Of one volume, too: a saved scene that keeps the factor beside points with it would be fainter."""
     (folder / "faint.toml").write_text('volume = "blob.npy"\nopacity = 0.3\n[settings]\nantialias = "off"\n')
-    content = Content.open(SceneFile.from_toml(folder / "faint.toml"))
-    shown, again = saved(turned(State.of(content, SIZE)), content, renderer, folder)
+    document = Document.open(SceneFile.from_toml(folder / "faint.toml"))
+    shown, again = saved(turned(State.of(document, SIZE)), document, renderer, folder)
     assert np.abs(shown - again).max() < 1e-4 and 0.01 < shown[..., 3].max() < 0.9
 
 
@@ -152,20 +152,20 @@ def test_channels_are_parts(folder: Path, renderer: sg.Renderer) -> None:
     planes = np.stack([blob(12).samples.astype(np.uint16) * 50, blob(12).samples[::-1].astype(np.uint16) * 40], 1)
     channel = {"Name": ["one", "two"]}
     tifffile.imwrite(folder / "c.ome.tif", planes, ome=True, metadata={"axes": "ZCYX", "Channel": channel})
-    content, picks = opened(
+    document, picks = opened(
         SceneFile(str(folder / "c.ome.tif"), {"channel": "all"}, settings=sg.Settings(antialias="off"))
     )
-    assert content.names == ("one", "two")
-    assert [(each.option, each.number(content.scene.load)) for each in picks] == [("channel", 0)]
+    assert document.names == ("one", "two")
+    assert [(each.option, each.number(document.scene.load)) for each in picks] == [("channel", 0)]
     assert [value for value, _ in picks[0].found] == ["all", "0", "1"]
-    state = State.of(content, SIZE)
-    plain, again = saved(state, content, renderer, folder)
+    state = State.of(document, SIZE)
+    plain, again = saved(state, document, renderer, folder)
     assert np.abs(plain - again).max() < 1e-4
     look = replace(state.looks[1], base=replace(state.looks[1].base, colormap="#ff8800"))
-    other, again = saved(state.looking(1, look), content, renderer, folder)
+    other, again = saved(state.looking(1, look), document, renderer, folder)
     assert np.abs(other - again).max() < 1e-4 and np.abs(other - plain).max() > 0.02
     # a scene file has one transfer function: the other channel is a layer of it
-    assert [each.load["channel"] for each in scene_of(state, content).layers] == [1]
+    assert [each.load["channel"] for each in scene_of(state, document).layers] == [1]
 
 
 @pytest.mark.long
@@ -173,15 +173,15 @@ def test_coarser_strides_in_motion(folder: Path, renderer: sg.Renderer) -> None:
     """All parts have them: the picture is nearly the same, of fewer splats."""
     np.save(folder / "large.npy", blob(40).samples)
     scene = SceneFile.from_toml(folder / "two.toml")
-    content = Content.open(replace(scene, volume=str(folder / "large.npy")))
-    state = State.of(content, SIZE)
-    assert set(content.extracted) < {1, 2, 4, 8}
+    document = Document.open(replace(scene, volume=str(folder / "large.npy")))
+    state = State.of(document, SIZE)
+    assert set(document.extracted) < {1, 2, 4, 8}
     for stride in (2, 1):
-        content.extract(stride)
-    assert content.counts[1] < content.counts[0] / 4 and {1, 2} <= set(content.extracted)
+        document.extract(stride)
+    assert document.counts[1] < document.counts[0] / 4 and {1, 2} <= set(document.extracted)
     fine, coarse = (
         renderer.render(subject, state.pose.camera, settings).pixels
-        for subject, settings in (content.subject_at(stride, state.settings) for stride in (1, 2))
+        for subject, settings in (document.subject_at(stride, state.settings) for stride in (1, 2))
     )
     assert 0 < np.abs(fine - coarse).mean() < 0.02
 
@@ -189,13 +189,13 @@ def test_coarser_strides_in_motion(folder: Path, renderer: sg.Renderer) -> None:
 # --- edits --------------------------------------------------------------------------------------------------------
 
 
-def test_edits_are_of_what_is_selected(state: State, content: Content) -> None:
-    edited = acted(state.selecting(1), "opacity-up", content)
+def test_edits_are_of_what_is_selected(state: State, document: Document) -> None:
+    edited = acted(state.selecting(1), "opacity-up", document)
     assert edited.looks[0] == state.looks[0] and edited.looks[1].extinction == 1.25
     assert edited.transfer == edited.looks[1].given and edited.selecting(0).base == state.base
     assert edited.selecting(0).looks == edited.looks
-    drawn = content.followed(edited.looks, edited.meshes, edited.settings)
-    assert isinstance(drawn, Together) and drawn.parts[0] is content.part(0) and drawn.parts[1] is not content.part(1)
+    drawn = document.followed(edited.looks, edited.meshes, edited.settings)
+    assert isinstance(drawn, Together) and drawn.parts[0] is document.part(0) and drawn.parts[1] is not document.part(1)
     assert drawn.followed(edited.looks, edited.meshes, edited.settings) is drawn
 
 
@@ -217,7 +217,7 @@ def test_edits_are_undone(state: State) -> None:
 def test_meshes_look_as_their_files_say(folder: Path) -> None:
     """Colour and opacity are changed without reading again."""
     file = MeshFile(str(folder / "ball.ply"), "#3366cc", 0.3)
-    found = Together.with_meshes(Content.open(SceneFile(str(folder / "blob.npy"))), read_meshes([file]))
+    found = Together.with_meshes(Document.open(SceneFile(str(folder / "blob.npy"))), read_meshes([file]))
     made = found.followed(found.looks, (file,), sg.Settings())
     assert isinstance(made, Together)
     (mesh,) = made.meshes
@@ -226,9 +226,9 @@ def test_meshes_look_as_their_files_say(folder: Path) -> None:
     assert np.array_equal(mesh.normals, right.normals)
 
 
-def test_blends_without_an_order_draw_no_meshes(state: State, content: Content) -> None:
-    assert not drawable(state.settings.but(blend="mip"), state, content)
-    assert acted(state, "blend", content).settings.blend == "composite"
+def test_blends_without_an_order_draw_no_meshes(state: State, document: Document) -> None:
+    assert not drawable(state.settings.but(blend="mip"), state, document)
+    assert acted(state, "blend", document).settings.blend == "composite"
 
 
 # --- files --------------------------------------------------------------------------------------------------------
@@ -237,42 +237,42 @@ def test_blends_without_an_order_draw_no_meshes(state: State, content: Content) 
 def test_a_mesh_alone(folder: Path, renderer: sg.Renderer) -> None:
     """It opens, and its look is saved."""
     scene = SceneFile(str(folder / "ball.ply"), settings=sg.Settings(antialias="off"))
-    content = Content.open(scene)
-    state = State.of(content, SIZE)
-    plain, again = saved(state, content, renderer, folder)
+    document = Document.open(scene)
+    state = State.of(document, SIZE)
+    plain, again = saved(state, document, renderer, folder)
     assert np.abs(plain - again).max() < 1e-4 and plain[..., 3].max() > 0.9
     blue = replace(state, meshes=(replace(state.meshes[0], color="blue"),))
-    shown, again = saved(blue, content, renderer, folder)
+    shown, again = saved(blue, document, renderer, folder)
     assert np.abs(shown - again).max() < 1e-4 and shown[..., 0].max() == 0 < shown[..., 2].max()
 
 
 @pytest.mark.long
 def test_a_mesh_in_memory_is_not_saved(folder: Path, renderer: sg.Renderer) -> None:
     mesh = MeshFile(str(folder / "ball.ply")).open()
-    content = Content.open(SceneFile(str(folder / "blob.npy"), meshes=(mesh,)))
+    document = Document.open(SceneFile(str(folder / "blob.npy"), meshes=(mesh,)))
     with pytest.raises(InputError, match="meshes in files"):
-        save_scene(State.of(content, SIZE), content, renderer.render, folder)
+        save_scene(State.of(document, SIZE), document, renderer.render, folder)
 
 
 @pytest.mark.long
 def test_as_many_layers_as_a_picture_has(folder: Path, renderer: sg.Renderer) -> None:
     """Eight are drawn; nine are told, unless some are hidden."""
     base, layer = SceneFile(str(folder / "other.npy")), SceneFile(str(folder / "other.npy"), opacity=0.1)
-    content = Content.open(replace(base, layers=(layer,) * 7, settings=sg.Settings(antialias="off")))
-    state = State.of(content, (48, 36))
-    picture = picture_of(replace(scene_of(state, content), annotate=()), content, renderer.render)
-    assert len(content.names) == 8 and picture.pixels[..., 3].max() > 0.5
+    document = Document.open(replace(base, layers=(layer,) * 7, settings=sg.Settings(antialias="off")))
+    state = State.of(document, (48, 36))
+    picture = picture_of(replace(scene_of(state, document), annotate=()), document, renderer.render)
+    assert len(document.names) == 8 and picture.pixels[..., 3].max() > 0.5
     with pytest.raises(InputError, match="at most 8 that are visible, got 9"):
-        Content.open(replace(base, layers=(layer,) * 8))
-    assert len(Content.open(replace(base, layers=(*(layer,) * 7, replace(layer, visible=False)))).names) == 9
+        Document.open(replace(base, layers=(layer,) * 8))
+    assert len(Document.open(replace(base, layers=(*(layer,) * 7, replace(layer, visible=False)))).names) == 9
 
 
 def test_what_is_missing_or_damaged_is_told(folder: Path) -> None:
     scene = SceneFile.from_toml(folder / "two.toml")
     with pytest.raises(InputError, match="gone"):
-        Content.open(replace(scene, layers=(SceneFile(str(folder / "gone.npy")),)))
+        Document.open(replace(scene, layers=(SceneFile(str(folder / "gone.npy")),)))
     with pytest.raises(InputError, match="cut"):
-        Content.open(replace(scene, meshes=(MeshFile(str(folder / "cut.ply")),)))
+        Document.open(replace(scene, meshes=(MeshFile(str(folder / "cut.ply")),)))
     names = {Path(each).name for each in watched(str(folder / "two.toml"), scene)}
     assert names == {"two.toml", "blob.npy", "other.npy", "ball.ply", "wall.stl"}
 
@@ -285,12 +285,12 @@ def test_one_of_several_arrays(folder: Path) -> None:
     np.savez(folder / "many.npz", first=blob(8).samples, second=blob(10).samples)
     for name, names in (("many.h5", ["/a", "/group/b"]), ("many.npz", ["first", "second"])):
         with pytest.raises(Choice):
-            Content.open(SceneFile(str(folder / name)))
-        content, (pick,) = opened(SceneFile(str(folder / name)))
+            Document.open(SceneFile(str(folder / name)))
+        document, (pick,) = opened(SceneFile(str(folder / name)))
         assert pick.option == "array" and [value for value, _ in pick.found] == names
-        assert content.scene.load == {"array": names[0]} and pick.number(content.scene.load) == 0
-        content, (pick,) = opened(SceneFile(str(folder / name), {"array": names[1]}))
-        assert pick.number(content.scene.load) == 1 and content.volume.shape[0] > 8
+        assert document.scene.load == {"array": names[0]} and pick.number(document.scene.load) == 0
+        document, (pick,) = opened(SceneFile(str(folder / name), {"array": names[1]}))
+        assert pick.number(document.scene.load) == 1 and document.volume.shape[0] > 8
 
 
 # --- a window -----------------------------------------------------------------------------------------------------

@@ -16,9 +16,9 @@ import splatgl as sg
 from splatgl.annotations.text import legible, plain
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud
-from splatgl.viewer.adaptive_quality import FULL, STRIDES, Sweep
-from splatgl.viewer.document import Content
-from splatgl.viewer.frame_renderer import Painter
+from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
+from splatgl.viewer.document import Document
+from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.jobs import Done
 from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.saving import saved, saved_as
@@ -30,43 +30,43 @@ from tests.helpers.window import MISSING, Window
 
 
 @pytest.fixture
-def content(tmp_path: Path) -> Content:
+def document(tmp_path: Path) -> Document:
     np.save(tmp_path / "blob.npy", blob(48).samples)
-    return Content.open(SceneFile(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6))}))
+    return Document.open(SceneFile(str(tmp_path / "blob.npy"), transfer={"points": ((4.0, 0.0), (30.0, 0.6))}))
 
 
 def no_memory(*_: object) -> sg.Image:
     raise MemoryError
 
 
-def test_no_memory_is_said(content: Content, tmp_path: Path) -> None:
-    state = State.of(content, SIZE)
+def test_no_memory_is_said(document: Document, tmp_path: Path) -> None:
+    state = State.of(document, SIZE)
     for ask in ("screenshot", "save"):
-        assert saved(state, ask, content, no_memory, tmp_path).message == "not enough memory"
-    assert saved_as(state, content, no_memory, tmp_path / "a.png")[0].message == "not enough memory"
+        assert saved(state, ask, document, no_memory, tmp_path).message == "not enough memory"
+    assert saved_as(state, document, no_memory, tmp_path / "a.png")[0].message == "not enough memory"
     reference = Reference(cast(Any, SimpleNamespace(collect=lambda: [Done("reference", error=MemoryError())])))
     assert reference.collect() and reference.said == "no reference: not enough memory"
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
 
 
 def test_too_many_splats_are_a_scene_without_a_picture(
-    content: Content, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    document: Document, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    content = content.changed(content.transfer, 0.001).classified(sg.Settings())
-    content.skin(2)
+    document = document.changed(document.transfer, 0.001).classified(sg.Settings())
+    document.skin(2)
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 100)
-    assert content.heavy
-    state = State.of(content, SIZE)
-    assert "too many" in saved(state, "screenshot", content, renderer.render, tmp_path).message
-    said = saved(state, "save", content, renderer.render, tmp_path).message
+    assert document.heavy
+    state = State.of(document, SIZE)
+    assert "too many" in saved(state, "screenshot", document, renderer.render, tmp_path).message
+    said = saved(state, "save", document, renderer.render, tmp_path).message
     assert said.startswith("saved scene-001.toml") and "splatgl render" in said
-    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not content.whole
+    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not document.whole
     assert SceneFile.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
 
 
 @pytest.mark.parametrize("name", ["/", ".", "x" * 300 + ".png", "x" * 300])
-def test_names_that_cannot_be(content: Content, renderer: sg.Renderer, tmp_path: Path, name: str) -> None:
-    state, kept = saved_as(State.of(content, SIZE), content, renderer.render, tmp_path / name)
+def test_names_that_cannot_be(document: Document, renderer: sg.Renderer, tmp_path: Path, name: str) -> None:
+    state, kept = saved_as(State.of(document, SIZE), document, renderer.render, tmp_path / name)
     assert state.message and not kept and not state.message.startswith("saved")
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
 
@@ -78,13 +78,13 @@ def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path)
     for path in paths.values():
         np.save(path, blob(8).samples)
     layer = SceneFile(paths["layer"], mask=(f"{paths['mask']}:outside",))
-    content, later = Content.open(SceneFile(paths["a"], layers=(layer,))), SceneFile(paths["later"])
-    state = State.of(content, SIZE)
+    document, later = Document.open(SceneFile(paths["a"], layers=(layer,))), SceneFile(paths["later"])
+    state = State.of(document, SIZE)
     os.link(tmp_path / "layer.npy", tmp_path / "link.npy")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
 
     def said(name: str) -> str:
-        return saved_as(state, content, renderer.render, tmp_path / name, times=(later,))[0].message
+        return saved_as(state, document, renderer.render, tmp_path / name, times=(later,))[0].message
 
     for taken in (*paths, "link"):
         assert "what is shown" in said(f"{taken}.npy")
@@ -96,46 +96,46 @@ def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path)
 def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -> None:
     for name, side in (("a", 48), ("b", 40)):
         np.save(tmp_path / f"{name}.npy", blob(side).samples)
-    content = Content.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
-    state = State.of(content, SIZE)
+    document = Document.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
+    state = State.of(document, SIZE)
     state = state.looking(0, replace(state.looks[0], visible=False))
-    content = content.followed(state.looks, state.meshes, state.settings)
+    document = document.followed(state.looks, state.meshes, state.settings)
     for stride in STRIDES:
-        content.extract(stride)
-    assert content.whole
+        document.extract(stride)
+    assert document.whole
     screen = SimpleNamespace(put=lambda name, pixels: None)
-    frame = Painter(cast(Any, screen), renderer, ()).draw(state, content, FULL, False, lambda: False)
-    assert 1 not in content.part(0).made and content.part(1).whole and frame.hidden == 0
+    frame = FrameRenderer(cast(Any, screen), renderer, ()).draw(state, document, FULL, False, lambda: False)
+    assert 1 not in document.part(0).made and document.part(1).whole and frame.hidden == 0
     # what is told is of what is drawn
-    told = " ".join(hud.lines(state, content, frame, None))
-    assert f"{len(content.part(1).finest):,} of {40**3:,} voxels" in told
+    told = " ".join(hud.lines(state, document, frame, None))
+    assert f"{len(document.part(1).finest):,} of {40**3:,} voxels" in told
 
 
 def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor those of the other one at that stride, over and over."""
     for name, low in (("a", 0), ("b", 20)):
         np.save(tmp_path / f"{name}.npy", blob(48).samples * (blob(48).samples > low))
-    content = Content.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
+    document = Document.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
     for stride in STRIDES[1:]:
-        content.extract(stride)
-    first, second = (len(content.part(number).at(2)) for number in (0, 1))
-    assert first != second and not content.complete
+        document.extract(stride)
+    first, second = (len(document.part(number).at(2)) for number in (0, 1))
+    assert first != second and not document.complete
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 4 * (first + second))
-    assert content.heavy and content.complete and sum(part.heavy for part in content.drawing) == 1
+    assert document.heavy and document.complete and sum(part.heavy for part in document.drawing) == 1
 
 
-def test_another_picture_is_not_called_refined(content: Content) -> None:
+def test_another_picture_is_not_called_refined(document: Document) -> None:
     """Neither while it is refused, nor once its extraction has failed."""
-    state = State.of(content, SIZE)
-    told = hud.short(state, content, None, "the picture before")
+    state = State.of(document, SIZE)
+    told = hud.short(state, document, None, "the picture before")
     assert told[-1] == "the picture before"
     stale = cast(Any, Viewer.stale).fget
     refiner, extractor = SimpleNamespace(refused=("x",)), SimpleNamespace(failed=None)
     viewer = SimpleNamespace(coming=None, refiner=refiner, extractor=extractor, wanted=lambda: ("x",))
     assert stale(viewer) and not stale(SimpleNamespace(**{**vars(viewer), "wanted": lambda: ("y",)}))
-    viewer.coming = content
+    viewer.coming = document
     assert not stale(viewer)
-    extractor.failed = content
+    extractor.failed = document
     assert stale(viewer)
 
 
@@ -144,7 +144,7 @@ def test_memory_below_what_is_kept_goes_back() -> None:
     small = [np.ones(2**13) for _ in range(3000)]
     kept, most = small[-50:], resident_mebibytes()
     del small
-    sweep = Sweep(0.0)
+    sweep = IdleTrim(0.0)
     sweep.look(object(), True, 1.0)
     assert most - resident_mebibytes() > 100 and len(kept) == 50
 

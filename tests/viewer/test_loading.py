@@ -16,7 +16,7 @@ from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.document import Content, Together, read_meshes
+from splatgl.viewer.document import Document, Together, read_meshes
 from splatgl.viewer.jobs import Done, Extractor, Jobs, followed
 from splatgl.viewer.loading import TIME, Brought, Files, News, arrived, opened
 from splatgl.viewer.state import History, State
@@ -36,18 +36,18 @@ def files(watched: tuple[str, ...] = (), reopen: Any = None) -> Files:
     return Files(Jobs(lambda: None), watched, reopen, 0.0)
 
 
-def viewer_of(content: Content, found: Files, **more: Any) -> Any:
+def viewer_of(document: Document, found: Files, **more: Any) -> Any:
     """What of a viewer takes what arrives."""
-    state = State.of(content, SIZE)
+    state = State.of(document, SIZE)
     viewer = SimpleNamespace(
-        content=content, state=state, home=state.pose, files=found, history=History(state), size=SIZE, **more
+        document=document, state=state, home=state.pose, files=found, history=History(state), size=SIZE, **more
     )
     viewer.said, viewer.freed = [], []
     viewer.renderer = SimpleNamespace(free=lambda: viewer.freed.append(viewer.state))
     viewer.hands = SimpleNamespace(touch=lambda: None, drop=lambda paths: None)
     viewer.refresh, viewer.over, viewer.now = lambda: None, lambda what: None, lambda: 0.0
     viewer.say = lambda text, of="": viewer.said.append(text)
-    viewer.take = lambda content: setattr(viewer, "content", content)
+    viewer.take = lambda document: setattr(viewer, "document", document)
     viewer.recent = SimpleNamespace(opened=lambda path: viewer.recent)
     return viewer
 
@@ -76,25 +76,25 @@ def test_what_waits_is_replaced_by_its_kind_alone(folder: Path) -> None:
 def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
     """Finer voxels, time points and changed files were asked for before the mesh was there."""
     pytest.importorskip("trimesh")
-    content = Content.open(SceneFile(str(folder / "a.npy")))
+    document = Document.open(SceneFile(str(folder / "a.npy")))
     mesh = MeshFile(str(folder / "m.off"))
     for news in (
-        News(replace(content, made={}, beside={}), finer=True),
-        News(Content.open(SceneFile(str(folder / "b.npy"))), time=1),
-        News(Content.open(SceneFile(str(folder / "a.npy")))),
+        News(replace(document, made={}, beside={}), finer=True),
+        News(Document.open(SceneFile(str(folder / "b.npy"))), time=1),
+        News(Document.open(SceneFile(str(folder / "a.npy")))),
     ):
-        viewer = viewer_of(content, files())
+        viewer = viewer_of(document, files())
         arrived(viewer, Done("reading m.off", Brought((mesh,), read_meshes([mesh]))))
-        assert len(Together.with_meshes(content, {}).meshes) == 0
+        assert len(Together.with_meshes(document, {}).meshes) == 0
         arrived(viewer, Done("reading", news))
-        assert viewer.content is not content and viewer.state.meshes == (mesh,)
-        shown = viewer.content.followed(viewer.state.looks, viewer.state.meshes, viewer.state.settings)
-        assert len(shown.meshes) == 1 and shown.volume is news.content.volume
+        assert viewer.document is not document and viewer.state.meshes == (mesh,)
+        shown = viewer.document.followed(viewer.state.looks, viewer.state.meshes, viewer.state.settings)
+        assert len(shown.meshes) == 1 and shown.volume is news.document.volume
 
 
 def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Path) -> None:
     found = files()
-    viewer = viewer_of(Content.open(SceneFile(str(folder / "a.npy"))), found)
+    viewer = viewer_of(Document.open(SceneFile(str(folder / "a.npy"))), found)
     found.times = tuple(SceneFile(str(folder / name)) for name in ("a.npy", "b.npy", "c.npy"))
     viewer.state = replace(viewer.state, times=3, time=2, playing=True)
     found.show_time(2)
@@ -106,7 +106,7 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     found.show_time(1)
     (done,) = all_done(found)
     arrived(viewer, done)
-    assert (viewer.state.time, found.time, done.name) == (1, 1, f"{TIME} 1") and viewer.content.volume.shape[0] == 20
+    assert (viewer.state.time, found.time, done.name) == (1, 1, f"{TIME} 1") and viewer.document.volume.shape[0] == 20
     # one that is given up
     viewer.state = replace(viewer.state, time=0, asks=("cancel",))
     gate = threading.Event()
@@ -117,8 +117,8 @@ def test_a_time_point_that_is_not_there_leaves_the_one_that_is_shown(folder: Pat
     gate.set()
     assert (viewer.state.time, found.jobs.busy, viewer.closed) == (1, None, False)
     # what waited for a file that is given up goes on
-    finer = replace(viewer.content, portion=SimpleNamespace(finer=lambda: None))
-    viewer.content, viewer.state = finer, replace(viewer.state, asks=("cancel",))
+    finer = replace(viewer.document, portion=SimpleNamespace(finer=lambda: None))
+    viewer.document, viewer.state = finer, replace(viewer.state, asks=("cancel",))
     gate = threading.Event()
     found._open("b.npy", lambda: cast(News, gate.wait(LONGEST)))
     answered(viewer)
@@ -147,16 +147,16 @@ def test_a_job_that_is_told_has_ended() -> None:
 
 def test_a_failed_extraction_that_is_taken_back_is_over(folder: Path) -> None:
     """The picture is that of the state again: nothing is said, and nothing redrawn."""
-    content = Content.open(SceneFile(str(folder / "a.npy")))
+    document = Document.open(SceneFile(str(folder / "a.npy")))
     for stride in STRIDES:
-        content.extract(stride)
-    viewer = viewer_of(content, files(), coming=None, extractor=Extractor(lambda: None))
+        document.extract(stride)
+    viewer = viewer_of(document, files(), coming=None, extractor=Extractor(lambda: None))
     viewer.hands.touched = 0.0
-    taken: list[Content] = []
+    taken: list[Document] = []
 
-    def take(content: Content) -> None:
-        taken.append(content)
-        viewer.content, viewer.coming, viewer.extractor.failed = content, None, None
+    def take(document: Document) -> None:
+        taken.append(document)
+        viewer.document, viewer.coming, viewer.extractor.failed = document, None, None
 
     viewer.take = take
     viewer.state = replace(viewer.state, settings=viewer.state.settings.but(classification="pre"))
@@ -166,24 +166,24 @@ def test_a_failed_extraction_that_is_taken_back_is_over(folder: Path) -> None:
     viewer.extractor.failed, viewer.extractor.why = viewer.coming, "not enough memory"
     followed(viewer, False)
     assert viewer.said[-1] == "not enough memory" and not taken
-    viewer.state = replace(viewer.state, settings=content.scene.settings)
+    viewer.state = replace(viewer.state, settings=document.scene.settings)
     followed(viewer, False)
-    assert viewer.coming is None and viewer.content is content
+    assert viewer.coming is None and viewer.document is document
 
 
 def test_other_channels_have_their_own_looks(folder: Path) -> None:
     """Of a time point, or a changed file, with fewer channels than before."""
     tifffile = pytest.importorskip("tifffile")
-    contents = []
+    documents = []
     for count in (3, 2):
         path, samples = folder / f"{count}.tif", np.stack([blob().samples] * count, axis=1).astype(np.uint8)
         tifffile.imwrite(path, samples, imagej=True, metadata={"axes": "ZCYX"})
-        contents.append(opened(SceneFile(str(path), {"channel": "all"}))[0])
-    assert [len(each.looks) for each in contents] == [3, 2]
-    viewer = viewer_of(contents[0], files())
+        documents.append(opened(SceneFile(str(path), {"channel": "all"}))[0])
+    assert [len(each.looks) for each in documents] == [3, 2]
+    viewer = viewer_of(documents[0], files())
     viewer.history.note(viewer.state.selecting(2))
     viewer.state = viewer.state.selecting(2)
-    arrived(viewer, Done(TIME, News(contents[1], time=1)))
+    arrived(viewer, Done(TIME, News(documents[1], time=1)))
     assert len(viewer.state.looks) == 2 and viewer.state.selected == 0
     # steps of the others cannot be taken back, and nothing is lost that was edited
     assert viewer.history.undone(viewer.state).message == "nothing to undo"
@@ -196,7 +196,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
     gate = threading.Event()
     found._open("b.npy", lambda: cast(News, gate.wait(LONGEST)))
     os.utime(path, (1, 1))
-    state = State.of(Content.open(SceneFile(str(path))), SIZE)
+    state = State.of(Document.open(SceneFile(str(path))), SIZE)
     found.look(state, 1e9)
     assert found.jobs.names == ["opening b.npy"]
     gate.set()
@@ -216,7 +216,7 @@ def test_a_change_while_another_file_is_read_is_seen_afterwards(folder: Path) ->
 
 def test_another_size_is_no_step(folder: Path) -> None:
     """What was undone can be redone in a window of another size."""
-    state = State.of(Content.open(SceneFile(str(folder / "a.npy"))), SIZE)
+    state = State.of(Document.open(SceneFile(str(folder / "a.npy"))), SIZE)
     history = History(state)
     edited = replace(state, extinction=2.0)
     history.note(edited)

@@ -14,7 +14,7 @@ from splatgl.annotations.text import FONT, Text, _fitted
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer import loading
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.key_bindings import BINDINGS, MOUSE
 from splatgl.viewer.loading import Files, News
@@ -140,13 +140,13 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
 
     def opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> News:
         assert gates[scene.volume].wait(300.0)
-        return News(content)
+        return News(document)
 
-    content = Content.open(SceneFile(str(folder / "blob.npy")))
+    document = Document.open(SceneFile(str(folder / "blob.npy")))
     np.save(folder / "watched.npy", blob().samples)
     monkeypatch.setattr(loading, "_opened_news", opened)
     woken = threading.Semaphore(0)
-    found = Files(Jobs(woken.release), (str(folder / "watched.npy"),), lambda: content.scene, 0.0)
+    found = Files(Jobs(woken.release), (str(folder / "watched.npy"),), lambda: document.scene, 0.0)
     for name in gates:
         found.open([name], Settings())
         # the first is being read before the second is asked for
@@ -157,7 +157,7 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     for done in found.jobs.collect():
         found.finished(done.name)
     os.utime(folder / "watched.npy", (1, 1))
-    state = State.of(content, (120, 80))
+    state = State.of(document, (120, 80))
     found.look(state, 1e9)
     assert not found.jobs.waiting and (found.jobs.busy or "").startswith("opening")
     gates["b/v.npy"].set()

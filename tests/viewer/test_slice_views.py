@@ -19,7 +19,7 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import acted
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.saving import with_slices
 from splatgl.viewer.slice_views import (
     Pane,
@@ -205,12 +205,12 @@ def test_lines_end_at_the_slices() -> None:
 
 def test_keys_show_them(tmp_path: Path) -> None:
     np.save(tmp_path / "blob.npy", blob().samples)
-    content = Content.open(SceneFile(str(tmp_path / "blob.npy")))
-    state = acted(State.of(content, (120, 80)), "slices", content)
-    assert state.slices.shown and not acted(state, "slices", content).slices.shown
-    moved = replace(state, slices=acted(state, "slice-colors", content).slices.at((0, 0, 0), content.volume))
+    document = Document.open(SceneFile(str(tmp_path / "blob.npy")))
+    state = acted(State.of(document, (120, 80)), "slices", document)
+    assert state.slices.shown and not acted(state, "slices", document).slices.shown
+    moved = replace(state, slices=acted(state, "slice-colors", document).slices.at((0, 0, 0), document.volume))
     # another file: shown, in its middle
-    assert moved.slices.colored and moved.opened(content).slices == Slices(shown=True, colored=True)
+    assert moved.slices.colored and moved.opened(document).slices == Slices(shown=True, colored=True)
 
 
 # --- driven -------------------------------------------------------------------------------------------------------
@@ -314,13 +314,13 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
     zarr = pytest.importorskip("zarr")
     zarr.save(str(tmp_path / "grid.zarr"), np.zeros((16, 16, 16), np.float32))
     monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 1000)
-    content = Content.open(SceneFile(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (1.0, 0.5))}))
-    assert not isinstance(content.volume.samples, np.ndarray)
-    state = replace(State.of(content, (400, 300)), slices=Slices(shown=True))
+    document = Document.open(SceneFile(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (1.0, 0.5))}))
+    assert not isinstance(document.volume.samples, np.ndarray)
+    state = replace(State.of(document, (400, 300)), slices=Slices(shown=True))
     said: list[str] = []
     window = SimpleNamespace(wake=lambda: None, scale=1.0)
     viewer = SimpleNamespace(
-        window=window, state=state, content=content, whole=(400, 300), say=said.append, now=time.monotonic
+        window=window, state=state, document=document, whole=(400, 300), say=said.append, now=time.monotonic
     )
     slicing, asked = Slicing(cast(Any, viewer)), []
 

@@ -12,10 +12,10 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import EACH, FIXED, SAMPLE
 from splatgl.splat.settings import Settings
 from splatgl.viewer import stand_in
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.loading import News
 from splatgl.viewer.saving import scene_of
-from splatgl.viewer.stand_in import every, portion
+from splatgl.viewer.stand_in import choose_stand_in, every
 from splatgl.viewer.state import State
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
@@ -36,11 +36,11 @@ def allow(splats: float, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     allow(volume.count, monkeypatch)
     for given in (volume, with_levels(volume, 2)):
-        found = portion(given, ALL, Settings())
+        found = choose_stand_in(given, ALL, Settings())
         assert found.volume.samples is volume.samples and not found.told and found.finer is None
     # read in a moment or not: what takes longer is preceded by its coarsest level
     monkeypatch.setattr(stand_in, "LARGE", 1000)
-    found = portion(with_levels(volume, 2), ALL, Settings())
+    found = choose_stand_in(with_levels(volume, 2), ALL, Settings())
     assert found.volume.shape == (12, 10, 11) and found.told == "level 2 of 2, 11 x 10 x 12 voxels" and found.finer
     found = found.finer()
     assert found.told == "level 1 of 2, 22 x 20 x 24 voxels" and found.finer
@@ -50,13 +50,13 @@ def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyP
 
 def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     allow(volume.count / 8, monkeypatch)
-    found = portion(with_levels(volume, 3), ALL, Settings())
+    found = choose_stand_in(with_levels(volume, 3), ALL, Settings())
     said = "level 1 of 3, 22 x 20 x 24 voxels: finer ones are too large for a window"
     assert found.volume.shape == (24, 20, 22) and found.told == said and found.finer is None
     # whatever fits: most is not read for a window
     allow(volume.count, monkeypatch)
     monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
-    assert portion(with_levels(volume, 3), ALL, Settings()).told == said
+    assert choose_stand_in(with_levels(volume, 3), ALL, Settings()).told == said
     # the coarser levels are those of pictures in motion
     assert found.volume.coarser[0].shape == (12, 10, 11)
 
@@ -64,7 +64,7 @@ def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -
 def test_means_that_fit(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     allow(volume.count / 60, monkeypatch)
     monkeypatch.setattr(stand_in, "STAND_IN", volume.count / 27)
-    found = portion(volume, ALL, Settings())
+    found = choose_stand_in(volume, ALL, Settings())
     assert found.told == "every 3rd voxel" and np.array_equal(found.volume.samples, volume.samples[::3, ::3, ::3])
     assert found.volume.spacing == (3, 6, 9) and found.volume.origin == volume.origin and found.finer
     finer = found.finer()
@@ -81,12 +81,12 @@ def test_colours_go_along(volume: sg.Volume) -> None:
 def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.save(tmp_path / "v.npy", volume.samples)
     scene = SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points})
-    whole = Content.open(scene)
+    whole = Document.open(scene)
     assert whole.transfer.unit is None and whole.portion is not None and not whole.portion.told
     allow(volume.count / 60, monkeypatch)
-    content = Content.open(scene)
-    finer = content.finer()
-    assert content.transfer.unit == pytest.approx(1.0) == finer.transfer.unit
+    document = Document.open(scene)
+    finer = document.finer()
+    assert document.transfer.unit == pytest.approx(1.0) == finer.transfer.unit
     assert finer.volume.count < volume.count / 7 and finer.portion and finer.portion.finer is None
     # what is edited stays the same portion
     edited = finer.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
@@ -96,9 +96,9 @@ def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, mon
 @pytest.mark.long
 def test_the_smallest_there_is_where_nothing_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stand_in, "budget", lambda: 1)
-    found = portion(volume, ALL, Settings())
+    found = choose_stand_in(volume, ALL, Settings())
     assert found.finer and found.finer().volume.shape == (3, 3, 3)
-    found = portion(with_levels(volume, 2), ALL, Settings())
+    found = choose_stand_in(with_levels(volume, 2), ALL, Settings())
     assert found.volume.shape == (6, 5, 6) and found.told == "every 2nd voxel" and found.finer
     assert found.finer().volume.shape == (3, 3, 3)
 
@@ -108,10 +108,10 @@ def test_a_level_is_saved_with_its_scene(
 ) -> None:
     write(tmp_path / "v.zarr", with_levels(volume, 3))
     monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
-    content = Content.open(SceneFile(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
-    found = scene_of(State.of(content, (20, 16)), content)
-    assert found.load == {"level": 1} and found.open().shape == content.volume.shape
-    assert np.array_equal(found.splats(found.open(), found.transfer_for(found.open())).records, content.at(1).records)
+    document = Document.open(SceneFile(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
+    found = scene_of(State.of(document, (20, 16)), document)
+    assert found.load == {"level": 1} and found.open().shape == document.volume.shape
+    assert np.array_equal(found.splats(found.open(), found.transfer_for(found.open())).records, document.at(1).records)
 
 
 @pytest.mark.long
@@ -121,9 +121,9 @@ def test_a_finer_portion_of_what_is_no_longer_shown_is_not_taken(
     allow(volume.count / 60, monkeypatch)
     np.save(tmp_path / "v.npy", volume.samples)
     scenes = [SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points}) for _ in range(2)]
-    shown, other = (Content.open(scene) for scene in scenes)
+    shown, other = (Document.open(scene) for scene in scenes)
     news = News(shown.finer(), finer=True)
     edited = shown.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
-    assert [news.stale(content) for content in (shown, edited, other)] == [False, False, True]
+    assert [news.stale(document) for document in (shown, edited, other)] == [False, False, True]
     # another file is taken whatever is shown
     assert not News(other).stale(shown)

@@ -25,9 +25,9 @@ from splatgl.splat.statistics import statistics
 from splatgl.viewer import hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
 from splatgl.viewer.commands import ACTIONS, acted
-from splatgl.viewer.document import Content
+from splatgl.viewer.document import Document
 from splatgl.viewer.file_watch import Watch, watched
-from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, Painter, crossing, share_beyond, tinted
+from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, crossing, share_beyond, tinted
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.key_bindings import (
     BINDINGS,
@@ -407,11 +407,11 @@ def test_a_picture_that_cannot_be_had_is_not_tried_again() -> None:
 
 def test_undo_and_redo(scene: SceneFile) -> None:
     """Every change at rest is one step; what is open and said is none; a new change forgets what was undone."""
-    content = Content.open(scene)
-    first = State.of(content, (64, 48))
+    document = Document.open(scene)
+    first = State.of(document, (64, 48))
     history = History(first)
-    denser = replace(acted(first, "opacity-up", content), help=True)
-    turned = acted(denser, "top", content)
+    denser = replace(acted(first, "opacity-up", document), help=True)
+    turned = acted(denser, "top", document)
     history.note(denser)
     history.note(replace(denser, message="said"))
     back = history.undone(turned)
@@ -422,7 +422,7 @@ def test_undo_and_redo(scene: SceneFile) -> None:
     assert history.undone(back).message == "nothing to undo"
     again = history.redone(back)
     assert again.extinction == denser.extinction
-    history.note(acted(again, "threshold-up", content))
+    history.note(acted(again, "threshold-up", document))
     assert history.redone(again).message == "nothing to redo" or not history.future
 
 
@@ -451,13 +451,13 @@ def test_coarse_colours_are_those_of_the_matter() -> None:
 
 def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: SceneFile) -> None:
     """Opacities are per the finest volume's length: a coarse picture is as bright as the fine one."""
-    content = Content.open(scene)
+    document = Document.open(scene)
     # a volume this small is drawn as it is
-    assert content.at(2) is content.at(1)
+    assert document.at(2) is document.at(1)
     volume = blob(48)
-    content = replace(content, volumes=(volume, coarser(volume), coarser(coarser(volume)), volume), made={}, skins={})
-    camera = content.home(SIZE).camera
-    fine, coarse = (renderer.render(content.at(stride), camera).pixels for stride in (1, 2))
+    document = replace(document, volumes=(volume, coarser(volume), coarser(coarser(volume)), volume), made={}, skins={})
+    camera = document.home(SIZE).camera
+    fine, coarse = (renderer.render(document.at(stride), camera).pixels for stride in (1, 2))
     assert coarse.mean() == pytest.approx(fine.mean(), rel=0.1)
     assert np.sqrt(((coarse - fine) ** 2).mean()) < 0.05
 
@@ -602,20 +602,20 @@ def test_nodes() -> None:
 
 
 def test_opacity_keys_undo_each_other(scene: SceneFile) -> None:
-    content = Content.open(scene)
-    state = State.of(content, SIZE)
-    more = acted(state, "opacity-up", content)
+    document = Document.open(scene)
+    state = State.of(document, SIZE)
+    more = acted(state, "opacity-up", document)
     assert more.transfer.points[1][1] == pytest.approx(1 - 0.4**1.25)
-    assert acted(more, "opacity-down", content).transfer == state.transfer
+    assert acted(more, "opacity-down", document).transfer == state.transfer
     assert stronger(1.0, 0.2) == 1.0 and stronger(0.0, 5.0) == 0.0
 
 
 def test_settings_that_a_volume_does_not_allow_are_passed_over(scene: SceneFile) -> None:
-    content = replace(Content.open(scene), volumes=(blob(),) * len(STRIDES), made={}, skins={})
-    state, met = State.of(content, SIZE), []
+    document = replace(Document.open(scene), volumes=(blob(),) * len(STRIDES), made={}, skins={})
+    state, met = State.of(document, SIZE), []
     state = replace(state, settings=state.settings.but(technique="tiles"))
     for _ in range(6):
-        state = acted(state, "align", content)
+        state = acted(state, "align", document)
         met.append(state.settings.align)
     # tiles draw no tables
     assert "ray" not in met and "exact" in met and "auto" in met
@@ -627,11 +627,11 @@ POST, PRE = sg.Settings(classification="post"), sg.Settings(classification="pre"
 
 
 @pytest.fixture
-def after(scene: SceneFile) -> Content:
-    return Content.open(replace(scene, settings=POST))
+def after(scene: SceneFile) -> Document:
+    return Document.open(replace(scene, settings=POST))
 
 
-def test_splats_are_classified_as_the_settings_say(after: Content) -> None:
+def test_splats_are_classified_as_the_settings_say(after: Document) -> None:
     """What takes splats of the other kind gets them; both kinds are kept."""
     assert after.after and after.whole and after.skin(1) is after.at(1) and after.at(1).post is not None
     assert after.counts[0] == len(after.at(1)) and after.at(1).post.kernel == "b-spline"
@@ -649,7 +649,7 @@ def test_splats_are_classified_as_the_settings_say(after: Content) -> None:
     assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
 
 
-def test_blends_of_one_value_have_no_threshold(after: Content) -> None:
+def test_blends_of_one_value_have_no_threshold(after: Document) -> None:
     """Voxels that are left out would change means and minima without a word."""
     state = State.of(after, SIZE)
     mean = replace(state, settings=POST.but(blend="mean"))
@@ -669,7 +669,7 @@ def test_blends_of_one_value_have_no_threshold(after: Content) -> None:
         every.following(every.transfer, 0.1, POST.but(blend="mean")).at(1)
 
 
-def test_edits_of_kept_values_extract_nothing(after: Content) -> None:
+def test_edits_of_kept_values_extract_nothing(after: Document) -> None:
     points = {
         "colours": replace(after.transfer, colormap="viridis"),
         "fewer": replace(after.transfer, points=((8.0, 0.0), (30.0, 0.9))),
@@ -689,18 +689,18 @@ def test_edits_of_kept_values_extract_nothing(after: Content) -> None:
     assert faint.following(after.transfer, 0.0, POST).at(1).records is after.at(1).records
 
 
-def test_edits_at_every_stride_keep_their_unit(after: Content) -> None:
+def test_edits_at_every_stride_keep_their_unit(after: Document) -> None:
     volume = blob(48)
     coarse = (volume, coarser(volume), coarser(coarser(volume)), volume)
-    content = replace(after, volumes=coarse, made={}, skins={})
-    assert content.at(2).unit == content.at(1).unit
-    edited = content.following(replace(after.transfer, colormap="viridis"), 0.0, POST)
-    assert edited.at(2).records is content.at(2).records and edited.at(2).unit == edited.at(1).unit
+    document = replace(after, volumes=coarse, made={}, skins={})
+    assert document.at(2).unit == document.at(1).unit
+    edited = document.following(replace(after.transfer, colormap="viridis"), 0.0, POST)
+    assert edited.at(2).records is document.at(2).records and edited.at(2).unit == edited.at(1).unit
 
 
 @pytest.mark.long
-def test_the_window_draws_values_and_what_they_cannot_be(after: Content, renderer: sg.Renderer) -> None:
-    painter, state = Painter(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
+def test_the_window_draws_values_and_what_they_cannot_be(after: Document, renderer: sg.Renderer) -> None:
+    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
     for level in (FULL, LADDER[6]):
         frame = painter.draw(state, after, level, False, lambda: False)
         assert frame.info["classification"] == "post" and not any(
@@ -720,9 +720,9 @@ def test_the_window_draws_values_and_what_they_cannot_be(after: Content, rendere
     assert frame.blurred and any("motion exact takes" in line for line in said_of(blurred, before, frame))
 
 
-def test_slow_pictures_blur_no_longer_paths(after: Content, renderer: sg.Renderer) -> None:
+def test_slow_pictures_blur_no_longer_paths(after: Document, renderer: sg.Renderer) -> None:
     """Of a path however long, few moments; of a slow picture's, the last tenth of a second."""
-    painter, state = Painter(cast(Screen, Kept()), renderer, ()), replace(State.of(after, SIZE), blur="moments")
+    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), replace(State.of(after, SIZE), blur="moments")
     turned = replace(state, pose=state.pose.spun(90.0, np.array([0.0, 0.0, 1.0])))
 
     def moments(seconds: float) -> object:
@@ -733,27 +733,27 @@ def test_slow_pictures_blur_no_longer_paths(after: Content, renderer: sg.Rendere
     assert moments(0.0) == MOMENTS and moments(20.0) == 2
 
 
-def said_of(state: State, content: Content, frame: hud.Frame) -> tuple[str, ...]:
-    return hud.lines(state, content, frame, None)
+def said_of(state: State, document: Document, frame: hud.Frame) -> tuple[str, ...]:
+    return hud.lines(state, document, frame, None)
 
 
-def test_classification_is_a_choice(after: Content, scene: SceneFile) -> None:
+def test_classification_is_a_choice(after: Document, scene: SceneFile) -> None:
     """It is passed over where it cannot be had."""
-    content, met = Content.open(scene), []
-    state = State.of(content, SIZE)
+    document, met = Document.open(scene), []
+    state = State.of(document, SIZE)
     for _ in range(3):
-        state = acted(state, "classification", content)
+        state = acted(state, "classification", document)
         met.append(state.settings.classification)
     assert met == ["post", "pre", "auto"]
     table = replace(state, settings=sg.Settings(footprint="table", classification="pre"))
-    assert acted(table, "classification", content).settings.classification == "auto"
+    assert acted(table, "classification", document).settings.classification == "auto"
     assert acted(State.of(after, SIZE), "compositing", after).settings.compositing == "sheets"
 
 
 @pytest.mark.long
-def test_light_beyond_z_k_is_tinted(after: Content, renderer: sg.Renderer) -> None:
+def test_light_beyond_z_k_is_tinted(after: Document, renderer: sg.Renderer) -> None:
     """All of it far off, none of it near, and in between the part that is beyond."""
-    painter, state = Painter(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
+    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
     state = replace(state, settings=POST.but(antialias="paper", background=(0.1, 0.1, 0.4)))
     shares = []
     for notches in (0.0, -5.0, -9.5, -12.0):
@@ -769,10 +769,10 @@ def test_light_beyond_z_k_is_tinted(after: Content, renderer: sg.Renderer) -> No
     assert shares[0] == 0 and shares[-1] == 1 and any(0 < share < 1 for share in shares)
 
 
-def test_values_are_picked_where_they_are_opaque(after: Content) -> None:
+def test_values_are_picked_where_they_are_opaque(after: Document) -> None:
     camera = after.home(SIZE).camera
     for place in ((60.0, 40.0), (64.0, 30.0)):
-        found, right = (picked(content.at(1), camera, place) for content in (after, after.classified(PRE)))
+        found, right = (picked(document.at(1), camera, place) for document in (after, after.classified(PRE)))
         assert found is not None and right is not None and np.abs(found - right).max() < 2.0
     # voxels around opaque ones are kept, but are not there to be picked
     shown = after.following(replace(after.transfer, points=((38.0, 0.0), (39.0, 0.9))), 0.0, POST)
@@ -815,13 +815,13 @@ def test_what_is_saved_is_what_render_makes(
     renderer: sg.Renderer, scene: SceneFile, tmp_path: Path, blend: str, orthographic: bool
 ) -> None:
     """The PNG, the floats, and what `splatgl render` makes of the saved scene are the same, bit for bit."""
-    content = Content.open(replace(scene, settings=sg.Settings(blend=blend)))
-    state = State.of(content, SIZE)
+    document = Document.open(replace(scene, settings=sg.Settings(blend=blend)))
+    state = State.of(document, SIZE)
     for action in ("opacity-up", "threshold-up", "threshold-up", *(["projection"] if orthographic else [])):
-        state = acted(state, action, content)
+        state = acted(state, action, document)
     state = replace(state, pose=wheeled(state.pose.rotated((3, 4), (50, 60)), (20.0, 30.0), 1.5))
-    assert save_picture(state, content, renderer.render, tmp_path) == "saved picture-001.png"
-    assert save_scene(state, content, renderer.render, tmp_path) == "saved scene-001.npy and scene-001.toml"
+    assert save_picture(state, document, renderer.render, tmp_path) == "saved picture-001.png"
+    assert save_scene(state, document, renderer.render, tmp_path) == "saved scene-001.npy and scene-001.toml"
     for suffix in ("npy", "png"):
         given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
         assert main([*given, "-o", str(tmp_path / f"again.{suffix}")]) == 0
@@ -833,7 +833,7 @@ def test_what_is_saved_is_what_render_makes(
 
 @pytest.mark.parametrize("edit", ["nothing", "fewer values", "threshold-up", "blend"])
 def test_what_is_saved_of_values_is_what_render_makes(
-    renderer: sg.Renderer, after: Content, tmp_path: Path, edit: str
+    renderer: sg.Renderer, after: Document, tmp_path: Path, edit: str
 ) -> None:
     """Also where the window holds more voxels than the scene needs, and where it shows splats classified before."""
     state = State.of(after, SIZE)
@@ -841,8 +841,8 @@ def test_what_is_saved_of_values_is_what_render_makes(
         state = acted(state, edit, after)
     elif edit == "fewer values":
         state = replace(state, base=replace(state.base, points=((12.0, 0.0), (30.0, 0.9))))
-    content = after.following(state.transfer, state.threshold, state.settings)
-    save_scene(state, content, renderer.render, tmp_path)
+    document = after.following(state.transfer, state.threshold, state.settings)
+    save_scene(state, document, renderer.render, tmp_path)
     given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
     assert main([*given, "-o", str(tmp_path / "again.npy")]) == 0
     assert np.array_equal(np.load(tmp_path / "scene-001.npy"), np.load(tmp_path / "again.npy"))
@@ -851,10 +851,10 @@ def test_what_is_saved_of_values_is_what_render_makes(
 
 
 def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: SceneFile, tmp_path: Path) -> None:
-    content = Content.open(scene)
-    state = replace(State.of(content, SIZE), annotate=())
-    shown = renderer.render(content.at(1), state.pose.camera, state.settings).pixels
-    saved = picture_of(scene_of(state, content), content, renderer.render).pixels
+    document = Document.open(scene)
+    state = replace(State.of(document, SIZE), annotate=())
+    shown = renderer.render(document.at(1), state.pose.camera, state.settings).pixels
+    saved = picture_of(scene_of(state, document), document, renderer.render).pixels
     assert np.abs(shown - saved).max() < 1e-5
 
 
@@ -899,29 +899,29 @@ def test_what_is_watched() -> None:
 def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: SceneFile) -> None:
     """A transfer function that keeps everything of something big stays coarse."""
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 3000)
-    content = Content.open(scene)
+    document = Document.open(scene)
     volume = blob(48)
-    content = replace(content, volumes=(volume, coarser(volume), coarser(volume), coarser(volume)))
-    changed = content.changed(sg.Transfer([(-1, 0.5)]), 0.0)
+    document = replace(document, volumes=(volume, coarser(volume), coarser(volume), coarser(volume)))
+    changed = document.changed(sg.Transfer([(-1, 0.5)]), 0.0)
     changed.skin(2)
     assert changed.heavy
-    assert not content.changed(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).heavy
+    assert not document.changed(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).heavy
 
 
 def test_values_that_are_kept_serve_no_threshold(scene: SceneFile) -> None:
     """mip keeps values through a threshold; minip, which takes the same, still allows none."""
-    content = Content.open(replace(scene, settings=Settings(blend="mip")))
-    state = acted(State.of(content, SIZE), "threshold-up", content)
-    content = content.followed(state.looks, state.meshes, state.settings)
-    assert state.threshold > 0 and not content.after
+    document = Document.open(replace(scene, settings=Settings(blend="mip")))
+    state = acted(State.of(document, SIZE), "threshold-up", document)
+    document = document.followed(state.looks, state.meshes, state.settings)
+    assert state.threshold > 0 and not document.after
     for _ in BLENDS:
-        state = acted(state, "blend", content)
+        state = acted(state, "blend", document)
         assert not BLENDS[state.settings.blend].post_only
-        content = content.followed(state.looks, state.meshes, state.settings)
-        assert all(len(content.at(stride)) for stride in STRIDES)
+        document = document.followed(state.looks, state.meshes, state.settings)
+        assert all(len(document.at(stride)) for stride in STRIDES)
     # the values are still there for what they are of
     less = replace(state, threshold=0.0, settings=state.settings.but(blend="mip"))
-    assert content.followed(less.looks, less.meshes, less.settings).made
+    assert document.followed(less.looks, less.meshes, less.settings).made
 
 
 def test_jobs_do_the_newest() -> None:
@@ -953,10 +953,10 @@ class Kept:
 
 
 def test_a_frame_tells_the_plan_it_was_drawn_by(scene: SceneFile, renderer: sg.Renderer) -> None:
-    content = Content.open(scene)
+    document = Document.open(scene)
     kept = Kept()
-    painter, state = Painter(cast(Screen, kept), renderer, ()), State.of(content, SIZE)
-    frame = painter.draw(state, content, FULL, False, lambda: False)
+    painter, state = FrameRenderer(cast(Screen, kept), renderer, ()), State.of(document, SIZE)
+    frame = painter.draw(state, document, FULL, False, lambda: False)
     assert kept.pictures["picture"] is painter.pixels
-    drawn_by = renderer.plan(content.finest, state.pose.camera, state.settings)
+    drawn_by = renderer.plan(document.finest, state.pose.camera, state.settings)
     assert frame.info["technique"] == frame.plan.program.technique == drawn_by.program.technique

@@ -588,18 +588,18 @@ def test_memory_stays(window: Window, folder: Path) -> None:
     for number in range(6):
         told = window.drop(folder / ("other ä %41.npy" if number % 2 else "blob.npy"))
         began = told if number == 2 else began
-    assert told["megabytes"] - began["megabytes"] < 8 and told["contents"] <= began["contents"] + 1
+    assert told["megabytes"] - began["megabytes"] < 8 and told["documents"] <= began["documents"] + 1
 
 
 @pytest.mark.long
 def test_edits_leave_nothing_behind(values: Window) -> None:
     """Contents refer to themselves, and hold what is extracted: those of edits that are over are freed at rest."""
     window = values
-    before = window.ask("settle")["contents"]
+    before = window.ask("settle")["documents"]
     for _ in range(12):
         window.key("]")
     # but for those that undo, and what is shown, may hold
-    assert window.ask("settle")["contents"] <= before + 2
+    assert window.ask("settle")["documents"] <= before + 2
 
 
 @pytest.mark.long
