@@ -1,21 +1,25 @@
-"""`annotated`: draws the annotations that are asked for over an image. Its check boxes: `panel_sections.OVER`."""
+"""`annotated`: draws annotations over an image. `ANNOTATIONS`: all kinds, one row each."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
+from pkgutil import iter_modules
 
 import numpy as np
 
-from splatgl.annotations import axes, bounding_box, color_bar, scale_bar
-from splatgl.annotations.canvas import Canvas, Color, Rect, Subject
-from splatgl.annotations.color_bar import ColorBar
+import splatgl.annotations as package
+from splatgl.annotations.canvas import Annotation, Canvas, Color, Rect, Subject, View
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
+
+# smallest side of an annotated image, pixels
+LEAST_SIDE = 64
 
 
 def annotated(
@@ -27,169 +31,160 @@ def annotated(
     ground: Color | None = None,
     steady: bool = False,
 ) -> Image:
-    """The picture under annotations: "scale", "colorbar", "axes", "directions", "box", "title=TEXT", "time=TEXT".
+    """The image under annotations: "scale", "colorbar", "axes", "directions", "box", "title=TEXT", "time=TEXT".
 
-    ground: linear RGB that a transparent picture will lie on, for the colour of text. steady: places do not depend on
-    what the picture shows, as in movies. An X-ray is scaled to its maximum. Edges behind the box lie behind what a
-    transparent picture shows. info: "annotated", and "not_annotated", the reasons of what is left out. InputError for
-    unknown names and for pictures with a side below 64 pixels.
+    ground: linear RGB behind a transparent image, for the colour of text. steady: places do not depend on the image, as
+    in movies. An X-ray is scaled to its maximum. Edges behind the box lie behind a transparent image. info:
+    "annotated", and "not_annotated", the reasons for omissions. Raises InputError for unknown names and for images with
+    a side below 64 pixels.
     """
-    asked = check(annotate)
+    names = check(annotate)
     height, width = image.pixels.shape[:2]
-    check_size(asked, (width, height))
-    check_time(asked)
-    blend, info, pixels = str(image.info.get("blend", "")), dict(image.info), image.pixels
+    check_size(names, (width, height))
+    check_time(names)
+    blend, scale = str(image.info.get("blend", "")), 1.0
+    info, pixels = dict(image.info), image.pixels
     if blend == "xray":
         scale = 1 / (float(pixels.max()) or 1.0)
         info |= {"blend": "xray over scale", "scale": scale}
         pixels = pixels * np.float32(scale)
     subject = volume if isinstance(volume, Subject) else Subject.of(volume)
+    view = View(subject, transfer, camera, blend, pixels, scale)
     layer = Canvas.over(pixels, ground)
-    bars = _bars(layer, subject, transfer, pixels, info) if "colorbar" in asked else []
-    compose(replace(layer, picture=None) if steady else layer, subject, camera, asked, bars)
-    if "box" in asked:
+    compose(replace(layer, picture=None) if steady else layer, view, names)
+    if has_lines_behind(names):
         behind = Canvas.over(pixels, ground)
-        bounding_box.draw_behind(behind, subject, camera)
+        draw_behind(behind, view, names)
         pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels
-    over = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
-    return Image(over.astype(np.float32), {**info, "annotated": list(asked), "not_annotated": list(layer.notes)})
+    pixels = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
+    return Image(pixels.astype(np.float32), {**info, "annotated": list(names), "not_annotated": list(layer.notes)})
 
 
 def on_ground(image: Image, ground: Color | None) -> Image:
-    """An annotated picture that was drawn without its background, on it."""
-    if ground is None or image.info.get("background") is not None or "box" not in _names(image):
+    """An annotated image over its background, if it was drawn without it for the edges behind the box."""
+    names = image.info["annotated"]
+    is_over_lines = isinstance(names, list) and has_lines_behind(names)
+    if ground is None or image.info.get("background") is not None or not is_over_lines:
         return image
     pixels = image.pixels + (1 - image.pixels[..., 3:]) * np.array([*ground, 1.0], np.float32)
     return Image(pixels, {**image.info, "background": list(ground)})
 
 
-def _names(image: Image) -> list[str]:
-    names = image.info["annotated"]
-    return [str(name) for name in names] if isinstance(names, list) else []
-
-
-def compose(layer: Canvas, subject: Subject, camera: Camera, asked: Sequence[str], bars: Sequence[ColorBar]) -> None:
-    """Draws what is asked for on an empty layer, but for edges behind the box."""
-    if "box" in asked:
-        bounding_box.draw_edges(layer, subject, camera)
-    _write(layer, text_of(asked, "time"), text_of(asked, "title"))
-    for bar in bars:
-        color_bar.draw(layer, bar)
-    if "scale" in asked:
-        scale_bar.draw(layer, subject, camera)
-    if "axes" in asked:
-        axes.draw_triad(layer, camera)
-    if "directions" in asked:
-        axes.draw_directions(layer, subject, camera)
-    if "box" in asked:
-        bounding_box.draw_numbers(layer, subject, camera)
-
-
 def left_out(image: Image) -> list[str]:
-    """Why annotations of an annotated picture are not there."""
+    """Reasons for the missing annotations of an annotated image."""
     notes = image.info["not_annotated"]
     return [str(note) for note in notes] if isinstance(notes, list) else []
 
 
-def _write(layer: Canvas, time: str | None, title: str | None) -> None:
-    """The time in a corner, and the title in the middle, below the time where both don't fit; where nothing is."""
-    (width, height), pad = layer.size, layer.pad
-    for what, text in (("time", time), ("title", title)):
-        if not text:
-            continue
-        wide, tall = layer.text_size(text)
-        lefts = [pad, width - pad - wide] if what == "time" else [(width - wide) // 2, pad, width - pad - wide]
-        tops = [pad, height - pad - tall] if what == "time" else [pad, pad + tall]
-        rect = layer.place([Rect(x, y, x + wide, y + tall) for y in tops for x in lefts], what)
-        if rect is not None:
-            layer.text(text, rect.left, rect.top)
+def compose(layer: Canvas, view: View, names: Sequence[str]) -> None:
+    """Draws annotations on an empty layer, without lines behind the image."""
+    rows = _rows(names)
+    for row in rows:
+        if row.draw_below is not None:
+            row.draw_below(layer, view)
+    for row in rows:
+        row.draw(layer, replace(view, text=text_of(names, row.name) or ""))
 
 
-def _bars(
-    layer: Canvas, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
-) -> list[ColorBar]:
-    """The colour bars of a picture, of its volume and of meshes; none, with a note, if there are none."""
-    of_meshes = scale_bars(subject, layer.size[1])
-    if subject.empty and of_meshes:
-        return of_meshes
-    bar = _bar(layer, subject, transfer, pixels, info)
-    return of_meshes if bar is None else [bar, *of_meshes]
+def has_lines_behind(names: Sequence[str]) -> bool:
+    """Whether an annotation has lines that lie behind the image."""
+    return any(row.draw_behind for row in _rows(names))
 
 
-def scale_bars(subject: Subject, height: int) -> list[ColorBar]:
-    """The colour bars of meshes in a picture of that height."""
-    return [color_bar.of_scale(each, round(color_bar.TALL * height)) for each in subject.scales]
+def draw_behind(layer: Canvas, view: View, names: Sequence[str]) -> None:
+    """Draws the lines that lie behind the image."""
+    for row in _rows(names):
+        if row.draw_behind is not None:
+            row.draw_behind(layer, view)
 
 
-def _bar(
-    layer: Canvas, subject: Subject, transfer: Transfer, pixels: np.ndarray, info: dict[str, object]
-) -> ColorBar | None:
-    """The colour bar of a volume; None, with a note, if there is none."""
-    blend, rows = str(info.get("blend", "")), round(color_bar.TALL * layer.size[1])
-    if blend.startswith("xray") and not subject.colored:
-        bar = color_bar.of_sums(pixels, float(str(info["scale"])), rows)
-    else:
-        bar = bar_of(subject, transfer, blend, rows)
-    if bar is None:
-        why = "the voxels have colours of their own" if subject.colored else "there is one value only"
-        layer.notes.append(f"no colour bar: {why}")
-    return bar
+def _rows(names: Sequence[str]) -> list[Annotation]:
+    """The rows of the requested annotations, by rank."""
+    return [row for row in ANNOTATIONS.values() if text_of(names, row.name) is not None]
 
 
-def bar_of(subject: Subject, transfer: Transfer, blend: str, rows: int) -> ColorBar | None:
-    """The colour bar of values; None for volumes with colours, and one value."""
-    return None if subject.colored else color_bar.of_values(transfer, subject.value_name, blend, rows)
-
-
-NAMES = ("scale", "colorbar", "axes", "directions", "box", "title", "time")
-# those that take a text
-TEXTS = ("title", "time")
-KNOWN = "scale, colorbar, axes, directions, box, title=TEXT, time"
-# sizes of the box that a view is fitted to: its numbers lie around it
-ROOM = 1.25
-# smallest side of a picture, in pixels
-LEAST_SIDE = 64
+def default_names(subject: Subject) -> tuple[str, ...]:
+    """Annotations of a window by default: scale bar, axes, and directions of a patient."""
+    return tuple(row.name for row in ANNOTATIONS.values() if row.default and (subject.frame or not row.needs_frame))
 
 
 def parsed(text: str) -> tuple[str, ...]:
-    """The annotations in a list; a comma that a space follows belongs to a title. InputError as `check`."""
+    """Annotations from a list with commas; a comma before a space is part of a title. Raises InputError as `check`."""
     return check(tuple(part.strip() for part in re.split(r",(?! )", text)))
 
 
-def check(asked: Sequence[str]) -> tuple[str, ...]:
-    """The annotations asked for. InputError for an unknown one, a repeated one, and a title without text."""
-    if isinstance(asked, str) or not all(isinstance(one, str) for one in asked):
-        raise expected("annotate", f"a list of names: {KNOWN}", repr(asked)[:80])
+def check(annotate: Sequence[str]) -> tuple[str, ...]:
+    """The annotations. Raises InputError for an unknown one, a repeated one, and a title without text."""
+    known = ", ".join(f"{row.name}=TEXT" if row.example else row.name for row in ANNOTATIONS.values())
+    if isinstance(annotate, str) or not all(isinstance(text, str) for text in annotate):
+        raise expected("annotate", f"a list of names: {known}", repr(annotate)[:80])
     names = []
-    for one in asked:
-        name, equals, text = one.partition("=")
-        if name not in NAMES or (equals and name not in TEXTS):
-            raise expected("annotate", KNOWN, repr(one)[:80])
-        if not text.strip() and (name == "title" or equals):
-            raise expected("annotate", f"a text after '{name}='", "none", f"such as '{name}={EXAMPLES[name]}'")
+    for request in annotate:
+        name, equals, text = request.partition("=")
+        row = ANNOTATIONS.get(name)
+        if row is None or (equals and not row.example):
+            raise expected("annotate", known, repr(request)[:80])
+        if not text.strip() and (row.needs_text or equals):
+            raise expected("annotate", f"a text after '{name}='", "none", f"such as '{name}={row.example}'")
         names.append(name)
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise expected("annotate", "each name once", f"{twice[0]} {names.count(twice[0])} times")
-    return tuple(asked)
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise expected("annotate", "each name once", f"{repeated[0]} {names.count(repeated[0])} times")
+    return tuple(annotate)
 
 
-EXAMPLES = {"title": "Head", "time": "3h"}
-
-
-def check_size(asked: Sequence[str], size: tuple[int, int]) -> None:
-    """InputError for a picture too small for annotations."""
-    if asked and min(size) < LEAST_SIDE:
+def check_size(annotate: Sequence[str], size: tuple[int, int]) -> None:
+    """Raises InputError for an image too small for annotations."""
+    if annotate and min(size) < LEAST_SIDE:
         fix = "draw a larger one, or leave --annotate out"
         raise expected("annotate", f"a picture of at least {LEAST_SIDE}×{LEAST_SIDE}", f"{size[0]}×{size[1]}", fix)
 
 
-def text_of(asked: Sequence[str], name: str) -> str | None:
-    """The text given with an annotation, "" if none; None if it is not asked for."""
-    return next((one.partition("=")[2].strip() for one in asked if one.partition("=")[0] == name), None)
-
-
-def check_time(asked: Sequence[str]) -> None:
-    """InputError for a time without text: a still picture has none of its own."""
-    if text_of(asked, "time") == "":
+def check_time(annotate: Sequence[str]) -> None:
+    """Raises InputError for a time without text, which only movies can fill in."""
+    if text_of(annotate, "time") == "":
         raise expected("annotate", "'time=TEXT'", "'time'")
+
+
+def text_of(annotate: Sequence[str], name: str) -> str | None:
+    """Text of an annotation, "" if it has none; None if it is not requested."""
+    return next((text.partition("=")[2].strip() for text in annotate if text.partition("=")[0] == name), None)
+
+
+def _draw_time(layer: Canvas, view: View) -> None:
+    """Draws the time in a corner."""
+    (width, height), pad, (wide, tall) = layer.size, layer.pad, layer.text_size(view.text)
+    _write(layer, view.text, "time", [pad, width - pad - wide], [pad, height - pad - tall])
+
+
+def _draw_title(layer: Canvas, view: View) -> None:
+    """Draws the title in the middle of the top, below the time where both do not fit."""
+    (width, _), pad, (wide, tall) = layer.size, layer.pad, layer.text_size(view.text)
+    _write(layer, view.text, "title", [(width - wide) // 2, pad, width - pad - wide], [pad, pad + tall])
+
+
+def _write(layer: Canvas, text: str, name: str, lefts: Sequence[int], tops: Sequence[int]) -> None:
+    """Writes a text at the first free place."""
+    if text:
+        wide, tall = layer.text_size(text)
+        rect = layer.place([Rect(x, y, x + wide, y + tall) for y in tops for x in lefts], name)
+        if rect is not None:
+            layer.text(text, rect.left, rect.top)
+
+
+ROWS = (
+    Annotation("time", "time", "The time of the volume, in a corner.", _draw_time, rank=0, example="3h"),
+    Annotation("title", "title", "A title, at the top.", _draw_title, rank=1, example="Head", needs_text=True),
+)
+
+
+def _discover() -> dict[str, Annotation]:
+    """The ROWS of all modules of this package by name, by rank."""
+    modules = [import_module(f"{package.__name__}.{info.name}") for info in iter_modules(package.__path__)]
+    rows: list[Annotation] = [row for module in modules for row in getattr(module, "ROWS", ())]
+    return {row.name: row for row in sorted(rows, key=lambda row: row.rank)}
+
+
+ANNOTATIONS = _discover()
+# sizes of the volume's box that a view with a box is fitted to: its numbers lie around it
+ROOM = ANNOTATIONS["box"].room

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.annotations.canvas import Canvas, Color, Rect, Subject
+from splatgl.annotations.canvas import Annotation, Canvas, Color, Rect, View
 from splatgl.splat.camera import Camera
 
 # of x, y, z, linear RGB; they read on black and on white
@@ -33,8 +33,8 @@ def letters(frame: str, direction: np.ndarray) -> str:
     return "".join(LETTERS[frame][axis][0 if direction[axis] > 0 else 1] for axis in kept)
 
 
-def draw_triad(layer: Canvas, camera: Camera) -> None:
-    """Draws it at the lower left, the farthest axis first."""
+def draw_triad(layer: Canvas, view: View) -> None:
+    """Draws the triad at the lower left, the farthest axis first."""
     long, em = LONG * layer.em, layer.em
     half = int(np.ceil(long + 1.3 * em))
     (width, height), pad, side = layer.size, layer.pad, 2 * half
@@ -43,7 +43,7 @@ def draw_triad(layer: Canvas, camera: Camera) -> None:
     if place is None:
         return
     middle = np.array([place.left + half, place.top + half], np.float64)
-    seen = directions(camera)
+    seen = directions(view.camera)
     letters_at = middle + _apart(_ends(seen, em), em)
     for axis in np.argsort(-seen[:, 2], kind="stable"):
         along, color = seen[axis, :2], COLORS[axis]
@@ -86,15 +86,16 @@ def _apart(places: np.ndarray, em: int) -> np.ndarray:
     return np.asarray(found * np.minimum(1, most / np.maximum(np.linalg.norm(found, axis=1), 1e-9))[:, None])
 
 
-def draw_directions(layer: Canvas, subject: Subject, camera: Camera) -> None:
-    """Draws letters in the middle of the picture's edges."""
-    if subject.frame is None:
+def draw_directions(layer: Canvas, view: View) -> None:
+    """Draws letters in the middle of the image's edges."""
+    frame, camera = view.subject.frame, view.camera
+    if frame is None:
         layer.notes.append("no directions: the file does not say where the patient's are")
         return
     (width, height), pad = layer.size, layer.pad
     right, down = camera.eye_from_world[0], camera.eye_from_world[1]
     for x, y, direction in ((-1, 0, -right), (1, 0, right), (0, -1, -down), (0, 1, down)):
-        text = letters(subject.frame, direction)
+        text = letters(frame, direction)
         wide, tall = layer.text_size(text)
         left = (width - wide) // 2 if x == 0 else pad if x < 0 else width - pad - wide
         top = (height - tall) // 2 if y == 0 else pad if y < 0 else height - pad - tall
@@ -114,3 +115,26 @@ def _inwards(layer: Canvas, rect: Rect, step: tuple[int, int]) -> Rect:
         y = step[1] * ((other.bottom - rect.top if step[1] > 0 else rect.bottom - other.top) + layer.pad)
         rect = Rect(rect.left + x, rect.top + y, rect.right + x, rect.bottom + y)
     return rect
+
+
+ROWS = (
+    Annotation(
+        "axes",
+        "axes",
+        "The directions of x, y and z, at the lower left.",
+        draw_triad,
+        rank=4,
+        key="j",
+        default=True,
+    ),
+    Annotation(
+        "directions",
+        "patient directions",
+        "Letters of the patient's directions at the edges.",
+        draw_directions,
+        rank=5,
+        key="j",
+        default=True,
+        needs_frame=True,
+    ),
+)

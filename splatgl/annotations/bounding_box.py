@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.annotations.canvas import Canvas, Rect, Subject, clipped, dashes
+from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View, clipped, dashes
 from splatgl.annotations.scale_bar import in_digits, ticks
 from splatgl.splat.camera import Camera
 
@@ -75,8 +75,9 @@ def parts_ahead(ends: np.ndarray, camera: Camera) -> np.ndarray:
     return np.where((depth > near)[..., None], ends, cut[:, None])
 
 
-def draw_behind(layer: Canvas, subject: Subject, camera: Camera) -> None:
+def draw_behind(layer: Canvas, view: View) -> None:
     """Draws the edges that lie behind the box, dashed."""
+    subject, camera = view.subject, view.camera
     hidden = [each for each in edges(subject.corners, camera) if each.hidden]
     em = layer.em
     # dashes beyond the picture are many in a close view
@@ -84,8 +85,9 @@ def draw_behind(layer: Canvas, subject: Subject, camera: Camera) -> None:
     layer.segments(dashes(inside, DASH * em, max(GAP * em, 2 * layer.edge + 2)), alpha=BEHIND, width=_width(layer))
 
 
-def draw_edges(layer: Canvas, subject: Subject, camera: Camera) -> None:
+def draw_edges(layer: Canvas, view: View) -> None:
     """Draws the other edges, with ticks along an outer one of each axis."""
+    subject, camera = view.subject, view.camera
     every = edges(subject.corners, camera)
     drawn = [_seen([each for each in every if not each.hidden], subject, camera)]
     for edge in numbered(every, subject, camera):
@@ -94,8 +96,9 @@ def draw_edges(layer: Canvas, subject: Subject, camera: Camera) -> None:
     layer.segments(np.concatenate(drawn), alpha=ALPHA, width=_width(layer))
 
 
-def draw_numbers(layer: Canvas, subject: Subject, camera: Camera) -> None:
+def draw_numbers(layer: Canvas, view: View) -> None:
     """Draws the numbers of the ticks, and the axes' names."""
+    subject, camera = view.subject, view.camera
     every = edges(subject.corners, camera)
     if not any(each.outer for each in every):
         layer.notes.append("no numbers of the box: the eye is in it")
@@ -186,3 +189,18 @@ def _write(layer: Canvas, text: str, middles: list[np.ndarray]) -> bool:
             layer.text(text, left, top)
             return True
     return False
+
+
+ROWS = (
+    Annotation(
+        "box",
+        "the volume's box, with numbers",
+        "The volume's box with numbers along its edges.",
+        draw_numbers,
+        rank=6,
+        key="ctrl+j",
+        draw_below=draw_edges,
+        draw_behind=draw_behind,
+        room=1.25,
+    ),
+)

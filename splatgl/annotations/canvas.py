@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -13,6 +13,8 @@ import numpy as np
 from splatgl.annotations.text import plain
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
+from splatgl.splat.camera import Camera
+from splatgl.splat.transfer import Transfer
 
 # font height as a fraction of the smaller side, and its least, in pixels
 FONT_SHARE, LEAST_FONT = 0.026, 11
@@ -388,3 +390,47 @@ class Subject:
     def value_name(self) -> str:
         """What a colour bar is called: the volume's name, and the unit of its values."""
         return f"{self.name}, {self.value_unit}" if self.name and self.value_unit else self.name or self.value_unit
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Inputs of an annotation's functions. blend: of the image. pixels: the image, for a colour bar of sums, and their
+    scale; None in live views. text: given after the name and "=".
+    """
+
+    subject: Subject
+    transfer: Transfer
+    camera: Camera
+    blend: str = ""
+    pixels: np.ndarray | None = None
+    scale: float = 1.0
+    text: str = ""
+
+
+Draw = Callable[[Canvas, View], None]
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """A row of `annotate.ANNOTATIONS`. title: in the help of its key; about: its tooltip in the window.
+
+    rank: annotations of lower rank take their places first. key: toggles it in the window. default: whether the window
+    shows it at first. needs_frame: whether it needs patient directions; needs_values: whether it needs values without
+    colours. example: of its text, "" if it takes none. draw_below: draws lines below all annotations; draw_behind:
+    lines behind the image. room: size of the box that a view is fitted to, over the size of the volume.
+    """
+
+    name: str
+    title: str
+    about: str
+    draw: Draw
+    rank: int
+    key: str = ""
+    default: bool = False
+    needs_frame: bool = False
+    needs_values: bool = False
+    example: str = ""
+    needs_text: bool = False
+    draw_below: Draw | None = None
+    draw_behind: Draw | None = None
+    room: float = 1.0

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.annotations.canvas import Canvas, Color, Rect, Scale
+from splatgl.annotations.canvas import Annotation, Canvas, Color, Rect, Scale, View
 from splatgl.annotations.scale_bar import log_ticks, ticks
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.transfer import Transfer
@@ -17,7 +17,7 @@ from splatgl.splat.transfer import Transfer
 TALL, WIDE, CURVE = 0.45, 0.9, 1.6
 MOST_TICKS = 6
 MOST_LETTERS = 16
-ABOUT = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
+STATISTICS = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,7 @@ class ColorBar:
         return (log_ticks if self.logarithmic else ticks)(self.low, self.high, MOST_TICKS)
 
 
+@lru_cache(maxsize=4)
 def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar | None:
     """The bar of classified values, at the centres of `rows`; None if its window is one value."""
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
@@ -52,7 +53,7 @@ def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar 
     down = (np.arange(rows) + 0.5) / rows
     values = high * (low / high) ** down if transfer.logarithmic else high - down * (high - low)
     colors = np.concatenate([transfer.color(values), np.ones((rows, 1))], axis=-1)
-    about = ABOUT.get(blend, "")
+    about = STATISTICS.get(blend, "")
     label = f"{about} of {name}" if about and name else about or name or "value"
     return ColorBar(low, high, colors, transfer.opacity(values), label, transfer.logarithmic)
 
@@ -77,15 +78,51 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
     return ColorBar(0.0, 1 / scale, colors, None, "optical depth")
 
 
-def draw(layer: Canvas, bar: ColorBar) -> None:
-    """Draws it at the right, or at the left where that alone is empty."""
-    patch = _drawn(bar, layer.em, layer.ink)
-    (tall, wide), pad = patch.shape[:2], layer.pad
-    top = (layer.size[1] - tall) // 2
-    places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
-    place = layer.place(places, "colour bar")
-    if place is not None:
-        layer.lay(patch, (place.left, place.top))
+def draw(layer: Canvas, view: View) -> None:
+    """Draws the colour bars at the right, or at the left where the image is empty only there."""
+    for bar in _bars(layer, view):
+        patch = _drawn(bar, layer.em, layer.ink)
+        (tall, wide), pad = patch.shape[:2], layer.pad
+        top = (layer.size[1] - tall) // 2
+        places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
+        place = layer.place(places, "colour bar")
+        if place is not None:
+            layer.lay(patch, (place.left, place.top))
+
+
+def _bars(layer: Canvas, view: View) -> list[ColorBar]:
+    """Colour bars of the volume and of meshes; adds a note if the volume has none."""
+    subject, rows = view.subject, round(TALL * layer.size[1])
+    of_meshes = [of_scale(scale, rows) for scale in subject.scales]
+    if subject.empty and of_meshes:
+        return of_meshes
+    bar = bar_of(view, rows)
+    if bar is None:
+        why = "the voxels have colours of their own" if subject.colored else "there is one value only"
+        layer.notes.append(f"no colour bar: {why}" if view.pixels is not None else "no colour bar of this picture")
+    return of_meshes if bar is None else [bar, *of_meshes]
+
+
+def bar_of(view: View, rows: int) -> ColorBar | None:
+    """Colour bar of the volume; None for volumes with colours, for a single value, and for sums in live views."""
+    if view.subject.colored:
+        return None
+    if view.blend.startswith("xray"):
+        return None if view.pixels is None else of_sums(view.pixels, view.scale, rows)
+    return of_values(view.transfer, view.subject.value_name, view.blend, rows)
+
+
+ROWS = (
+    Annotation(
+        "colorbar",
+        "colour bar",
+        "The colours and opacities of values.",
+        draw,
+        rank=2,
+        key="shift+j",
+        needs_values=True,
+    ),
+)
 
 
 @lru_cache(maxsize=4)

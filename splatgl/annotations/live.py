@@ -8,10 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.annotations import bounding_box, color_bar
-from splatgl.annotations.annotate import bar_of, check, compose
-from splatgl.annotations.canvas import BLACK, Canvas, Color, Subject, Touched, ink_on
-from splatgl.annotations.color_bar import ColorBar
+from splatgl.annotations.annotate import check, compose, draw_behind
+from splatgl.annotations.canvas import BLACK, Canvas, Color, Subject, Touched, View, ink_on
 from splatgl.data.color import srgb_from_linear
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
@@ -19,11 +17,6 @@ from splatgl.splat.transfer import Transfer
 # steps of linear light from 0 to 1 in the table to sRGB: an 8-bit step is missed in the darkest few alone
 STEPS = 4096
 SRGB = np.round(srgb_from_linear(np.arange(STEPS + 1) / STEPS) * 255).astype(np.uint8)
-
-
-def usual(subject: Subject) -> tuple[str, ...]:
-    """What a view has by default: a scale bar and axes, and directions of a patient."""
-    return ("scale", "axes", *(("directions",) if subject.frame else ()))
 
 
 class LiveOverlay:
@@ -49,13 +42,9 @@ class LiveOverlay:
         box are dashed; X-rays have no colour bar. notes: why annotations are left out. InputError for unknown names.
         """
         names, layer = check(asked), self._cleared(camera.size, ground)
-        bar = None
-        if "colorbar" in names:
-            bar = None if blend == "xray" else _bar(subject, transfer, blend, round(color_bar.TALL * camera.size[1]))
-            layer.notes.extend([] if bar else ["no colour bar of this picture"])
-        if "box" in names:
-            bounding_box.draw_behind(layer, subject, camera)
-        compose(layer, subject, camera, names, [] if bar is None else [bar])
+        view = View(subject, transfer, camera, blend)
+        draw_behind(layer, view, names)
+        compose(layer, view, names)
         self.notes = tuple(layer.notes)
         for part in layer.touched:
             _encode(layer.pixels, self.pixels, part)
@@ -77,11 +66,6 @@ class LiveOverlay:
                     buffer[rect.top : rect.bottom, rect.left : rect.right] = 0
         self.layer = Canvas(self.layer.pixels, ink, scratch=self.layer.scratch)
         return self.layer
-
-
-@lru_cache(maxsize=4)
-def _bar(subject: Subject, transfer: Transfer, blend: str, rows: int) -> ColorBar | None:
-    return bar_of(subject, transfer, blend, rows)
 
 
 def _encode(linear: np.ndarray, coded: np.ndarray, part: Touched) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.annotations.canvas import Canvas, Rect, Subject
+from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View
 from splatgl.splat.camera import Camera
 
 # longest bar as a fraction of the picture's width
@@ -57,13 +57,13 @@ def in_digits(length: float, unit: str) -> tuple[float, str]:
     return metres / METRES[fitting[-1]], fitting[-1]
 
 
-def draw(layer: Canvas, subject: Subject, camera: Camera) -> None:
-    """Draws it at the lower right, or where there is nothing further left."""
-    scale = scale_of(subject, camera)
+def draw(layer: Canvas, view: View) -> None:
+    """Draws the scale bar at the lower right, or further left where the image is empty."""
+    scale = scale_of(view.subject, view.camera)
     if scale is None:
         layer.notes.append("no scale bar: the centre of the volume is behind the eye")
         return
-    labels = [PERSPECTIVE, scale.label] if camera.perspective else [scale.label]
+    labels = [PERSPECTIVE, scale.label] if view.camera.perspective else [scale.label]
     sizes = [layer.text_size(label) for label in labels]
     thick, (width, height) = max(2, round(layer.em / 5)), layer.size
     wide = max(scale.pixels + 2 * layer.edge, *(size[0] for size in sizes))
@@ -83,6 +83,8 @@ def draw(layer: Canvas, subject: Subject, camera: Camera) -> None:
     layer.bar(end - scale.pixels, end, top + layer.edge, top + layer.edge + thick)
 
 
+ABOUT = "A length at the depth of the volume's middle, at the lower right."
+ROWS = (Annotation("scale", "scale bar", ABOUT, draw, rank=3, key="j", default=True),)
 STEPS = (1.0, 2.0, 5.0)
 
 

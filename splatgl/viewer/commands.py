@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from splatgl.annotations.canvas import Subject
-from splatgl.annotations.live import usual
+from splatgl.annotations.annotate import ANNOTATIONS, default_names
+from splatgl.annotations.canvas import Annotation, Subject
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.gl.screen import GROUNDS
@@ -78,21 +79,22 @@ def toggled(asked: tuple[str, ...], name: str) -> tuple[str, ...]:
 
 
 def _usual(state: State, document: Document) -> State:
-    names = usual(Subject.of(document.volume))
+    names = default_names(Subject.of(document.volume))
     rest = tuple(one for one in state.annotate if one not in names)
     return replace(state, annotate=rest if set(names) & set(state.annotate) else (*names, *rest))
 
 
-def _color_bar(state: State, document: Document) -> State:
-    said = "voxels have colours of their own: no colour bar" if document.volume.color is not None else ""
-    return replace(state, annotate=toggled(state.annotate, "colorbar"), message=said)
+def _annotation(row: Annotation, state: State, document: Document) -> State:
+    """The state with an annotation switched on or off."""
+    missing = row.needs_values and document.volume.color is not None
+    said = f"voxels have colours of their own: no {row.title}" if missing else ""
+    return replace(state, annotate=toggled(state.annotate, row.name), message=said)
 
 
-def _box(state: State, document: Document) -> State:
-    return replace(state, annotate=toggled(state.annotate, "box"))
-
-
-ANNOTATION_ACTIONS: dict[str, Any] = {"annotations": _usual, "colorbar": _color_bar, "box": _box}
+ANNOTATION_ACTIONS: dict[str, Any] = {
+    "annotations": _usual,
+    **{row.name: partial(_annotation, row) for row in ANNOTATIONS.values() if row.key and not row.default},
+}
 
 
 def _probe(state: State, document: Document) -> State:

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.errors import expected
 from splatgl.fileio import load_table
 
@@ -79,8 +80,7 @@ BINDINGS = (
     Binding("undo", ("ctrl+z",), "undo the last change"),
     Binding("redo", ("ctrl+shift+z", "ctrl+y"), "redo what was undone"),
     Binding("annotations", ("j",), "axes, scale bar and patient directions"),
-    Binding("colorbar", ("shift+j",), "colour bar"),
-    Binding("box", ("ctrl+j",), "the volume's box, with numbers"),
+    *(Binding(row.name, (row.key,), row.title) for row in ANNOTATIONS.values() if row.key and not row.default),
     Binding("probe", ("y",), "the value under the cursor"),
     Binding("measure", ("e",), "distance between two points: click on them"),
     Binding("slices", ("z",), "three slices: the wheel and clicks move them"),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from imgui_bundle import imgui
 
+from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.annotations.text import plain
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.volume import Volume
@@ -200,16 +201,6 @@ def draw_slices(state: State, document: Document) -> State:
     return state if slices == state.slices else replace(state, slices=slices)
 
 
-# what is laid over the picture, and where it is
-OVER = {
-    "axes": "The directions of x, y and z, at the lower left (j).",
-    "scale": "A length at the depth of the volume's middle, at the lower right (j).",
-    "colorbar": "The colours and opacities of values (shift+j).",
-    "box": "The volume's box with numbers along its edges (ctrl+j).",
-    "directions": "Letters of the patient's directions at the edges.",
-}
-
-
 CUES = {
     "ambient_occlusion": (
         "ambient occl.",
@@ -245,11 +236,11 @@ def draw_view(state: State, document: Document) -> State:
 
 def _over(state: State, document: Document) -> State:
     """What is laid over the picture."""
-    shown = [name for name in OVER if name != "directions" or document.volume.frame]
-    for name in _flow(shown, 4):
+    rows = {row.name: row for row in ANNOTATIONS.values() if row.key and (document.volume.frame or not row.needs_frame)}
+    for name in _flow(list(rows), 4):
         if imgui.checkbox(name, name in state.annotate)[0]:
             state = replace(state, annotate=toggled(state.annotate, name))
-        imgui.set_item_tooltip(OVER[name])
+        imgui.set_item_tooltip(f"{rows[name].about[:-1]} ({rows[name].key}).")
     if imgui.checkbox("value under the cursor", state.probe)[0]:
         state = replace(state, probe=not state.probe)
     imgui.same_line()

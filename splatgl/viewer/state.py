@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.annotations.annotate import default_names
 from splatgl.annotations.canvas import Subject
-from splatgl.annotations.live import usual
 from splatgl.data.volume import Triple, Volume
 from splatgl.scene.meshes import MeshFile
 from splatgl.splat.clipping import MOST_CLIPS, Plane, index_plane, planes
@@ -212,8 +212,8 @@ def _same(a: State, b: State) -> bool:
 
 
 def default_annotations(document: Document) -> tuple[str, ...]:
-    """What a window shows of a document unless its scene asks for other annotations."""
-    return document.scene.annotate or usual(Subject.of(document.volume))
+    """Annotations of the scene, else the window's default ones."""
+    return document.scene.annotate or default_names(Subject.of(document.volume))
 
 
 @dataclass(frozen=True)

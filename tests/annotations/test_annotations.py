@@ -12,12 +12,12 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.annotations import bounding_box, scale_bar
-from splatgl.annotations.annotate import annotated, bar_of, compose, parsed
+from splatgl.annotations import bounding_box
+from splatgl.annotations.annotate import ANNOTATIONS, annotated, compose, default_names, parsed
 from splatgl.annotations.axes import COLORS, LONG, letters
-from splatgl.annotations.canvas import WHITE, Canvas, Subject
+from splatgl.annotations.canvas import WHITE, Canvas, Subject, View
 from splatgl.annotations.color_bar import of_values
-from splatgl.annotations.live import LiveOverlay, usual
+from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
@@ -144,7 +144,7 @@ def test_edges_are_drawn_where_corners_are(volume: sg.Volume) -> None:
     """Lines pass the middles of pixels along each edge that is not hidden; a fifth of a pixel beside, they are not."""
     for camera in cameras(volume):
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
-        bounding_box.draw_edges(layer, Subject.of(volume), camera)
+        bounding_box.draw_edges(layer, View(Subject.of(volume), TRANSFER, camera))
         light = layer.pixels[..., 0]
         every = bounding_box.edges(volume.corners, camera)
         assert len(every) == 12 and sum(each.hidden for each in every) in (3, 5)
@@ -185,7 +185,7 @@ def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
     for camera in cameras(volume):
         subject, every = Subject.of(volume), bounding_box.edges(volume.corners, camera)
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
-        bounding_box.draw_edges(layer, subject, camera)
+        bounding_box.draw_edges(layer, View(subject, TRANSFER, camera))
         chosen = bounding_box.numbered(every, subject, camera)
         assert [each.axis for each in chosen] == [0, 1, 2]
         for edge in chosen:
@@ -230,16 +230,15 @@ def test_nothing_overlaps_or_is_cut_off(size: tuple[int, int], shown: float) -> 
     for volume in VOLUMES[:2]:
         camera = sg.Camera.orbit(volume, 30, 20, size=size, zoom=0.7)
         layer = Canvas.over(np.full((size[1], size[0], 4), shown, np.float32), (0, 0, 0))
-        subject = Subject.of(volume)
-        bar = bar_of(subject, TRANSFER, "composite", round(0.45 * size[1]))
-        compose(layer, subject, camera, asked, [] if bar is None else [bar])
+        view = View(Subject.of(volume), TRANSFER, camera, "composite")
+        compose(layer, view, asked)
         assert not any(a.meets(b) for a, b in itertools.combinations(layer.taken, 2))
         for rect in layer.taken:
             assert rect.left >= 0 and rect.top >= 0 and rect.right <= size[0] and rect.bottom <= size[1]
         assert size[0] > 256 or layer.notes
         # without the box nothing is drawn outside of the places
         layer = Canvas(np.zeros((size[1], size[0], 4), np.float32), WHITE)
-        compose(layer, subject, camera, [each for each in asked if each != "box"], ())
+        compose(layer, view, [name for name in asked if name != "box"])
         for rect in layer.taken:
             layer.clear(rect)
         assert not layer.pixels.any()
@@ -259,7 +258,7 @@ def test_text_goes_where_the_picture_is_empty() -> None:
 def test_live_overlays_are_what_pictures_have() -> None:
     """To a step of 8 bits; the second use of the buffers leaves nothing of the first."""
     overlay, subject = LiveOverlay(), Subject.of(OBLONG)
-    names = ["box", "colorbar", "title=Head", *usual(subject)]
+    names = ["box", "colorbar", "title=Head", *default_names(subject)]
     for angle in (10.0, 50.0, 51.0):
         camera = sg.Camera.orbit(OBLONG, angle, 20, size=(300, 260), zoom=0.6)
         live = overlay.drawn(subject, TRANSFER, camera, names)
@@ -276,8 +275,9 @@ def test_an_eye_within_the_box_is_told() -> None:
     center = OBLONG.center
     camera = sg.Camera.look_at(center, center + np.array([0, 1.0, 0]), (0, 0, 1), 120, (200, 200))
     layer = Canvas(np.zeros((200, 200, 4), np.float32), WHITE)
-    compose(layer, Subject.of(OBLONG), camera, ["box"], ())
-    bounding_box.draw_behind(layer, Subject.of(OBLONG), camera)
+    view = View(Subject.of(OBLONG), TRANSFER, camera)
+    compose(layer, view, ["box"])
+    bounding_box.draw_behind(layer, view)
     assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
     assert np.isfinite(layer.pixels).all()
 
@@ -460,10 +460,13 @@ def test_annotations_are_laid_with_the_camera_of_the_picture(case: str, monkeypa
         whole = getattr(sg.Renderer, name, None)
         if whole is not None:
             monkeypatch.setattr(sg.Renderer, name, spied(whole, drawn))
-    plain = scale_bar.draw
-    monkeypatch.setattr(
-        scale_bar, "draw", lambda layer, told, camera: (laid.append(camera), plain(layer, told, camera))
-    )
+    row = ANNOTATIONS["scale"]
+
+    def draw(layer: Canvas, view: View) -> None:
+        laid.append(view.camera)
+        row.draw(layer, view)
+
+    monkeypatch.setitem(ANNOTATIONS, "scale", replace(row, draw=draw))
     sg.render(volume, **options)
     a, b = laid[-1], drawn[-1]
     assert np.array_equal(a.eye, b.eye) and np.array_equal(a.eye_from_world, b.eye_from_world)
