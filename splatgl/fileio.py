@@ -148,8 +148,8 @@ def _groups() -> list[tuple[int, int]]:
     return found
 
 
+# longest file in bytes: a transfer function with a node for each of 65536 values
 MAX_BYTES = 2**20
-"""Longest file in bytes: a transfer function with a node for each of 65536 values."""
 
 
 def load_table(path: Path, what: str) -> dict[str, Any]:

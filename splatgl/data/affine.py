@@ -12,15 +12,14 @@ from splatgl.data.volume import Triple
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE, byte_count
 
+# deviation from even steps, in steps: coordinates are often written with few digits
 _MOST_UNEVEN = 1e-3
-"""Deviation from even steps, in steps: coordinates are often written with few digits."""
-
+# the same of axes that can be resampled: what is less is not worth it
 _NEARLY_EVEN = 0.01
-"""The same of axes that can be resampled: what is less is not worth it."""
-
+# most planes that stand for one of an uneven axis: levels of the ocean are from 1 m to 200 m apart
 _MOST_PLANES = 8
-"""Most planes that stand for one of an uneven axis: levels of the ocean are from 1 m to 200 m apart."""
 
+# kinds of axes by their names, lower case
 _NAMES = {
     "x": ("x", "lon", "longitude", "rlon", "easting", "column", "col", "west_east", "nav_lon"),
     "y": ("y", "lat", "latitude", "rlat", "northing", "row", "south_north", "nav_lat"),
@@ -32,15 +31,14 @@ _NAMES = {
     "time": ("t", "time", "times", "time_counter", "valid_time", "forecast_time", "frame", "frames"),
     "c": ("c", "channel", "channels"),
 }
-"""Kinds of axes by their names, lower case."""
 
+# kinds by CF's standard names; those that end in "coordinate" are vertical
 _STANDARD = {
     **dict.fromkeys(("longitude", "grid_longitude", "projection_x_coordinate"), "x"),
     **dict.fromkeys(("latitude", "grid_latitude", "projection_y_coordinate"), "y"),
     **dict.fromkeys(("air_pressure", "sea_water_pressure", "depth", "altitude", "height", "model_level_number"), "z"),
     "time": "time",
 }
-"""Kinds by CF's standard names; those that end in "coordinate" are vertical."""
 
 _PRESSURES = ("pa", "hpa", "kpa", "mbar", "millibar", "millibars", "mb", "bar", "dbar", "decibar")
 _DEGREES = "°"
@@ -278,8 +276,8 @@ class Resampled:
         return np.asarray(self[()], dtype)
 
 
+# metres per unit of length, by the short name used in `Volume.unit`
 METRES = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "Å": 1e-10}
-"""Metres per unit of length, by the short name used in `Volume.unit`."""
 
 _SPELLINGS = {
     "nm": ("nanometer", "nanometre"),

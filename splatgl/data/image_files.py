@@ -12,9 +12,8 @@ import numpy as np
 
 from splatgl.errors import InputError, expected, missing_extra
 
+# the EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription
 KEYWORD = "splatgl"
-"""The EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription."""
-
 TIFF, EXR, JPEG = (".tif", ".tiff"), (".exr",), (".jpg", ".jpeg")
 QUALITY = 95
 

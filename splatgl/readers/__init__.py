@@ -50,6 +50,7 @@ def _function(name: str) -> Any:
 _TERRAIN = ("color", "relief", "levels")
 _TIFF = ("array", "channel", "level", "time", "series")
 
+# all formats; every one takes `spacing` and `values` too
 FORMATS = (
     Format("NumPy", (".npy",), "raw.read_npy", starts=("NumPy",)),
     Format("NumPy archive", (".npz",), "raw.read_npz", ("array",), ("ZIP",)),
@@ -94,14 +95,13 @@ FORMATS = (
     Format("height picture", (".png", ".jpg", ".jpeg"), "heightmap.read_picture", _TERRAIN, ("PNG", "JPEG")),
     Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN),
 )
-"""All formats; every one takes `spacing` and `values` too."""
 
+# endings of Zarr stores in a zip, which are told what unpacks them
 ZIPPED = (".ozx", ".zarr.zip")
-"""Endings of Zarr stores in a zip, which are told what unpacks them."""
-
+# most characters of a message behind the path: some quote the file
 LINE_LIMIT = 400
-"""Most characters of a message behind the path: some quote the file."""
 
+# first bytes that tell a format for certain
 _STARTS = {
     b"\x93NUMPY": "NumPy",
     b"\x89PNG": "PNG",
@@ -121,7 +121,6 @@ _STARTS = {
     b"<?xml": "XML",
     b"%PDF": "PDF",
 }
-"""First bytes that tell a format for certain."""
 
 
 def load(path: str | Path, options: LoadOptions | None = None, **given: object) -> Volume:

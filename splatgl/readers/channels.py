@@ -13,6 +13,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import choice, expected
 from splatgl.readers.options import LoadOptions
 
+# units of time, as files spell them
 SECONDS = {
     **{name: 1.0 for name in ("s", "sec", "second", "seconds")},
     **{name: 1e-3 for name in ("ms", "msec", "millisecond", "milliseconds")},
@@ -20,16 +21,13 @@ SECONDS = {
     **{name: 60.0 for name in ("min", "minute", "minutes")},
     **{name: 3600.0 for name in ("h", "hr", "hour", "hours")},
 }
-"""Units of time, as files spell them."""
 
+# most channels of an image: a damaged header may state any number
 MOST_CHANNELS = 4096
-"""Most channels of an image: a damaged header may state any number."""
-
+# most channels that a message names
 MOST_SHOWN = 8
-"""Most channels that a message names."""
-
+# the end of a note on the time point that is read if none is asked for
 PICKED = "--time picks another"
-"""The end of a note on the time point that is read if none is asked for."""
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,8 @@ from splatgl.errors import InputError
 from splatgl.readers.common import library
 from splatgl.readers.remote import cache_folder
 
+# bytes of decoded chunks that are kept
 KEPT_BYTES = 2**27
-"""Bytes of decoded chunks that are kept."""
-
 Key = int | slice | tuple[int | slice, ...]
 
 

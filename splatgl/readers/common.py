@@ -49,24 +49,21 @@ def hints_of(array: str, vectors: bool) -> Hints:
     return Hints(preset=FIELD) if vectors or is_field(array, array=True) else Hints()
 
 
+# most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)
 DEFLATE_RATIO = 1032
-"""Most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)."""
-
+# most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small. Most bytes
+# of samples of a store or a multiscale image that are read at once; more are read in parts.
 MAX_BYTES = 2**29
-"""Most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small."""
-"""Most bytes of samples of a store or a multiscale image that are read at once; more are read in parts."""
-
+# bytes inflated or read at a time: small beside a volume, large beside a call's cost
 CHUNK_BYTES = 2**20
-"""Bytes inflated or read at a time: small beside a volume, large beside a call's cost."""
-
+# most characters of a library's complaint that are passed on: some quote the file
 REASON_LIMIT = 200
-"""Most characters of a library's complaint that are passed on: some quote the file."""
 
+# loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to
 LOGGERS = (
     *("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin"),
     *("pydicom", "pylibjpeg", "zarr"),
 )
-"""Loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to."""
 
 Shape = tuple[int, int, int]
 
@@ -226,11 +223,10 @@ def _times(sizes: Sequence[int]) -> str:
     return "x".join(str(size) for size in sizes)
 
 
+# bytes split into words at a time: small beside a volume, large beside a call's cost
 _BLOCK_BYTES = 2**16
-"""Bytes split into words at a time: small beside a volume, large beside a call's cost."""
-
+# longest number in bytes: float64 needs 24; numpy would give every word of a block the room of the longest
 _WORD_LIMIT = 64
-"""Longest number in bytes: float64 needs 24; numpy would give every word of a block the room of the longest."""
 
 
 def read_numbers(file: BinaryIO, count: int, dtype: np.dtype, there: int) -> np.ndarray:

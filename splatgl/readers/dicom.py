@@ -389,6 +389,7 @@ def _told(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, step: 
     return tuple(notes)
 
 
+# kinds of files that hold no volume, and what to do with them
 OTHERS = {
     "SEG": "a segmentation",
     "RTSTRUCT": "contours",
@@ -396,11 +397,9 @@ OTHERS = {
     "SR": "a report, without an image",
     "DICOMDIR": "a DICOMDIR, a table of contents: name the folder that it is in",
 }
-"""Kinds of files that hold no volume, and what to do with them."""
 
+# kinds of files whose segments are read
 SEGMENTS = {"SEG": "segmentations", "RTSTRUCT": "contours"}
-"""Kinds of files whose segments are read."""
-
 DICOMDIR_CLASS = "1.2.840.10008.1.3.10"
 
 
@@ -512,8 +511,8 @@ def chosen(found: Sequence[Series], options: LoadOptions) -> Series:
     return whole[0]
 
 
+# most series that a message lists
 LISTED = 5
-"""Most series that a message lists."""
 
 
 def lines(path: Path) -> list[str]:

@@ -21,10 +21,10 @@ SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128
 # groups 2 and 8, which a file without preamble begins with, in either byte order
 BARE = (b"\x02\x00", b"\x08\x00", b"\x00\x08")
+# folders below folders that are looked into: those of a CD (patient, study, series) and one more
 DEPTH = 5
-"""Folders below folders that are looked into: those of a CD (patient, study, series) and one more."""
+# most files of a source, and most that are tried to tell whether a folder holds any
 MOST_FILES, MOST_TRIED = 100_000, 2_000
-"""Most files of a source, and most that are tried to tell whether a folder holds any."""
 
 
 @dataclass(frozen=True)

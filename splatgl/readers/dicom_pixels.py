@@ -14,11 +14,10 @@ from splatgl.errors import expected, missing_extra
 from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, require_bytes
 from splatgl.readers.dicom_headers import Bounded, Frame, Header, dataset, reading
 
+# most tiles of a JPEG 2000 picture: its decoder allocates all of them at once
 MOST_TILES = 4096
-"""Most tiles of a JPEG 2000 picture: its decoder allocates all of them at once."""
-
+# begins a JPEG 2000 picture in a file's boxes; others begin with their codestream
 JP2 = b"\0\0\0\x0cjP  "
-"""Begins a JPEG 2000 picture in a file's boxes; others begin with their codestream."""
 
 
 def stream_size(data: bytes) -> tuple[tuple[int, ...], int]:
@@ -43,9 +42,8 @@ def stream_size(data: bytes) -> tuple[tuple[int, ...], int]:
     return (), 0
 
 
+# bytes of a frame that few compressed bytes may stand for: 64 MiB. Decoders hold several times as many.
 FREE_FRAME = MAX_BYTES // 8
-"""Bytes of a frame that few compressed bytes may stand for: 64 MiB. Decoders hold several times as many."""
-
 COLORS = ("RGB", "YBR_FULL", "YBR_FULL_422", "YBR_ICT", "YBR_RCT", "YBR_PARTIAL_422", "YBR_PARTIAL_420")
 PALETTE = "PALETTE COLOR"
 GREYS = ("MONOCHROME1", "MONOCHROME2")
@@ -107,8 +105,8 @@ def decoder_of(syntax: str) -> Any:
         return found
 
 
+# short names of transfer syntaxes, whose own are long
 UID_NAMES = {"1.2.840.10008.1.2.4.50": "JPEG Baseline", "1.2.840.10008.1.2.4.70": "JPEG Lossless"}
-"""Short names of transfer syntaxes, whose own are long."""
 
 
 def decoded(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray, np.ndarray | None]]:

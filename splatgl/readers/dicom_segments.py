@@ -31,27 +31,22 @@ from splatgl.readers.dicom_headers import (
 from splatgl.readers.dicom_pixels import check_header, decoded, decoder_of
 from splatgl.readers.options import LoadOptions
 
+# kinds of files that are read here, and their tags beside those of images
 TAGS = {
     "SEG": ("SegmentSequence", "SegmentationType", "MaximumFractionalValue"),
     "RTSTRUCT": ("StructureSetROISequence", "ROIContourSequence"),
 }
-"""Kinds of files that are read here, and their tags beside those of images."""
 
+# most channels of segments that overlap, and most segments of a file
 MOST_LAYERS, MOST_SEGMENTS = 8, 4096
-"""Most channels of segments that overlap, and most segments of a file."""
-
+# most planes between the first and the last slice of segments
 MOST_PLANES = 4096
-"""Most planes between the first and the last slice of segments."""
-
+# most voxels, and least size in mm, of the grid that contours are filled on
 MOST_VOXELS, FINEST = 2**25, 0.25
-"""Most voxels, and least size in mm, of the grid that contours are filled on."""
-
+# voxels of that grid before the first contour
 MARGIN = 1.382
-"""Voxels of that grid before the first contour."""
-
+# most points of contours
 MOST_POINTS = 10_000_000
-"""Most points of contours."""
-
 # planes of a segment by their numbers: bool [H, W]
 Planes = Mapping[int, np.ndarray]
 

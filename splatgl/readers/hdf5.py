@@ -42,14 +42,14 @@ from splatgl.readers.common import (
 )
 from splatgl.readers.options import LoadOptions
 
+# attributes with the steps along a dataset's axes, or one for all, in the order of its axes; the first one counts
 _SPACINGS = (
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize"),
     *("pixel_size", "pixelSize", "resolution", "Resolution"),
 )
-"""Attributes with the steps along a dataset's axes, or one for all, in the order of its axes; the first one counts."""
 
+# most entries of a first or last axis without a label that is taken for channels
 _FEW = 16
-"""Most entries of a first or last axis without a label that is taken for channels."""
 
 
 @dataclass(frozen=True)
@@ -307,25 +307,20 @@ def _steps(numbers: np.ndarray | None, count: int, axes: _Axes) -> list[float] |
     return numbers.tolist() if numbers.size == 3 and (numbers > 0).all() else None
 
 
+# filters by number whose results are bounded by what is stored; others state a size of their own, or are plug-ins
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
-"""Filters by number whose results are bounded by what is stored; others state a size of their own, or are plug-ins."""
-
 _GZIP = 1
 
+# bytes that are read together at least, if the file's chunks are smaller
 _PART_BYTES = 2**20
-"""Bytes that are read together at least, if the file's chunks are smaller."""
-
+# most objects that are looked at, soft links that lead to one, and numbers of an attribute or a dimension scale
 _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
-"""Most objects that are looked at, soft links that lead to one, and numbers of an attribute or a dimension scale."""
-
-
 _PROBE = Path(__file__).with_name("hdf5_probe.py")
 
+# seconds after which a process that looks at a file is ended, where none can end itself by its processor time
 _PATIENCE = None if importlib.util.find_spec("resource") else 60.0
-"""Seconds after which a process that looks at a file is ended, where none can end itself by its processor time."""
-
+# files that a process of its own has looked at: path, bytes, time
 _SOUND: set[tuple[str, int, int]] = set()
-"""Files that a process of its own has looked at: path, bytes, time."""
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,13 @@ except ImportError:
     # not on Windows, where the process that waits ends this one
     resource = None  # type: ignore[assignment]
 
+# most processor time: ten thousand objects take about one
 SECONDS = 3
-"""Most processor time: ten thousand objects take about one."""
-
+# printed before the file is opened: what ends the process then is the file's fault
 STARTED = "looking"
-"""Printed before the file is opened: what ends the process then is the file's fault."""
 
 
+# attributes that the readers look at by name, whether or not the list of all can be read
 ASKED = (
     *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
@@ -45,7 +45,6 @@ ASKED = (
     *(f"{name}{axis}" for name in ("ExtMin", "ExtMax") for axis in range(3)),
     *(f"ImageSize{axis}" for axis in "XYZ"),
 )
-"""Attributes that the readers look at by name, whether or not the list of all can be read."""
 
 
 def names(node: object) -> list[str]:

@@ -20,46 +20,36 @@ from splatgl.readers.channels import as_microscope
 from splatgl.readers.common import library, require_plausible
 from splatgl.readers.options import DEFAULT_LEVELS, LoadOptions
 
+# most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels
 MAX_VOXELS = 4 * 2**30
-"""Most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels."""
-
+# bytes of a column besides its voxels: its heights and colour as they are read, and in float64
 PER_COLUMN = 24
-"""Bytes of a column besides its voxels: its heights and colour as they are read, and in float64."""
-
+# formats that pictures are read in; Pillow's others run programs or are found by guessing
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM")
-"""Formats that pictures are read in; Pillow's others run programs or are found by guessing."""
-
+# least share of a dark ground, ratio of second to first differences of noise in it (1.7), and pixels of a side
 DARK, NOISY, DARK_LEAST = 0.5, 1.2, 16
-"""Least share of a dark ground, ratio of second to first differences of noise in it (1.7), and pixels of a side."""
-
+# sample of a voxel at or below the ground; 0 above it
 SOLID = 255
-"""Sample of a voxel at or below the ground; 0 above it."""
-
+# levels below what can be seen: the surface's gradients and its opacity need matter behind it
 SHELL = 3
-"""Levels below what can be seen: the surface's gradients and its opacity need matter behind it."""
-
+# default relief as a part of the longer side: cubic voxels for the 512 × 512 × 103 terrain of [M98]
 RELIEF = (DEFAULT_LEVELS - 1) / 512
-"""Default relief as a part of the longer side: cubic voxels for the 512 × 512 × 103 terrain of [M98]."""
-
+# sRGB of lowland, meadow, steppe, rock and snow: what is drawn where no colour picture is given
 _TINTS = np.array([[64, 104, 60], [122, 143, 79], [176, 158, 106], [142, 112, 86], [244, 244, 244]], np.float64)
-"""sRGB of lowland, meadow, steppe, rock and snow: what is drawn where no colour picture is given."""
-
+# metres of a degree of latitude on a sphere
 DEGREE = 6_371_000 * np.pi / 180
-"""Metres of a degree of latitude on a sphere."""
-
+# heights that stand for none in files that do not say so (ESRI's, SRTM's), where they lie far below all others
 CUSTOM = (-9999.0, -99999.0, -32768.0, -32767.0)
-"""Heights that stand for none in files that do not say so (ESRI's, SRTM's), where they lie far below all others."""
-
+# sizes that stand for no height: the ends of float32 and float64, Surfer's and NetCDF's, and round ones
 ENDLESS = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969209968386869e36, 1e20, 1e30)
-"""Sizes that stand for no height: the ends of float32 and float64, Surfer's and NetCDF's, and round ones."""
 
 HEIGHTS = re.compile(
     r"(?<![a-z])(dem|dtm|dsm|srtm|aster|lidar|heights?|heightmap|elev(ation)?|terrain|relief|topo(graphy)?|bathy(metry)?)"
 )
+# words in names of maps of heights, and of a microscope's pictures
 PLANES = re.compile(
     r"(?<![a-z])(dapi|hoechst|[emy]?gfp|[ry]fp|mcherry|fitc|tritc|cy[357]|fluo\w*|confocal|widefield|brightfield|stained)"
 )
-"""Words in names of maps of heights, and of a microscope's pictures."""
 
 _HINTS = Hints(
     window=(0.0, float(SOLID)),

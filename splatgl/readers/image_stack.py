@@ -18,8 +18,8 @@ from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff import open_tiff
 from splatgl.readers.tiff_validation import check_chain, guard
 
+# formats of slices by ending
 KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
-"""Formats of slices by ending."""
 
 
 def is_slices(path: Path) -> bool:

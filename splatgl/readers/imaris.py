@@ -21,11 +21,10 @@ from splatgl.readers.common import grid_shape, library
 from splatgl.readers.hdf5 import is_numbers, node_at, open_hdf5, samples_of, text_of
 from splatgl.readers.options import LoadOptions
 
+# most levels; each has half the voxels of the one before, or fewer
 _MOST = 64
-"""Most levels; each has half the voxels of the one before, or fewer."""
-
+# most time points or channels
 _MOST_ENTRIES = 100_000
-"""Most time points or channels."""
 
 
 def read(path: Path, options: LoadOptions) -> Volume:

@@ -233,12 +233,12 @@ def _strip(cell: np.ndarray) -> np.ndarray:
     return np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1)
 
 
+# endings and their readers
 MESHES: dict[str, Read] = {
     **dict.fromkeys((".ply", ".stl", ".obj", ".off", ".glb"), _triangles),
     **dict.fromkeys((".trk", ".tck"), _tracks),
     ".vtp": _vtp,
 }
-"""Endings and their readers."""
 
 
 # of PLY: coordinates and looks, which are no numbers of points; and names that come first, in this order

@@ -31,6 +31,7 @@ from splatgl.readers.common import (
 )
 from splatgl.readers.options import LoadOptions
 
+# numpy codes by ElementType; MetaIO's LONG has four bytes on every machine
 _TYPES = {
     "MET_CHAR": "i1",
     "MET_UCHAR": "u1",
@@ -45,22 +46,17 @@ _TYPES = {
     "MET_FLOAT": "f4",
     "MET_DOUBLE": "f8",
 }
-"""numpy codes by ElementType; MetaIO's LONG has four bytes on every machine."""
 
 _MATRIX_NAMES = ("TransformMatrix", "Rotation", "Orientation")
 
+# world axis of LPS, and direction along it, of an axis that comes from a side
 _SIDES = {"R": (0, 1), "L": (0, -1), "A": (1, 1), "P": (1, -1), "I": (2, 1), "S": (2, -1)}
-"""World axis of LPS, and direction along it, of an axis that comes from a side."""
-
+# a name with the place of a number, such as slice%03d.raw
 _PATTERN = re.compile(r"[^%]*%0?[0-9]{0,2}d[^%]*")
-"""A name with the place of a number, such as slice%03d.raw."""
-
+# longest header line in bytes; a longer one means that the file is something else
 _LINE_LIMIT = 4096
-"""Longest header line in bytes; a longer one means that the file is something else."""
-
+# most header lines: the format has some forty fields, and programs add their own
 _LINES_LIMIT = 10_000
-"""Most header lines: the format has some forty fields, and programs add their own."""
-
 Fields = dict[str, str]
 
 

@@ -20,14 +20,12 @@ from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import grid_shape, inflate, library, map_array, require_bytes, require_plausible, selection
 from splatgl.readers.options import LoadOptions
 
+# bytes of the header; an extended one of `nsymbt` bytes follows
 _HEADER = 1024
-"""Bytes of the header; an extended one of `nsymbt` bytes follows."""
-
+# mark of IMOD in the header, whose bytes (mode 0) are unsigned unless a flag is set (bio3d.colorado.edu/imod)
 _IMOD, _IMOD_SIGNED = 1146047817, 1
-"""Mark of IMOD in the header, whose bytes (mode 0) are unsigned unless a flag is set (bio3d.colorado.edu/imod)."""
-
+# modes of real numbers; 3 and 4 are complex, 101 has four bits a voxel
 _REAL = (0, 1, 2, 6, 12)
-"""Modes of real numbers; 3 and 4 are complex, 101 has four bits a voxel."""
 
 
 def read(path: Path, options: LoadOptions) -> Volume:

@@ -25,12 +25,11 @@ from splatgl.readers.channels import Several
 from splatgl.readers.common import grid_shape, is_whole, library, require_bytes, require_plausible, selection
 from splatgl.readers.options import LoadOptions
 
+# bytes of an Analyze header, which its first number states
 _HEADER = 348
-"""Bytes of an Analyze header, which its first number states."""
-
 _MGH_TYPES: dict[int, np.dtype] = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
+# byte at which the samples of an .mgh file begin
 _MGH_START = 284
-"""Byte at which the samples of an .mgh file begin."""
 
 
 def read_analyze(path: Path, options: LoadOptions) -> Volume:
@@ -127,22 +126,18 @@ def _mgh_volume(image: Any, sizes: list[int], unit: str, options: LoadOptions) -
     return Volume(kept, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
 
 
+# units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths
 _UNITS = {1: "m", 2: "mm", 3: "um"}
-"""Units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths."""
-
+# seconds of the units of time in the next three bits
 _TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
-"""Seconds of the units of time in the next three bits."""
-
+# NIFTI_INTENT_LABEL: samples number segments (nifti1.h)
 _LABELS = 1002
-"""NIFTI_INTENT_LABEL: samples number segments (nifti1.h)."""
-
 UNORIENTED = "neither sform nor qform: the file does not say where the patient's sides are"
 
+# bytes read to tell whether gzip data are sound: more than either header
 _SNIFF_BYTES = 1024
-"""Bytes read to tell whether gzip data are sound: more than either header."""
-
+# sizeof_hdr of NIfTI-2, the first number of the file; NIfTI-1 has 348
 _NIFTI2_BYTES = 540
-"""sizeof_hdr of NIfTI-2, the first number of the file; NIfTI-1 has 348."""
 
 
 def read(path: Path, options: LoadOptions) -> Volume:

@@ -49,32 +49,29 @@ _TYPES = {
 }
 _CODES = {spelling: code for code, spellings in _TYPES.items() for spelling in spellings.split(", ")}
 
+# frames kept by name; in the scanner's and other frames "superior" is not known to be +z
 _FRAMES = {
     **dict.fromkeys(("left-posterior-superior", "lps", "left-posterior-superior-time", "lpst"), "LPS"),
     **dict.fromkeys(("right-anterior-superior", "ras", "right-anterior-superior-time", "rast"), "RAS"),
 }
-"""Frames kept by name; in the scanner's and other frames "superior" is not known to be +z."""
 
+# frames that are turned into LPS
 _LEFT_ANTERIOR = ("left-anterior-superior", "las", "left-anterior-superior-time", "last")
-"""Frames that are turned into LPS."""
 
+# kinds and sizes of axes that hold all that a voxel has: its colour, or a vector
 _COMPONENTS = {
     *(("rgb-color", 3), ("3-color", 3), ("rgba-color", 4), ("4-color", 4)),
     *((kind, 3) for kind in ("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal")),
 }
-"""Kinds and sizes of axes that hold all that a voxel has: its colour, or a vector."""
 
+# most segments that a header may describe
 MOST_SEGMENTS = 4096
-"""Most segments that a header may describe."""
-
 _TEXT = ("ascii", "text", "txt")
 
+# most bytes of a header: one with the gradients of a large diffusion study has some 2**17
 _HEADER_LIMIT = 2**20
-"""Most bytes of a header: one with the gradients of a large diffusion study has some 2**17."""
-
+# most axes of a file: NRRD_DIM_MAX of the format's own library
 _MAX_AXES = 16
-"""Most axes of a file: NRRD_DIM_MAX of the format's own library."""
-
 Header = Mapping[str, Any]
 
 

@@ -27,8 +27,8 @@ from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
 from splatgl.readers.zarr_validation import check_array, check_files
 
+# most coordinates along a dimension that are read
 MOST_COORDINATES = 2**20
-"""Most coordinates along a dimension that are read."""
 
 
 def by_numbers(name: str) -> list[Any]:
@@ -199,18 +199,14 @@ def _step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | Non
     return scale * unit if unit and scale > 0 else None
 
 
+# most bytes of a coarser level that are read at once: most pictures take one of them, or none
 WHOLE_LEVEL = 0
-"""Most bytes of a coarser level that are read at once: most pictures take one of them, or none."""
-
+# axes of samples, in their order
 SPACE = ("z", "y", "x")
-"""Axes of samples, in their order."""
-
+# groups and arrays that are looked through for images, and most names that are told
 MOST_GROUPS, MOST_NAMED = 1000, 8
-"""Groups and arrays that are looked through for images, and most names that are told."""
-
+# a folder with one of these files is a Zarr store
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
-"""A folder with one of these files is a Zarr store."""
-
 Multiscale = Mapping[str, Any]
 
 

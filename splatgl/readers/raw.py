@@ -17,8 +17,8 @@ from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import grid_shape, library, map_array, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions, sample_type
 
+# most bytes looked at for a header; NumPy itself refuses to read one of more than 10 000
 _HEADER_LIMIT = 2**16
-"""Most bytes looked at for a header; NumPy itself refuses to read one of more than 10 000."""
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ from splatgl.readers.tiff_images import about, chosen, pixels_of, several, surve
 from splatgl.readers.tiff_validation import check_chain, check_ome, guard
 from splatgl.readers.vtk_xml import parse_xml
 
+# compressions that are read: each is told how many bytes a strip may expand to, or states the size of its picture
 _CODECS = {
     1: "none",
     5: "LZW",
@@ -53,11 +54,9 @@ _CODECS = {
     34926: "Zstandard",
     50000: "Zstandard",
 }
-"""Compressions that are read: each is told how many bytes a strip may expand to, or states the size of its picture."""
 
+# planes that metadata may state beyond the file's pages, as aborted recordings do; all that are missing read as 0
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
-"""Planes that metadata may state beyond the file's pages, as aborted recordings do; all that are missing read as 0."""
-
 Grid = tuple[Triple, str]
 
 
@@ -433,8 +432,8 @@ def _ome_grid(pixels: Element) -> Grid:
     return (x, y, z), units["X"]
 
 
+# kinds of slide scanners' pictures and of series over many files, which are read as plain pages
 OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
-"""Kinds of slide scanners' pictures and of series over many files, which are read as plain pages."""
 
 
 def open_tiff(path: Path) -> Any:

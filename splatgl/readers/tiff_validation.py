@@ -18,15 +18,12 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.readers.dicom_pixels import MOST_TILES, stream_size
 
+# most planes of a series: a list of them takes some bytes each, whether they are in the file or not
 MAX_PLANES = 2**20
-"""Most planes of a series: a list of them takes some bytes each, whether they are in the file or not."""
-
+# bytes of a tag's value by its type's number (TIFF 6.0 §2, TIFF technical note 1, BigTIFF)
 _TYPE_BYTES = (0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8)
-"""Bytes of a tag's value by its type's number (TIFF 6.0 §2, TIFF technical note 1, BigTIFF)."""
-
+# tags of a page: width, height, where its strips are and how many bytes they have; none has thousands
 _MIN_TAGS, _MAX_TAGS = 4, 4096
-"""Tags of a page: width, height, where its strips are and how many bytes they have; none has thousands."""
-
 _OME_COUNTS = ("IFD", "NumPlanes", "PlaneCount", "FirstC", "FirstT", "FirstZ", "SizeC", "SizeT", "SizeZ")
 
 

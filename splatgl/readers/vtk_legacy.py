@@ -21,8 +21,8 @@ from splatgl.fileio import byte_count
 from splatgl.readers.common import Shape, grid_shape, hints_of, map_array, read_numbers, require_bytes
 from splatgl.readers.options import LoadOptions
 
+# most names of arrays that a note lists
 MOST_TOLD = 8
-"""Most names of arrays that a note lists."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +102,7 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
     return lengths
 
 
+# big-endian numpy codes; long has the eight bytes that 64-bit Unix writes, ids the four that VTK writes of them
 _TYPES = {
     "unsigned_char": "u1",
     "char": "i1",
@@ -118,11 +119,9 @@ _TYPES = {
     "float": ">f4",
     "double": ">f8",
 }
-"""Big-endian numpy codes; long has the eight bytes that 64-bit Unix writes, ids the four that VTK writes of them."""
 
+# longest header line in bytes; a longer one means that the file is something else
 _LINE_LIMIT = 4096
-"""Longest header line in bytes; a longer one means that the file is something else."""
-
 _COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9}
 
 Words = list[str]

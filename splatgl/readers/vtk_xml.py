@@ -44,8 +44,8 @@ from splatgl.readers.vtk_legacy import PointArray, cells_along, hints_for, pick,
 
 _UNEVEN = "resample it with ParaView's filter Resample To Image"
 
+# world-from-index [3, 3], and the place of index (0, 0, 0)
 Grid = tuple[np.ndarray, np.ndarray]
-"""World-from-index [3, 3], and the place of index (0, 0, 0)."""
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -281,12 +281,12 @@ def _lz4(data: bytes, most: int) -> bytes:
     return bytes(imagecodecs.lz4_decode(data, out=most))
 
 
+# by VTK's names: (data of one block, most bytes) → at most as many bytes of it
 COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
     "vtkZLibDataCompressor": _zlib,
     "vtkLZ4DataCompressor": _lz4,
     "vtkLZMADataCompressor": _lzma,
 }
-"""By VTK's names: (data of one block, most bytes) → at most as many bytes of it."""
 
 
 def _same(needed: int, stated: int) -> None:
@@ -348,11 +348,10 @@ def _join(parts: Sequence[PointArray], lows: Sequence[tuple[int, ...]], shape: S
 
 _GRIDS = {".vti": read, ".vtr": read, ".pvti": read_parallel, ".pvtr": read_parallel}
 
+# most names in a message
 _MOST_LISTED = 8
-"""Most names in a message."""
-
+# the name of a time step or block, and that of its file
 Entry = tuple[str, str]
-"""The name of a time step or block, and that of its file."""
 
 
 def read_series(path: Path, options: LoadOptions) -> Volume:
@@ -523,8 +522,8 @@ def numbers_in(element: Element, name: str, default: str, count: int) -> list[fl
     return numbers
 
 
+# deepest nesting of elements; image files need six
 MAX_DEPTH = 64
-"""Deepest nesting of elements; image files need six."""
 
 
 def parse_xml(text: str | bytes, title: str) -> Element:

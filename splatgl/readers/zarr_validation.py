@@ -18,26 +18,22 @@ Fetch = Callable[[Sequence[str]], None]
 
 _COMPRESSORS = ("zlib", "gzip", "blosc", "zstd", "lz4")
 
+# codecs that turn numbers into numbers; others run what is stored (pickle), or have no bound
 _FILTERS = (
     *("bytes", "transpose", "sharding_indexed", "crc32c", "crc32", "adler32"),
     *("shuffle", "delta", "fixedscaleoffset", "quantize", "bitround"),
 )
-"""Codecs that turn numbers into numbers; others run what is stored (pickle), or have no bound."""
 
+# bytes of the header of a Blosc chunk; the last four state its length
 _BLOSC_HEADER = 16
-"""Bytes of the header of a Blosc chunk; the last four state its length."""
-
+# chunks read without a file behind each: a moment's work
 _FREE_CHUNKS = 4096
-"""Chunks read without a file behind each: a moment's work."""
-
+# missing chunks per chunk that is there: sparse volumes leave most of them out
 _CHUNKS_PER_FILE = 64
-"""Missing chunks per chunk that is there: sparse volumes leave most of them out."""
-
+# bytes of a shard's index per chunk in it, present or not
 _INDEX_BYTES = 16
-"""Bytes of a shard's index per chunk in it, present or not."""
-
+# a chunk's filters may change the size of a sample by this factor at most: eight bytes for one
 _DECLARED_ROOM = 8
-"""A chunk's filters may change the size of a sample by this factor at most: eight bytes for one."""
 
 
 def check_files(path: Path) -> None:
@@ -59,8 +55,8 @@ def _check_link(link: Path, root: Path) -> None:
         raise expected(link.name, "a file inside the store", "a link, pipe or device", "replace it by the file")
 
 
+# samples of a chunk from which reading parts takes no longer for their number
 _LEAST_PARTS = 2**12
-"""Samples of a chunk from which reading parts takes no longer for their number."""
 
 
 class ChunkFiles:
@@ -192,8 +188,8 @@ def _declared(head: bytes, compressor: str, stored: int) -> int:
     return int.from_bytes(head[start : start + width], "little") + (256 if width == 2 else 0)
 
 
+# most bytes per byte of Zstandard data: a block of 2**17 bytes takes four
 _ZSTD_RATIO = 2**15
-"""Most bytes per byte of Zstandard data: a block of 2**17 bytes takes four."""
 
 
 def _inflated(file: Path, room: int) -> int:
