@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
 
 
 class InputError(ValueError):
@@ -45,3 +47,11 @@ def expected(what: object, this: object, got: object, fix: str = "") -> InputErr
 def missing_extra(what: str, library: str, extra: str) -> InputError:
     """An `InputError` for a missing library, naming the extra that installs it."""
     return InputError(f"{what}: needs the library {library}; install it with: pip install 'splatgl[{extra}]'")
+
+
+def import_extra(module: str, what: str, library: str, extra: str) -> Any:
+    """The module of an extra. Raises InputError, which names the extra, if its library is missing."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise missing_extra(what, library, extra) from error

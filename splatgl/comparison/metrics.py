@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from splatgl.errors import expected, missing_extra
+from splatgl.errors import expected, import_extra
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
 # the window of 7×7 with equal weights and the sample covariance are scikit-image's defaults
@@ -69,9 +71,7 @@ def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None 
     over black and over white; the larger counts. mask: bool [H, W], the pixels whose errors count. Raises InputError
     if flip-evaluator is not installed.
     """
-    need_flip()
-    import flip_evaluator
-
+    flip_evaluator = need_flip()
     first, second = np.asarray(a, np.float32) / np.float32(peak), np.asarray(b, np.float32) / np.float32(peak)
     opaque = min(first[..., 3].min(), second[..., 3].min()) >= 1
     means = []
@@ -82,12 +82,9 @@ def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None 
     return float(max(means))
 
 
-def need_flip() -> None:
-    """InputError if flip-evaluator is not installed."""
-    try:
-        import flip_evaluator  # noqa: F401
-    except ImportError as error:
-        raise missing_extra("flip", "flip-evaluator", "compare") from error
+def need_flip() -> Any:
+    """flip-evaluator's module. Raises InputError if it is not installed."""
+    return import_extra("flip_evaluator", "flip", "flip-evaluator", "compare")
 
 
 def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float | None = None, peak: float = 1.0) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.volume import Triple
+from splatgl.data.volume import Triple, triple
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE, byte_count
 
@@ -307,14 +307,6 @@ def stated(unit: object) -> str:
     """The unit of values that a file states, "" for none: a short text, and no pure number."""
     text = str(unit or "").strip()
     return text if 0 < len(text) <= 24 and text.lower() not in NO_UNITS and text.isprintable() else ""
-
-
-def triple(values: object, what: str) -> Triple:
-    """Three floats (x, y, z). Raises InputError for any other number of them."""
-    numbers = np.asarray(values, dtype=np.float64).ravel()
-    if numbers.size != 3:
-        raise expected(what, "three numbers (x, y, z)", numbers.tolist())
-    return float(numbers[0]), float(numbers[1]), float(numbers[2])
 
 
 def axes_of(matrix: np.ndarray, what: str) -> tuple[Triple, np.ndarray]:

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, axes_of, kind_of, lattice, stated, triple, unit_name
-from splatgl.data.volume import Hints, Triple, Volume
+from splatgl.data.affine import Coordinate, axes_of, kind_of, lattice, stated, unit_name
+from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import InputError, expected
 
 # root module of a type, or of one of its bases → its function; others are arrays
@@ -96,7 +96,7 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
         samples = array.transpose(*names).data
         samples = samples if array.chunks is not None else checked(samples, "DataArray")
     else:
-        samples = Turned(array, axes)
+        samples = Transposed(array, axes)
     # 2. the grid
     grid = lattice([_coordinate(array, name, options) for name in names], even=options.spacing is not None)
     spacing, direction = axes_of(grid.matrix, "coordinates")
@@ -183,7 +183,7 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
         # levels fill the same box
         start = origin + (scaled - matrix) @ np.full(3, 0.5)
         # zarr's and HDF5's arrays would be read whole
-        samples = checked(data if not lead else data[lead] if _is_view(data) else Turned(data, lead=lead), "layer")
+        samples = checked(data if not lead else data[lead] if _is_view(data) else Transposed(data, lead=lead), "layer")
         made.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
     if kind == "Labels":
         made = [replace(each, labels=()) for each in made]
@@ -264,7 +264,7 @@ def of_nibabel(x: Any, options: ArrayOptions) -> Volume:
         fix = "pick one by x.slicer[..., 0]"
         raise expected("image", "3 axes [x, y, z]", f"{len(x.shape)} ({'×'.join(map(str, x.shape))})", fix)
     data = x.dataobj
-    samples = data.T if isinstance(data, np.ndarray) else Turned(data, (2, 1, 0))
+    samples = data.T if isinstance(data, np.ndarray) else Transposed(data, (2, 1, 0))
     spacing, direction = axes_of(x.affine[:3, :3], "affine")
     return Volume(checked(samples, "image"), spacing, triple(x.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
 
@@ -272,25 +272,34 @@ def of_nibabel(x: Any, options: ArrayOptions) -> Volume:
 Key = int | slice | tuple[int | slice, ...]
 
 
-class Turned:
-    """Axes of an array that is read in parts, in another order; slices of it are numpy arrays.
+class Transposed:
+    """An array's axes in another order, read in parts: slices of it are numpy arrays.
 
-    axes: for z, y, x, the axis of `array` that it is, counted from behind `lead`: places along its first axes.
+    axes: the axis of `array` for each axis here; None for an axis of one entry that the array lacks. lead: the index
+    along the array's first axes, from behind which `axes` count.
     """
 
-    def __init__(self, array: Any, axes: Sequence[int] = (0, 1, 2), lead: tuple[int, ...] = ()) -> None:
+    def __init__(self, array: Any, axes: Sequence[int | None] = (0, 1, 2), lead: tuple[int, ...] = ()) -> None:
         self.array, self.axes, self.lead = array, tuple(axes), lead
-        self.shape = tuple(int(array.shape[len(lead) + axis]) for axis in axes)
+        self.shape = self.sizes(array.shape)
         self.dtype = np.dtype(array.dtype)
 
+    def sizes(self, sizes: Sequence[int]) -> tuple[int, ...]:
+        """Sizes along the axes here, out of those along the array's axes."""
+        return tuple(1 if axis is None else int(sizes[len(self.lead) + axis]) for axis in self.axes)
+
+    def source(self, index: Sequence[Any]) -> tuple[Any, ...]:
+        """The index of the array for an index along all axes here."""
+        entries = {axis: entry for axis, entry in zip(self.axes, index, strict=True) if axis is not None}
+        return (*self.lead, *(entries[axis] for axis in range(len(entries))))
+
     def __getitem__(self, key: Key) -> np.ndarray:
-        given = key if isinstance(key, tuple) else (key,)
-        whole = given + (slice(None),) * (len(self.shape) - len(given))
-        # numbers as slices, so that all axes are there to be turned
-        slices = [slice(k, k + 1 or None) if isinstance(k, int | np.integer) else k for k in whole]
-        own = tuple(slices[self.axes.index(axis)] for axis in range(len(self.axes)))
-        part = np.asarray(self.array[self.lead + own]).transpose(self.axes)
-        return part[tuple(0 if isinstance(k, int | np.integer) else slice(None) for k in whole)]
+        index = key if isinstance(key, tuple) else (key,)
+        index += (slice(None),) * (len(self.shape) - len(index))
+        free = [axis for axis, entry in zip(self.axes, index, strict=True) if isinstance(entry, slice)]
+        there = [axis for axis in free if axis is not None]
+        part = np.asarray(self.array[self.source(index)]).transpose([sorted(there).index(axis) for axis in there])
+        return np.expand_dims(part, free.index(None)) if None in free else part
 
 
 def kept(view: np.ndarray, owner: Any) -> np.ndarray:

@@ -18,21 +18,19 @@ from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.image_files import (
     EXR,
     JPEG,
+    KEYWORD,
     TIFF,
     encode_exr,
     encode_jpeg,
     encode_tiff,
-    exr_library,
     load_exr,
     load_tiff,
     need,
-    tiff_library,
+    provenance,
 )
-from splatgl.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory, write_whole
 
-# the PNG text chunk that holds the provenance as JSON
-KEYWORD = "splatgl"
 # endings of the files that are written
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR)
 # rows per band: numpy converts samples to 8-byte indices, which should stay in the cache
@@ -61,9 +59,7 @@ class Image:
     def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:
         """What `save` writes into a file of that name."""
         if name.suffix.lower() == ".npy":
-            buffer = io.BytesIO()
-            np.save(buffer, self.pixels)
-            return buffer.getvalue()
+            return _npy(self.pixels)
         if name.suffix.lower() in TIFF:
             return encode_tiff(self.pixels, self.info)
         if name.suffix.lower() in EXR:
@@ -170,6 +166,12 @@ class Image:
         return np.rint(image.straight() * one).astype(np.uint8 if bits == 8 else np.uint16)
 
 
+def _npy(values: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, values)
+    return buffer.getvalue()
+
+
 def _encode(samples: np.ndarray) -> bytes:
     if samples.dtype == np.uint8:
         from PIL import Image as Pillow
@@ -177,11 +179,8 @@ def _encode(samples: np.ndarray) -> bytes:
         buffer = io.BytesIO()
         Pillow.fromarray(samples).save(buffer, "PNG", compress_level=4)
         return buffer.getvalue()
-    try:
-        from imagecodecs import png_encode
-    except ImportError as error:
-        raise missing_extra("16-bit PNG", "imagecodecs", "readers") from error
-    return bytes(png_encode(samples, level=4))
+    imagecodecs = import_extra("imagecodecs", "16-bit PNG", "imagecodecs", "readers")
+    return bytes(imagecodecs.png_encode(samples, level=4))
 
 
 def _with_text(png: bytes, keyword: str, text: str) -> bytes:
@@ -232,7 +231,7 @@ def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
         with Pillow.open(source) as picture:
             needed = picture.width * picture.height * DECODED
             require_memory(needed, source.stat().st_size, "draw it smaller", f"{source}: pixels")
-            info = _provenance(getattr(picture, "text", {}))
+            info = provenance(getattr(picture, "text", {}).get(KEYWORD, ""))
             if picture.format == "PNG" and _png_bits(source) == 16:
                 return _decode_deep(source), info
             return np.asarray(picture if picture.mode == "RGBA" else picture.convert("RGBA")), info
@@ -240,11 +239,6 @@ def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
         raise
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"{source}: cannot be read as a picture: {error}") from error
-
-
-def _provenance(text: Mapping[str, str]) -> dict[str, object]:
-    info = json.loads(text.get(KEYWORD, "{}"))
-    return info if isinstance(info, dict) else {}
 
 
 def _check_file(source: Path) -> None:
@@ -259,13 +253,10 @@ def _png_bits(source: Path) -> int:
 
 def _decode_deep(source: Path) -> np.ndarray:
     """16-bit samples of any PNG colour type, as uint16 [H, W, 4]; Pillow would reduce them to 8 bits."""
+    imagecodecs = import_extra("imagecodecs", f"{source}: 16-bit PNG", "imagecodecs", "readers")
     try:
-        from imagecodecs import PngError, png_decode
-    except ImportError as error:
-        raise missing_extra(f"{source}: 16-bit PNG", "imagecodecs", "readers") from error
-    try:
-        samples = np.atleast_3d(png_decode(source.read_bytes()))
-    except PngError as error:
+        samples = np.atleast_3d(imagecodecs.png_decode(source.read_bytes()))
+    except imagecodecs.PngError as error:
         raise ValueError(str(error)) from error
     # gray, gray + alpha, RGB, or RGBA
     count = samples.shape[2]
@@ -294,17 +285,11 @@ def save_map(values: np.ndarray, path: str | Path, info: Mapping[str, object] | 
     if ending == ".png":
         write_whole(name, _grey(values, told).encoded(name, bits=16))
         return
-    found, buffer = np.ascontiguousarray(values, np.float32), io.BytesIO()
+    found = np.ascontiguousarray(values, np.float32)
     if ending == ".npy":
-        np.save(buffer, found)
-    elif ending in TIFF:
-        told_ = json.dumps(told, ensure_ascii=True)
-        tiff_library().imwrite(buffer, found, compression="zlib", description=told_, metadata=None)
+        write_whole(name, _npy(found))
     else:
-        library = exr_library()
-        header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage, KEYWORD: json.dumps(told)}
-        library.File(header, {"Z": found}).write(buffer)
-    write_whole(name, buffer.getvalue())
+        write_whole(name, encode_tiff(found, told) if ending in TIFF else encode_exr(found, told))
 
 
 def _grey(values: np.ndarray, info: dict[str, object]) -> Image:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, import_extra
 
 # the EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription
 KEYWORD = "splatgl"
@@ -29,30 +29,20 @@ def need(suffix: str) -> None:
 
 
 def encode_tiff(pixels: np.ndarray, info: Info) -> bytes:
-    """float32 RGBA, alpha associated (premultiplied), deflated; the provenance is the ImageDescription."""
-    buffer = io.BytesIO()
-    tiff_library().imwrite(
-        buffer,
-        pixels.astype(np.float32),
-        photometric="rgb",
-        extrasamples=["assocalpha"],
-        compression="zlib",
-        description=json.dumps(dict(info), ensure_ascii=True),
-        metadata=None,
-    )
+    """float32 [H, W], or RGBA [H, W, 4] with associated alpha, deflated; the provenance is the ImageDescription."""
+    buffer, description = io.BytesIO(), json.dumps(dict(info), ensure_ascii=True)
+    kind = {"photometric": "rgb", "extrasamples": ["assocalpha"]} if pixels.ndim == 3 else {}
+    values = pixels.astype(np.float32)
+    tiff_library().imwrite(buffer, values, compression="zlib", description=description, metadata=None, **kind)
     return buffer.getvalue()
 
 
 def encode_exr(pixels: np.ndarray, info: Info) -> bytes:
-    """float32 RGBA, linear and premultiplied, as OpenEXR has it, compressed without loss."""
-    library = exr_library()
-    header = {
-        "compression": library.ZIP_COMPRESSION,
-        "type": library.scanlineimage,
-        KEYWORD: json.dumps(dict(info), ensure_ascii=True),
-    }
-    buffer = io.BytesIO()
-    library.File(header, {"RGBA": np.ascontiguousarray(pixels, np.float32)}).write(buffer)
+    """float32 [H, W] as channel Z, or RGBA [H, W, 4], linear and premultiplied, compressed without loss."""
+    library, text, buffer = exr_library(), json.dumps(dict(info), ensure_ascii=True), io.BytesIO()
+    header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage, KEYWORD: text}
+    channels = {"RGBA" if pixels.ndim == 3 else "Z": np.ascontiguousarray(pixels, np.float32)}
+    library.File(header, channels).write(buffer)
     return buffer.getvalue()
 
 
@@ -104,7 +94,7 @@ def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
             return (page.asarray(), page.description) if _is_ours(page) else None
 
     found = _read(source, read)
-    return None if found is None else (found[0], _table(found[1]))
+    return None if found is None else (found[0], provenance(found[1]))
 
 
 def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
@@ -121,7 +111,7 @@ def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     pixels = np.asarray(channels.get("RGBA", channels.get("RGB")), np.float32)
     if pixels.shape[2] == 3:
         pixels = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
-    return pixels, _table(text)
+    return pixels, provenance(text)
 
 
 def _read(source: Path, read: Callable[[], Any]) -> Any:
@@ -132,7 +122,8 @@ def _read(source: Path, read: Callable[[], Any]) -> Any:
         raise InputError(f"{source}: cannot be read as a picture: {' '.join(str(error).split())}") from error
 
 
-def _table(text: str) -> dict[str, object]:
+def provenance(text: str) -> dict[str, object]:
+    """The provenance in JSON text; empty for other text."""
     try:
         found = json.loads(text or "{}")
     except ValueError:
@@ -142,17 +133,9 @@ def _table(text: str) -> dict[str, object]:
 
 def tiff_library() -> Any:
     """tifffile. Raises InputError if it is missing."""
-    try:
-        import tifffile
-    except ImportError as error:
-        raise missing_extra("TIFF pictures", "tifffile", "readers") from error
-    return tifffile
+    return import_extra("tifffile", "TIFF pictures", "tifffile", "readers")
 
 
 def exr_library() -> Any:
     """OpenEXR. Raises InputError if it is missing."""
-    try:
-        import OpenEXR
-    except ImportError as error:
-        raise missing_extra("EXR pictures", "OpenEXR", "exr") from error
-    return OpenEXR
+    return import_extra("OpenEXR", "EXR pictures", "OpenEXR", "exr")

@@ -6,14 +6,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from splatgl.data.volume import Places, Volume, with_parts
 from splatgl.errors import InputError, expected
-
-if TYPE_CHECKING:
-    from splatgl.data.volume import Places, Volume
 
 # numbers of labels behind a file's name; and the word behind it that keeps what lies outside
 LABELS = re.compile(r"-?\d+(,-?\d+)*")
@@ -102,7 +100,6 @@ class Mask:
 
 def mask_of(given: Any, volume: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
     """The mask of a volume, of an array [D, H, W] on the grid of `volume`, or of FILE[:N,N…][:outside]."""
-    from splatgl.data.volume import Volume
     from splatgl.readers import load
 
     if isinstance(given, Mask):
@@ -152,10 +149,8 @@ def masked(volume: Volume, mask: Mask) -> Volume:
     share = "all" if left == volume.count else f"{left / volume.count:.3g}" if left * 1000 < volume.count else ""
     of_mask = (f"{what}: {note}" for note in mask.grid.notes)
     told = f"{what} keeps {share or f'{left / volume.count:.1%}'} of the voxels"
-    channels, coarser = (
-        tuple(replace(each, masks=(*each.masks, mask)) for each in some) for some in (volume.channels, volume.coarser)
-    )
-    made = replace(found, channels=channels, coarser=coarser, notes=(*volume.notes, *of_mask, told))
+    made = replace(found, notes=(*volume.notes, *of_mask, told))
+    made = with_parts(made, lambda part: replace(part, masks=(*part.masks, mask)))
     # not to be looked up again
     vars(made).update({name: value for name, value in vars(found).items() if name == "_kept"})
     return made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -132,7 +132,7 @@ class Volume:
             raise expected("frame", "LPS, RAS or None", repr(self.frame))
         object.__setattr__(self, "samples", samples)
         object.__setattr__(self, "spacing", _spacing(self.spacing))
-        object.__setattr__(self, "origin", _triple("origin", self.origin))
+        object.__setattr__(self, "origin", triple(self.origin, "origin"))
         object.__setattr__(self, "direction", _direction(self.direction))
 
     @classmethod
@@ -151,9 +151,8 @@ class Volume:
     def of_values(self, values: str) -> Volume:
         """The same samples as "labels", in the colours of its table if it has one, or as "amounts"; channels too."""
         labels = (self.labels or ()) if values == "labels" else None
-        channels, coarser = (tuple(each.of_values(values) for each in some) for some in (self.channels, self.coarser))
-        hints = replace(self.hints, values=values)
-        return replace(self, labels=labels, hints=hints, channels=channels, coarser=coarser)
+        made = replace(self, labels=labels, hints=replace(self.hints, values=values))
+        return with_parts(made, lambda part: part.of_values(values))
 
     def masked(self, mask: Any, labels: Sequence[int] = (), outside: bool = False) -> Volume:
         """The same samples, of which pictures show what a mask keeps: where it is not 0, or one of some labels.
@@ -173,9 +172,8 @@ class Volume:
         turn = np.array([-1.0, -1.0, 1.0])
         x, y, z = (turn * self.origin).tolist()
         vectors = None if self.vectors is None else self.vectors * turn.astype(self.vectors.dtype)
-        channels, coarser = (tuple(each.placed(frame) for each in some) for some in (self.channels, self.coarser))
-        made = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame)
-        return replace(made, vectors=vectors, channels=channels, coarser=coarser)
+        made = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame, vectors=vectors)
+        return with_parts(made, lambda part: part.placed(frame))
 
     def kept(self, low: Places, high: Places) -> np.ndarray:
         """bool: which voxels low ≤ (z, y, x) < high all masks keep; all, if there are none."""
@@ -276,21 +274,29 @@ class Volume:
         return (z, y, x), (d, h, w)
 
 
+def with_parts(volume: Volume, change: Callable[[Volume], Volume]) -> Volume:
+    """The volume with changed channels and coarser levels."""
+    channels, coarser = (tuple(map(change, volumes)) for volumes in (volume.channels, volume.coarser))
+    return replace(volume, channels=channels, coarser=coarser)
+
+
 def places(index: np.ndarray) -> Places:
     """(z, y, x) of a grid index (x, y, z)."""
     x, y, z = index.tolist()
     return z, y, x
 
 
-def _triple(what: str, value: Sequence[float]) -> Triple:
+def triple(value: Any, what: str) -> Triple:
+    """Three floats (x, y, z). Raises InputError for any other number of them, and for numbers beyond MOST_LENGTH."""
     numbers = np.asarray(value, dtype=np.float64)
     if numbers.shape != (3,) or not (np.abs(numbers) <= MOST_LENGTH).all():
-        raise expected(what, f"three finite numbers (x, y, z) up to {MOST_LENGTH:g}", value)
+        got = value.tolist() if isinstance(value, np.ndarray) else value
+        raise expected(what, f"three finite numbers (x, y, z) up to {MOST_LENGTH:g}", got)
     return float(numbers[0]), float(numbers[1]), float(numbers[2])
 
 
 def _spacing(value: Sequence[float]) -> Triple:
-    spacing = _triple("spacing", value)
+    spacing = triple(value, "spacing")
     if min(spacing) < LEAST_LENGTH:
         fix = "turn an axis by `direction` instead" if min(spacing) < 0 else ""
         raise expected("spacing", f"three positive numbers (x, y, z) from {LEAST_LENGTH:g} on", value, fix)
@@ -325,7 +331,9 @@ def coarser(volume: Volume, labels: bool = False) -> Volume:
     colors = None if volume.color is None else np.empty((depth, height, width, 3), np.uint8)
 
     # one layer of blocks at a time: a mapped file is read once and never held entirely
-    lowest = _lowest(volume) if volume.color is not None else 0.0
+    lowest = 0.0
+    if volume.color is not None:
+        lowest = min(float(np.nanmin(slab.samples)) for slab in volume.slabs(8, halo=0))
     for z in range(depth):
         planes = np.asarray(volume.samples[z * steps[0] : (z + 1) * steps[0]])
         samples[z] = _most(planes, steps) if labels else _mean(planes.astype(np.float32, copy=False), steps)
@@ -345,8 +353,8 @@ def coarser(volume: Volume, labels: bool = False) -> Volume:
         samples=samples,
         color=colors,
         vectors=None,
-        spacing=(float(spacing[0]), float(spacing[1]), float(spacing[2])),
-        origin=(float(origin[0]), float(origin[1]), float(origin[2])),
+        spacing=triple(spacing, "spacing"),
+        origin=triple(origin, "origin"),
     )
 
 
@@ -375,7 +383,3 @@ def _most(planes: np.ndarray, steps: list[int]) -> np.ndarray:
         votes = 2 * sum((other == corner).astype(np.int8) for other in corners) + (corner != 0)
         found, most = np.where(votes > most, corner, found), np.maximum(votes, most)
     return np.asarray(found)
-
-
-def _lowest(volume: Volume) -> float:
-    return min(float(np.nanmin(slab.samples)) for slab in volume.slabs(8, halo=0))

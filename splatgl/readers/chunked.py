@@ -10,6 +10,7 @@ import tempfile
 import zipfile
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -18,13 +19,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from splatgl.data.arrays import Key, Transposed
 from splatgl.errors import InputError
 from splatgl.readers.common import library
 from splatgl.readers.remote import cache_folder
 
 # bytes of decoded chunks that are kept
 KEPT_BYTES = 2**27
-Key = int | slice | tuple[int | slice, ...]
 
 
 class Files(Protocol):
@@ -212,45 +213,33 @@ def tag_of(folder: Path) -> str:
     return "\n".join(sorted(found))
 
 
-class Turned:
-    """An array behind the interface that `Chunked` reads; nothing is read before it is indexed.
+class TransposedChunks(Transposed):
+    """A Zarr array with its axes in another order, as `Chunked` reads it; nothing is read before it is indexed.
 
-    names: one per axis of the array; wanted: the same in the order wanted. A further one is an axis of one entry.
+    names: one per axis of the array; wanted: names in the order wanted; an unknown name is an axis of one entry.
     """
 
     def __init__(self, array: Any, names: Sequence[str], wanted: Sequence[str]) -> None:
-        self.array = array
-        self.order = [names.index(name) if name in names else None for name in wanted]
-        self.shape = tuple(1 if axis is None else int(array.shape[axis]) for axis in self.order)
-        self.chunks = tuple(1 if axis is None else int(array.chunks[axis]) for axis in self.order)
-        self.dtype, self.fill_value = array.dtype, array.fill_value
-
-    def source(self, place: Sequence[Any]) -> tuple[Any, ...]:
-        """What belongs to each axis of the array, of a place or an index along the turned axes."""
-        found = {axis: each for axis, each in zip(self.order, place, strict=True) if axis is not None}
-        return tuple(found[axis] for axis in range(len(found)))
-
-    def __getitem__(self, index: Sequence[int | slice]) -> np.ndarray:
-        free = [axis for axis, at in zip(self.order, index, strict=True) if isinstance(at, slice)]
-        kept = sorted(axis for axis in free if axis is not None)
-        part = np.asarray(self.array[self.source(index)]).transpose([kept.index(a) for a in free if a is not None])
-        return np.expand_dims(part, free.index(None)) if None in free else part
+        super().__init__(array, [names.index(name) if name in names else None for name in wanted])
+        self.chunks, self.fill_value = self.sizes(array.chunks), array.fill_value
 
 
-class TurnedFiles:
-    """The files of the array behind a `Turned`, asked for by its places."""
+@dataclass(frozen=True)
+class Packing:
+    """How stored numbers become values: number · scale + offset; those equal to `fill` are missing."""
 
-    def __init__(self, files: Files, array: Turned) -> None:
-        self.files, self.array = files, array
+    scale: float = 1.0
+    offset: float = 0.0
+    fill: float | None = None
 
-    def tag(self) -> str:
-        """That of the files."""
-        return self.files.tag()
+    @classmethod
+    def of(cls, scale: float | None, offset: float | None, fill: float | None) -> Packing | None:
+        """The packing that CF's attributes state; None if there are none: stored numbers are values."""
+        if scale is None and offset is None and fill is None:
+            return None
+        return cls(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
 
-    def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Brings the files of those places."""
-        self.files.ready(self.array.source(place) for place in places)
-
-    def holds(self, place: Sequence[int]) -> bool:
-        """Whether there is a file of that place."""
-        return self.files.holds(self.array.source(place))
+    def values(self, stored: np.ndarray) -> np.ndarray:
+        """Values, float32; NaN where they are missing."""
+        values = stored.astype(np.float64) * self.scale + self.offset
+        return (values if self.fill is None else np.where(stored == self.fill, np.nan, values)).astype(np.float32)

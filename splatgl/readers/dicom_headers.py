@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from splatgl.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
@@ -277,10 +277,7 @@ def reading() -> Iterator[None]:
 
 def dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
     """The tags of TAGS, and more; the file is at the element of the pixels afterwards, or at its end."""
-    try:
-        import pydicom
-    except ImportError:
-        raise missing_extra("DICOM files", "pydicom", "dicom") from None
+    pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
     with reading():
         tags: list[Any] = [*TAGS.split(), *more, OVERLAY]
         found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=tags)

@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, Lattice, axes_of, kind_of, lattice, stated, triple, unit_name
-from splatgl.data.volume import Volume
-from splatgl.errors import InputError, choice, expected, missing_extra
+from splatgl.data.affine import METRES, Coordinate, Lattice, axes_of, kind_of, lattice, stated, unit_name
+from splatgl.data.volume import Volume, triple
+from splatgl.errors import InputError, choice, expected, import_extra
 from splatgl.fileio import WHOLE, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several
-from splatgl.readers.chunked import Chunked
+from splatgl.readers.chunked import Chunked, Packing
 from splatgl.readers.common import (
     CHUNK_BYTES,
     DEFLATE_RATIO,
@@ -219,14 +219,11 @@ def _turned(samples: Any, axes: _Axes) -> Any:
     return samples.transpose(np.argsort(order).tolist())
 
 
-def _packed(dataset: Any) -> Packed | None:
+def _packed(dataset: Any) -> Packing | None:
     """How NetCDF packs the numbers, None if they are values."""
     told = {name: numbers_of(dataset, name) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")}
     scale, offset, *fills = (None if found is None or found.size != 1 else float(found[0]) for found in told.values())
-    fill = next((value for value in fills if value is not None and np.isfinite(value)), None)
-    if scale is None and offset is None and fill is None:
-        return None
-    return Packed(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
+    return Packing.of(scale, offset, next((fill for fill in fills if fill is not None and np.isfinite(fill)), None))
 
 
 def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattice:
@@ -323,21 +320,9 @@ _PATIENCE = None if importlib.util.find_spec("resource") else 60.0
 _SOUND: set[tuple[str, int, int]] = set()
 
 
-@dataclass(frozen=True)
-class Packed:
-    """How stored numbers become values: number · scale + offset; those equal to `fill` are missing."""
-
-    scale: float = 1.0
-    offset: float = 0.0
-    fill: float | None = None
-
-
 def open_hdf5(path: Path) -> Any:
     """The file in h5py, for reading."""
-    try:
-        import h5py
-    except ImportError:
-        raise missing_extra("HDF5 files", "h5py", "readers") from None
+    h5py = import_extra("h5py", "HDF5 files", "h5py", "readers")
     _probe(path)
     with library("HDF5"):
         return h5py.File(path, "r", locking=False)
@@ -464,7 +449,7 @@ def is_numbers(dataset: Any) -> bool:
 
 
 def samples_of(
-    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: Packed | None = None
+    path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: Packing | None = None
 ) -> np.ndarray | Chunked:
     """What `index` picks of a dataset, as [D, H, W]: mapped, read, or of over WHOLE bytes read in parts.
 
@@ -510,7 +495,7 @@ def _elsewhere(name: str, where: str) -> InputError:
 class _Part:
     """A dataset as `Chunked` reads it, and the file behind it; each chunk is checked before HDF5 decodes it."""
 
-    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packed | None) -> None:
+    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
         self.path, self.dataset, self.index, self.packed = path.resolve(), dataset, tuple(index), packed
         ends = zip(self.index, dataset.shape, strict=True)
         self.shape = tuple(size if isinstance(at, int) or at.stop is None else at.stop for at, size in ends)
@@ -538,10 +523,7 @@ class _Part:
         return tuple(sizes)
 
     def _values(self, stored: np.ndarray) -> np.ndarray:
-        if self.packed is None:
-            return stored
-        values = np.float64(self.packed.scale) * stored + self.packed.offset
-        return np.where(stored == self.packed.fill, np.nan, values).astype(np.float32)
+        return stored if self.packed is None else self.packed.values(stored)
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
         with library("HDF5"):

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, triple, unit_name
-from splatgl.data.volume import Volume
+from splatgl.data.affine import axes_of, unit_name
+from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.readers.channels import Channel, Several, as_microscope, rgb_of, window_of
 from splatgl.readers.common import grid_shape, library

@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh, ringed
-from splatgl.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import library, quiet
 from splatgl.readers.vtk_legacy import PointArray
 from splatgl.readers.vtk_xml import VtkXml, arrays_of, numbers_in, parse_vtk
@@ -78,10 +78,7 @@ def dressed(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Mesh:
 
 def _triangles(path: Path, radius: float | None, array: str | None) -> Mesh:
     """Triangles; of points without any, balls."""
-    try:
-        import trimesh
-    except ImportError:
-        raise missing_extra("meshes", "trimesh", "mesh") from None
+    trimesh = import_extra("trimesh", "meshes", "trimesh", "mesh")
     with library("a mesh"):
         plain = path.suffix.lower() == ".ply"
         found: Any = trimesh.load_mesh(path, process=not plain)
@@ -132,10 +129,7 @@ def _frame(path: Path) -> str | None:
 def _tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
     if array is not None:
         raise expected("array", "none, of tracks", repr(array))
-    try:
-        import nibabel
-    except ImportError:
-        raise missing_extra("tracks", "nibabel", "readers") from None
+    nibabel = import_extra("nibabel", "tracks", "nibabel", "readers")
     with library("tracks"):
         lines = [np.asarray(line, np.float64) for line in nibabel.streamlines.load(path).streamlines]
     mesh = _tubes(lines, radius)

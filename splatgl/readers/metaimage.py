@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.affine import triple, unit_name
-from splatgl.data.volume import Triple, Volume
+from splatgl.data.affine import unit_name
+from splatgl.data.volume import Triple, Volume, triple
 from splatgl.errors import InputError, expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import Several, components

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, triple
-from splatgl.data.volume import Volume
-from splatgl.errors import expected, missing_extra
+from splatgl.data.affine import axes_of
+from splatgl.data.volume import Volume, triple
+from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import grid_shape, inflate, library, map_array, require_bytes, require_plausible, selection
 from splatgl.readers.options import LoadOptions
@@ -52,22 +52,19 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 
 def _header(path: Path) -> Any:
-    try:
-        from mrcfile import utils
-        from mrcfile.dtypes import HEADER_DTYPE
-    except ImportError:
-        raise missing_extra("MRC files", "mrcfile", "readers") from None
+    utils = import_extra("mrcfile.utils", "MRC files", "mrcfile", "readers")
+    layout = import_extra("mrcfile.dtypes", "MRC files", "mrcfile", "readers").HEADER_DTYPE
     with library("MRC"):
         with _opened(path) as file:
             first = file.read(_HEADER)
         require_bytes(_HEADER, len(first), "header")
-        header = np.frombuffer(first, HEADER_DTYPE)[0]
+        header = np.frombuffer(first, layout)[0]
         try:
             order = utils.byte_order_from_machine_stamp(header["machst"])
         except ValueError:
             # old files have none: the one order in which the mode is one
             order = "<" if 0 <= header["mode"] < 2**16 else ">"
-        header = np.frombuffer(first, HEADER_DTYPE.newbyteorder(order))[0]
+        header = np.frombuffer(first, layout.newbyteorder(order))[0]
     if int(header["mode"]) not in _REAL:
         raise expected("mode", f"one of {', '.join(map(str, _REAL))}", int(header["mode"]), "is this an MRC file?")
     return header

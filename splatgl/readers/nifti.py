@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, triple
-from splatgl.data.volume import Volume
-from splatgl.errors import expected, missing_extra
+from splatgl.data.affine import axes_of
+from splatgl.data.volume import Volume, triple
+from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import Several
 from splatgl.readers.common import grid_shape, is_whole, library, require_bytes, require_plausible, selection
@@ -83,11 +83,7 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
 
 
 def _nibabel(what: str) -> Any:
-    try:
-        import nibabel
-    except ImportError:
-        raise missing_extra(what, "nibabel", "readers") from None
-    return nibabel
+    return import_extra("nibabel", what, "nibabel", "readers")
 
 
 def _dtype_of(image: Any) -> np.dtype:
@@ -220,10 +216,7 @@ def _stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, floa
 
 
 def _open(path: Path) -> Any:
-    try:
-        import nibabel
-    except ImportError:
-        raise missing_extra("NIfTI files", "nibabel", "readers") from None
+    nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
     if path.name.lower().endswith(".gz"):
         # reported before nibabel reports header errors
         with library("gzip data"), gzip.open(path) as file:

@@ -16,9 +16,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, stated, triple, unit_name
-from splatgl.data.volume import Label, Volume
-from splatgl.errors import expected, missing_extra
+from splatgl.data.affine import axes_of, stated, unit_name
+from splatgl.data.volume import Label, Volume, triple
+from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import SECONDS, Channel, Several, components, rgb_of
 from splatgl.readers.common import (
@@ -225,10 +225,7 @@ def _in_world(vectors: np.ndarray, header: Header) -> np.ndarray:
 
 
 def _header(path: Path) -> tuple[Header, int]:
-    try:
-        import nrrd
-    except ImportError:
-        raise missing_extra("NRRD files", "pynrrd", "readers") from None
+    nrrd = import_extra("nrrd", "NRRD files", "pynrrd", "readers")
     with path.open("rb") as file, library("NRRD"):
         lines = _header_lines(file)
         header, end = nrrd.read_header(lines), file.tell()

@@ -10,18 +10,18 @@ import base64
 import re
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, axes_of, kind_of, lattice, stated, triple, unit_name
-from splatgl.data.volume import Hints, Label, Triple, Volume
-from splatgl.errors import InputError, choice, expected, missing_extra
+from splatgl.data.affine import METRES, Coordinate, axes_of, kind_of, lattice, stated, unit_name
+from splatgl.data.volume import Hints, Label, Triple, Volume, triple
+from splatgl.errors import InputError, choice, expected, import_extra
 from splatgl.fileio import WHOLE, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several, as_microscope, rgb_of, window_of
-from splatgl.readers.chunked import Chunked, Turned, TurnedFiles
+from splatgl.readers.chunked import Chunked, Packing, TransposedChunks
 from splatgl.readers.common import library, selection
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
@@ -66,20 +66,6 @@ def _scale(group: Any, name: str, size: int) -> Any:
     return node if is_scale else None
 
 
-@dataclass(frozen=True)
-class Packing:
-    """How stored numbers become values: number · scale + offset; those equal to `fill` are missing."""
-
-    scale: float
-    offset: float
-    fill: float | None
-
-    def values(self, stored: np.ndarray) -> np.ndarray:
-        """Values, float32, NaN where they are missing."""
-        found = stored.astype(np.float64) * self.scale + self.offset
-        return (found if self.fill is None else np.where(stored == self.fill, np.nan, found)).astype(np.float32)
-
-
 def packing_of(node: Any) -> Packing | None:
     """What CF's attributes say of an array, as xarray writes them; None if numbers are values.
 
@@ -93,9 +79,7 @@ def packing_of(node: Any) -> Packing | None:
         # zarr itself fills with 0
         fill = _one_number(node.fill_value) or None
     fill = missing if fill is None else fill
-    if scale is None and offset is None and (fill is None or np.isnan(fill)):
-        return None
-    return Packing(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
+    return Packing.of(scale, offset, None if fill is None or np.isnan(fill) else fill)
 
 
 def _one_number(value: Any) -> float | None:
@@ -219,10 +203,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
     """The volume of a Zarr store, with its coarser levels; `channel` picks one channel. Samples of over WHOLE bytes are
     read in parts. remote: what `path` is a copy of; its files are fetched when they are needed.
     """
-    try:
-        import zarr
-    except ImportError:
-        raise missing_extra("Zarr stores", "zarr", "readers") from None
+    zarr = import_extra("zarr", "Zarr stores", "zarr", "readers")
     # all text in a store is untrusted: any failure is attributed to the file
     with library("Zarr"):
         check_files(path)
@@ -274,7 +255,7 @@ def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remot
     if remote:
         remote.renew([f"{name}/{each}" for each in METADATA])
     color = group[name]
-    files = check_array(path, color, False, *([remote.fetch] if remote else []))
+    files = check_array(path, color, False, remote.fetch if remote else None)
     hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(told["unit"]), shading=bool(told["shading"]))
     shade = Chunked(str(remote or path), color, [slice(None)] * 4, files)
     kept = {"direction": np.array(told["direction"]), "frame": told["frame"], "hints": hints}
@@ -368,10 +349,11 @@ def _volume(
     # 2. its samples
     names = axis_names(node, multiscale, group)
     wanted = [*(name for name in names if name not in SPACE), *SPACE]
-    array = Turned(node, names, wanted)
+    array = TransposedChunks(node, names, wanted)
     index = _index(array.shape, wanted, options)
     whole = remote is None and byte_count(array.shape[-3:], node.dtype) <= most
-    files = TurnedFiles(check_array(path, node, whole, *([remote.fetch] if remote else [])), array)
+    files = check_array(path, node, whole, remote.fetch if remote else None)
+    files.index = array.source
     packed = packing_of(node) if multiscale is None else None
     unpacked = array if packed is None else Unpacked(array, packed)
     samples: Any = unpacked[index] if whole else Chunked(str(remote or path), unpacked, index, files)

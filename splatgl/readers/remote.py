@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from splatgl.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import shortened
 
 # times that something is asked for, seconds between the first two, which double, and seconds for a connection and
@@ -51,17 +51,11 @@ class Remote:
 
     def __init__(self, address: str) -> None:
         self.address = address
-        try:
-            import fsspec
-        except ImportError:
-            raise missing_extra("addresses", "fsspec", "remote") from None
+        fsspec = import_extra("fsspec", "addresses", "fsspec", "remote")
         scheme = address.split("://")[0]
         options: dict[str, Any] = {"skip_instance_cache": True}
         if scheme in ("http", "https"):
-            try:
-                import aiohttp
-            except ImportError:
-                raise missing_extra(f"{scheme} addresses", "aiohttp", "remote") from None
+            aiohttp = import_extra("aiohttp", f"{scheme} addresses", "aiohttp", "remote")
             limit = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT, sock_read=ANSWER)
             options["client_kwargs"] = {"timeout": limit}
         try:

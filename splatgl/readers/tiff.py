@@ -21,10 +21,10 @@ import numpy as np
 from splatgl.data.affine import METRES, unit_name
 from splatgl.data.color import luma
 from splatgl.data.volume import Triple, Volume
-from splatgl.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE, byte_count, require_memory
 from splatgl.readers.channels import as_microscope
-from splatgl.readers.chunked import Chunked, Turned
+from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import MAX_BYTES, library, map_array, require_bytes, require_plausible, selection
 from splatgl.readers.heightmap import (
     HEIGHTS,
@@ -438,10 +438,7 @@ OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi
 
 def open_tiff(path: Path) -> Any:
     """The file in tifffile; other files that OME's metadata name are ignored."""
-    try:
-        import tifffile
-    except ImportError:
-        raise missing_extra("TIFF files", "tifffile", "readers") from None
+    tifffile = import_extra("tifffile", "TIFF files", "tifffile", "readers")
     kinds: Any = {f"is_{kind}": False for kind in OTHER_KINDS}
     with library("TIFF"):
         return tifffile.TiffFile(path, _multifile=False, **kinds)
@@ -451,17 +448,14 @@ def parts(path: Path, place: int, levels: Sequence[int], axes: str, index: Seque
     """What `index` leaves free of those levels of an image, by its place in tiff.series; the file is open as long as
     one of them lives. axes: of the index; one that the series lacks has one entry.
     """
-    try:
-        import zarr
-    except ImportError:
-        raise missing_extra("multiscale TIFF files", "zarr", "readers") from None
+    zarr = import_extra("zarr", "multiscale TIFF files", "zarr", "readers")
     file = _OneFile(path)
     with library("TIFF"):
         series = file.tiff.series[place]
         for level in levels:
             guard(series.levels[level].pages)
         found = [(zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels]
-        arrays = [Turned(array, names, axes) for array, names in found]
+        arrays = [TransposedChunks(array, names, axes) for array, names in found]
     return [Chunked(str(path), array, index, file, "TIFF") for array in arrays]
 
 

@@ -14,8 +14,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from splatgl.data.affine import triple
-from splatgl.data.volume import Hints, Volume
+from splatgl.data.volume import Hints, Volume, triple
 from splatgl.errors import InputError, choice, expected
 from splatgl.fileio import byte_count
 from splatgl.readers.common import Shape, grid_shape, hints_of, map_array, read_numbers, require_bytes

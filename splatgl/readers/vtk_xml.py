@@ -23,9 +23,9 @@ from xml.parsers import expat
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, even_steps, triple
-from splatgl.data.volume import Volume
-from splatgl.errors import expected, missing_extra
+from splatgl.data.affine import axes_of, even_steps
+from splatgl.data.volume import Volume, triple
+from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import (
     MAX_BYTES,
@@ -274,10 +274,7 @@ def _lzma(data: bytes, most: int) -> bytes:
 
 
 def _lz4(data: bytes, most: int) -> bytes:
-    try:
-        import imagecodecs
-    except ImportError:
-        raise missing_extra("LZ4 data", "imagecodecs", "readers") from None
+    imagecodecs = import_extra("imagecodecs", "LZ4 data", "imagecodecs", "readers")
     return bytes(imagecodecs.lz4_decode(data, out=most))
 
 

@@ -60,10 +60,14 @@ _LEAST_PARTS = 2**12
 
 
 class ChunkFiles:
-    """The files of an array's chunks, each checked before it is decoded. fetch: brings files of the store here."""
+    """The files of an array's chunks, each checked before it is decoded. fetch: brings files of the store here.
+
+    index: turns a caller's index into the array's, where the caller has its axes in another order.
+    """
 
     def __init__(self, path: Path, array: Any, fetch: Fetch | None = None) -> None:
         self.path, self.folder, self.metadata, self.fetch = path, path / array.path, array.metadata, fetch
+        self.index: Callable[[Sequence[int]], Sequence[int]] = tuple
         self.shape = array.shards or array.chunks
         self.bytes = byte_count(array.chunks, array.dtype)
         names = _names(array)
@@ -90,7 +94,7 @@ class ChunkFiles:
         return there
 
     def _file(self, place: Sequence[int]) -> Path:
-        key = tuple(at // size for at, size in zip(place, self.shape, strict=True))
+        key = tuple(at // size for at, size in zip(self.index(place), self.shape, strict=True))
         return self.folder / str(self.metadata.encode_chunk_key(key))
 
     def check(self, file: Path) -> None:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, triple
+from splatgl.data.affine import axes_of
 from splatgl.data.arrays import checked
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, missing_extra
 
 if TYPE_CHECKING:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, triple
+from splatgl.data.affine import axes_of
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.integrations.vtk.image_data import chosen, of_components, of_vtk
 from splatgl.integrations.vtk.meshes import meshes_of
