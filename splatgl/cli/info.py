@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from functools import partial
 
-from splatgl.cli.messages import options_of, worded
+from splatgl.cli.parser import options_of, worded
 from splatgl.errors import Choice
 
 

@@ -5,22 +5,18 @@ from __future__ import annotations
 import argparse
 import io
 import os
-import re
 import shlex
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from splatgl import __version__
-from splatgl.cli.messages import nearest, one_line, options_of, worded
+from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, nearest, one_line, options_of, worded
 from splatgl.errors import InputError, expected
 from splatgl.fileio import limit
 
-BAD_INPUT = 2
 # exit code of a program interrupted by Ctrl-C
 INTERRUPTED = 130
-# a value that begins with a minus: -30, -160,240, -.5:0,1:1, -inf
-NEGATIVE = re.compile(r"-([0-9.]|inf\b|nan\b)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -140,20 +136,9 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         # import and add options for the selected command only
         if name in arguments[:1]:
             add()(command)
+            if command.is_long:
+                command.add_argument("--help-all", action=HelpAll, help="show all options")
     return parser
-
-
-class Parser(argparse.ArgumentParser):
-    """Argument parser that reports a usage error in one line, as for any bad input, and takes negative values."""
-
-    def __init__(self, *args: Any, **named: Any) -> None:
-        super().__init__(*args, **named)
-        # argparse takes what fits for a value, not an option: its own pattern knows single numbers, no -1,2,3
-        self._negative_number_matcher = NEGATIVE
-
-    def error(self, message: str) -> NoReturn:
-        """Exits with BAD_INPUT and one line on stderr."""
-        self.exit(BAD_INPUT, f"{one_line(f'{self.prog}: {message}; see {self.prog} --help')}\n")
 
 
 def _render() -> Callable[[argparse.ArgumentParser], None]:

@@ -9,17 +9,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
+from splatgl.options import BASIC, PAPER, Kind, Option, declared
 from splatgl.readers.options import VALUES, LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import ARROWS, LINES, SHOWN, MeshFile, asked_vectors, is_mesh, mark_clipped
 from splatgl.scene.parse import (
-    AUTO,
-    BACKGROUNDS,
-    CLEAR,
     _integers,
     _pairs,
-    background,
     color_of,
     numbers,
     only_labels,
@@ -31,7 +29,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.presets import is_preset
 from splatgl.splat.segment_surfaces import SMOOTHING, strength_of
-from splatgl.splat.settings import LIKE, Settings, choices
+from splatgl.splat.settings import LIKE, Settings
 
 if TYPE_CHECKING:
     from splatgl.distributed.worker import Drawing
@@ -217,29 +215,57 @@ def add_cuts(parser: argparse.ArgumentParser) -> None:
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Adds the rendering options: the fields of Settings."""
-    group = parser.add_argument_group("drawing (the first is the default)")
-    for name, allowed in choices().items():
-        if len(allowed) > 1:
-            group.add_argument(f"--{name}", choices=allowed, metavar="|".join(allowed))
-    about = "where the light is: degrees to the right of the eye, and above it"
-    group.add_argument("--light-from", type=numbers(2), metavar="SIDE,ABOVE", help=about)
-    about = "how much matter keeps ambient light off what is near it, from 0 to 1 (0); most seen with --light flat"
-    group.add_argument("--ambient-occlusion", type=float, metavar="S", help=about)
-    about = "how dark shadows are, from 0 to 1 (0); a light at the eye is then above left"
-    group.add_argument("--shadows", type=float, metavar="S", help=about)
-    group.add_argument("--samples", type=int, metavar="N", help="supersampling: samples along each axis of a pixel (4)")
-    group.add_argument("--sheets", type=int, metavar="N", help="sheets that share a splat, 2 to 4")
-    group.add_argument("--steps", type=int, metavar="N", help="parts of a sheet, each classified once")
-    group.add_argument("--z-s", type=float, metavar="Z", help="hybrid: depth at which splats become grid-aligned")
-    group.add_argument(
-        "--table-size", type=int, metavar="N", help="texels along each axis of the footprint table (256)"
-    )
-    group.add_argument("--table-bits", type=int, choices=(8, 16, 32), metavar="8|16|32", help="bits a texel (32)")
-    group.add_argument("--tolerance", type=float, metavar="E", help="largest allowed error (1/255)")
-    group.add_argument("--background", type=background, metavar="COLOUR", help=BACKGROUNDS)
-    group.add_argument("--like", metavar="VERSION", help="the defaults of an earlier version: " + ", ".join(LIKE))
-    group.add_argument("--paper", action="store_true", help="the 1998 hardware path: hybrid, 8-bit table and target")
+    """Adds the options of Settings, and their presets of earlier versions."""
+    add_options(parser, Settings, "moments", "shutter", "clip")
+    group = group_of(parser, PAPER)
+    group.add_argument("--like", metavar="VERSION", help=f"defaults of an earlier version: {', '.join(LIKE)}")
+    group.add_argument("--paper", action="store_true", help="hardware path of 1998: hybrid, 8-bit table and target")
+
+
+def add_options(parser: argparse.ArgumentParser, record: Any, *leave: str) -> None:
+    """Adds the options that a dataclass declares, but those to leave out, in groups by their titles."""
+    defaults = {each.name: each.default for each in fields(record)}
+    for name, option in declared(record).items():
+        if name not in leave:
+            add_option(parser, name, option, defaults[name])
+
+
+def add_option(parser: argparse.ArgumentParser, name: str, option: Option, default: Any = None) -> None:
+    """Adds an option. A BASIC one gets the attribute `summary`: its line of `--help`."""
+    kind, rest = option.kind, option.help.removeprefix(option.summary)
+    summary = option.summary + (f": {', '.join(option.choices)}" if option.choices else "")
+    if isinstance(default, int | float) and default and "default" not in option.help:
+        summary += f" (default {default:g})"
+    arguments: dict[str, Any] = {"dest": name, "help": (summary + rest).replace("%", "%%")}
+    if option.bare is not None and not kind.metavar:
+        arguments |= {"action": "store_const", "const": option.bare}
+    else:
+        arguments |= {"type": reader(kind), "metavar": option.metavar or kind.metavar}
+        arguments |= {"choices": option.choices, "type": str} if option.choices else {}
+        arguments |= {"nargs": "?", "const": option.bare} if option.bare is not None else {}
+        arguments |= {"action": "append"} if option.repeat else {}
+    flag = option.flag or f"--{name.replace('_', '-')}"
+    action: Any = group_of(parser, option.group).add_argument(flag, **arguments)
+    action.summary = summary if option.level == BASIC else ""
+
+
+def reader(kind: Kind) -> Callable[[str], Any]:
+    """An argparse type that reads values of a kind."""
+
+    def read(text: str) -> Any:
+        try:
+            return kind.read(text)
+        except (ValueError, OverflowError):
+            this = kind.written or f"{kind.metavar}, {kind.expected}"
+            raise argparse.ArgumentTypeError(f"expected {this}, got {text[:80]!r}") from None
+
+    return read
+
+
+def group_of(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:
+    """The group of that title, which is added if there is none."""
+    groups = {group.title: group for group in parser._action_groups}
+    return groups.get(title) or parser.add_argument_group(title)
 
 
 def scene_from_source(args: argparse.Namespace) -> SceneFile:

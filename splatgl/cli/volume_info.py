@@ -9,7 +9,7 @@ from textwrap import wrap
 
 import numpy as np
 
-from splatgl.cli.messages import one_line
+from splatgl.cli.parser import one_line
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
 from splatgl.fileio import budget, size_of

@@ -1,4 +1,4 @@
-"""sRGB and linear light, both ways, exactly as IEC 61966-2-1 states them."""
+"""sRGB and linear light, both ways, exactly as IEC 61966-2-1 states them; colours by name."""
 
 from __future__ import annotations
 
@@ -32,3 +32,28 @@ def luma(color: np.ndarray) -> np.ndarray:
     for plane, source in zip(found, color, strict=True):
         np.rint(source @ LUMA, out=plane, casting="unsafe")
     return found
+
+
+Color = tuple[float, float, float]
+# backgrounds that are no colours, and how messages list all of them
+AUTO, CLEAR = "auto", "transparent"
+BACKGROUNDS = "auto, transparent, #rgb, #rrggbb or a CSS name such as black"
+MOST_LETTERS = 40
+
+
+def srgb_of_name(text: str) -> tuple[int, int, int]:
+    """sRGB from 0 to 255 of #rgb, #rrggbb or a CSS name. Raises ValueError for other text."""
+    from PIL import ImageColor
+
+    # alpha is refused
+    rgb: tuple[int, ...] = ImageColor.getrgb(text[:MOST_LETTERS])
+    red, green, blue = rgb
+    return red, green, blue
+
+
+def read_background(text: str) -> Color | str:
+    """AUTO, CLEAR, or linear RGB of #rgb, #rrggbb or a CSS name. Raises ValueError for other text."""
+    if text in (AUTO, CLEAR):
+        return text
+    red, green, blue = linear_from_srgb(np.array(srgb_of_name(text)) / 255)
+    return float(red), float(green), float(blue)

@@ -14,6 +14,7 @@ import numpy as np
 from splatgl import __version__
 from splatgl.annotations.annotate import check, check_size, check_time, parsed
 from splatgl.data.arrays import ArrayOptions
+from splatgl.data.color import AUTO, BACKGROUNDS, CLEAR, read_background
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
@@ -25,7 +26,7 @@ from splatgl.readers.remote import is_address
 from splatgl.scene.background import as_drawn, grounded
 from splatgl.scene.draw import DrawOptions, depth_share, depths_of, draw, drawn, lay, origin, unbacked, with_room
 from splatgl.scene.meshes import MeshFile, asked_vectors, mark_clipped
-from splatgl.scene.parse import AUTO, BACKGROUNDS, CLEAR, background, size
+from splatgl.scene.parse import size
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.scene.view import ViewOptions, typed
@@ -273,8 +274,8 @@ def _placed(name: str, value: Any) -> Any:
 
 def _background(value: Any) -> Any:
     try:
-        found = background(value) if isinstance(value, str) and value != AUTO else value
-    except argparse.ArgumentTypeError as error:
+        found = read_background(value) if isinstance(value, str) and value != AUTO else value
+    except ValueError as error:
         raise expected("background", f"linear RGB, {BACKGROUNDS}", repr(value)) from error
     return None if found == CLEAR else found
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from splatgl.data.color import AUTO, CLEAR, Color
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
-from splatgl.scene.parse import AUTO, CLEAR, Color
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -163,12 +162,12 @@ def mark_clipped(mesh: MeshFile | Mesh) -> MeshFile | Mesh:
 
 def _linear(color: str) -> tuple[float, float, float] | None:
     """Of a colour; None for the name of a colour map. Raises InputError for others."""
-    from splatgl.scene.parse import background
+    from splatgl.data.color import read_background
     from splatgl.splat.colormaps import colormap
 
     try:
-        found = background(color)
-    except argparse.ArgumentTypeError:
+        found = read_background(color)
+    except ValueError:
         found = ""
     if not isinstance(found, str):
         return found

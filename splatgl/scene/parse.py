@@ -3,36 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
 from typing import Any
 
-import numpy as np
-
-from splatgl.data.color import linear_from_srgb
-
-Color = tuple[float, float, float]
-# words of --background that are no colours
-AUTO, CLEAR = "auto", "transparent"
-MOST_LETTERS = 40
-
-
-def background(text: str) -> Color | str:
-    """An argparse type: AUTO, CLEAR, or linear RGB of #rgb, #rrggbb or a name of CSS."""
-    if text in (AUTO, CLEAR):
-        return text
-    from PIL import ImageColor
-
-    rgb: tuple[int, ...] = ()
-    with suppress(ValueError):
-        rgb = ImageColor.getrgb(text[:MOST_LETTERS])
-    if len(rgb) != 3:
-        wanted = "auto, transparent, #rgb, #rrggbb or a colour's name in CSS, such as black"
-        raise argparse.ArgumentTypeError(f"expected {wanted}, got {text[:MOST_LETTERS]!r}")
-    red, green, blue = linear_from_srgb(np.array(rgb) / 255)
-    return float(red), float(green), float(blue)
-
-
-BACKGROUNDS = "auto, transparent, black, white, #rgb, #rrggbb or any name of CSS"
+from splatgl.data.color import srgb_of_name
 
 
 def numbers(count: int) -> Any:
@@ -73,14 +46,12 @@ def _pairs(text: str) -> tuple[tuple[float, float], ...]:
 
 def color_of(text: str) -> tuple[str, str]:
     """Parses CHANNEL=COLOR; the colour is returned as #rrggbb."""
-    from PIL import ImageColor
-
     name, _, color = text.rpartition("=")
     try:
-        rgb: tuple[int, ...] = ImageColor.getrgb(color[:40])
+        rgb = srgb_of_name(color)
     except ValueError:
-        rgb = ()
-    if not name or len(rgb) != 3:
+        rgb = None
+    if not name or rgb is None:
         this = "CHANNEL=COLOR, a colour #rrggbb, #rgb or of a name in CSS, such as lime"
         raise argparse.ArgumentTypeError(f"expected {this}, got {text!r}")
     return name, "#{:02x}{:02x}{:02x}".format(*rgb)

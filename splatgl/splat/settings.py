@@ -3,11 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
-from numbers import Real
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
 
+from splatgl.data.color import BACKGROUNDS, Color, read_background
 from splatgl.errors import expected
+from splatgl.options import (
+    ACCURACY,
+    BASIC,
+    EXPERT,
+    PAPER,
+    SPEED,
+    Kind,
+    check_options,
+    choice,
+    declared,
+    is_number,
+    non_default,
+    number,
+    numbers,
+    one_of,
+    option,
+    refuse_unknown,
+    whole,
+)
 from splatgl.splat.clipping import Plane, planes
 from splatgl.splat.kernels import KERNELS
 from splatgl.splat.lighting import checked_place
@@ -73,16 +93,6 @@ Compositing = Literal["auto", "sheets", "splats"]
 Classification = Literal["auto", "post", "pre"]
 
 
-def choices() -> dict[str, tuple[str, ...]]:
-    """Values of each enumerated setting, the default first, registered kernels last."""
-    closed = {"antialias": Antialias, "align": Align, "attenuation": Attenuation, "footprint": Footprint}
-    closed |= {"target": Target, "technique": Technique, "shading": Shading, "light": Lights, "motion": Motions}
-    closed |= {"occlusion": Occlusion, "order": Order, "compositing": Compositing, "classification": Classification}
-    return {"blend": tuple(BLENDS), "kernel": ("auto", *KERNELS)} | {
-        name: get_args(one) for name, one in closed.items()
-    }
-
-
 # largest footprint table; beyond it the kernel is resolved to float32
 MAX_TABLE_SIZE = 4096
 # at more than 64 samples an axis, a picture of 64 pixels would need a target of over 4096
@@ -98,110 +108,159 @@ LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 LIKE: dict[str, dict[str, Any]] = {"0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"}}
 
 
+_picture = partial(option, group="picture and light")
+_accuracy = partial(option, group=ACCURACY)
+_speed = partial(option, group=SPEED)
+_animation = partial(option, group="animation")
+_paper = partial(option, group=PAPER, level=EXPERT)
+_STRENGTH = number("a strength from 0 to 1", 0, 1, metavar="S")
+
+
+def _background(color: Any) -> Color:
+    rgb = list(color) if isinstance(color, Iterable) else []
+    if len(rgb) != 3 or not all(is_number(c) and 0 <= c <= 1 for c in rgb):
+        raise ValueError
+    return float(rgb[0]), float(rgb[1]), float(rgb[2])
+
+
 @dataclass(frozen=True)
 class Settings:
-    """Render settings by the paper's names, the default first.
+    """Settings of a picture; `splatgl/splat/README.md` explains the values of each. Raises InputError for others.
 
-    blend composite | xray | mip | minip | mean; the last two, and mip if classified after, of reconstructed values.
-    kernel auto (crawfis-max, or the one that values were extracted for) | crawfis-max | gaussian | b-spline, or one
-    that is registered.
-    classification auto (post where volume and settings allow it) | post (reconstructed values are classified) | pre
-    (voxels are).
-    compositing auto (sheets where the settings allow it) | sheets (splats add up within sheets of equal distance from
-    the eye, which composite; always if classified after) | splats (every splat in order). sheets: 2 to 4 that share a
-    splat; steps: 1 to 8 parts of a sheet, each classified once; None: by the tolerance.
-    antialias auto (as many samples a pixel as voxels and tolerance ask for) | paper (stretched beyond z_k) | off |
-    supersample (samples × samples a pixel). align auto | exact | ray | grid | hybrid
-    (ray-perpendicular up to depth z_s, grid-aligned beyond; z_s in world units, None: from `tolerance`).
-    attenuation auto | opacity | optical-depth | fill (beyond z_k, composite only).
-    footprint auto (by the squared distance: a table, or polynomials where the tolerance allows) | table (table_size²
-    texels of table_bits 32 | 16 | 8); table_size None: 256, or 1024 by the squared distance.
-    technique auto | quads (instanced quads) | tiles (binned into tiles of pixels, in compute shaders; auto: on software
-    OpenGL, and for sheets; never with table footprints, another target than rgba32f, or back to front).
-    occlusion auto | off (tiles terminate once the transmittance is below a share of the tolerance).
-    target rgba32f | rgba16f | rgba8 | auto. shading auto (as the transfer function says) | on | off. light head (at the
-    eye) | matte | glossy (both from above left) | flat; light_from: its degrees to the right of the eye and above it.
-    ambient_occlusion, shadows: strengths from 0 to 1 by which matter keeps the sky and the light off what is behind.
-    motion auto (exact for X-rays of voxels, else moments) | moments (the mean of pictures while the shutter is open) |
-    exact (the mean of the footprint along its path) | energy | paper [M98 Eq. 11] | off: motion blur.
-    moments: number of pictures, each streaked over its part of the paths by exact, energy and paper; None: as many as
-    the paths ask for, one of streaks. shutter: its opening time, in degrees of a frame's 360.
-    order auto | back-to-front | front-to-back. tolerance: largest allowed error, linear light.
-    background: None (transparent) or a linear RGB triple. clip: planes (n_x, n_y, n_z, d): what is drawn lies where
-    n · x ≥ d, world units, of each. Raises InputError for anything else.
+    sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: None
+    (transparent) or linear RGB. clip: planes (n_x, n_y, n_z, d); what lies at n · x ≥ d of each is drawn, world units.
     """
 
-    blend: str = "composite"
-    kernel: str = "auto"
-    classification: Classification = "auto"
-    compositing: Compositing = "auto"
-    sheets: int | None = None
-    steps: int | None = None
-    antialias: Antialias = "auto"
-    samples: int = 4
-    align: Align = "auto"
-    z_s: float | None = None
-    attenuation: Attenuation = "auto"
-    footprint: Footprint = "auto"
-    table_size: int | None = None
-    table_bits: int = 32
-    target: Target = "rgba32f"
-    technique: Technique = "auto"
-    shading: Shading = "auto"
-    light: Lights = "head"
-    light_from: tuple[float, float] | None = None
-    ambient_occlusion: float = 0.0
-    shadows: float = 0.0
-    motion: Motions = "auto"
-    moments: int | None = None
-    shutter: float = 180.0
-    order: Order = "auto"
-    occlusion: Occlusion = "auto"
-    tolerance: float = 1 / 255
-    background: tuple[float, float, float] | None = None
-    clip: tuple[Plane, ...] = ()
+    blend: str = _picture(
+        "composite",
+        choice(BLENDS),
+        "how a ray blends. One splat over the next, sums (X-ray), or maximum, minimum or mean of values",
+        level=BASIC,
+    )
+    kernel: str = _accuracy(
+        "auto",
+        choice(lambda: ("auto", *KERNELS)),
+        "radial kernel of each voxel. auto: b-spline where values are classified, else crawfis-max",
+    )
+    classification: Classification = _accuracy(
+        "auto",
+        choice(Classification),
+        "what is classified. post: reconstructed values; pre: voxels, whose colours are then reconstructed",
+    )
+    compositing: Compositing = _accuracy(
+        "auto",
+        choice(Compositing),
+        "what is composited. sheets of equal distance from the eye, within which splats add up, or each of the splats",
+    )
+    sheets: int | None = _accuracy(
+        None, whole(LEAST_SHEETS, MOST_SHEETS), "sheets that share a splat, 2 to 4 (default: by --tolerance)"
+    )
+    steps: int | None = _accuracy(
+        None, whole(1, MOST_STEPS), "parts of a sheet, each classified once, 1 to 8 (default: by --tolerance)"
+    )
+    antialias: Antialias = _accuracy(
+        "auto",
+        choice(Antialias),
+        "antialiasing. auto: as many samples a pixel as --tolerance needs; supersample: --samples along each axis; "
+        "paper: splats beyond z_k are stretched [Eq. 4] and attenuated by (z_k/z_v)^2 [Eq. 6]",
+    )
+    samples: int = _accuracy(4, whole(1, MAX_SAMPLES), "samples along each axis of a pixel to supersample, 1 to 64")
+    align: Align = _paper(
+        "auto",
+        choice(Align),
+        "orientation of splats. exact: line integral [row 1]; ray: quads across the ray [row 4]; grid: quads along "
+        "the grid [row 5]; hybrid: ray up to --z-s, then grid [4.2]; auto: exact",
+    )
+    z_s: float | None = _paper(
+        None,
+        number("a depth of at least 0", 0, metavar="Z"),
+        "depth from which hybrid splats align with the grid, world units (default: by --tolerance)",
+    )
+    attenuation: Attenuation = _paper(
+        "auto",
+        choice(Attenuation),
+        "what (z_k/z_v)^2 weakens beyond z_k. The opacity (the paper's), the optical depth, or by how far splats fill "
+        "a pixel (auto)",
+    )
+    footprint: Footprint = _paper(
+        "auto",
+        choice(Footprint),
+        "footprint of a splat. auto: a table over the squared distance, or polynomials; table: the paper's texture",
+    )
+    table_size: int | None = _paper(
+        None,
+        whole(2, MAX_TABLE_SIZE),
+        "texels along each axis of the footprint table, up to 4096 (default 256, or 1024 over the squared distance)",
+    )
+    table_bits: int = _paper(32, one_of(8, 16, 32), "bits a texel of the footprint table")
+    target: Target = _paper("rgba32f", choice(Target), "number format of the framebuffer. The paper's has 8 bits")
+    technique: Technique = _speed(
+        "auto",
+        choice(Technique),
+        "how splats are drawn. quads: a quad each; tiles: gathered by tiles of pixels in compute shaders",
+    )
+    shading: Shading = _picture(
+        "auto", choice(Shading), "shading of surfaces, C = c (0.3 + 0.7 |n l|). auto: as the transfer function says"
+    )
+    light: Lights = _picture(
+        "head",
+        choice(Lights),
+        "light. At the eye, from above left without or with highlights, or one that shows colours more than shapes",
+        level=BASIC,
+    )
+    light_from: tuple[float, float] | None = _picture(
+        None,
+        Kind("degrees", checked_place, numbers(2, "").read, "SIDE,ABOVE"),
+        "place of the light, degrees to the right of the eye and above it",
+    )
+    ambient_occlusion: float = _picture(
+        0.0, _STRENGTH, "darkens hollows, 0 (off) to 1. Most visible with --light flat", label="ambient occl."
+    )
+    shadows: float = _picture(
+        0.0, _STRENGTH, "darkness of shadows, 0 (off) to 1. A light at the eye moves to above left", level=BASIC
+    )
+    motion: Motions = _paper(
+        "auto",
+        choice(Motions),
+        "motion blur. moments: mean of pictures; exact: mean of the footprint along its path; energy: half discs and "
+        "a rectangle of equal energy; paper: Eq. 11; auto: moments, but exact for X-rays of voxels",
+    )
+    moments: int | None = _animation(
+        None, whole(1, MAX_MOMENTS), "pictures that a frame is the mean of, up to 4096 (default: by the motion)"
+    )
+    shutter: float = _animation(
+        180.0,
+        number("an angle from 0 to 360 degrees", 0, FULL_SHUTTER, metavar="DEG"),
+        "exposure in degrees, 360 being a whole frame",
+    )
+    order: Order = _paper("auto", choice(Order), "drawing order of splats. It follows from their rows, without a sort")
+    occlusion: Occlusion = _speed(
+        "auto", choice(Occlusion), "occlusion culling. auto: skips splats behind pixels that hardly any light passes"
+    )
+    tolerance: float = _accuracy(
+        1 / 255,
+        number("a number in (0, 1]", 0, 1, above=True, metavar="E"),
+        "largest allowed error of a colour in linear light, up to 1 (default 1/255)",
+    )
+    background: Color | None = _picture(
+        None,
+        Kind("three linear numbers from 0 to 1", _background, read_background, "COLOUR", written=BACKGROUNDS),
+        BACKGROUNDS,
+        level=BASIC,
+    )
+    clip: tuple[Plane, ...] = option((), Kind("planes", planes), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)")
 
     def __post_init__(self) -> None:
-        for name, allowed in choices().items():
-            if getattr(self, name) not in allowed:
-                raise expected(name, " or ".join(allowed), repr(getattr(self, name)))
-        _check_number("samples", self.samples, 1, MAX_SAMPLES)
-        if self.sheets is not None:
-            _check_number("sheets", self.sheets, LEAST_SHEETS, MOST_SHEETS)
-        if self.steps is not None:
-            _check_number("steps", self.steps, 1, MOST_STEPS)
-        if self.moments is not None:
-            _check_number("moments", self.moments, 1, MAX_MOMENTS)
-        if self.table_size is not None:
-            _check_number("table_size", self.table_size, 2, MAX_TABLE_SIZE)
-        if self.table_bits not in (8, 16, 32):
-            raise expected("table_bits", "8, 16 or 32", self.table_bits)
-        if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
-            raise expected("tolerance", "a number in (0, 1]", repr(self.tolerance))
-        if self.z_s is not None and not (_is_number(self.z_s) and self.z_s >= 0):
-            raise expected("z_s", "a depth of at least 0", repr(self.z_s))
-        if not (_is_number(self.shutter) and 0 <= self.shutter <= FULL_SHUTTER):
-            raise expected("shutter", "an angle from 0 to 360 degrees", repr(self.shutter))
-        for name in ("ambient_occlusion", "shadows"):
-            if not (_is_number(getattr(self, name)) and 0 <= getattr(self, name) <= 1):
-                raise expected(name, "a strength from 0 to 1", repr(getattr(self, name)))
-        if self.background is not None:
-            object.__setattr__(self, "background", _background(self.background))
-        if self.light_from is not None:
-            object.__setattr__(self, "light_from", checked_place(self.light_from))
-        if self.clip != ():
-            object.__setattr__(self, "clip", planes(self.clip))
+        check_options(self)
 
     @property
     def given(self) -> dict[str, Any]:
         """The fields that differ from their defaults."""
-        return {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != f.default}
+        return non_default(self)
 
     def but(self, **changes: Any) -> Settings:
-        """These settings with some changed; InputError for an unknown name."""
-        unknown = set(changes) - {field.name for field in fields(self)}
-        if unknown:
-            raise expected("settings", "names of Settings' fields", ", ".join(sorted(unknown)))
+        """The settings with changes. Raises InputError for unknown names."""
+        refuse_unknown("settings", changes, declared(self), "names of Settings' fields")
         return replace(self, **changes)
 
     @classmethod
@@ -237,17 +296,6 @@ class Settings:
         ).but(**changes)
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def _check_number(name: str, value: int, low: int, high: int) -> None:
-    if not (_is_number(value) and low <= value <= high and value == int(value)):
-        raise expected(name, f"a whole number from {low} to {high}", repr(value))
-
-
-def _background(color: Any) -> tuple[float, float, float]:
-    rgb = list(color) if isinstance(color, Iterable) else []
-    if len(rgb) != 3 or not all(_is_number(c) and 0 <= c <= 1 for c in rgb):
-        raise expected("background", "three linear numbers from 0 to 1", repr(color)[:80])
-    return float(rgb[0]), float(rgb[1]), float(rgb[2])
+def choices() -> dict[str, tuple[str, ...]]:
+    """Values of each setting that has names, the default first, registered kernels last."""
+    return {name: setting.choices for name, setting in declared(Settings).items() if setting.choices}

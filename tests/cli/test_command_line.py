@@ -14,7 +14,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import COMMANDS, _command_of, _parser, main
-from splatgl.cli.messages import options_of, worded
+from splatgl.cli.parser import options_of, worded
 
 Said = pytest.CaptureFixture[str]
 
@@ -182,7 +182,7 @@ def test_names_in_paths_and_quotes_stay() -> None:
 def test_names_of_the_reader_are_those_of_its_options() -> None:
     from dataclasses import fields
 
-    from splatgl.cli.messages import READING
+    from splatgl.cli.parser import READING
     from splatgl.readers.options import LoadOptions
 
     known = {field.name for field in fields(LoadOptions)}

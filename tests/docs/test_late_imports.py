@@ -60,7 +60,7 @@ def test_told_before_imports(command: str, tmp_path: Path) -> None:
 
 def test_grounds_are_those_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     """They are imported with what draws; the help names them before."""
-    for arguments in (["--help"], ["missing.nrrd", "--ground", "blue"]):
+    for arguments in (["--help-all"], ["missing.nrrd", "--ground", "blue"]):
         with pytest.raises(SystemExit):
             main(["view", *arguments])
     told = capsys.readouterr()

@@ -10,8 +10,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.cli.options import reader
+from splatgl.data.color import AUTO, CLEAR, read_background
+from splatgl.options import declared
 from splatgl.scene.background import BLACK, WHITE, grounded, suited
-from splatgl.scene.parse import AUTO, CLEAR, background
 
 SURFACE = sg.Transfer([(0.4, 0.0), (0.6, 0.9)])
 GLOW = sg.Transfer([(0.4, 0.0), (0.6, 0.9)], shading=False)
@@ -46,13 +48,13 @@ def corner(name: str) -> list[float]:
     ],
 )
 def test_names_of_colours(text: str, right: object) -> None:
-    assert background(text) == pytest.approx(right)
+    assert read_background(text) == pytest.approx(right)
 
 
 @pytest.mark.parametrize("text", ["", "blak", "#12", "#gggggg", "rgb(1,2)", "#11223344", "a" * 100_000])
 def test_bad_colours(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=r"expected auto, transparent.*CSS"):
-        background(text)
+        reader(declared(sg.Settings)["background"].kind)(text)
 
 
 def test_what_suits() -> None:

@@ -1,0 +1,146 @@
+"""Argument parser: help in two lengths, errors in one line, and messages that name options as users type them."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any, NoReturn
+
+READING = (
+    *("shape", "dtype", "spacing", "header_offset", "array", "channel", "level", "series", "time"),
+    *("color", "relief", "anywhere", "values"),
+)
+"""Reader options: a message on a file may name them behind its path."""
+
+OTHER_NAMES = {"target": "look_at"}
+"""Options that Python calls otherwise where their values are checked; argparse itself checks --target."""
+
+EXPECTED = ": expected "
+BAD_INPUT = 2
+# a value that begins with a minus: -30, -160,240, -.5:0,1:1, -inf
+NEGATIVE = re.compile(r"-([0-9.]|inf\b|nan\b)")
+# groups of `--help-all` in their order; others stand before them
+GROUPS = (
+    *("view", "picture and light", "transfer function", "clipping and masks", "layers and meshes"),
+    *("reading files", "accuracy", "performance", "workers", "OpenGL", "the paper's method, and experts"),
+)
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument parser that reports a usage error in one line, as for any bad input, and takes negative values.
+
+    `--help` shows the options that are in no titled group, and those with a `summary`; `--help-all` shows all.
+    """
+
+    def __init__(self, *args: Any, **named: Any) -> None:
+        super().__init__(*args, **{"formatter_class": Formatter, **named})
+        # argparse takes what fits for a value, not an option: its own pattern knows single numbers, no -1,2,3
+        self._negative_number_matcher = NEGATIVE
+
+    def error(self, message: str) -> NoReturn:
+        """Exits with BAD_INPUT and one line on stderr."""
+        self.exit(BAD_INPUT, f"{one_line(f'{self.prog}: {message}; see {self.prog} --help')}\n")
+
+    @property
+    def is_long(self) -> bool:
+        """Whether `--help` leaves options out."""
+        return any(getattr(action, "summary", "") for action in self._actions)
+
+    def format_help(self, everything: bool = False) -> str:
+        """Help on the basic options, or on all in groups."""
+        if everything or not self.is_long:
+            titled = {title: place for place, title in enumerate(GROUPS)}
+            self._action_groups.sort(key=lambda group: titled.get(group.title or "", -1))
+            return super().format_help()
+        operands, options, *groups = self._action_groups
+        basic = [*options._group_actions, *(a for g in groups for a in g._group_actions if getattr(a, "summary", ""))]
+        form = Short(self.prog)
+        form.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        form.add_text(self.description)
+        for title, actions in (("arguments", operands._group_actions), ("options", basic)):
+            form.start_section(title)
+            form.add_arguments(actions)
+            form.end_section()
+        form.add_text(f"More options: {self.prog} --help-all")
+        return form.format_help()
+
+    def _get_option_tuples(self, option_string: str) -> list[Any]:
+        # --hel and --help- stand for one option each
+        found = super()._get_option_tuples(option_string)
+        return [one for one in found if one[1] != "--help-all" or option_string.startswith("--help-")]
+
+
+class Formatter(argparse.RawDescriptionHelpFormatter):
+    """Formats `-o, --output FILE`, and keeps the lines of a description."""
+
+    def _format_action_invocation(self, action: argparse.Action) -> str:
+        if not action.option_strings or action.nargs == 0:
+            return super()._format_action_invocation(action)
+        value = self._format_args(action, self._get_default_metavar_for_optional(action))
+        return f"{', '.join(action.option_strings)} {value}"
+
+
+class Short(Formatter):
+    """Formats each option in a line: a short name of its value, and its summary."""
+
+    def _format_args(self, action: argparse.Action, default_metavar: str) -> str:
+        return super()._format_args(action, default_metavar).partition("[:")[0]
+
+    def _expand_help(self, action: argparse.Action) -> str:
+        return getattr(action, "summary", "") or super()._expand_help(action)
+
+
+class HelpAll(argparse.Action):
+    """Prints help on all options, and exits."""
+
+    def __init__(self, **named: Any) -> None:
+        super().__init__(**{**named, "nargs": 0})
+
+    def __call__(self, parser: Any, *_: Any) -> None:
+        """Prints help on all options, and exits."""
+        print(parser.format_help(everything=True), end="")
+        parser.exit()
+
+
+def options_of(parser: argparse.ArgumentParser) -> dict[str, str]:
+    """The long option of every destination; positional arguments have none."""
+    return {action.dest: max(action.option_strings, key=len) for action in parser._actions if action.option_strings}
+
+
+def worded(message: str, options: Mapping[str, str], args: argparse.Namespace | None) -> str:
+    """The message, in which the option that it is about, and those that it advises, are as typed.
+
+    Replaced are: the name that it begins with; behind a path that of a reader option that is given; `name=` of a
+    reader option in what is expected or advised; and the names of options that a format doesn't take. The keys of a
+    scene.toml stay, unless the option is given.
+    """
+    head, found, rest = message.partition(EXPECTED)
+    if not found:
+        return message
+    before, colon, name = head.rpartition(": ")
+    plain = name.removeprefix("transfer ")
+    of_file = bool(colon) or plain != name or str(getattr(args, "source", "")).endswith(".toml")
+    plain = plain if colon else OTHER_NAMES.get(plain, plain)
+    given = getattr(args, plain, None) is not None
+    if plain in options and (given or not of_file) and (not colon or plain in READING):
+        head = before + colon + options[plain]
+    reading = "|".join(name for name in READING if name in options)
+    if not reading:
+        return head + found + rest
+    rest = re.sub(rf"(?<![\w.'-])({reading})=(?=\S)", lambda match: f"{options[match[1]]} ", rest)
+    if colon and name == "options":
+        rest = re.sub(rf"(?<![\w.'-])({reading})(?=[, ]|$)", lambda match: options[match[1]], rest)
+    return head + found + rest
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """` (did you mean …?)`, or nothing if no known word is near."""
+    found = get_close_matches(word.partition("=")[0], list(known), n=1)
+    return f" (did you mean {found[0]}?)" if found else ""
+
+
+def one_line(text: str) -> str:
+    """The text, each character of which a terminal shows in one line; names of files hold any."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
