@@ -33,11 +33,6 @@ def told(error: BaseException) -> str:
     return str(error) or "not enough memory"
 
 
-def choice(error: InputError, option: str, found: Sequence[tuple[str, str]]) -> Choice:
-    """The error as one that a reader option resolves; found: such as [("a", "3 × 4 × 5 float32"), …]."""
-    return Choice(str(error), option, found)
-
-
 def expected(what: object, this: object, got: object, fix: str = "") -> InputError:
     """An `InputError` in the standard form: `<what>: expected <this>, got <that>; <how to fix>`."""
     line = f"{what}: expected {this}, got {got}" + (f"; {fix}" if fix else "")

@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.comparison.compare import Picture, alike, pairs, read, read_mask
 from splatgl.comparison.metrics import need_flip
 from splatgl.comparison.verdict import Tolerance, Verdict, judge
-from splatgl.data.image import Image
+from splatgl.data.image import Image, encode_png
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, write_whole
 
@@ -181,7 +181,7 @@ def _diff(actual: Image, right: Image, asked: Asked) -> bytes:
     from splatgl.comparison import html_report
 
     difference = html_report.largest(actual, right, asked.mask)
-    return html_report.png(html_report.heat(difference))
+    return encode_png(html_report.heat(difference), html_report.COMPRESSION)
 
 
 def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:

@@ -166,12 +166,11 @@ def _differences(a: np.ndarray, b: np.ndarray) -> _Differences:
 
 
 def _check_finite(what: str, pixels: np.ndarray) -> None:
-    bad = ~np.isfinite(pixels).all(axis=-1)
-    if bad.any():
-        row, column = np.argwhere(bad)[0]
-        raise expected(
-            what, "finite numbers", f"{pixels[row, column].tolist()} at column {column}, row {row} of {bad.sum()} such"
-        )
+    bad = np.argwhere(~np.isfinite(pixels).all(axis=-1))
+    if len(bad):
+        row, column = bad[0]
+        got = f"{pixels[row, column].tolist()} at column {column}, row {row} of {len(bad)} such"
+        raise expected(what, "finite numbers", got)
 
 
 def _sum_error(off: float, scale: float) -> float:
@@ -252,10 +251,7 @@ def _rounded(picture: Picture, bits: int | None, xray: bool) -> Image:
         image = replace(image, info={**image.info, "blend": "xray"})
     if bits is None or picture.bits == bits:
         return image
-    if not np.isfinite(image.pixels).all():
-        row, column = np.argwhere(~np.isfinite(image.pixels).all(axis=-1))[0]
-        got = f"{image.pixels[row, column].tolist()} at column {column}, row {row}"
-        raise expected(picture.name, "finite numbers", got)
+    _check_finite(picture.name, image.pixels)
     return image.rounded(bits)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
@@ -14,7 +13,7 @@ import numpy as np
 from splatgl.comparison.compare import BAND_ROWS, Comparison
 from splatgl.comparison.metrics import over_channels
 from splatgl.comparison.verdict import Verdict, number
-from splatgl.data.image import Image
+from splatgl.data.image import Image, encode_png
 
 # pixels along the longer side of an image in a report, and of the enlarged detail
 LARGEST, DETAIL = 1024, 64
@@ -28,18 +27,8 @@ SHADES = 1024
 COMPRESSION = 4
 
 
-@dataclass(frozen=True)
-class Box:
-    """A rectangle of an image in pixels; right and bottom are exclusive."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    def of(self, pixels: np.ndarray) -> np.ndarray:
-        """This rectangle of pixels [H, W, ...], as a view."""
-        return pixels[self.top : self.bottom, self.left : self.right]
+# a rectangle of an image in pixels: left, top, right, bottom; the last two are exclusive
+Box = tuple[int, int, int, int]
 
 
 def shown(image: Image, peak: float = 1.0) -> np.ndarray:
@@ -92,21 +81,12 @@ def detail(found: Comparison, shape: tuple[int, ...]) -> Box:
         grow = (DETAIL - 1) // 2
     else:
         grow = MARGIN
-    return Box(max(left - grow, 0), max(top - grow, 0), min(right + grow, width), min(bottom + grow, height))
-
-
-def png(samples: np.ndarray) -> bytes:
-    """A PNG file of uint8 [H, W, 3 or 4]."""
-    from PIL import Image as Pillow
-
-    buffer = io.BytesIO()
-    Pillow.fromarray(samples).save(buffer, "PNG", compress_level=COMPRESSION)
-    return buffer.getvalue()
+    return max(left - grow, 0), max(top - grow, 0), min(right + grow, width), min(bottom + grow, height)
 
 
 def data_uri(samples: np.ndarray) -> str:
-    """A PNG as a data URI."""
-    return "data:image/png;base64," + base64.b64encode(png(samples)).decode("ascii")
+    """A PNG of uint8 [H, W, 3 or 4] as a data URI."""
+    return "data:image/png;base64," + base64.b64encode(encode_png(samples, COMPRESSION)).decode("ascii")
 
 
 # maximum number of cases with images: a larger page is too big to open
@@ -153,18 +133,22 @@ def case_alone(name: str, state: str, line: str, image: Image | None = None) -> 
     """A case without a counterpart: only the image, if there is a displayable one."""
     if image is None or not np.isfinite(image.pixels).all():
         return Case(name, state, line)
-    peak = float(image.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
-    return Case(name, state, line, f'<div class="row">{_panel("actual", _image(shown(image, peak)))}</div>')
+    return Case(name, state, line, _side_by_side(actual=image))
 
 
 def case_of_sizes(name: str, line: str, first: Image, second: Image) -> Case:
     """A case of two pictures of different sizes, which are shown side by side."""
+    return Case(name, "different", line, _side_by_side(actual=first, expected=second))
+
+
+def _side_by_side(**images: Image) -> str:
+    """A row of images by their titles; what is not finite is drawn as 0."""
     panels = []
-    for title, image in (("actual", first), ("expected", second)):
+    for title, image in images.items():
         finite = Image(np.nan_to_num(image.pixels, posinf=0.0, neginf=0.0), image.info)
         peak = float(finite.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
         panels.append(_panel(title, _image(shown(finite, peak))))
-    return Case(name, "different", line, f'<div class="row">{"".join(panels)}</div>')
+    return f'<div class="row">{"".join(panels)}</div>'
 
 
 def page(cases: Sequence[Case], title: str) -> str:
@@ -220,31 +204,23 @@ def _sames(cases: Sequence[Case]) -> str:
 
 def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarray) -> str:
     """Two rows: the images with the box of the difference, and the enlarged detail."""
-    found = verdict.comparison
-    peak = found.peak
-    part = detail(found, difference.shape)
-    all_of_it = (part.right - part.left, part.bottom - part.top) == verdict.size
-    gain = f"difference, from black to {number('maximum', found.maximum)}"
-    rows = [_row(_shown(actual, right, peak), heat(shrunk(difference, np.max)), gain, _mark(verdict))]
-    if not all_of_it:
-        cut = [Image(part.of(image.pixels)) for image in (actual, right)]
-        where = f"columns {part.left}–{part.right - 1}, rows {part.top}–{part.bottom - 1}, enlarged"
-        rows += [
-            f'<p class="part">{where}</p>',
-            _row(_shown(cut[0], cut[1], peak), heat(part.of(difference)), gain, "", "detail"),
-        ]
+    found, both = verdict.comparison, (actual, right)
+    rows = [_row(both, heat(shrunk(difference, np.max)), found, _mark(verdict))]
+    left, top, end, bottom = detail(found, difference.shape)
+    if (end - left, bottom - top) != verdict.size:
+        part = slice(top, bottom), slice(left, end)
+        cut = [Image(image.pixels[part]) for image in both]
+        rows.append(f'<p class="part">columns {left}–{end - 1}, rows {top}–{bottom - 1}, enlarged</p>')
+        rows.append(_row(cut, heat(difference[part]), found, "", "detail"))
     return "".join(rows)
 
 
-def _shown(actual: Image, right: Image, peak: float) -> tuple[np.ndarray, np.ndarray]:
-    return shown(actual, peak), shown(right, peak)
-
-
-def _row(both: tuple[np.ndarray, np.ndarray], difference: np.ndarray, gain: str, mark: str, kind: str = "") -> str:
-    first, second = (_image(samples) for samples in both)
+def _row(both: Sequence[Image], difference: np.ndarray, found: Comparison, mark: str, kind: str = "") -> str:
+    first, second = (_image(shown(image, found.peak)) + mark for image in both)
+    gain = f"difference, from black to {number('maximum', found.maximum)}"
     panels = [
-        _panel("actual", first + mark),
-        _panel("expected", second + mark),
+        _panel("actual", first),
+        _panel("expected", second),
         _panel(gain, _image(difference, "picture heat") + mark),
         # the page's script inserts both images here, so that the file holds them only once
         _panel('<span class="now">in turn</span>', "", "flicker"),
@@ -266,9 +242,9 @@ def _mark(verdict: Verdict) -> str:
     width, height = verdict.size
     if verdict.comparison.box is None:
         return ""
-    box = Box(*verdict.comparison.box)
-    at = f"left:{100 * box.left / width:.3f}%;top:{100 * box.top / height:.3f}%"
-    size = f"width:{100 * (box.right - box.left) / width:.3f}%;height:{100 * (box.bottom - box.top) / height:.3f}%"
+    left, top, right, bottom = verdict.comparison.box
+    at = f"left:{100 * left / width:.3f}%;top:{100 * top / height:.3f}%"
+    size = f"width:{100 * (right - left) / width:.3f}%;height:{100 * (bottom - top) / height:.3f}%"
     return f'<i class="mark" style="{at};{size}"></i>'
 
 

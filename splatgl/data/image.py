@@ -149,7 +149,7 @@ class Image:
     def _png(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> bytes:
         # the samples first: this adds the X-ray scale to `info`
         samples = self._samples(info, bits, background)
-        return _with_text(_encode(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
+        return _with_text(encode_png(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
 
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:
         """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is stored in `info`."""
@@ -172,15 +172,16 @@ def _npy(values: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def _encode(samples: np.ndarray) -> bytes:
+def encode_png(samples: np.ndarray, level: int = 4) -> bytes:
+    """A PNG of uint8 or uint16 [H, W, 3 or 4]. level: of zlib. Raises InputError for 16 bits without imagecodecs."""
     if samples.dtype == np.uint8:
         from PIL import Image as Pillow
 
         buffer = io.BytesIO()
-        Pillow.fromarray(samples).save(buffer, "PNG", compress_level=4)
+        Pillow.fromarray(samples).save(buffer, "PNG", compress_level=level)
         return buffer.getvalue()
     imagecodecs = import_extra("imagecodecs", "16-bit PNG", "imagecodecs", "readers")
-    return bytes(imagecodecs.png_encode(samples, level=4))
+    return bytes(imagecodecs.png_encode(samples, level=level))
 
 
 def _with_text(png: bytes, keyword: str, text: str) -> bytes:

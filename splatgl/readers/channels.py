@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.data.color import luma
 from splatgl.data.volume import Volume
-from splatgl.errors import choice, expected
+from splatgl.errors import Choice, expected
 from splatgl.readers.options import LoadOptions
 
 # units of time, as files spell them
@@ -65,7 +65,7 @@ class Several:
         if asked is None and not self.together:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
             error = expected("axes", "one sample per voxel", f"{count} channels", fix)
-            raise choice(error, "channel", [(str(n), each.name) for n, each in enumerate(self.channels)])
+            raise Choice(str(error), "channel", [(str(n), each.name) for n, each in enumerate(self.channels)])
         if asked is None or asked == "all":
             return list(range(count))
         return [self._number(part.strip(), count) for part in str(asked).split(",")]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
 import logging
+import math
 import re
 import warnings
 import zlib
@@ -14,7 +16,7 @@ from typing import BinaryIO
 import numpy as np
 
 from splatgl.data.volume import Hints
-from splatgl.errors import InputError, choice, expected
+from splatgl.errors import Choice, InputError, expected
 from splatgl.fileio import byte_count, require_memory
 
 # anywhere in a name, and whole words
@@ -178,7 +180,7 @@ def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]])
         if entry is None and count > 1:
             fix = f"pick one with {option}=0 … {option}={count - 1}"
             error = expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
-            raise choice(error, option, [(f"0 … {count - 1}", f"along one axis of {' × '.join(map(str, shape))}")])
+            raise Choice(str(error), option, [(f"0 … {count - 1}", f"along one axis of {' × '.join(map(str, shape))}")])
         if entry is not None and entry >= count:
             raise expected(option, f"a number from 0 to {count - 1}", entry)
         index[axis] = entry or 0
@@ -257,8 +259,23 @@ def read_numbers(file: BinaryIO, count: int, dtype: np.dtype, there: int) -> np.
     return numbers
 
 
-def require_end(file: BinaryIO, count: int) -> None:
-    """Raises InputError if more than blanks follow `count` numbers."""
+def read_text(file: BinaryIO, dtype: np.dtype, shape: Sequence[int], there: int) -> np.ndarray:
+    """The numbers of text up to its end [shape], as `read_numbers`. Raises InputError if there are more or fewer."""
+    count = math.prod(int(size) for size in shape)
+    numbers = read_numbers(file, count, dtype, there)
     while block := file.read(_BLOCK_BYTES):
         if block.strip():
             raise expected("data", f"{count} numbers", "more", "the header states a wrong size")
+    return numbers.reshape(tuple(shape))
+
+
+def bunzip(path: Path, offset: int, needed: int) -> np.ndarray:
+    """At most `needed` + 1 bytes of bzip2 data in `path` at `offset`. Raises InputError for fewer than needed."""
+    there = path.stat().st_size - offset
+    require_plausible(needed, there, bounded=False)
+    require_memory(needed, there)
+    with path.open("rb") as file, library("bzip2 data"):
+        file.seek(offset)
+        data = np.frombuffer(bz2.BZ2File(file).read(needed + 1), np.uint8)
+    require_bytes(needed, data.size, "inflated data")
+    return data

@@ -248,7 +248,10 @@ def grid_of(frames: Sequence[Frame], options: LoadOptions) -> Grid:
         origin, step, between, told = _resampled(positions, positions @ normal, chosen)
         notes += told
     else:
-        origin, step = _line(indices, positions)
+        # the even positions nearest to those of the planes, by least squares
+        n = indices - indices.mean()
+        step = n @ (positions - positions.mean(axis=0)) / (n @ n)
+        origin = positions.mean(axis=0) - indices.mean() * step
         notes += _told(indices, positions, origin, step)
     indices = np.arange(len(chosen)) if indices is None else indices
     planes: list[Frame | None] = [None] * (int(indices[-1]) + 1)
@@ -264,7 +267,7 @@ def _stacked(frames: Sequence[Frame], options: LoadOptions, across: tuple[float,
     """Frames without positions, in the order of their numbers."""
     if options.array is not None:
         raise expected("array", "none, for images without positions", repr(options.array))
-    ordered = sorted(frames, key=lambda frame: (*_key(frame)[-1:], frame.header.source.name, frame.number))
+    ordered = sorted(frames, key=lambda frame: (*frame.order[-1:], frame.header.source.name, frame.number))
     signed = ordered[0].step or across[0]
     step, direction = abs(signed), np.diag([1.0, 1.0, np.sign(signed)])
     how = f"{step:g} {unit}".strip() + " apart"
@@ -278,13 +281,9 @@ def _least(along: np.ndarray, step: float) -> float:
     return max(min(SAME * widest, SAME * (step or np.inf)), 1e-4)
 
 
-def _key(frame: Frame) -> tuple[float, ...]:
-    return tuple(-np.inf if np.isnan(time) else time for time in frame.times)
-
-
 def _one_each(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[Frame], tuple[str, ...]]:
     """One image of each place: the one of that number in the order of TIMES, else the first; what is told of it."""
-    each = [sorted(images, key=lambda frame: (*_key(frame), frame.number)) for images in by_place]
+    each = [sorted(images, key=lambda frame: (*frame.order, frame.number)) for images in by_place]
     most, least = max(map(len, each)), min(map(len, each))
     if most == 1 or most != least:
         if options.array is not None:
@@ -364,13 +363,6 @@ def _resampled(
     empty = int(np.isnan(between).sum())
     notes += [f"slices are missing: {empty} of {count} planes are left empty"] if empty else []
     return start, slope * least, between, tuple(notes)
-
-
-def _line(indices: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Origin [3] and step [3] of the even positions nearest to those of the planes, by least squares."""
-    n = indices - indices.mean()
-    step = n @ (positions - positions.mean(axis=0)) / (n @ n)
-    return positions.mean(axis=0) - indices.mean() * step, step
 
 
 def _told(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, step: np.ndarray) -> tuple[str, ...]:
@@ -460,15 +452,14 @@ def contents(path: Path) -> Contents:
         else:
             others.append(head)
     if not members and not any(head.modality in SEGMENTS for head in others):
-        raise _no_images([_kind(head) for head in others], failed)
+        raise _no_images(others, failed)
     ordered = sorted(members.values(), key=lambda each: (each[0].header.number, each[0].header.series))
-    series = (_series(number, each) for number, each in enumerate(ordered, 1))
+    heads = [each[0].header for each in ordered]
+    series = (
+        Series(number, head.series, head.modality, head.description, tuple(each))
+        for number, (head, each) in enumerate(zip(heads, ordered, strict=True), 1)
+    )
     return Contents(tuple(series), len(failed), tuple(others))
-
-
-def _series(number: int, members: list[Frame]) -> Series:
-    head = members[0].header
-    return Series(number, head.series, head.modality, head.description, tuple(members))
 
 
 def _frames(source: Source) -> tuple[Header, list[Frame]]:
@@ -481,18 +472,12 @@ def _frames(source: Source) -> tuple[Header, list[Frame]]:
     return head, frames(head, told)
 
 
-def _kind(head: Header) -> str:
-    if head.sop == DICOMDIR_CLASS:
-        return "DICOMDIR"
-    return head.modality if head.modality in OTHERS else ""
-
-
-def _no_images(others: Sequence[str], failed: Sequence[InputError]) -> InputError:
+def _no_images(others: Sequence[Header], failed: Sequence[InputError]) -> InputError:
     """What is there instead of images: the kind that can be converted, if there is one."""
     if not others and failed:
         return InputError(f"none of {len(failed)} DICOM files can be read: {failed[0]}")
-    kind = next((kind for kind in OTHERS if kind in others), "")
-    return expected("DICOM", "images", OTHERS.get(kind, "files without pixels"))
+    kinds = {"DICOMDIR" if head.sop == DICOMDIR_CLASS else head.modality for head in others}
+    return expected("DICOM", "images", next((OTHERS[kind] for kind in OTHERS if kind in kinds), "files without pixels"))
 
 
 def chosen(found: Sequence[Series], options: LoadOptions) -> Series:

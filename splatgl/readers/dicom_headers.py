@@ -225,6 +225,11 @@ class Frame:
     scale: tuple[float, float]
     times: Six
 
+    @property
+    def order(self) -> Six:
+        """Key that sorts images at one place: `times`, where NaN comes first."""
+        return tuple(-math.inf if math.isnan(time) else time for time in self.times)
+
 
 # of the image storages of nuclear medicine, in which SpacingBetweenSlices has a sign (PS3.3 C.8.4.15)
 NUCLEAR = ("1.2.840.10008.5.1.4.1.1.20", "1.2.840.10008.5.1.4.1.1.5")
@@ -417,8 +422,7 @@ def _frame(of: Header, number: int, groups: _Groups) -> Frame:
 def _time(groups: _Groups, tag: str, sequence: str) -> float:
     """A number that orders images, NaN if there is none. A time of day HHMMSS.F is ordered as a number, too."""
     try:
-        value = groups.get(tag, sequence) if sequence else groups.told.get(tag)
-        return float(str(value)) if value not in (None, "") else math.nan
+        return float(str(groups.get(tag, sequence)))
     except Exception:
         return math.nan
 

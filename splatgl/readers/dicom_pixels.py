@@ -117,10 +117,7 @@ def decoded(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Frame, np
         wanted = {frame.number: frame for frame in frames}
         for number, data in _stored(file, header, sorted(wanted)):
             with reading():
-                if decoder.is_encapsulated:
-                    array = _unpacked(decoder, header, data, told)
-                else:
-                    array = _plain(decoder, header, data, told)
+                array = _decode(decoder, header, data, told)
                 color = _colors(array, header, told) if is_color(header) else None
             if array.shape[:2] != header.size:
                 raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
@@ -154,31 +151,20 @@ def _stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tu
             yield number, data
 
 
-def _plain(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
-    """A frame without compression."""
-    return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **_pixel_options(header, told))[0])
-
-
-def _unpacked(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
-    """A compressed frame; the sizes that its own header states are checked first."""
+def _decode(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
+    """A frame's values; of a compressed frame the sizes that its own header states are checked first."""
     from pydicom.encaps import encapsulate
-
-    if header.syntax != RLE:
-        _check_stream(data, header)
-    packed = encapsulate([data], has_bot=False)
-    found = decoder.as_array(packed, index=0, validate=True, raw=False, **_pixel_options(header, told))[0]
-    return np.asarray(found)
-
-
-def _pixel_options(header: Header, told: Any) -> Any:
-    """What pydicom's decoders want to know of a single frame."""
     from pydicom.pixels.utils import as_pixel_options
 
+    if decoder.is_encapsulated:
+        if header.syntax != RLE:
+            _check_stream(data, header)
+        data = encapsulate([data], has_bot=False)
     wide = "OB" if header.allocated <= 8 else "OW"
     plain = {"bits_stored": header.stored[0] or header.allocated} if header.stored[0] else {}
-    found = as_pixel_options(told, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
-    found.pop("extended_offsets", None)
-    return found
+    options: Any = as_pixel_options(told, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
+    options.pop("extended_offsets", None)
+    return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
 
 
 def _check_stream(data: bytes, header: Header) -> None:

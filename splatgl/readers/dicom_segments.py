@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
@@ -153,9 +154,7 @@ def _srgb(lab: Sequence[float]) -> list[int]:
     xyz = np.array([f + a / 500, f, f - b / 200])
     xyz = np.where(xyz > 6 / 29, xyz**3, 3 * (6 / 29) ** 2 * (xyz - 4 / 29)) * (0.95047, 1.0, 1.08883)
     linear = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]) @ xyz
-    linear = np.clip(linear, 0.0, 1.0)
-    shown = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
-    return [round(each * 255) for each in shown.tolist()]
+    return [round(part * 255) for part in srgb_from_linear(np.clip(linear, 0.0, 1.0)).tolist()]
 
 
 def _of_frames(
@@ -199,17 +198,10 @@ def _owners(told: Any, count: int) -> list[int]:
     own = list(told.get("PerFrameFunctionalGroupsSequence") or [None] * count)
     found = []
     for group in own:
-        items = next(
-            (
-                g.get("SegmentIdentificationSequence")
-                for g in (group, shared)
-                if g is not None and g.get("SegmentIdentificationSequence")
-            ),
-            None,
-        )
-        if not items:
+        items = [each.get("SegmentIdentificationSequence") for each in (group, shared) if each is not None]
+        if not any(items):
             raise expected("frames", "the segment that each is of", "none", "the file is damaged")
-        found.append(int(items[0].ReferencedSegmentNumber))
+        found.append(int(next(filter(None, items))[0].ReferencedSegmentNumber))
     return found
 
 

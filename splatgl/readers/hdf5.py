@@ -26,7 +26,7 @@ import numpy as np
 
 from splatgl.data.affine import METRES, Coordinate, Lattice, axes_of, kind_of, lattice, stated, unit_name
 from splatgl.data.volume import Volume, triple
-from splatgl.errors import InputError, choice, expected, import_extra
+from splatgl.errors import Choice, InputError, expected, import_extra
 from splatgl.fileio import WHOLE, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several
 from splatgl.readers.chunked import Chunked, Packing
@@ -147,7 +147,7 @@ def _chosen(file: Any, options: LoadOptions) -> Any:
         listed = ", ".join(f"{name} {_size(node.shape or ())}" for name, node in found.items()) or "nothing"
         told = f"{len(volumes) or 'none'} in {listed}"
         error = expected("datasets", "one volume", told, "pick one with array=/NAME, or FILE:/NAME")
-        raise choice(error, "array", []) if volumes else error
+        raise Choice(str(error), "array", []) if volumes else error
     return volumes[0]
 
 

@@ -15,20 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.affine import unit_name
-from splatgl.data.volume import Triple, Volume, triple
-from splatgl.errors import InputError, expected
+from splatgl.data.volume import Volume, triple
+from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import Several, components
-from splatgl.readers.common import (
-    data_file,
-    grid_shape,
-    inflate,
-    library,
-    map_array,
-    read_numbers,
-    require_end,
-    selection,
-)
+from splatgl.readers.common import data_file, grid_shape, inflate, library, map_array, read_text, selection
 from splatgl.readers.options import LoadOptions
 
 # numpy codes by ElementType; MetaIO's LONG has four bytes on every machine
@@ -97,7 +88,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
     direction, frame, notes = _direction(fields)
     return Volume(
         samples,
-        _spacing(fields),
+        triple(_numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 3)[:3], "ElementSpacing"),
         triple(_numbers(fields, ("Offset", "Position", "Origin"), [0.0] * 3)[:3], "Offset"),
         direction,
         unit_name(fields.get("DistanceUnits", "")),
@@ -120,12 +111,12 @@ def _direction(fields: Fields) -> tuple[np.ndarray, str | None, tuple[str, ...]]
     # a row of the matrix is the direction of one axis: axes become columns
     stated = matrix.reshape(count, count).T[:3, :3] if matrix.size else None
     letters = fields.get("AnatomicalOrientation", "").upper()[:3]
-    sides = [_SIDES.get(letter) for letter in letters]
+    sides = [_SIDES[letter] for letter in letters if letter in _SIDES]
     lettered = None
-    if len(sides) == 3 and None not in sides and len({side[0] for side in sides if side}) == 3:
+    if len({axis for axis, _ in sides}) == 3:
         lettered = np.zeros((3, 3))
-        for axis, side in enumerate(side for side in sides if side):
-            lettered[side[0], axis] = side[1]
+        for axis, (world, sign) in enumerate(sides):
+            lettered[world, axis] = sign
     if stated is None:
         return (np.eye(3), None, ()) if lettered is None else (lettered, "LPS", ())
     # the nearest axes of the matrix are the letters', or one of both is wrong
@@ -242,14 +233,7 @@ def _dtype(fields: Fields) -> np.dtype:
 def _text(path: Path, start: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
     with path.open("rb") as file, library("MetaImage text data"):
         file.seek(start)
-        count = byte_count(shape, np.dtype("u1"))
-        numbers = read_numbers(file, count, dtype, path.stat().st_size - start)
-        require_end(file, count)
-        return numbers.reshape(shape)
-
-
-def _spacing(fields: Fields) -> Triple:
-    return triple(_numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 3)[:3], "ElementSpacing")
+        return read_text(file, dtype, shape, path.stat().st_size - start)
 
 
 def _flag(fields: Fields, name: str, default: bool) -> bool:
@@ -278,9 +262,5 @@ def _numbers(fields: Fields, names: tuple[str, ...], default: list[float]) -> li
             try:
                 return [float(word) for word in fields[name].split()]
             except ValueError:
-                raise _not_numbers(name, fields[name]) from None
+                raise expected(name, "numbers", repr(fields[name])) from None
     return default
-
-
-def _not_numbers(name: str, text: str) -> InputError:
-    return expected(name, "numbers", repr(text))

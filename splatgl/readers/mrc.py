@@ -16,8 +16,8 @@ import numpy as np
 from splatgl.data.affine import axes_of
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
-from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.common import grid_shape, inflate, library, map_array, require_bytes, require_plausible, selection
+from splatgl.fileio import byte_count
+from splatgl.readers.common import bunzip, grid_shape, inflate, library, map_array, require_bytes, selection
 from splatgl.readers.options import LoadOptions
 
 # bytes of the header; an extended one of `nsymbt` bytes follows
@@ -91,12 +91,7 @@ def _data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) 
     if name.endswith(".gz"):
         return inflate(path, 0, np.dtype(np.uint8), (needed,))[start:].view(dtype).reshape(shape)
     if name.endswith(".bz2"):
-        require_plausible(needed, path.stat().st_size, bounded=False)
-        require_memory(needed, path.stat().st_size)
-        with library("bzip2 data"), bz2.open(path) as file:
-            found = np.frombuffer(file.read(needed), np.uint8)
-        require_bytes(needed, found.size, "inflated data")
-        return found[start:].view(dtype).reshape(shape)
+        return bunzip(path, 0, needed)[start:needed].view(dtype).reshape(shape)
     return map_array(path, start, dtype, shape)
 
 

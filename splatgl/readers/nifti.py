@@ -34,7 +34,7 @@ _MGH_START = 284
 
 def read_analyze(path: Path, options: LoadOptions) -> Volume:
     """The volume of an Analyze or NIfTI pair in RAS; `array` picks the time point of a 4-D one."""
-    nibabel = _nibabel("Analyze files")
+    nibabel = import_extra("nibabel", "Analyze files", "nibabel", "readers")
     # 1. both files, of which either may be named
     header, data = (_beside(path, suffix) for suffix in (".hdr", ".img"))
     with header.open("rb") as file:
@@ -50,17 +50,17 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
             spm = {"header_class": nibabel.spm2analyze.Spm2AnalyzeHeader}
             form = type("Image", (nibabel.analyze.AnalyzeImage,), spm)
         image = form.from_file_map(form.make_file_map({"header": str(header), "image": str(data)}), mmap="r")
-        dtype = _dtype_of(image)
+        dtype = np.dtype(image.get_data_dtype())
         sizes = [int(size) for size in image.shape]
         start = int(image.dataobj.offset)
     _check(sizes, dtype)
     require_bytes(max(start, 0) + byte_count(sizes, dtype), data.stat().st_size)
-    return _mgh_volume(image, sizes, "mm", options)
+    return _mgh_volume(image, sizes, options)
 
 
 def read_mgh(path: Path, options: LoadOptions) -> Volume:
     """The volume of an .mgh or .mgz file in RAS; `array` picks one of several frames."""
-    nibabel = _nibabel("MGH files")
+    nibabel = import_extra("nibabel", "MGH files", "nibabel", "readers")
     packed = path.name.lower().endswith("z")
     # 1. sizes, checked before nibabel looks for what follows the samples
     with library("MGH"), gzip.open(path) if packed else path.open("rb") as file:
@@ -79,15 +79,7 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
     # 2. the image; of a packed one no more is inflated than the sizes say
     with library("MGH"):
         image = nibabel.MGHImage.from_filename(path, mmap="r")
-    return _mgh_volume(image, [int(size) for size in image.shape], "mm", options)
-
-
-def _nibabel(what: str) -> Any:
-    return import_extra("nibabel", what, "nibabel", "readers")
-
-
-def _dtype_of(image: Any) -> np.dtype:
-    return np.dtype(image.get_data_dtype())
+    return _mgh_volume(image, [int(size) for size in image.shape], options)
 
 
 def _beside(path: Path, suffix: str) -> Path:
@@ -101,12 +93,17 @@ def _beside(path: Path, suffix: str) -> Path:
 def _check(sizes: list[int], dtype: np.dtype) -> None:
     if dtype.kind not in "uif":
         raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
+    _check_sizes(sizes)
+
+
+def _check_sizes(sizes: list[int]) -> list[int]:
     grid_shape(sizes[:3])
     if min(sizes) < 1:
         raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
+    return sizes
 
 
-def _mgh_volume(image: Any, sizes: list[int], unit: str, options: LoadOptions) -> Volume:
+def _mgh_volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
     long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
     extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
     if not long and options.array is not None:
@@ -119,7 +116,7 @@ def _mgh_volume(image: Any, sizes: list[int], unit: str, options: LoadOptions) -
     samples = stored[selection(sizes, extra)].T
     spacing, direction = axes_of(image.affine[:3, :3], "affine")
     kept = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
-    return Volume(kept, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
+    return Volume(kept, spacing, triple(image.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
 
 
 # units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths
@@ -142,7 +139,6 @@ def read(path: Path, options: LoadOptions) -> Volume:
     Samples with a slope or intercept are scaled to float32, the others keep their type.
     """
     image = _open(path)
-    _sizes(image)
     _check_bytes(path, image)
     return of_image(image, options)
 
@@ -189,11 +185,7 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
 
 def _sizes(image: Any) -> list[int]:
     """Entries along x, y, z and further axes."""
-    sizes = [int(size) for size in image.shape]
-    grid_shape(sizes[:3])
-    if min(sizes) < 1:
-        raise expected("dimensions", "at least one entry along each axis", sizes, "the header is damaged")
-    return sizes
+    return _check_sizes([int(size) for size in image.shape])
 
 
 def _stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:
@@ -244,8 +236,7 @@ def _second_version(path: Path) -> bool:
 
 def _check_bytes(path: Path, image: Any) -> None:
     dtype = image.get_data_dtype()
-    if dtype.kind not in "uif":
-        raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
+    _check([int(size) for size in image.shape], dtype)
     offset = int(image.dataobj.offset)
     if offset < 0:
         raise expected("vox_offset", "a place in the file", offset, "the header is damaged")

@@ -6,7 +6,6 @@ the step along one axis: the columns of world-from-index.
 
 from __future__ import annotations
 
-import bz2
 import io
 import re
 from collections.abc import Mapping
@@ -19,20 +18,9 @@ import numpy as np
 from splatgl.data.affine import axes_of, stated, unit_name
 from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
-from splatgl.fileio import byte_count, require_memory
+from splatgl.fileio import byte_count
 from splatgl.readers.channels import SECONDS, Channel, Several, components, rgb_of
-from splatgl.readers.common import (
-    data_file,
-    grid_shape,
-    inflate,
-    library,
-    map_array,
-    read_numbers,
-    require_bytes,
-    require_end,
-    require_plausible,
-    selection,
-)
+from splatgl.readers.common import bunzip, data_file, grid_shape, inflate, library, map_array, read_text, selection
 from splatgl.readers.options import LoadOptions
 
 _TYPES = {
@@ -324,25 +312,17 @@ def _skip_lines(path: Path, start: int, lines: int) -> int:
 
 def _bunzip(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
     needed = byte_count(shape, dtype)
-    require_plausible(needed, path.stat().st_size - start, bounded=False)
-    require_memory(needed, path.stat().st_size - start)
-    with path.open("rb") as file, library("bzip2 data"):
-        file.seek(start)
-        data = bz2.BZ2File(file).read(needed + 1)
-    if len(data) > needed:
+    data = bunzip(path, start, needed)
+    if data.size > needed:
         raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
-    require_bytes(needed, len(data), "inflated data")
-    return np.frombuffer(data, dtype).reshape(shape)
+    return data.view(dtype).reshape(shape)
 
 
 def _text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
-    count = byte_count(shape, np.dtype("u1"))
     with path.open("rb") as file, library("NRRD text data"):
         file.seek(start)
         text = io.BytesIO(file.read().replace(b",", b" "))
-        numbers = read_numbers(text, count, dtype, text.getbuffer().nbytes)
-        require_end(text, count)
-        return numbers.reshape(shape)
+        return read_text(text, dtype, shape, text.getbuffer().nbytes)
 
 
 def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

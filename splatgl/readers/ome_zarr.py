@@ -18,7 +18,7 @@ import numpy as np
 
 from splatgl.data.affine import METRES, Coordinate, axes_of, kind_of, lattice, stated, unit_name
 from splatgl.data.volume import Hints, Label, Triple, Volume, triple
-from splatgl.errors import InputError, choice, expected, import_extra
+from splatgl.errors import Choice, InputError, expected, import_extra
 from splatgl.fileio import WHOLE, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several, as_microscope, rgb_of, window_of
 from splatgl.readers.chunked import Chunked, Packing, TransposedChunks
@@ -409,7 +409,7 @@ def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> A
         fix = f"pick one with array=NAME; there are: {', '.join(names)}"
         error = expected("array", "the name of one array", got, fix)
         listed = [_about(each) for each in arrays if each[0] in names]
-        raise choice(error, "array", listed) if options.array is None else error
+        raise Choice(str(error), "array", listed) if options.array is None else error
     return node
 
 

@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.errors import InputError, choice, expected
+from splatgl.errors import Choice, InputError, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import grid_shape, library, map_array, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions, sample_type
@@ -81,7 +81,7 @@ def _choice(headers: dict[str, _Header], options: LoadOptions) -> str:
     if len(volumes) != 1:
         fix = f"pick one with array=NAME; there are: {listed}"
         error = expected("arrays", "one 3-D array of real numbers", len(volumes), fix)
-        raise choice(error, "array", [(name, headers[name].about) for name in volumes]) if volumes else error
+        raise Choice(str(error), "array", [(name, headers[name].about) for name in volumes]) if volumes else error
     return volumes[0]
 
 
@@ -140,7 +140,7 @@ def _dtype(path: Path, options: LoadOptions) -> np.dtype:
 def _unstated(path: Path, option: str, such: str) -> InputError:
     """The error for a file of which neither its name nor an option tells the shape or the type."""
     error = expected(option, f"one in the name (such as {such}) or as an option", "neither", _fix(path))
-    return choice(error, option, [("bytes", f"{path.stat().st_size:,}")])
+    return Choice(str(error), option, [("bytes", f"{path.stat().st_size:,}")])
 
 
 def _fix(path: Path) -> str:

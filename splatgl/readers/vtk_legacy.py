@@ -14,8 +14,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from splatgl.data.volume import Hints, Volume, triple
-from splatgl.errors import InputError, choice, expected
+from splatgl.data.volume import Hints, Triple, Volume, triple
+from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count
 from splatgl.readers.common import Shape, grid_shape, hints_of, map_array, read_numbers, require_bytes
 from splatgl.readers.options import LoadOptions
@@ -35,13 +35,36 @@ class PointArray:
     dtype: np.dtype | None = None
 
 
-def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray, np.ndarray | None]:
-    """(samples [D, H, W], vectors float32 [D, H, W, 3] or None) out of a file's arrays.
+@dataclass(frozen=True)
+class Selection:
+    """Selected arrays of a grid: samples [D, H, W] of points or of cells; vectors float32 [D, H, W, 3] or None.
+
+    Speeds, and arrays that are named as a simulation's, get the hints of a field.
+    """
+
+    of_cells: bool
+    samples: np.ndarray
+    vectors: np.ndarray | None
+    hints: Hints
+    notes: tuple[str, ...]
+
+    def volume(self, spacing: Triple, origin: Triple, direction: np.ndarray) -> Volume:
+        """The volume of the samples on a grid."""
+        return Volume(
+            self.samples, spacing, origin, direction, vectors=self.vectors, hints=self.hints, notes=self.notes
+        )
+
+
+def select(points: Sequence[PointArray], cells: Sequence[PointArray], options: LoadOptions) -> Selection:
+    """Selects among the arrays of points and of cells: those of cells if there are no others, or if one has that name.
 
     Without options the first array with one component, else the length of the first vectors, becomes the samples.
     `array` names another one; "scalars", "vectors" and "speed" also stand for the first of their kind. `channel`
     picks a component. Raises InputError naming the arrays if the choice is not clear.
     """
+    of_points, of_cells = ([array.name for array in arrays] for arrays in (points, cells))
+    in_cells = not points or (options.array not in (None, *of_points) and options.array in of_cells)
+    arrays = cells if in_cells else points
     if not arrays:
         raise expected("arrays", "point or cell data", "none")
     vectors = next((array for array in arrays if array.is_vectors), None)
@@ -49,25 +72,17 @@ def pick(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[np.ndarray
     if chosen.is_vectors:
         vectors = chosen
     field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
-    if options.channel_number is None and chosen.is_vectors and field is not None:
-        return _lengths(field), field
-    return _component(chosen, options), field
-
-
-def hints_for(arrays: Sequence[PointArray], options: LoadOptions, samples: np.ndarray) -> Hints:
-    """How what `pick` chose is drawn: speeds, and arrays that are named as a simulation's, as a field."""
-    chosen = _chosen(arrays, next((array for array in arrays if array.is_vectors), None), options)
-    return hints_of(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
-
-
-def told(arrays: Sequence[PointArray], options: LoadOptions) -> tuple[str, ...]:
-    """A note on the arrays of a file that are left out, if none was asked for."""
-    chosen = _chosen(arrays, next((array for array in arrays if array.is_vectors), None), options)
-    others = [array.name for array in arrays if array.name != chosen.name]
-    if options.array is not None or not others:
-        return ()
-    listed = ", ".join(others[:MOST_TOLD]) + ", …" * (len(others) > MOST_TOLD)
-    return (f"array {chosen.name} of {len(arrays)} is drawn; --array picks another: {listed}",)
+    lengths = options.channel_number is None and chosen.is_vectors and field is not None
+    samples = _lengths(field) if lengths and field is not None else _component(chosen, options)
+    hints = hints_of(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
+    # arrays of points and of cells are listed together
+    every = [*arrays, *(points if in_cells else cells)]
+    others = [array.name for array in every if array.name != chosen.name]
+    notes: tuple[str, ...] = ()
+    if options.array is None and others:
+        listed = ", ".join(others[:MOST_TOLD]) + ", …" * (len(others) > MOST_TOLD)
+        notes = (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)
+    return Selection(in_cells, samples, field, hints, notes)
 
 
 def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:
@@ -87,7 +102,7 @@ def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
     if options.channel_number is None and count > 1:
         fix = f"pick one with channel=0 … channel={count - 1}"
         error = expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
-        raise choice(error, "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
+        raise Choice(str(error), "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
     if options.channel_number is not None and options.channel_number >= count:
         raise expected("channel", f"a number from 0 to {count - 1}", options.channel_number)
     return chosen.read()[..., options.channel_number or 0]
@@ -197,20 +212,13 @@ def read(path: Path, options: LoadOptions) -> Volume:
         parser = _Parser(path, file, _is_binary(file))
         while words := parser.words():
             _section(parser, words)
-    # the arrays of the points, or of the cells if there are no others, or one of that name
-    of_points, of_cells = ([each.name for each in some] for some in (parser.arrays, parser.cells))
-    in_cells = not of_points or (options.array not in (None, *of_points) and options.array in of_cells)
-    arrays = parser.cells if in_cells else parser.arrays
-    samples, vectors = pick(arrays, options)
-    grid = parser.grid
+    choice, grid = select(parser.arrays, parser.cells, options), parser.grid
     spacing = _floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
     origin = _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
-    if in_cells:
+    if choice.of_cells:
         halves = [step / 2 * (count > 1) for step, count in zip(spacing, parser.shape()[::-1], strict=True)]
         origin = triple([start + half for start, half in zip(origin, halves, strict=True)], "ORIGIN")
-    hints = hints_for(arrays, options, samples)
-    notes = told([*arrays, *(parser.arrays if in_cells else parser.cells)], options)
-    return Volume(samples, spacing, origin, vectors=vectors, hints=hints, notes=notes)
+    return choice.volume(spacing, origin, np.eye(3))
 
 
 def _is_binary(file: BinaryIO) -> bool:
@@ -297,7 +305,7 @@ def _whole(words: Words, what: str) -> list[int]:
     try:
         numbers = [int(word) for word in words]
     except ValueError:
-        raise _not_numbers(what, words) from None
+        raise expected(what, "numbers", repr(" ".join(words))) from None
     if not numbers:
         raise expected(what, "whole numbers", "none", "the header is incomplete")
     return numbers
@@ -305,15 +313,10 @@ def _whole(words: Words, what: str) -> list[int]:
 
 def _floats(words: Words, what: str) -> tuple[float, float, float]:
     try:
-        return triple([float(word) for word in words], what)
-    except InputError:
-        raise
+        numbers = [float(word) for word in words]
     except ValueError:
-        raise _not_numbers(what, words) from None
-
-
-def _not_numbers(what: str, words: Words) -> InputError:
-    return expected(what, "numbers", repr(" ".join(words)))
+        raise expected(what, "numbers", repr(" ".join(words))) from None
+    return triple(numbers, what)
 
 
 def cells_along(points: int) -> int:

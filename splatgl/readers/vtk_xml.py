@@ -34,13 +34,12 @@ from splatgl.readers.common import (
     grid_shape,
     library,
     map_array,
-    read_numbers,
+    read_text,
     require_bytes,
-    require_end,
     require_plausible,
 )
 from splatgl.readers.options import LoadOptions, converter
-from splatgl.readers.vtk_legacy import PointArray, cells_along, hints_for, pick, told
+from splatgl.readers.vtk_legacy import PointArray, cells_along, select
 
 _UNEVEN = "resample it with ParaView's filter Resample To Image"
 
@@ -106,12 +105,7 @@ def _coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointArray]:
         return []
     if owner is None or len(nodes) != 3:
         raise expected("Coordinates", "three arrays", len(nodes))
-    found = []
-    for each, count in zip(nodes, piece.shape[::-1], strict=True):
-        alone = Element("Coordinates")
-        alone.append(each)
-        found += arrays_of(file, alone, (1, 1, count))
-    return found
+    return [_array(file, array, (1, 1, count)) for array, count in zip(nodes, piece.shape[::-1], strict=True)]
 
 
 def _grid(file: VtkXml, pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
@@ -146,21 +140,13 @@ def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]]) -> Gr
 def _volume(pieces: list[Piece], grid: Grid, options: LoadOptions) -> Volume:
     matrix, origin = grid
     spacing, direction = axes_of(matrix, "Direction and Spacing")
-    # 1. the arrays of the points, or of the cells if there are no others, or one of that name
     points, low = joined(pieces, cells=False)
     cells, _ = joined(pieces, cells=True)
-    named = [each.name for each in points]
-    of_cells = not points or (options.array not in (None, *named) and options.array in [each.name for each in cells])
-    arrays = cells if of_cells else points
-    samples, vectors = pick(arrays, options)
-    hints = hints_for(arrays, options, samples)
-    # 2. where the first of them stands
+    choice = select(points, cells, options)
+    # the place of the first sample
     counts = np.array([max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]) - low
-    first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if of_cells else 0.0)
-    place = triple(matrix @ first + origin, "Origin")
-    # arrays of points and of cells are listed together
-    notes = told([*arrays, *(points if of_cells else cells)], options)
-    return Volume(samples, spacing, place, direction, vectors=vectors, hints=hints, notes=notes)
+    first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if choice.of_cells else 0.0)
+    return choice.volume(spacing, triple(matrix @ first + origin, "Origin"), direction)
 
 
 Shape4 = tuple[int, int, int, int]
@@ -216,11 +202,8 @@ class Source:
 
 def parse_ascii(text: str, dtype: np.dtype, shape: Shape4) -> np.ndarray:
     """The numbers of a text [shape]. Raises InputError if there are more or fewer."""
-    data, count = text.encode("ascii", "replace"), byte_count(shape, np.dtype("u1"))
-    file = io.BytesIO(data)
-    numbers = read_numbers(file, count, dtype, len(data))
-    require_end(file, count)
-    return numbers.reshape(shape)
+    data = text.encode("ascii", "replace")
+    return read_text(io.BytesIO(data), dtype, shape, len(data))
 
 
 def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:
