@@ -28,8 +28,7 @@ from splatgl.cli.main import main as command
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.technique import TECHNIQUES, combinations
-from splatgl.studies.accuracy.export import as_table
-from splatgl.studies.tables import as_markdown
+from splatgl.studies.tables import Table
 
 FOLDER = Path(__file__).parent / "pictures"
 TRUTH = Path(__file__).parents[1] / "splatgl" / "reference" / "README.md"
@@ -126,8 +125,8 @@ def report(source: str) -> None:
 
 def tables() -> None:
     """The table of methods, from their registry, and of the settings that techniques do not support."""
-    refused = as_markdown(("setting", *TECHNIQUES), combinations())
-    for path, pattern, table in ((TRUTH, METHODS, as_table(registry())), (GL, REFUSED, refused + "\n")):
+    refused = Table(("setting", *TECHNIQUES), tuple(combinations())).markdown()
+    for path, pattern, table in ((TRUTH, METHODS, registry().markdown()), (GL, REFUSED, refused + "\n")):
         text = path.read_text(encoding="utf-8")
         path.write_text(re.sub(pattern, lambda _, table=table: table, text), encoding="utf-8")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from importlib.resources import files
@@ -158,16 +158,34 @@ def page(cases: Sequence[Case], title: str) -> str:
     css, js = (files("splatgl.comparison").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
     wrong = [c for c in ranked if c.state != "same"]
     parts = [
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{css}</style>',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f'<header><h1>{escape(title)}</h1><p class="counts">{_counts(counts)}</p>',
         f"{_controls() if wrong else ''}</header>",
         "<main>",
         *(_section(c, pictured=i < PICTURED) for i, c in enumerate(wrong)),
         _sames([c for c in ranked if c.state == "same"]),
-        f"</main><script>{js}</script></html>",
+        f"</main><script>{js}</script>",
     ]
-    return "\n".join(part for part in parts if part)
+    return html_page(title, css, parts)
+
+
+def html_page(title: str, css: str, parts: Iterable[str]) -> str:
+    """A page with a style sheet; empty parts are left out."""
+    return "\n".join(
+        [
+            f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{css}</style>',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            *filter(None, parts),
+            "</html>\n",
+        ]
+    )
+
+
+def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], classes: Iterable[str], kind: str = "") -> str:
+    """A table of text. classes: of its rows, "" for none; kind: its class."""
+    lines = [f"<tr>{''.join(f'<th>{escape(cell)}' for cell in head)}"]
+    for cells, name in zip(rows, classes, strict=True):
+        lines.append(f"<tr{name and f' class={name}'}>{''.join(f'<td>{escape(cell)}' for cell in cells)}")
+    return f"<table{kind and f' class={kind}'}>{''.join(lines)}</table>"
 
 
 def _counts(counts: dict[str, int]) -> str:
@@ -250,10 +268,9 @@ def _mark(verdict: Verdict) -> str:
 
 def _table(verdict: Verdict) -> str:
     """Every metric against its limit."""
-    rows = []
+    rows, states = [], []
     for check in verdict.checks:
         limit = "" if check.limit is None else ("≥ " if check.at_least else "≤ ") + number(check.name, check.limit)
-        state = "" if check.limit is None else ("ok" if check.ok else "broken")
-        cells = (check.name, number(check.name, check.value), limit, HINTS.get(check.name, ""))
-        rows.append(f'<tr class="{state}">' + "".join(f"<td>{escape(cell)}" for cell in cells))
-    return f'<table class="metrics"><tr><th>metric<th>found<th>allowed<th>{"".join(rows)}</table>'
+        states.append("" if check.limit is None else ("ok" if check.ok else "broken"))
+        rows.append((check.name, number(check.name, check.value), limit, HINTS.get(check.name, "")))
+    return html_table(("metric", "found", "allowed", ""), rows, states, "metrics")

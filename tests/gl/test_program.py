@@ -15,7 +15,7 @@ from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.plan import Program
 from splatgl.splat.settings import BLENDS, choices
 from splatgl.splat.technique import TECHNIQUES, combinations
-from splatgl.studies.tables import as_markdown
+from splatgl.studies.tables import Table
 from tests.helpers.noise import GRIDS as PLACED
 from tests.helpers.noise import noise
 from tests.helpers.splatting import SPLATS
@@ -27,7 +27,9 @@ GRIDS = ("cubes", "sheared")
 
 def test_the_readme_tells_what_techniques_refuse() -> None:
     readme = (Path(__file__).parents[2] / "splatgl" / "gl" / "README.md").read_text(encoding="utf-8")
-    assert as_markdown(("setting", *TECHNIQUES), combinations()).strip() in readme, "run scripts/pictures.py tables"
+    assert Table(("setting", *TECHNIQUES), tuple(combinations())).markdown().strip() in readme, (
+        "run scripts/pictures.py tables"
+    )
 
 
 def cameras_of(splats: sg.Splats) -> list[sg.Camera]:

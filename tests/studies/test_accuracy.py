@@ -22,7 +22,6 @@ from splatgl.reference.ray_integral import ray_integral
 from splatgl.studies.accuracy import content, methods
 from splatgl.studies.accuracy import sweep as work
 from splatgl.studies.accuracy.content import verdict
-from splatgl.studies.accuracy.export import as_table
 from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
 from splatgl.studies.accuracy.html import publish
 from splatgl.studies.accuracy.pareto import Point, Timing, cheapest, front, stairs, standing
@@ -190,7 +189,7 @@ def test_a_new_method_is_one_entry(
     for name in ("report.md", "report.html", "report.csv", "report.json"):
         assert mine in (tmp_path / name).read_text()
 
-    assert mine in as_table(content.registry()) and mine in listed()
+    assert mine in content.registry().markdown() and mine in listed()
     # that case draws all there are; two axes are enough here
     monkeypatch.setattr(methods, "AXES", {name: methods.AXES[name] for name in ("settings", "mine")})
     found = run_case(CASES["methods"], renderer)
@@ -199,7 +198,7 @@ def test_a_new_method_is_one_entry(
 
 def test_the_readme_tells_all_methods() -> None:
     readme = (Path(__file__).parents[2] / "splatgl" / "reference" / "README.md").read_text(encoding="utf-8")
-    assert as_table(content.registry()) in readme, "run scripts/pictures.py tables"
+    assert content.registry().markdown() in readme, "run scripts/pictures.py tables"
 
 
 @pytest.mark.few(6)

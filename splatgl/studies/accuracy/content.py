@@ -9,6 +9,7 @@ from splatgl.studies.accuracy.ground_truth import LEVELS
 from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, TRUTHS, axis_of, methods
 from splatgl.studies.accuracy.pareto import ERRORS, FASTER, Point, Timing, cheapest, front, standing
 from splatgl.studies.accuracy.sweep import Results, Row, Scene
+from splatgl.studies.tables import Heading, Table, Text
 
 INTRO = (
     "Each method draws the same view. Its time is the wall clock around a finished frame with its pixels read back: "
@@ -60,33 +61,6 @@ NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatti
 
 
 @dataclass(frozen=True)
-class Heading:
-    """A heading; level: 1 for the report's title, 2 and more for sections."""
-
-    text: str
-    level: int = 2
-
-
-@dataclass(frozen=True)
-class Text:
-    """Paragraphs, one per line, or the items of a list."""
-
-    lines: tuple[str, ...]
-    bullets: bool = False
-
-
-@dataclass(frozen=True)
-class Table:
-    """title: its caption. folded: collapsed by default, where possible. strong: highlighted rows."""
-
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    folded: bool = False
-    strong: frozenset[int] = frozenset()
-
-
-@dataclass(frozen=True)
 class Diagram:
     """Error against time of each method, for the scene of that name, or CONVERGENCE."""
 
@@ -129,7 +103,7 @@ def _gists(results: Results) -> Table:
         size = f"{grouped(scene.about['splats'])}, {width}×{height}"
         fielded = *map(number, gist.field), f"{number(gist.nearest.error)}, {gist.nearest.name}" if gist.nearest else ""
         rows.append((scene.name, size, *drawn, cost, *map(number, gist.filtered), number(gist.least), *fielded))
-    return Table("", GIST_HEAD, tuple(rows))
+    return Table(GIST_HEAD, tuple(rows))
 
 
 def _scene(scene: Scene) -> Iterator[Block]:
@@ -188,7 +162,7 @@ def _table(title: str, cells: list[tuple[str, ...]]) -> Table:
     """Rows of FRONT_HEAD, without empty columns."""
     empty = {n for n in range(len(FRONT_HEAD)) if not any(line[n] for line in cells)}
     rows = tuple(tuple(cell for n, cell in enumerate(line) if n not in empty) for line in (FRONT_HEAD, *cells))
-    return Table(title, rows[0], rows[1:])
+    return Table(rows[0], rows[1:], title)
 
 
 def _cheapest(scene: Scene) -> Table:
@@ -200,7 +174,7 @@ def _cheapest(scene: Scene) -> Table:
         if any(points):
             named = [f"{p.name}, {as_milliseconds(p.time.median)} ms" if p else "–" for p in points]
             rows.append(("1/255" if limit == 1 / 255 else number(limit), *named))
-    return Table("The cheapest under each RMSE", ("RMSE", *(NAMES[truth] for truth in truths)), tuple(rows))
+    return Table(("RMSE", *(NAMES[truth] for truth in truths)), tuple(rows), "The cheapest under each RMSE")
 
 
 def _tolerances(scene: Scene) -> Table:
@@ -218,7 +192,7 @@ def _tolerances(scene: Scene) -> Table:
             strong.add(len(rows))
         rows.append((number(row.tolerance), number(got), number(row.bound), milliseconds(row.timing), text))
     head = ("tolerance", "largest error", "bound", "ms a frame", "")
-    return Table("Tolerance asked for, error got, time paid", head, tuple(rows), strong=frozenset(strong))
+    return Table(head, tuple(rows), "Tolerance asked for, error got, time paid", strong=frozenset(strong))
 
 
 def verdict(error: float, tolerance: float, bound: float | None) -> tuple[str, bool]:
@@ -255,14 +229,14 @@ def _all(scene: Scene) -> Table:
         *(f"RMSE, {NAMES[truth]}" for truth in truths),
         "",
     )
-    return Table(f"All {len(rows)} methods", head, tuple(rows), folded=True)
+    return Table(head, tuple(rows), f"All {len(rows)} methods", folded=True)
 
 
 def _omitted(scene: Scene) -> Table:
     rows = [(row.method, row.omitted) for row in scene.rows if row.omitted]
     rows += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
     rows += [(row.method, "not timed: interrupted") for row in scene.rows if row.timing is None and not row.omitted]
-    return Table("Left out", ("what", "why"), tuple(rows), folded=True)
+    return Table(("what", "why"), tuple(rows), "Left out", folded=True)
 
 
 def _convergence(results: Results) -> Iterator[Block]:
@@ -275,7 +249,7 @@ def _convergence(results: Results) -> Iterator[Block]:
         cells = zip(line["values"], line["errors"], orders, strict=True)
         rows = tuple((f"{value:g}", number(error), order) for value, error, order in cells)
         title = f"{line['study']}: expected order {line['expected']:g}; floor: {line['floor']}"
-        yield Table(title, (line["unit"], "relative RMSE", "order"), rows, folded=True)
+        yield Table((line["unit"], "relative RMSE", "order"), rows, title, folded=True)
 
 
 def _orders(results: Results) -> Table:
@@ -288,15 +262,14 @@ def _orders(results: Results) -> Table:
         middle = f"{orders[len(orders) // 2]:.2f}" if orders else ""
         rows.append((line["study"], between, errors, middle, f"{line['expected']:g}", line["floor"]))
     head = ("what is refined", "from … to", "relative RMSE", "order", "expected", "what ends it")
-    return Table("Observed orders, the median, beside the expected", head, tuple(rows))
+    return Table(head, tuple(rows), "Observed orders, the median, beside the expected")
 
 
 def registry() -> Table:
     """Every method, by what is varied; also in splatgl/reference/README.md."""
     rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
-    return Table(
-        f"all {len(methods())} methods, by what is varied", ("axis", "what it is", "methods"), rows, folded=True
-    )
+    title = f"all {len(methods())} methods, by what is varied"
+    return Table(("axis", "what it is", "methods"), rows, title, folded=True)
 
 
 def _how(results: Results) -> Iterator[Block]:

@@ -6,43 +6,23 @@ from collections.abc import Mapping
 from typing import Any
 
 from splatgl.studies import tables
-from splatgl.studies.accuracy.content import Block, Diagram, Heading, Pictures, Table, Text, blocks, rivals
+from splatgl.studies.accuracy.content import Diagram, blocks, rivals
 from splatgl.studies.accuracy.methods import TRUTHS
 from splatgl.studies.accuracy.pareto import standing
 from splatgl.studies.accuracy.sweep import Results, Row, Scene, Store
+from splatgl.studies.tables import Heading, Table, Text
 
 
 def as_markdown(results: Results, diagrams: Mapping[str, str]) -> str:
     """The whole text. diagrams: file names by scene; images of the methods are only in the HTML page."""
-    parts = [_block(block, diagrams) for block in blocks(results)]
-    return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def _block(block: Block, diagrams: Mapping[str, str]) -> str:
-    match block:
-        case Heading(text, level):
-            return f"{'#' * level} {text}"
-        case Text(lines, bullets):
-            return "\n".join(f"* {line}" for line in lines) if bullets else "\n\n".join(lines)
-        case Table():
-            return as_table(block)
-        case Diagram(scene):
-            return f"![error against run time: {scene}]({diagrams[scene]})" if scene in diagrams else ""
-        case Pictures():
-            return ""
-
-
-def as_table(table: Table) -> str:
-    """One table, collapsed behind its title if folded; empty for one without rows."""
-    if not table.rows:
-        return ""
-    strong = [
-        [f"**{cell}**" if cell and n in table.strong else cell for cell in row] for n, row in enumerate(table.rows)
-    ]
-    text = tables.as_markdown(table.head, strong)
-    if table.folded:
-        return f"<details><summary>{table.title}</summary>\n\n{text}\n\n</details>"
-    return f"{table.title}\n\n{text}" if table.title else text
+    parts = []
+    for block in blocks(results):
+        match block:
+            case Diagram(scene):
+                parts.append(f"![error against run time: {scene}]({diagrams[scene]})" if scene in diagrams else "")
+            case Heading() | Text() | Table():
+                parts.append(block.markdown())
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 ERRORS = ("rmse", "maximum", "p999", "share_over", "energy", "flip")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.comparison.html_report import data_uri, heat, largest, shown
+from splatgl.comparison.html_report import data_uri, heat, html_page, largest, shown
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import write_whole
@@ -23,10 +22,7 @@ from splatgl.studies.accuracy.content import (
     NAMES,
     Block,
     Diagram,
-    Heading,
     Pictures,
-    Table,
-    Text,
     blocks,
     number,
 )
@@ -43,28 +39,12 @@ def page(results: Results, diagrams: Mapping[str, bytes], strips: Mapping[str, S
     """The whole page. diagrams: PNG files by scene; strips: thumbnails by scene."""
     css = files("splatgl.studies.accuracy").joinpath(STYLE).read_text(encoding="utf-8")
     title = "Error against run time: " + ", ".join(scene.name for scene in results.scenes)
-    body = [_block(block, diagrams, strips) for block in blocks(results)]
-    return "\n".join(
-        [
-            f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{css}</style>',
-            '<meta name="viewport" content="width=device-width, initial-scale=1"><main>',
-            *(part for part in body if part),
-            "</main></html>\n",
-        ]
-    )
+    parts = [_block(block, diagrams, strips) for block in blocks(results)]
+    return html_page(title, css, ["<main>", *parts, "</main>"])
 
 
 def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, Strip]) -> str:
     match block:
-        case Heading(text, level):
-            return f"<h{level}>{escape(text)}</h{level}>"
-        case Text(lines, bullets):
-            parts = [_marked(line) for line in lines]
-            if bullets:
-                return "<ul>" + "".join(f"<li>{part}" for part in parts) + "</ul>"
-            return "".join(f"<p>{part}</p>" for part in parts)
-        case Table():
-            return _table(block)
         case Diagram(scene):
             if scene not in diagrams:
                 return ""
@@ -72,26 +52,8 @@ def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, Str
             return f'<img class="diagram" alt="{escape(scene)}" src="data:image/png;base64,{data}">'
         case Pictures(scene):
             return _strip(strips[scene]) if scene in strips else ""
-
-
-def _marked(text: str) -> str:
-    """Escaped, **words** in bold."""
-    return re.sub(r"\*\*(.+?)\*\*", r"<b>\1</b>", escape(text))
-
-
-def _table(table: Table) -> str:
-    if not table.rows:
-        return ""
-    head = "".join(f"<th>{escape(cell)}" for cell in table.head)
-    rows = [
-        f"<tr{' class=strong' if n in table.strong else ''}>" + "".join(f"<td>{escape(cell)}" for cell in cells)
-        for n, cells in enumerate(table.rows)
-    ]
-    body = f'<div class="wide"><table><tr>{head}{"".join(rows)}</table></div>'
-    title = escape(table.title[:1].upper() + table.title[1:])
-    if table.folded:
-        return f"<details><summary>{title}</summary>{body}</details>"
-    return f'<section class="table">{f"<h3>{title}</h3>" if title else ""}{body}</section>'
+        case _:
+            return block.html()
 
 
 def _strip(strip: Strip) -> str:

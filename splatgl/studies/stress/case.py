@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -24,50 +24,22 @@ from splatgl.splat.transfer import Transfer
 FINEST = 1e-6
 # closed forms are of splats one by one, or of values on one ray through each pixel
 PLAIN = {"compositing": "splats", "antialias": "paper"}
+# bound of float32 images against the float64 reference: a fortieth of an 8-bit level
+PICTURE_BOUND = 1e-4
+# bound of the radial table of 1024 entries, 1e−5 of the peak, with float32's roundings
+SHAPE_BOUND = 2e-5
 
-# splats of a volume and a transfer function, classified before
+# pre-classified splats of a volume and a transfer function
 voxels = partial(extract, classification="pre")
-
-
-class Bench:
-    """Renders and counts. All images are float64 [H, W, 4], linear, premultiplied, row 0 at the top.
-
-    pictures: number of images drawn by `draw`; bad_pixels: number of their non-finite values.
-    """
-
-    def __init__(self, renderer: Renderer) -> None:
-        self.renderer = renderer
-        self.pictures = 0
-        self.bad_pixels = 0
-
-    def draw(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
-        """Renders by OpenGL, to FINEST unless a tolerance is given: the result under test."""
-        asked = Settings(**{**PLAIN, "tolerance": FINEST, **settings})
-        pixels = self.renderer.render(splats, camera, asked).pixels.astype(np.float64)
-        self.pictures += 1
-        self.bad_pixels += int((~np.isfinite(pixels)).sum())
-        return pixels
-
-    def paper(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
-        """Renders by OpenGL as in 1998: hybrid quads, 8-bit table and target, opacity attenuation."""
-        return self.renderer.render(splats, camera, Settings.paper(**settings)).pixels.astype(np.float64)
-
-    def truth(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
-        """Renders exact integrals in float64 [M98 Table 1 row 1]."""
-        return reference.render(splats, camera, Settings(**{**PLAIN, **settings})).pixels
-
-
-# relative errors of values below this fraction of the largest are relative to that fraction
-SMALLEST = 1e-300
 
 
 @dataclass(frozen=True)
 class Check:
     """A comparison: exact and measured value where the error is largest, that error, and its bound.
 
-    relative: whether errors are relative to the exact value, or absolute (linear light; in X-rays Σ τ).
-    bound: finite, as an infinite one promises nothing and is never kept.
-    paper: result of the paper's own form, at its largest error; None: not available.
+    relative: whether errors are relative to the exact value, or absolute (linear light; in X-rays Σ τ). bound: finite.
+    paper: result of the paper's settings or formula at its largest error, None if not available. The fields are columns
+    of the CSV.
     """
 
     what: str
@@ -81,7 +53,7 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the error is within the bound, and that finite; NaN never is."""
+        """Whether the error is within a finite bound; NaN never is."""
         return bool(self.error <= self.bound < np.inf)
 
     @property
@@ -92,11 +64,51 @@ class Check:
         return self.error / self.bound if 0 < self.bound < np.inf and np.isfinite(self.error) else float("inf")
 
 
+class Bench:
+    """Draws images and counts them. All are float64 [H, W, 4], linear, premultiplied, row 0 at the top.
+
+    pictures: number of images drawn by `draw`; bad_pixels: number of their non-finite values.
+    """
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
+        self.pictures = 0
+        self.bad_pixels = 0
+
+    def draw(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
+        """The result under test: drawn by OpenGL, to FINEST unless a tolerance is given."""
+        image = self.renderer.render(splats, camera, Settings(**{**PLAIN, "tolerance": FINEST, **settings}))
+        return self.count(image.pixels.astype(np.float64))
+
+    def count(self, pixels: np.ndarray) -> np.ndarray:
+        """The pixels, counted as an image under test."""
+        self.pictures += 1
+        self.bad_pixels += int((~np.isfinite(pixels)).sum())
+        return pixels
+
+    def paper(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
+        """The image of 1998: hybrid quads, 8-bit table and target, opacity attenuation; by OpenGL."""
+        return self.renderer.render(splats, camera, Settings.paper(**settings)).pixels.astype(np.float64)
+
+    def both(self, splats: Splats, camera: Camera, **settings: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The image under test, and the paper's."""
+        return self.draw(splats, camera, **settings), self.paper(splats, camera, **settings)
+
+    def truth(self, splats: Splats, camera: Camera, **settings: Any) -> np.ndarray:
+        """Exact integrals in float64 [M98 Table 1 row 1]."""
+        return reference.render(splats, camera, Settings(**{**PLAIN, **settings})).pixels
+
+    def check_reference(self, what: str, splats: Splats, camera: Camera, bound: float = PICTURE_BOUND) -> Check:
+        """Compares an image with the float64 reference."""
+        drawn, paper = self.both(splats, camera)
+        return check(what, drawn, self.truth(splats, camera), bound, paper)
+
+
 @dataclass(frozen=True)
 class Case:
     """name: its identifier. stresses: the extreme property. how: scene, view and settings. right: source of the result.
 
-    run renders it and returns its checks.
+    run draws it and returns its checks.
     """
 
     name: str
@@ -104,6 +116,21 @@ class Case:
     how: str
     right: str
     run: Callable[[Bench], list[Check]]
+
+
+class Group(list[Case]):
+    """Cases in the order of their definition."""
+
+    def case(
+        self, name: str, stresses: str, how: str, right: str
+    ) -> Callable[[Callable[[Bench], list[Check]]], Callable[[Bench], list[Check]]]:
+        """Decorator that adds a function as a case."""
+
+        def add(run: Callable[[Bench], list[Check]]) -> Callable[[Bench], list[Check]]:
+            self.append(Case(name, stresses, how, right, run))
+            return run
+
+        return add
 
 
 @dataclass(frozen=True)
@@ -129,36 +156,48 @@ class Result:
 
 def check(
     what: str,
-    found: ArrayLike,
+    drawn: ArrayLike,
     right: ArrayLike,
     bound: float,
     paper: ArrayLike | None = None,
     relative: bool = False,
 ) -> Check:
-    """The largest error of values of any shape against the exact values, which broadcast to that shape."""
-    answer = np.asarray(right, dtype=np.float64)
-    worst = _worst(found, answer, relative)
-    papers = _worst(paper, answer, relative) if paper is not None else (None, None, None)
-    return Check(what, worst[0], worst[1], worst[2], bound, relative, papers[1], papers[2])
+    """Check of values of any shape against exact values, which broadcast to that shape, by their largest error."""
+    exact = np.asarray(right, dtype=np.float64)
+    worst = _worst(drawn, exact, relative)
+    paper_worst = _worst(paper, exact, relative) if paper is not None else (None, None, None)
+    return Check(what, *worst, bound, relative, *paper_worst[1:])
 
 
-def raised(error: Exception) -> Check:
-    """A failed check for a case that raised an error."""
+def check_rows(
+    what: str, rows: Iterable[tuple[ArrayLike, ArrayLike, ArrayLike]], bound: float, relative: bool = False
+) -> Check:
+    """Check of rows (drawn, exact, paper)."""
+    drawn, right, paper = zip(*rows, strict=True)
+    return check(what, drawn, right, bound, paper, relative)
+
+
+def exception_check(error: Exception) -> Check:
+    """Failed check of a case that raised an error."""
     text = f"{type(error).__name__}: {error}".splitlines()[0]
     return Check(text, float("nan"), float("nan"), float("inf"), 0.0, False, None, None)
 
 
-def _worst(found: ArrayLike, right: np.ndarray, relative: bool) -> tuple[float, float, float]:
-    """(right, found, error) where the error is largest; NaN counts as infinite."""
-    values, answer = np.broadcast_arrays(np.asarray(found, dtype=np.float64), right)
+# relative errors of values below this fraction of the largest are relative to that fraction
+SMALLEST = 1e-300
+
+
+def _worst(drawn: ArrayLike, right: np.ndarray, relative: bool) -> tuple[float, float, float]:
+    """(exact value, drawn value, error) where the error is largest; NaN counts as infinite."""
+    values, exact = np.broadcast_arrays(np.asarray(drawn, dtype=np.float64), right)
     with np.errstate(invalid="ignore", over="ignore"):
-        error = np.abs(values - answer)
+        error = np.abs(values - exact)
         if relative:
-            error = error / np.maximum(np.abs(answer), SMALLEST)
+            error = error / np.maximum(np.abs(exact), SMALLEST)
     error = np.where(np.isnan(error), np.inf, error)
     # of equal errors, take the largest exact value: the background is uninformative
-    place = np.unravel_index(int(np.where(error == error.max(), np.abs(answer), -1.0).argmax()), error.shape)
-    return float(answer[place]), float(values[place]), float(error[place])
+    place = np.unravel_index(int(np.where(error == error.max(), np.abs(exact), -1.0).argmax()), error.shape)
+    return float(exact[place]), float(values[place]), float(error[place])
 
 
 # rows of pixels run along +y, columns along +x, for an eye that looks along +z
@@ -180,13 +219,19 @@ def dots(
 ) -> Splats:
     """Single splats [N, 3], by default white and of extinction 1."""
     places = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    count = len(places)
-    return Splats.from_points(
-        places,
-        np.broadcast_to(np.asarray(colors, dtype=np.float64), (count, 3)),
-        np.broadcast_to(np.asarray(extinctions, dtype=np.float64), (count,)),
-        spacing,
-    )
+    color = np.broadcast_to(np.asarray(colors, dtype=np.float64), (len(places), 3))
+    extinction = np.broadcast_to(np.asarray(extinctions, dtype=np.float64), (len(places),))
+    return Splats.from_points(places, color, extinction, spacing)
+
+
+def row_of_dots(z: ArrayLike, extinctions: ArrayLike, colors: ArrayLike = (1.0, 1.0, 1.0)) -> Splats:
+    """Splats on the z axis."""
+    return dots(np.multiply.outer(np.asarray(z), (0.0, 0.0, 1.0)), extinctions, colors)
+
+
+def lattice(*axes: ArrayLike) -> np.ndarray:
+    """[N, D]: all points with these coordinates along the axes, the last axis fastest."""
+    return np.stack(np.meshgrid(*map(np.asarray, axes), indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
 def transfer(points: Sequence[Sequence[float]] = RAMP, unit: float | None = None, shading: bool = False) -> Transfer:
@@ -206,6 +251,11 @@ def noise(shape: tuple[int, int, int], opacity: float, seed: int = 1998) -> np.n
     return np.random.default_rng(seed).uniform(0.0, opacity, shape[::-1]).astype(np.float32)
 
 
+def random_splats(shape: tuple[int, int, int], spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Splats:
+    """Splats of random opacities up to 0.3."""
+    return voxels(Volume(noise(shape, 0.3), spacing), transfer())
+
+
 def ahead(eye: Vector = (0.0, 0.0, 0.0), fov: float = 60.0, size: tuple[int, int] = (33, 33)) -> Camera:
     """A perspective eye that looks along +z."""
     return Camera.look_at(eye, np.asarray(eye, np.float64) + np.array([0.0, 0.0, 1.0]), UP, fov, size)
@@ -217,6 +267,17 @@ def parallel(
     """Orthographic rays along +z, pixels of that size, centred on the axis through `center`, from z = `before`."""
     eye = np.array([*center, before])
     return Camera.orthographic(eye, eye + np.array([0.0, 0.0, 1.0]), UP, pitch * size[1], size)
+
+
+def rays_of(camera: Camera) -> np.ndarray:
+    """[H, W, 3]: directions of the pixels' rays in eye axes, of depth 1."""
+    across, down = np.meshgrid(*camera.slopes())
+    return np.stack([across, down, np.ones_like(across)], axis=-1)
+
+
+def distance_of(camera: Camera) -> np.ndarray:
+    """[H, W]: distance of each pixel's ray from the view's axis at depth 1."""
+    return np.asarray(np.hypot(*np.meshgrid(*camera.slopes())))
 
 
 def middle(pixels: np.ndarray) -> np.ndarray:

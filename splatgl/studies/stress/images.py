@@ -18,23 +18,28 @@ from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.studies.accuracy.methods import DEFAULT, methods
 from splatgl.studies.stress.case import (
+    SHAPE_BOUND,
     UP,
     Bench,
-    Case,
     Check,
+    Group,
     ahead,
     alpha,
     check,
+    check_rows,
+    distance_of,
     dots,
     middle,
     noise,
     optical_depth,
     parallel,
     peak,
+    rays_of,
     transfer,
     voxels,
 )
 
+CLASSES = Group()
 # voxels of a box along each axis
 SIDE = 12
 # optical depth of a voxel in fog that is neither thin nor opaque
@@ -77,48 +82,61 @@ def down() -> Camera:
     return parallel(0.5, (1, 1), (SIDE / 2 - 0.37, SIDE / 2 - 0.61))
 
 
-def spikes(bench: Bench) -> list[Check]:
-    """Checks spikes of opacity in a slope, at places between the voxels."""
+@CLASSES.case(
+    "spikes",
+    "opacities narrower than a step of the ray, and than a grey level",
+    "values that rise by 1 a voxel, spikes of 0.6 from 2 to 2e-6 values wide; classified after reconstruction",
+    "closed form: the spike's area over the slope",
+)
+def _spikes(bench: Bench) -> list[Check]:
     checks = []
     for width in (1.0, 0.1, 1e-3, 1e-6):
         # an opacity of 0.6 at the top; its area over the spike
         at = (np.arange(20_000) + 0.5) / 20_000
         right = float(Transfer.extinction(0.6 * at, width).mean()) * 2 * width
-        found = [
+        drawn = [
             optical_depth(middle(bench.draw(after(slope(), spike, width), down()))[3])
             for spike in (((z - width, 0.0), (z, 0.6), (z + width, 0.0)) for z in (11.0, 11.37, 12.5, 12.81))
         ]
-        checks.append(check(f"{2 * width:g} values wide", found, right, SLOPE * right))
+        checks.append(check(f"{2 * width:g} values wide", drawn, right, SLOPE * right))
     return checks
 
 
-def steps(bench: Bench) -> list[Check]:
-    """Checks a step between two neighbouring values, and values of any size."""
+@CLASSES.case(
+    "steps",
+    "a step of opacity between neighbouring values; values from 1e-38 to 1e38",
+    "values that rise by 1, 1e-38 and 1e37 a voxel; classified after reconstruction",
+    "closed form: the way behind the step",
+)
+def _steps(bench: Bench) -> list[Check]:
     checks = []
     for scale in (1.0, 1e-38, 1e37):
-        found, right = [], []
+        drawn, right = [], []
         for z in (9.5, 10.2, 13.01):
             points = ((z * scale, 0.0), (z * scale, 0.05))
-            found.append(optical_depth(middle(bench.draw(after(slope(scale), points), down()))[3]))
+            drawn.append(optical_depth(middle(bench.draw(after(slope(scale), points), down()))[3]))
             right.append((2 * SIDE - 0.5 - z) * -np.log1p(-0.05))
-        checks.append(check(f"{scale:g} a voxel", found, right, SLOPE * FOG))
+        checks.append(check(f"{scale:g} a voxel", drawn, right, SLOPE * FOG))
     return checks
 
 
-def depths(bench: Bench) -> list[Check]:
-    """Checks boxes of nearly transparent to opaque matter, along an axis."""
+@CLASSES.case(
+    "depths",
+    "optical depths from 1e-12 to 1e4 a voxel",
+    "boxes of constant value along an axis; classified after reconstruction",
+    "closed form: 1 − e^−τ",
+)
+def _depths(bench: Bench) -> list[Check]:
     checks = []
     for depth in DEPTHS:
-        right = -np.expm1(-depth * SIDE)
-        found = middle(bench.draw(fog(depth), down()))[3]
-        checks.append(check(f"τ = {depth:g} a voxel", found, right, CONSTANT, relative=True))
+        drawn = middle(bench.draw(fog(depth), down()))[3]
+        checks.append(check(f"τ = {depth:g} a voxel", drawn, -np.expm1(-depth * SIDE), CONSTANT, relative=True))
     return checks
 
 
 def chord(camera: Camera, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """[H, W]: world lengths of a perspective camera's rays in a box, from the eye on."""
-    across, down = camera.slopes()
-    ray = np.stack([*np.broadcast_arrays(across[None, :], down[:, None]), np.ones((len(down), len(across)))], axis=-1)
+    ray = rays_of(camera)
     ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True) @ camera.eye_from_world
     with np.errstate(divide="ignore"):
         ends = np.stack([(low - camera.eye) / ray, (high - camera.eye) / ray])
@@ -126,8 +144,13 @@ def chord(camera: Camera, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.asarray(np.maximum(far - np.maximum(near, 0.0), 0.0))
 
 
-def boxes(bench: Bench) -> list[Check]:
-    """Checks fog in boxes of long voxels, from outside and inside."""
+@CLASSES.case(
+    "boxes",
+    "voxels of 16:1 and 16:2:1, and sheets around the eye",
+    "fog in a box from outside and inside, its edges and corners; classified after reconstruction",
+    "closed form: 1 − e^−τ of each ray's chord",
+)
+def _boxes(bench: Bench) -> list[Check]:
     checks = []
     for spacing in ((1.0, 1.0, 1.0), (1.0, 1.0, 16.0), (8.0, 0.5, 1.0)):
         size = np.array(spacing)
@@ -137,16 +160,18 @@ def boxes(bench: Bench) -> list[Check]:
             camera = Camera.look_at(eye, center + 0.11 * size, UP, 30.0, (15, 15))
             length = chord(camera, low, high)
             right = -np.expm1(-FOG / float(np.prod(size)) ** (1 / 3) * length)
-            found = bench.draw(splats, camera)[..., 3]
-            checks.append(check(f"{':'.join(f'{s:g}' for s in spacing)}, {name}", found, right, 5 * CONSTANT))
+            drawn = alpha(bench.draw(splats, camera))
+            checks.append(check(f"{':'.join(f'{s:g}' for s in spacing)}, {name}", drawn, right, 5 * CONSTANT))
     return checks
 
 
-def gaps(bench: Bench) -> list[Check]:
-    """Checks plates with empty space between, which a step at half their value ends midway between two voxels.
-
-    Within limits, a plate of one voxel has no values below 0 beside it, and is THIN voxels wider at most.
-    """
+@CLASSES.case(
+    "gaps",
+    "empty space between thin plates",
+    "plates 1 to 4 voxels thick, a step of opacity at half their value; classified after reconstruction",
+    "by symmetry: the step lies midway between two voxels; limits may widen a plate of one by 0.4 voxels",
+)
+def _gaps(bench: Bench) -> list[Check]:
     checks = []
     thin = -2 * THIN * np.log1p(-0.2)
     for thick, between, name, bound in (
@@ -155,63 +180,29 @@ def gaps(bench: Bench) -> list[Check]:
         (2, 9, POST_KERNEL, 0.1),
         (4, 40, POST_KERNEL, 0.1),
     ):
-        plate, empty = np.ones(thick), np.zeros(between)
-        line = np.concatenate([empty, plate, empty, plate, empty])
+        line = np.repeat([0.0, 1.0, 0.0, 1.0, 0.0], [between, thick, between, thick, between])
         samples = np.broadcast_to(line[:, None, None], (len(line), SIDE, SIDE)).copy()
         splats = after(samples, ((0.5, 0.0), (0.5, 0.2)), kernel=name)
-        found = optical_depth(middle(bench.draw(splats, down(), kernel=name))[3])
+        drawn = optical_depth(middle(bench.draw(splats, down(), kernel=name))[3])
         what = f"{thick} voxels, {between} apart, {name}"
-        checks.append(check(what, found, -2 * thick * np.log1p(-0.2), bound))
+        checks.append(check(what, drawn, -2 * thick * np.log1p(-0.2), bound))
     return checks
 
 
-CLASS_CASES = (
-    Case(
-        "spikes",
-        "opacities narrower than a step of the ray, and than a grey level",
-        "values that rise by 1 a voxel, spikes of 0.6 from 2 to 2e-6 values wide; classified after reconstruction",
-        "closed form: the spike's area over the slope",
-        spikes,
-    ),
-    Case(
-        "steps",
-        "a step of opacity between neighbouring values; values from 1e-38 to 1e38",
-        "values that rise by 1, 1e-38 and 1e37 a voxel; classified after reconstruction",
-        "closed form: the way behind the step",
-        steps,
-    ),
-    Case(
-        "depths",
-        "optical depths from 1e-12 to 1e4 a voxel",
-        "boxes of constant value along an axis; classified after reconstruction",
-        "closed form: 1 − e^−τ",
-        depths,
-    ),
-    Case(
-        "boxes",
-        "voxels of 16:1 and 16:2:1, and sheets around the eye",
-        "fog in a box from outside and inside, its edges and corners; classified after reconstruction",
-        "closed form: 1 − e^−τ of each ray's chord",
-        boxes,
-    ),
-    Case(
-        "gaps",
-        "empty space between thin plates",
-        "plates 1 to 4 voxels thick, a step of opacity at half their value; classified after reconstruction",
-        "by symmetry: the step lies midway between two voxels; limits may widen a plate of one by 0.4 voxels",
-        gaps,
-    ),
-)
-
-
+METHODS = Group()
 # voxels a radius, and pixels a side
 RADIUS, PIXELS = 5.0, 12
 # eyes: at the centre, and at a distance where a pixel is six voxels wide; with angles of view, degrees
 VIEWS = ((0.3, 90.0), (100.0, 40.0))
 
 
-def every(bench: Bench) -> list[Check]:
-    """Each method's largest error relative to its error bound."""
+@METHODS.case(
+    "methods",
+    "every method of splatgl report, from inside and from afar",
+    "a ball of 5 voxels; the eye in it, and 100 voxels away with pixels 6 voxels wide",
+    "the float64 reference; the error over the bound that each picture states",
+)
+def _every(bench: Bench) -> list[Check]:
     splats = voxels(ball(RADIUS), Transfer(points=[(0.0, 0.0), (1.0, 0.6)], unit=1.0))
     # images classified after reconstruction state no bound
     bounded = [name for name, m in methods().items() if not m.peer and m.changes.get("classification") != "post"]
@@ -223,8 +214,7 @@ def every(bench: Bench) -> list[Check]:
             method = methods()[name]
             settings = method.settings(Settings.like("0.1"), depth_range(splats, camera))
             drawn = bench.renderer.render(splats, camera, settings)
-            bench.pictures += 1
-            bench.bad_pixels += int((~np.isfinite(drawn.pixels)).sum())
+            bench.count(drawn.pixels)
             error = float(np.abs(drawn.pixels - renderer.render(splats, camera, settings).pixels).max())
             limit = drawn.info["error_bound"]
             assert isinstance(limit, float)
@@ -233,118 +223,86 @@ def every(bench: Bench) -> list[Check]:
     return [check(f"{name}: error/bound", worst[name], 0.0, 1.0) for name in order]
 
 
-METHOD_CASES = (
-    Case(
-        "methods",
-        "every method of splatgl report, from inside and from afar",
-        "a ball of 5 voxels; the eye in it, and 100 voxels away with pixels 6 voxels wide",
-        "the float64 reference; the error over the bound that each picture states",
-        every,
-    ),
-)
-
-
-# radial table of 1024: 1e−5 of the peak; with float32's roundings
-SHAPE_BOUND = 2e-5
-# float32 pictures against the float64 reference
-PICTURE_BOUND = 1e-4
+IMAGES = Group()
 # z_v/z_k
 RATIOS = tuple(10.0**n for n in range(-3, 7))
 # width, height
-SIZES = ((1, 1), (1, 4096), (4096, 1))
+IMAGE_SIZES = ((1, 1), (1, 4096), (4096, 1))
 
 
-def zoom_range(bench: Bench) -> list[Check]:
-    """A splat on the axis from z_k/1000, where it is wider than the image, to 10⁶ z_k."""
+@IMAGES.case(
+    "zoom-range",
+    "z_v/z_k from 1e−3 to 1e6, antialiased: an 8-bit alpha is 0 for m > 22.6",
+    "one splat on the axis, X-ray",
+    "closed form: F(0)/m², half a line where the eye is in the kernel",
+)
+def _zoom_range(bench: Bench) -> list[Check]:
     shape = kernel("crawfis-max")
-    found, paper, right = [], [], []
+    rows = []
     for ratio in RATIOS:
         camera = ahead(fov=0.5, size=(33, 33))
         depth = ratio * camera.z_k(1.0)
         dot = dots([(0.0, 0.0, depth)])
-        m2 = max(1.0, ratio) ** 2
-        drawn, old = (middle(draw(dot, camera, blend="xray"))[3] for draw in (bench.draw, bench.paper))
+        drawn, paper = map(middle, bench.both(dot, camera, blend="xray"))
         # eye inside the kernel: the part in front of it
         whole = float(shape.partial(np.zeros(()), np.array(min(depth, shape.radius)))) + peak() / 2
-        found.append(drawn)
-        paper.append(old)
-        right.append(whole / m2)
-    return [check("X-ray, F(0)/m²", found, right, SHAPE_BOUND, paper, relative=True)]
+        rows.append((drawn[3], whole / max(1.0, ratio) ** 2, paper[3]))
+    return [check_rows("X-ray, F(0)/m²", rows, SHAPE_BOUND, relative=True)]
 
 
-def wider_than_picture(bench: Bench) -> list[Check]:
-    """One pixel's worth of a splat: 0.001° wide at half a voxel's distance outside of it."""
+@IMAGES.case(
+    "wider-than-picture",
+    "a splat wider than the whole picture",
+    "0.002° across, at 2, 5 and 50 voxels, the splat's middle 0, 0.5 and 1.5 voxels off the view",
+    "closed form: 1 − exp(−τ F(d))",
+)
+def _wider_than_picture(bench: Bench) -> list[Check]:
     shape = kernel("crawfis-max")
     camera = ahead(fov=0.002, size=(17, 17))
-    found, paper, right = [], [], []
+    rows = []
     for depth in (2.0, 5.0, 50.0):
         for off in (0.0, 0.5, 1.5):
             dot = dots([(off, 0.0, depth)], 0.7)
-            found.append(middle(bench.draw(dot, camera))[3])
-            paper.append(middle(bench.paper(dot, camera))[3])
-            right.append(-np.expm1(-0.7 * float(shape.footprint(np.array(off)))))
-    return [check("0, 0.5, 1.5 voxels off", found, right, SHAPE_BOUND, paper)]
+            drawn, paper = map(middle, bench.both(dot, camera))
+            rows.append((drawn[3], -np.expm1(-0.7 * float(shape.footprint(np.array(off)))), paper[3]))
+    return [check_rows("0, 0.5, 1.5 voxels off", rows, SHAPE_BOUND)]
 
 
-def rim(bench: Bench) -> list[Check]:
-    """Rays at and near R: F(R) is 0, and no value is negative or NaN."""
+@IMAGES.case(
+    "rim",
+    "rays exactly at the kernel's radius, where square roots of small negative numbers wait",
+    "one splat in parallel rays at multiples of R/16, X-ray, both kernels",
+    "closed form: F(d), 0 from R on",
+)
+def _rim(bench: Bench) -> list[Check]:
     checks = []
     for name in ("crawfis-max", "gaussian"):
         shape = kernel(name)
         # pixel centres at multiples of R/16, including the axis
         camera = parallel(shape.radius / 16, (49, 49))
-        across, down = np.meshgrid(*camera.slopes())
-        distance = np.hypot(across, down)
+        distance = distance_of(camera)
         dot = dots([(0.0, 0.0, 0.0)])
         right = np.where(distance < shape.radius * (1 - 1e-9), shape.footprint(distance), 0.0)
-        drawn, paper = (alpha(draw(dot, camera, blend="xray", kernel=name)) for draw in (bench.draw, bench.paper))
+        drawn, paper = map(alpha, bench.both(dot, camera, blend="xray", kernel=name))
         checks.append(check(f"{name}, all of it", drawn, right, SHAPE_BOUND, paper))
         beyond = distance >= shape.radius * (1 - 1e-9)
         checks.append(check(f"{name}, from R on", drawn[beyond], 0.0, 1e-6, paper[beyond]))
     return checks
 
 
-def sizes(bench: Bench) -> list[Check]:
-    """Checks pictures of SIZES pixels against the float64 reference."""
+@IMAGES.case(
+    "picture-sizes",
+    "pictures of 1×1, 1×4096 and 4096×1 pixels",
+    "10³ random voxels, shaded",
+    "float64 reference",
+)
+def _sizes(bench: Bench) -> list[Check]:
     volume = Volume(noise((10, 10, 10), 0.3))
     splats = voxels(volume, transfer(shading=True))
     checks = []
-    for size in SIZES:
+    for size in IMAGE_SIZES:
         # the long side spans 40°, a single pixel 1°
         fov = 40.0 if size[1] > 1 else 40.0 / size[0] if size[0] > 1 else 1.0
         camera = Camera.look_at((25.0, -20.0, 15.0), volume.center, (0, 0, 1), fov, size)
-        drawn, right = bench.draw(splats, camera), bench.truth(splats, camera)
-        checks.append(check(f"{size[0]}×{size[1]}", drawn, right, PICTURE_BOUND, bench.paper(splats, camera)))
+        checks.append(bench.check_reference(f"{size[0]}×{size[1]}", splats, camera))
     return checks
-
-
-PICTURE_CASES = (
-    Case(
-        "zoom-range",
-        "z_v/z_k from 1e−3 to 1e6, antialiased: an 8-bit alpha is 0 for m > 22.6",
-        "one splat on the axis, X-ray",
-        "closed form: F(0)/m², half a line where the eye is in the kernel",
-        zoom_range,
-    ),
-    Case(
-        "wider-than-picture",
-        "a splat wider than the whole picture",
-        "0.002° across, at 2, 5 and 50 voxels, the splat's middle 0, 0.5 and 1.5 voxels off the view",
-        "closed form: 1 − exp(−τ F(d))",
-        wider_than_picture,
-    ),
-    Case(
-        "rim",
-        "rays exactly at the kernel's radius, where square roots of small negative numbers wait",
-        "one splat in parallel rays at multiples of R/16, X-ray, both kernels",
-        "closed form: F(d), 0 from R on",
-        rim,
-    ),
-    Case(
-        "picture-sizes",
-        "pictures of 1×1, 1×4096 and 4096×1 pixels",
-        "10³ random voxels, shaded",
-        "float64 reference",
-        sizes,
-    ),
-)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, fields
 from functools import partial
 from textwrap import fill
 
@@ -172,9 +173,9 @@ def thick_edge(bench: Bench) -> str:
     columns = (*attenuation.FORMS, "a F/m²", "supersampled")
     alphas, halves = [], []
     for m in attenuation.EDGE_ZOOMS:
-        edges = [attenuation.drawn(m, partial(bench.draw, attenuation=form)) for form in attenuation.FORMS]
-        edges.append(attenuation.summed(m, "paper"))
-        edges.append(attenuation.drawn(m, partial(bench.draw, antialias="supersample", samples=2 * int(m))))
+        edges = [attenuation.drawn_edge(m, partial(bench.draw, attenuation=form)) for form in attenuation.FORMS]
+        edges.append(attenuation.summed_edge(m, "paper"))
+        edges.append(attenuation.drawn_edge(m, partial(bench.draw, antialias="supersample", samples=2 * int(m))))
         alphas.append((m, *(e.outside for e in edges)))
         halves.append((m, *(e.crossing for e in edges)))
     return _page(
@@ -234,7 +235,7 @@ WIDTHS = (18, 24, 9, 9, 8, 8, 8, 6)
 HEAD = ("case", "what", "right", "found", "error", "bound", "paper's", "")
 # page width in characters
 LINE_WIDTH = 96
-FIELDS = ("case", "what", "right", "found", "error", "bound", "relative", "paper", "paper_error", "kept")
+FIELDS = ("case", *(field.name for field in fields(Check)), "kept")
 
 
 def heading() -> str:
@@ -276,7 +277,7 @@ def about(case: Case) -> str:
 
 def as_csv(results: Iterable[Result]) -> str:
     """A header, and a line per check."""
-    return tables.as_csv(FIELDS, (_row(result, each) for result in results for each in result.checks))
+    return tables.as_csv(FIELDS, (_row(result, check) for result in results for check in result.checks))
 
 
 def as_json(results: Sequence[Result], renderer: str) -> str:
@@ -291,7 +292,7 @@ def as_json(results: Sequence[Result], renderer: str) -> str:
             "pictures": result.pictures,
             "not_finite": result.bad_pixels,
             "seconds": round(result.seconds, 3),
-            "checks": [_row(result, each) for each in result.checks],
+            "checks": [_row(result, check) for check in result.checks],
         }
         for result in results
     ]
@@ -307,8 +308,8 @@ def as_markdown(results: Sequence[Result], renderer: str) -> str:
         paper = "" if worst.paper_error is None else _error(worst.paper_error, worst.relative)
         shown = error if result.ok else f"**{error}**"
         lines.append((f"`{result.case.name}`", result.case.stresses, shown, bound, paper))
-    table = tables.as_markdown(("case", "what is extreme", "error", "bound", "paper's"), lines)
-    return f"{table}\n\n{verdict(results)}. Drawn by {renderer}.\n"
+    table = Table(("case", "what is extreme", "error", "bound", "paper's"), tuple(lines))
+    return f"{table.markdown()}\n\n{verdict(results)}. Drawn by {renderer}.\n"
 
 
 def _check_line(name: str, each: Check, ok: bool) -> str:
@@ -346,17 +347,5 @@ def _error(value: float, relative: bool) -> str:
     return f"{100 * value:.2g}%" if value < 0.1 else f"{100 * value:.0f}%"
 
 
-def _row(result: Result, each: Check) -> dict[str, object]:
-    values = (
-        result.case.name,
-        each.what,
-        each.right,
-        each.found,
-        each.error,
-        each.bound,
-        each.relative,
-        each.paper,
-        each.paper_error,
-        each.ok,
-    )
-    return dict(zip(FIELDS, values, strict=True))
+def _row(result: Result, check: Check) -> dict[str, object]:
+    return {"case": result.case.name, **asdict(check), "kept": check.ok}
