@@ -16,6 +16,7 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.integrations import color_nodes, opacity_nodes, plane_through
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
@@ -170,7 +171,7 @@ def _added(viewer: Any, layer: Any, size: tuple[int, int] | None) -> tuple[Shown
     found, told = dict[bytes, np.ndarray](), list[dict[str, Any]]()
     channels = [np.minimum(channel, SOLID) for channel in colors[:, :3].T]
     for shares in {channel.tobytes(): channel for channel in channels}.values():
-        look = Transfer(tuple(zip(values.tolist(), shares.tolist(), strict=True)), unit=step, shading=False)
+        look = Transfer(opacity_nodes(values, shares), unit=step, shading=False)
         image = _drawn(viewer, Scene([Layer(volume, look, clip=_cuts(layer, volume, viewer))]), "composite", size)
         found[shares.tobytes()] = image.pixels[..., 3]
         told.append({**image.info, "blend": ADDITIVE})
@@ -288,13 +289,13 @@ def _cuts(layer: Any, volume: Volume, viewer: Any) -> tuple[Plane, ...] | None:
     for plane in getattr(layer, "experimental_clipping_planes", ()):
         if plane.enabled:
             normal, place = _world(plane.normal, axes), _world(plane.position, axes)
-            found.append(_plane(normal, place - volume.world_from_index @ np.full(3, HALF)))
+            found.append(plane_through(place - volume.world_from_index @ np.full(3, HALF), normal))
     if str(getattr(layer, "depiction", "volume")) == "plane":
         place = volume.world_from_index @ _world(layer.plane.position, axes) + np.array(volume.origin)
         # a length of 1 / |normal| along it is a voxel
         normal = np.linalg.inv(volume.world_from_index).T @ _world(layer.plane.normal, axes)
         half = THIN / 2 * normal / float(normal @ normal)
-        found += [_plane(normal, place - half), _plane(-normal, place + half)]
+        found += [plane_through(place - half, normal), plane_through(place + half, -normal)]
     return tuple(found) or None
 
 
@@ -320,12 +321,6 @@ def _shifted(samples: np.ndarray, by: np.ndarray) -> np.ndarray:
         near, far = (samples.take(np.clip(first + side, 0, count - 1), axis) for side in (0, 1))
         samples = near + np.float32(step % 1.0) * (far - near)
     return samples
-
-
-def _plane(normal: np.ndarray, place: np.ndarray) -> Plane:
-    """The plane through a place, world units, which keeps what the normal points to."""
-    x, y, z = (normal / np.linalg.norm(normal)).tolist()
-    return x, y, z, float(place @ (x, y, z))
 
 
 def scene_of(viewer: Any, layers: Sequence[Any], blend: str) -> Scene:
@@ -365,12 +360,11 @@ def _palette(layer: Any) -> tuple[np.ndarray, np.ndarray]:
 def _look(layer: Any, volume: Volume, blend: str) -> Transfer:
     """The transfer function of an image layer in a blend, without its opacity."""
     values, colors = _palette(layer)
-    low, high = float(values[0]), float(values[-1])
+    opacities = np.ones(2)
     if BLENDS[blend].ordered or BLENDS[blend].unbounded:
-        points = ((low, 0.0), (high, float(np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE))))
-    else:
-        points = ((low, 1.0), (high, 1.0))
-    return Transfer(points, of_colors(np.linspace(0, 1, COLORS), colors[:, :3]), (low, high), shading=False)
+        opacities[:] = 0.0, np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE)
+    window, colormap = color_nodes(values, colors[:, :3])
+    return Transfer(opacity_nodes(values[[0, -1]], opacities), colormap, window, shading=False)
 
 
 def _seen_alone(layer: Any, volume: Volume) -> Transfer:
@@ -382,13 +376,12 @@ def _seen_alone(layer: Any, volume: Volume) -> Transfer:
     low, high = float(values[0]), float(values[-1])
     cut = CUTOFF * (high - low)
     if way == "iso":
-        return replace(
-            look, points=((float(layer.iso_threshold), 0.0), (float(layer.iso_threshold), SOLID)), shading=True
-        )
+        threshold = float(layer.iso_threshold)
+        return replace(look, points=((threshold, 0.0), (threshold, SOLID)), shading=True)
     if way == "translucent" and (colors[:, 3] < 1).any():
         shares = np.minimum(colors[:, 3], SOLID)
         step = STEP * float(np.mean(volume.spacing))
-        return replace(look, points=tuple(zip(values.tolist(), shares.tolist(), strict=True)), unit=step)
+        return replace(look, points=opacity_nodes(values, shares), unit=step)
     if blend == "mip" and layer.blending in CUT:
         return replace(look, points=((low + cut, 0.0), (low + cut, 1.0)))
     if blend == "minip" and layer.blending in CUT:

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.errors import expected
-from splatgl.integrations.vtk.properties import clip_planes, matrix_of
+from splatgl.integrations.vtk.properties import clip_planes, matrix_of, vtk_plane
 from splatgl.splat.camera import Camera
 
 # the array of colours, which VTK's filters take along with the geometry
@@ -164,18 +164,13 @@ def _surface(data: Any) -> Any:
 
 def _clipped(data: Any, mapper: Any, matrix: np.ndarray) -> Any:
     """What the mapper's planes keep; they are in the world, the data is not."""
-    from vtkmodules.vtkCommonDataModel import vtkPlane
     from vtkmodules.vtkFiltersCore import vtkClipPolyData
 
     for plane in clip_planes(mapper):
         x, y, z, w = (np.array([*plane[:3], -plane[3]]) @ matrix).tolist()
-        normal = np.array([x, y, z])
-        own = vtkPlane()
-        own.SetNormal(x, y, z)
-        own.SetOrigin(*(-w * normal / (normal @ normal)).tolist())
-        cut = vtkClipPolyData()
-        cut.SetClipFunction(own)
-        data = _through(cut, data)
+        clip = vtkClipPolyData()
+        clip.SetClipFunction(vtk_plane((x, y, z, -w)))
+        data = _through(clip, data)
     return data
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.integrations import color_nodes, opacity_nodes
 from splatgl.splat.clipping import Plane
-from splatgl.splat.colormaps import of_colors
 from splatgl.splat.lighting import Light
 from splatgl.splat.transfer import Nodes, Transfer
 
@@ -34,7 +34,7 @@ def transfer_of(looks: Any, index: int, spacing: float, is_whole: bool = False) 
     """
     if looks.GetTransferFunctionMode():
         raise expected("volume", "a transfer function of one variable", "one of two", "set a scalar opacity")
-    points = opacity_nodes(looks.GetScalarOpacity(index))
+    points = nodes_of(looks.GetScalarOpacity(index))
     window, colors = _colors(looks, index, (-np.inf, np.inf) if is_whole else _support(points))
     return Transfer(
         points,
@@ -46,7 +46,7 @@ def transfer_of(looks: Any, index: int, spacing: float, is_whole: bool = False) 
     )
 
 
-def opacity_nodes(function: Any) -> Nodes:
+def nodes_of(function: Any) -> Nodes:
     """Nodes of a vtkPiecewiseFunction, with values from 0 to 1; others than linear ones are looked up."""
     rows = _rows(function, 4)
     if not len(rows):
@@ -55,11 +55,9 @@ def opacity_nodes(function: Any) -> Nodes:
     if not (rows[:, 2:] == (MIDDLE, 0.0)).all() or _logarithmic(function):
         places = np.union1d(places, np.linspace(places[0], places[-1], SAMPLES))
         shares = np.clip([function.GetValue(place) for place in places.tolist()], 0.0, 1.0)
-    found = _needed(np.stack([places, shares], axis=1)).tolist()
-    if not function.GetClamping():
-        # nothing beyond the ends
-        found = [[found[0][0], 0.0], *found, [found[-1][0], 0.0]]
-    return tuple((value, share) for value, share in found)
+    nodes = opacity_nodes(*_needed(places, shares))
+    # without clamping, opacity is 0 beyond the ends
+    return nodes if function.GetClamping() else ((nodes[0][0], 0.0), *nodes, (nodes[-1][0], 0.0))
 
 
 def _rows(function: Any, length: int) -> np.ndarray:
@@ -76,16 +74,13 @@ def _logarithmic(function: Any) -> bool:
     return bool(getattr(function, "GetUseLogScale", bool)())
 
 
-def _needed(nodes: np.ndarray) -> np.ndarray:
-    """The nodes without those on a line between the ones beside them."""
-    if len(nodes) < 3:
-        return nodes
-    x, y = nodes.T
+def _needed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes without those on a line between their neighbours."""
     width = x[2:] - x[:-2]
     across = y[:-2] + (y[2:] - y[:-2]) * (x[1:-1] - x[:-2]) / np.where(width > 0, width, 1.0)
-    kept = np.ones(len(nodes), bool)
-    kept[1:-1] = (width <= 0) | (np.abs(across - y[1:-1]) > ON_LINE)
-    return np.asarray(nodes[kept])
+    needed = np.ones(len(x), bool)
+    needed[1:-1] = (width <= 0) | (np.abs(across - y[1:-1]) > ON_LINE)
+    return x[needed], y[needed]
 
 
 def _support(points: Nodes) -> tuple[float, float]:
@@ -111,21 +106,15 @@ def _colors(looks: Any, index: int, support: tuple[float, float]) -> tuple[tuple
     places = np.concatenate([[low], inside, [high]]) if plain else np.linspace(low, high, COLORS)
     if len(places) > COLORS:
         places = np.linspace(low, high, COLORS)
-    found = np.array([_color(function, place, gray) for place in places.tolist()])
-    if not low < high:
-        return None, of_colors(np.zeros(1), found[:1])
-    return (float(low), float(high)), of_colors((places - low) / (high - low), np.clip(found, 0.0, 1.0))
-
-
-def _color(function: Any, value: float, gray: bool) -> tuple[float, ...]:
-    return (function.GetValue(value),) * 3 if gray else tuple(function.GetColor(value))
+    rgb = [(function.GetValue(place),) * 3 if gray else function.GetColor(place) for place in places.tolist()]
+    return color_nodes(places, np.array(rgb))
 
 
 def _gradient(looks: Any, index: int, spacing: float) -> Nodes:
     """Weights of gradients, which VTK has per mean spacing."""
     if looks.GetDisableGradientOpacity(index) or not looks.HasGradientOpacity(index):
         return ()
-    nodes = opacity_nodes(looks.GetGradientOpacity(index))
+    nodes = nodes_of(looks.GetGradientOpacity(index))
     return () if all(weight == 1 for _, weight in nodes) else tuple((size / spacing, share) for size, share in nodes)
 
 
@@ -135,8 +124,7 @@ def property_of(volume: Volume, transfer: Transfer, light: Light, lit: bool) -> 
     from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkVolumeProperty
 
     opacity, color, looks = vtkPiecewiseFunction(), vtkColorTransferFunction(), vtkVolumeProperty()
-    values, shares = _tabulated(transfer)
-    for value, share in zip(values.tolist(), shares.tolist(), strict=True):
+    for value, share in opacity_nodes(*_tabulated(transfer)):
         opacity.AddPoint(value, share)
     places, colors = _colored(transfer)
     for value, shade in zip(places.tolist(), srgb_from_linear(colors).tolist(), strict=True):
@@ -200,13 +188,22 @@ def matrix_of(prop: Any) -> np.ndarray:
 
 def clip_planes(mapper: Any) -> list[Plane]:
     """The clipping planes of a mapper, world units: VTK keeps the side that their normals point to."""
+    planes: list[Plane] = []
     held = mapper.GetClippingPlanes()
-    found = [] if held is None else [_plane(held.GetItem(number)) for number in range(held.GetNumberOfItems())]
-    return found
+    for number in range(held.GetNumberOfItems() if held is not None else 0):
+        # the values of the function include its own transform
+        value = held.GetItem(number).FunctionValue
+        start = value((0.0, 0.0, 0.0))
+        x, y, z = (float(value(axis) - start) for axis in np.eye(3).tolist())
+        planes.append((x, y, z, float(-start)))
+    return planes
 
 
-def _plane(plane: Any) -> Plane:
-    """n and d of a vtkPlane, which may have a transform of its own."""
-    value = plane.FunctionValue
-    start = value((0.0, 0.0, 0.0))
-    return *(float(value(axis) - start) for axis in np.eye(3).tolist()), float(-start)  # type: ignore[return-value]
+def vtk_plane(plane: Plane) -> Any:
+    """The vtkPlane of a clipping plane."""
+    from vtkmodules.vtkCommonDataModel import vtkPlane
+
+    converted, normal = vtkPlane(), np.array(plane[:3])
+    converted.SetNormal(*plane[:3])
+    converted.SetOrigin(*(plane[3] * normal / (normal @ normal)).tolist())
+    return converted

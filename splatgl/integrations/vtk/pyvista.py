@@ -10,7 +10,7 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.integrations.vtk.image_data import image_data, library, poly_data
-from splatgl.integrations.vtk.properties import property_of
+from splatgl.integrations.vtk.properties import property_of, vtk_plane
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import painted
@@ -80,7 +80,7 @@ def _volume(pyvista: Any, layer: Layer, light: Light, settings: Settings, planes
     mapper.SetInputData(data)
     mapper.SetBlendMode(BLENDS[settings.blend])
     for plane in planes:
-        mapper.AddClippingPlane(_plane(plane))
+        mapper.AddClippingPlane(vtk_plane(plane))
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = volume.direction, volume.origin
     found.SetMapper(mapper)
@@ -99,15 +99,6 @@ def _colored(data: Any, volume: Volume, transfer: Transfer, looks: Any) -> None:
     shares.RemoveAllPoints()
     shares.AddPoint(0.0, 0.0)
     shares.AddPoint(255.0, 1.0)
-
-
-def _plane(plane: Plane) -> Any:
-    from vtkmodules.vtkCommonDataModel import vtkPlane
-
-    found, normal = vtkPlane(), np.array(plane[:3])
-    found.SetNormal(*plane[:3])
-    found.SetOrigin(*(plane[3] * normal / (normal @ normal)).tolist())
-    return found
 
 
 def _light(pyvista: Any, light: Light) -> Any:
