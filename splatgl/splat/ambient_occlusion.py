@@ -1,14 +1,13 @@
 """Ambient occlusion and shadows: a coarse grid of extinction, and the light that its cells receive.
 
-Cells are blocks of whole voxels of the first volume's grid, with means of the voxels in them; voxels of other volumes
-are shared out over the eight cells around each.
+Cells are blocks of whole voxels of the first volume's grid and hold their means; voxels of other volumes are
+distributed over the eight nearest cells.
 
-Of the sky a cell keeps the mean m₀ and the first moment m₁ of what passes
-from directions all around, so that a surface with normal n sees m₀ + 2 n · m₁ of it, weighted by cosines: 1 of an open
-plane, whatever its slope.
+A cell stores the mean m₀ and the first moment m₁ of the transmittance over all directions. A surface with normal n
+receives the cosine-weighted share m₀ + 2 n · m₁ of the sky: 1 on an open plane, whatever its slope.
 
-The grid's slices are sheared so that rays are lines along an axis, summed along these, and sheared back: two linear
-interpolations, however long a ray is.
+Rays are summed in a sheared copy of the grid, in which they run along an axis: two linear interpolations per ray,
+however long it is.
 """
 
 from __future__ import annotations
@@ -26,35 +25,35 @@ from splatgl.splat.grid import Grid, corners_of, trilinear
 from splatgl.splat.preintegration import CELLS
 from splatgl.splat.splats import Same, Splats, in_parts
 
-# most cells along the longest side, and empty ones around all
+# maximum number of cells along the longest side, and empty cells around the box
 MOST_CELLS, MARGIN = 112, 2
-# largest optical depth of a voxel: opaque ones in a block hide about what they cover, not all that is behind it
+# limit of a voxel's optical depth: opaque voxels then hide about the part of a block that they cover, not all of it
 MOST_DEPTH = 3.0
 # splats at a time
 PART = 2**18
 
-# splats, and the planes that cut them
+# splats, and the planes that clip them
 Caster = tuple[Splats, tuple[Plane, ...]]
 
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    """extinction float32 [Z, Y, X]: per world length. cells: the centre of (x, y, z) lies at `cells` of it."""
+    """Grid of cells. extinction float32 [Z, Y, X]: per world length. cells: world positions of the cells' centres."""
 
     extinction: np.ndarray
     cells: Grid
 
     @classmethod
     def of(cls, casters: Sequence[Caster]) -> Coarse:
-        """The cells around all splats."""
+        """Returns the cells around all splats."""
         first = casters[0][0].grid
-        every = np.concatenate([_box(splats, first) for splats, _ in casters])
-        low, high = np.rint(every.min(axis=0)) - 0.5, every.max(axis=0) + 0.5
+        corners = np.concatenate([_box(splats, first) for splats, _ in casters])
+        low, high = np.rint(corners.min(axis=0)) - 0.5, corners.max(axis=0) + 0.5
         widths = np.linalg.norm(first.world_from_index, axis=0)
         side = float(((high - low) * widths).max()) / MOST_CELLS
         block = np.maximum(np.ceil(side / widths - 1e-9), 1.0)
         count = np.ceil((high - low) / block - 1e-9).astype(int) + 2 * MARGIN
-        # of the centre of the first cell, in the first volume's indices
+        # centre of the first cell, in the first volume's indices
         start = low + (0.5 - MARGIN) * block
         cells = Grid(first.world_from_index * block, first.world_from_index @ start + first.origin)
         total = np.zeros(int(count.prod()))
@@ -66,7 +65,7 @@ class Coarse:
 
 
 def _box(splats: Splats, grid: Grid) -> np.ndarray:
-    """Corners [8, 3] of the box of all splats' voxels less half a voxel, in indices of a grid."""
+    """Corners [8, 3] of the box of all splats' centres, in indices of a grid."""
     if splats.grid is grid:
         return splats.corners_in_grid()
     return grid.index_from_world(corners_of(*splats.index_bounds) @ splats.grid.world_from_index.T + splats.grid.origin)
@@ -75,13 +74,13 @@ def _box(splats: Splats, grid: Grid) -> np.ndarray:
 def _weights(
     splats: Splats, planes: tuple[Plane, ...], cells: Grid, count: np.ndarray, shared: bool
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Cells, and extinction times volume of splats in them."""
+    """Yields numbers of cells, and the splats' extinction times volume in each."""
     clip = Clip.of(planes, splats.grid)
     size = splats.grid.mean_spacing
     into = np.linalg.inv(cells.world_from_index)
     turn, moved = into @ splats.grid.world_from_index, into @ (np.asarray(splats.grid.origin) - cells.origin)
 
-    def found(part: slice) -> list[tuple[np.ndarray, np.ndarray]]:
+    def weigh_part(part: slice) -> list[tuple[np.ndarray, np.ndarray]]:
         position = splats.records["position"][part].astype(np.float64)
         weight = np.minimum(depths(splats, part), MOST_DEPTH) * size**2
         if clip is not None:
@@ -91,12 +90,12 @@ def _weights(
         place = position @ turn.T + moved
         return _shared(place, weight, count) if shared else [(_flat(np.rint(place).astype(np.int64), count), weight)]
 
-    for pairs in in_parts(len(splats), PART, found):
+    for pairs in in_parts(len(splats), PART, weigh_part):
         yield from pairs
 
 
 def _shared(place: np.ndarray, weight: np.ndarray, count: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The eight cells around places [N, 3], and the shares of weights [N] in them."""
+    """The eight cells around places [N, 3], and the part of the weights [N] that each receives."""
     low = np.floor(place).astype(np.int64)
     part = place - low
     pairs = []
@@ -107,13 +106,15 @@ def _shared(place: np.ndarray, weight: np.ndarray, count: np.ndarray) -> list[tu
 
 
 def _flat(cell: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Numbers of cells [N, 3] (x, y, z), of which all lie in the grid."""
+    """Linear indices [N] of cells [N, 3] (x, y, z), clamped to the grid."""
     x, y, z = np.clip(cell, 0, count - 1).T
     return np.asarray((z * count[1] + y) * count[0] + x)
 
 
 def depths(splats: Splats, part: slice) -> np.ndarray:
-    """Optical depths [N] over a mean spacing of some splats; of values means over those that lie in a voxel."""
+    """Optical depths [N] of some splats over one mean spacing; the mean over the values in a voxel if these are
+    classified after reconstruction.
+    """
     post = splats.post
     if post is None:
         return splats.records["optical_depth"][part].astype(np.float64)
@@ -142,23 +143,23 @@ def depths(splats: Splats, part: slice) -> np.ndarray:
     return np.asarray(extinction * (splats.grid.mean_spacing / splats.unit))
 
 
-# cells: how far the sky is looked for; what begins nearer hides neither sky nor light; how far before a surface it is
-# asked what reaches it
+# in cells: reach of the sky's rays; distances at which rays towards the sky and the light begin; distance before a
+# surface at which the light is looked up
 REACH, SKY_BEGINS, LIGHT_BEGINS, BEFORE = 24.0, 1.0, 2.0, 1.0
-# beyond all cells
+# a distance beyond all cells
 FAR = 1e9
-# weights of the corners of an icosahedron and of a dodecahedron, by which means over directions are exact to degree 9
+# weights of the corners of an icosahedron and of a dodecahedron: means over directions are exact to degree 9
 # [McLaren 1963]
 ICOSAHEDRON, DODECAHEDRON = 5 / 168, 9 / 280
-# cache: the latest grids of each first caster
+# cache: the latest grids of each scene's first splats
 _latest: WeakKeyDictionary[Splats, list[Fields]] = WeakKeyDictionary()
 MOST_LATEST = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """What cells know. sky float32 [Z, Y, X, 4]: m₁ (x, y, z) in world axes, and m₀; shade [Z, Y, X]: the light that
-    passes; None: not asked for. key: what they depend on. seconds: that they took.
+    """Light in the cells, None where a picture needs none. sky float32 [Z, Y, X, 4]: m₁ (x, y, z) in world axes, and
+    m₀; shade [Z, Y, X]: transmittance towards the light. key: of the cache. seconds: time to compute them.
     """
 
     coarse: Coarse
@@ -170,9 +171,10 @@ class Fields:
 
 @dataclass(frozen=True, eq=False)
 class LightVolume:
-    """Of one picture. casters: all matter, with the planes that cut it. occlusion, shadows: strengths from 0 to 1.
+    """Ambient occlusion and shadows of one picture. casters: all splats, with the planes that clip them.
 
-    light: towards it, world axes; None without shadows. grid: of the positions that are asked for.
+    occlusion, shadows: strengths from 0 to 1. light: direction to the light, world axes; None without shadows. grid: of
+    the positions at which light is looked up.
     """
 
     casters: tuple[Caster, ...]
@@ -183,41 +185,43 @@ class LightVolume:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Equal for equal pictures of the same splats."""
+        """Cache key: equal for equal light of the same splats."""
         return self.occlusion, self.shadows, *_key(self.casters, self.occlusion > 0, self.light)
 
     @cached_property
     def fields(self) -> Fields:
-        """Made once for the same matter and light."""
+        """The light in the cells, computed once for the same splats and light."""
         return _made(self.casters, self.occlusion > 0, self.light)
 
     @property
     def cell_from_index(self) -> tuple[np.ndarray, np.ndarray]:
-        """[3, 3] and [3]: cells (x, y, z) of grid positions i are M @ i + o."""
+        """M [3, 3] and o [3]: the cell (x, y, z) of grid position i is M @ i + o."""
         cells = self.fields.coarse.cells
         into = np.linalg.inv(cells.world_from_index)
         return into @ self.grid.world_from_index, into @ (np.asarray(self.grid.origin) - cells.origin)
 
     @property
     def cell_from_normal(self) -> np.ndarray:
-        """[3, 3]: by how many cells a unit normal in world axes leads away from a surface."""
+        """[3, 3]: turns a unit normal, world axes, into the offset in cells at which light is looked up."""
         cells = self.fields.coarse.cells
         return np.linalg.inv(cells.world_from_index) * (BEFORE * cells.mean_spacing)
 
     def reached(self, positions: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The shares [P] of ambient and of direct light at grid positions [P, 3], of surfaces with normals [P, 3] of
-        any length, seen along rays [P, 3], world axes. Float64 twin of `shaders/cues.glsl`.
+        """Shares [P] of ambient and of direct light that reach surfaces at grid positions [P, 3].
+
+        normal [P, 3]: of any length; toward [P, 3]: directions of the rays; world axes. Float64 twin of
+        `shaders/cues.glsl`.
         """
         size = np.linalg.norm(normal, axis=1)
         n = normal / np.where(size > 0, size, 1.0)[:, None]
-        # to the side that is seen
+        # to the visible side
         n = n * np.where((n * toward).sum(axis=1) > 0, -1.0, 1.0)[:, None]
         turn, moved = self.cell_from_index
         place = positions @ turn.T + moved + n @ self.cell_from_normal.T
         sky = light = np.ones(len(n))
         if self.fields.sky is not None:
-            seen = trilinear(self.fields.sky, place)
-            share = np.where(size > 0, seen[:, 3] + 2 * (n * seen[:, :3]).sum(axis=1), 2 * seen[:, 3])
+            moments = trilinear(self.fields.sky, place)
+            share = np.where(size > 0, moments[:, 3] + 2 * (n * moments[:, :3]).sum(axis=1), 2 * moments[:, 3])
             sky = 1 - self.occlusion * (1 - np.clip(share, 0.0, 1.0))
         if self.fields.shade is not None:
             light = 1 - self.shadows * (1 - trilinear(self.fields.shade[..., None], place)[:, 0])
@@ -225,67 +229,65 @@ class LightVolume:
 
 
 def _key(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> tuple[object, ...]:
-    seen = None if light is None else tuple(np.round(light, 9).tolist())
-    return tuple((Same(s.records), s.post and Same(s.post), planes) for s, planes in casters), sky, seen
+    direction = None if light is None else tuple(np.round(light, 9).tolist())
+    return tuple((Same(s.records), s.post and Same(s.post), planes) for s, planes in casters), sky, direction
 
 
 def _made(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> Fields:
     key, first = _key(casters, sky, light), casters[0][0]
-    kept = _latest.setdefault(first, [])
-    same = next((each for each in kept if each.key == key), None)
+    cached = _latest.setdefault(first, [])
+    same = next((fields for fields in cached if fields.key == key), None)
     if same is not None:
         return same
-    # of the same matter in another light
+    # reuse the grids of the same splats in another light
     started = time.perf_counter()
-    near = next((each for each in kept if each.key[0] == key[0]), None)
+    near = next((fields for fields in cached if fields.key[0] == key[0]), None)
     coarse = near.coarse if near else Coarse.of(casters)
-    seen = (near.sky if near else None) if sky else None
-    seen = sky_of(coarse) if sky and seen is None else seen
+    visible = (near.sky if near else None) if sky else None
+    visible = sky_of(coarse) if sky and visible is None else visible
     side = coarse.cells.mean_spacing
     shade = None if light is None else Sweep.of(coarse, light).through(LIGHT_BEGINS * side, FAR * side)
-    found = Fields(coarse, seen, shade, key, time.perf_counter() - started)
-    _latest[first] = [found, *kept][:MOST_LATEST]
-    return found
+    fields = Fields(coarse, visible, shade, key, time.perf_counter() - started)
+    _latest[first] = [fields, *cached][:MOST_LATEST]
+    return fields
 
 
 def axes() -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors [16, 3], each for itself and its opposite, and their weights [16], of which both together add up
-    to 1.
-    """
+    """Unit vectors [16, 3], which also stand for their opposites, and their weights [16], per direction."""
     g = (1 + np.sqrt(5)) / 2
     twelve = [(0, 1, g), (0, 1, -g), (1, g, 0), (1, -g, 0), (g, 0, 1), (-g, 0, 1)]
     twenty = [(1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)]
     twenty += [(1 / g, 0, g), (1 / g, 0, -g), (0, g, 1 / g), (0, g, -1 / g), (g, 1 / g, 0), (g, -1 / g, 0)]
-    # turned away from the axes along which surfaces of volumes lie
+    # rotated away from the axes, along which surfaces of volumes often lie
     a, b = 0.35, 0.6
     turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
     turn = turn @ np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
-    found = np.array([*twelve, *twenty]) @ turn.T
+    directions = np.array([*twelve, *twenty]) @ turn.T
     weights = np.array([ICOSAHEDRON] * 6 + [DODECAHEDRON] * 10)
-    return found / np.linalg.norm(found, axis=1, keepdims=True), weights
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True), weights
 
 
 def sky_of(coarse: Coarse) -> np.ndarray:
-    """The sky of `Fields`."""
+    """Computes `Fields.sky`: one sweep for each direction and its opposite."""
     side = coarse.cells.mean_spacing
-    found = np.zeros((*coarse.extinction.shape, 4), np.float32)
+    sky = np.zeros((*coarse.extinction.shape, 4), np.float32)
     for direction, weight in zip(*axes(), strict=True):
         sweep = Sweep.of(coarse, direction)
-        along, against = (sweep.through(SKY_BEGINS * side, REACH * side, each) for each in (False, True))
-        found[..., 3] += np.float32(weight) * (along + against)
+        along, against = (sweep.through(SKY_BEGINS * side, REACH * side, backward) for backward in (False, True))
+        sky[..., 3] += np.float32(weight) * (along + against)
         apart = np.float32(weight) * (along - against)
         for axis in range(3):
-            found[..., axis] += np.float32(direction[axis]) * apart
-    return found
+            sky[..., axis] += np.float32(direction[axis]) * apart
+    return sky
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Rays along a world direction [3], slice by slice along the axis of which they pass the most cells.
+    """Running sums along rays of one world direction, slice by slice along the axis closest to it.
 
-    axis: of arrays [Z, Y, X]. slopes: cells along the two others, per slice. step: world length from slice to slice.
-    backwards: whether the direction is towards smaller indices. depth [n, H, W]: integrals until the slices' ends,
-    in sheared slices.
+    axis: of arrays [Z, Y, X]. slopes: cells along the other two axes, per slice. step: world length from slice to
+    slice. backwards: whether the direction points to smaller indices. depth [n, H, W]: optical depth up to the slices'
+    ends, in the sheared grid.
     """
 
     axis: int
@@ -297,7 +299,7 @@ class Sweep:
 
     @classmethod
     def of(cls, coarse: Coarse, direction: np.ndarray) -> Sweep:
-        """The sums along a unit vector, and against it."""
+        """Returns the sums along a unit vector; they serve the opposite direction, too."""
         along = np.linalg.solve(coarse.cells.world_from_index, direction)[::-1]
         axis = int(np.abs(along).argmax())
         slopes = tuple((np.delete(along, axis) / along[axis]).tolist())
@@ -316,7 +318,7 @@ class Sweep:
         return cls(axis, slopes, step, float(along[axis]) < 0, (height, width), depth)
 
     def through(self, begin: float, end: float, against: bool = False) -> np.ndarray:
-        """float32 [Z, Y, X]: transmittances from world distances `begin` to `end` beyond cells' centres."""
+        """float32 [Z, Y, X]: transmittance between world distances `begin` and `end` from the cells' centres."""
         n = len(self.depth) - 1
         sign = -1.0 if self.backwards != against else 1.0
         middle = np.arange(n) + 0.5
@@ -324,7 +326,7 @@ class Sweep:
         return self._sheared_back(np.exp(-np.abs(far - near)))
 
     def _until(self, places: np.ndarray) -> np.ndarray:
-        """Integrals until places along the axis, one for each slice."""
+        """Optical depth up to places along the axis, one for each slice."""
         n = len(self.depth) - 1
         inside = np.clip(places, 0.0, n)
         low = np.minimum(inside.astype(int), n - 1)
@@ -334,20 +336,20 @@ class Sweep:
 
     def _sheared_back(self, values: np.ndarray) -> np.ndarray:
         n, (height, width) = len(values), self.shape
-        found = np.empty((n, height, width), np.float32)
+        upright = np.empty((n, height, width), np.float32)
         for k, plane in enumerate(values):
             (y, fy), (x, fx) = _places(self.slopes, k, n)
             part = plane[y : y + height + 1, x : x + width + 1]
             rows = part[:-1] + np.float32(fy) * (part[1:] - part[:-1])
-            found[k] = rows[:, :-1] + np.float32(fx) * (rows[:, 1:] - rows[:, :-1])
-        return np.moveaxis(found, 0, self.axis)
+            upright[k] = rows[:, :-1] + np.float32(fx) * (rows[:, 1:] - rows[:, :-1])
+        return np.moveaxis(upright, 0, self.axis)
 
 
 def _places(slopes: tuple[float, ...], k: int, n: int) -> list[tuple[int, float]]:
-    """Where slice k of n lies in the sheared ones along both axes: whole cells, and the rest."""
-    found = []
+    """Offset of slice k of n in the sheared grid along both axes: whole cells, and the rest."""
+    offsets = []
     for slope in slopes:
         place = (n - 1 - k) * slope if slope > 0 else -k * slope
         whole = int(place)
-        found.append((whole, place - whole))
-    return found
+        offsets.append((whole, place - whole))
+    return offsets

@@ -1,8 +1,8 @@
 """Volumes larger than memory: bricks in the order of sheets, and the memory that they need.
 
-Sheets are spheres around the eye. Once no brick is left that could hold a splat of a sheet, that sheet is complete, and
-its splats are given out, in batches whose sheets never come before those of the batch before. Records are those of the
-whole volume, as each brick is read with the halo that they depend on.
+Sheets are spheres around the eye. A sheet is complete once no brick is left that could hold a splat of it; its splats
+are then handed out, in batches whose sheets never fall. Records equal those of the whole volume, since each brick is
+read with the halo that they depend on.
 """
 
 from __future__ import annotations
@@ -34,32 +34,32 @@ from splatgl.splat.splats import MOST_KEPT, Splats, record_type
 from splatgl.splat.transfer import Transfer
 from splatgl.splat.view import GridView
 
-# voxels along a brick's sides, and those looked at together for missing ones
+# voxels along a brick's sides, and voxels that are searched for missing samples at a time
 SIDE, PART = 64, 1 << 22
-# splats of a batch at least, but for the last
+# least number of splats in a batch, except the last
 BATCH = 1 << 19
-# bricks of each processor that are extracted ahead
+# bricks per processor that are extracted in advance
 AHEAD = 2
-# sheets by which float32 may place a splat before float64
+# sheets by which float32 may place a splat nearer than float64
 SLACK = 1
 
 # a sheet beyond all others
 FAR = 2**30
 
-# the sheets between which something lies, as `Sheets.base` counts them
+# first and last sheet of a range, as `Sheets.base` counts them
 Shell = tuple[int, int]
-# records, and the first sheet of each, which never falls
+# records, and the first sheet of each, in ascending order
 Found = tuple[np.ndarray, np.ndarray]
-# whether anything of a box of voxels, from low to high (x, y, z), can be seen
+# whether any voxel of a box, from low to high (x, y, z), may be visible
 Seen = Callable[[np.ndarray, np.ndarray], bool]
 
 
 @dataclass(frozen=True, eq=False)
 class Bricks:
-    """A volume in boxes of voxels. low, high int64 [B, 3]: of their own voxels low ≤ (x, y, z) < high.
+    """A volume in boxes of voxels. low, high int64 [B, 3]: brick b holds the voxels low ≤ (x, y, z) < high.
 
-    found: splats of those bricks that were extracted for a picture. gaps: missing samples beside them, which nothing
-    masks, as they are known when a brick is read. shell: of all splats, only those between two sheets are drawn.
+    found: number of splats of each extracted brick. gaps: number of missing samples beside them, known once a brick is
+    read. shell: range of sheets whose splats are drawn; None: all.
     """
 
     volume: Volume
@@ -72,7 +72,7 @@ class Bricks:
 
     @classmethod
     def of(cls, volume: Volume, post: ValueClassifier, side: int = SIDE) -> Bricks:
-        """All of the volume in bricks of `side` voxels."""
+        """Divides the whole volume into bricks of `side` voxels."""
         size = np.array(volume.shape[::-1])
         count = -(-size // side)
         low = np.stack(np.unravel_index(np.arange(count.prod()), count), axis=1) * side
@@ -80,12 +80,12 @@ class Bricks:
 
     @property
     def kernel(self) -> Kernel:
-        """The kernel that the values are for."""
+        """The kernel that reconstructs the values."""
         return kernel_named(self.post.kernel)
 
     @cached_property
     def whole(self) -> Splats:
-        """Two splats at the corners of the volume's box: what a plan needs to know of all of them."""
+        """Two splats at opposite corners of the volume's box, from which a picture of the volume is planned."""
         records = np.zeros(2, record_type(self.volume.shape, post=True))
         records["position"][1] = np.array(self.volume.shape[::-1]) - 1
         return post_splats(
@@ -94,14 +94,14 @@ class Bricks:
 
     @property
     def probes(self) -> Splats:
-        """A splat at the first voxel of each brick: places by which paths are measured."""
+        """One splat at the first voxel of each brick, to measure the paths of moving pictures."""
         places = self.low[np.lexsort(self.low.T)]
         records = np.zeros(len(places), record_type(self.volume.shape, post=True))
         records["position"] = places
         return post_splats(self.volume, self.post, records)
 
-    def _ahead(self, order: list[int], sheets: Sheets, view: GridView, seen: Seen) -> Iterator[Found]:
-        """What is in those bricks in turn, some of them extracted ahead, side by side; nothing if one is not seen."""
+    def _ahead(self, order: list[int], sheets: Sheets, view: GridView, is_visible: Seen) -> Iterator[Found]:
+        """Yields the records of bricks in the given order, extracted in advance by threads; none if invisible."""
 
         def work(brick: int) -> Found:
             records = self.records(brick)
@@ -110,8 +110,8 @@ class Bricks:
             if self.shell is not None:
                 first, last = self.shell
                 self.found[brick] = int(((base >= first) & (base < last)).sum())
-                kept = (base >= first - sheets.count) & (base <= last + 1)
-                records, base = records[kept], base[kept]
+                in_shell = (base >= first - sheets.count) & (base <= last + 1)
+                records, base = records[in_shell], base[in_shell]
             by_sheet = np.argsort(base, kind="stable")
             return records[by_sheet], base[by_sheet]
 
@@ -121,7 +121,7 @@ class Bricks:
         with ThreadPoolExecutor(workers) as pool:
             try:
                 for brick in order:
-                    wanted = seen(self.low[brick], self.high[brick] - 1)
+                    wanted = is_visible(self.low[brick], self.high[brick] - 1)
                     waiting.append(pool.submit(work, brick) if wanted else None)
                     if len(waiting) > AHEAD * workers:
                         first = waiting.popleft()
@@ -130,40 +130,40 @@ class Bricks:
                     first = waiting.popleft()
                     yield first.result() if first else nothing
             finally:
-                # a picture that is given up waits for none
-                for each in waiting:
-                    if each:
-                        each.cancel()
+                # an interrupted picture waits for no brick
+                for future in waiting:
+                    if future:
+                        future.cancel()
 
     def records(self, brick: int) -> np.ndarray:
-        """The records of one brick, in row order."""
-        # of samples in memory, `whole` has masked them
+        """Extracts the records of one brick, in row order."""
+        # `whole` masks the gaps of samples in memory
         gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
         low, high = places(self.low[brick]), places(self.high[brick])
-        found = box_records(self.volume, self.post, self.kernel, low, high, gaps)
+        records = box_records(self.volume, self.post, self.kernel, low, high, gaps)
         self.gaps[brick] = sum(map(len, gaps or ()))
-        return found
+        return records
 
     def reached(self, view: GridView) -> bool:
-        """Whether the eye may be in a kernel, or a kernel cross its plane in the picture."""
+        """Whether the eye may be inside a kernel, or a kernel of the picture may cross the eye's plane."""
         forward = view.eye_from_index[2]
         nearest = np.where(forward > 0, 0, np.array(self.volume.shape[::-1]) - 1)
         return view.perspective and bool(forward @ (nearest - view.eye_index) <= AROUND_EYE * view.reach)
 
     def nearest(self, sheets: Sheets, view: GridView) -> np.ndarray:
-        """int64 [B]: the first sheet of the nearest place within each brick."""
+        """int64 [B]: first sheet of the point of each brick that is nearest to the eye."""
         if view.perspective:
             return sheets.base(sheets.places(view, np.clip(view.eye_index, self.low, self.high - 1)))
         return sheets.base(self._corner_places(sheets, view).min(axis=0))
 
     def _corner_places(self, sheets: Sheets, view: GridView) -> np.ndarray:
-        """[8, B]: the places in sheets of the corners of each brick."""
+        """[8, B]: distances of each brick's corners, in sheets."""
         ends = np.stack([self.low, self.high - 1])
         corners = [ends[[x, y, z], :, [0, 1, 2]].T for x in (0, 1) for y in (0, 1) for z in (0, 1)]
         return np.stack([sheets.places(view, corner) for corner in corners])
 
     def near(self, sheets: Sheets, view: GridView) -> NearField | None:
-        """The voxels around the eye; None if there are none."""
+        """The near field of the voxels around the eye; None if there are none."""
         size = np.array(self.volume.shape[::-1])
         box = near_box(view, sheets, np.stack([np.zeros(3), size - 1.0]))
         if box is None:
@@ -173,66 +173,67 @@ class Bricks:
         return NearField.of_records(records, box, view, sheets)
 
     def within(self, sheets: Sheets, view: GridView, shell: Shell) -> Bricks:
-        """The bricks that matter to what lies between two sheets, and of them those splats."""
+        """The bricks that contribute to a range of sheets, restricted to it."""
         furthest = sheets.base(self._corner_places(sheets, view).max(axis=0))
-        kept = (self.nearest(sheets, view) <= shell[1] + 1) & (furthest >= shell[0] - sheets.count)
-        return replace(self, low=self.low[kept], high=self.high[kept], found={}, gaps={}, shell=shell)
+        overlaps = (self.nearest(sheets, view) <= shell[1] + 1) & (furthest >= shell[0] - sheets.count)
+        return replace(self, low=self.low[overlaps], high=self.high[overlaps], found={}, gaps={}, shell=shell)
 
     def shells(self, sheets: Sheets, view: GridView, count: int) -> list[Shell]:
-        """The ranges of sheets of `count` parts, or fewer, of about as many bricks each, nearest first."""
+        """At most `count` ranges of sheets with about equally many bricks, nearest first."""
         nearest = np.sort(self.nearest(sheets, view))
         cuts = np.unique(nearest[np.arange(1, count) * len(nearest) // count])
         ends = [-FAR, *cuts[cuts > nearest[0]].tolist(), FAR]
         return list(pairwise(ends))
 
-    def batches(self, sheets: Sheets, view: GridView, seen: Seen) -> Iterator[tuple[np.ndarray, int]]:
-        """Records of batches, and how many bricks were done with. seen: asked of a brick before it is read."""
+    def batches(self, sheets: Sheets, view: GridView, is_visible: Seen) -> Iterator[tuple[np.ndarray, int]]:
+        """Yields batches of records, with the number of bricks done. is_visible: is called before a brick is read."""
         nearest = self.nearest(sheets, view)
         order = np.argsort(nearest, kind="stable")
-        # records in the order of their sheets, and these
+        # records in the order of their sheets, and their sheets
         waiting: list[tuple[np.ndarray, np.ndarray]] = []
-        for n, found in enumerate(self._ahead(order.tolist(), sheets, view, seen)):
-            waiting += [found] if len(found[0]) else []
+        for n, arrived in enumerate(self._ahead(order.tolist(), sheets, view, is_visible)):
+            waiting += [arrived] if len(arrived[0]) else []
             last = n + 1 == len(order)
             limit = np.iinfo(np.int32).max if last else int(nearest[order[n + 1]]) - SLACK
             ready = [int(np.searchsorted(base, limit)) for _, base in waiting]
             if sum(ready) < BATCH and not last:
                 continue
             nothing = np.zeros(0, record_type(self.volume.shape, post=True))
-            batch = np.concatenate([nothing, *(each[:end] for (each, _), end in zip(waiting, ready, strict=True))])
-            waiting = [_behind(*found, end) for found, end in zip(waiting, ready, strict=True) if end < len(found[0])]
+            batch = np.concatenate(
+                [nothing, *(records[:end] for (records, _), end in zip(waiting, ready, strict=True))]
+            )
+            waiting = [_behind(*pair, end) for pair, end in zip(waiting, ready, strict=True) if end < len(pair[0])]
             yield batch, n + 1
             del batch
 
 
 def _behind(records: np.ndarray, base: np.ndarray, end: int) -> Found:
-    """Those from `end` on; copied where that frees more than half of what they are part of."""
-    whole = len(records) if records.base is None else len(records.base)
-    if 2 * (len(records) - end) < whole:
+    """Returns records and sheets from `end` on, copied if that frees more than half of their memory."""
+    total = len(records) if records.base is None else len(records.base)
+    if 2 * (len(records) - end) < total:
         return records[end:].copy(), base[end:].copy()
     return records[end:], base[end:]
 
 
-# peak bytes of extraction and drawing together, measured from 0.5 to 10 million splats: of each, and of others by
-# OpenGL and numpy
+# peak bytes of extraction and drawing, measured from 0.5 to 10 million splats: per splat, and for OpenGL and numpy
 EACH, FIXED = 100, 300 << 20
-# in bricks: what is taken in any case, the least for what waits, bytes of a splat that waits, and most bands
+# bytes in bricks: fixed, least for waiting splats, and per waiting splat; and maximum number of bands
 BRICKS, LEAST, WAITING, MOST_BANDS = 450 << 20, 64 << 20, 64, 16
-# bytes of a sample of the picture: target, resolved, read back, and open sheets
+# bytes per sample of the picture: target, resolved and read-back copies, and open sheets
 SAMPLE = 160
-# boxes that are read for an estimate, the voxels along their sides, and the steps of their places, as shares of the
-# volume's sides: the R sequence of three dimensions, which leaves no gaps (Roberts 2018)
+# boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
+# the R sequence in three dimensions, which leaves no gaps (Roberts 2018)
 PROBES, PROBE_SIDE, STEPS = 64, 24, (0.8191725134, 0.6710436067, 0.5497004779)
-# standard errors of an estimate by which more splats are reckoned with, and splats if none is seen
+# standard errors that are added to an estimate, and the number of splats assumed if no box holds any
 ERRORS, MISSED = 2.0, 3.0
 
 
 @dataclass(frozen=True)
 class Need:
-    """splats: estimated number. most: what that may be, by its standard error. bytes: peak of extracting and drawing
-    so many at once.
+    """Estimated memory of a picture. splats: estimated number; most: its upper limit, by the standard error.
 
-    waiting: of splats in bricks, of which some must wait for others to be drawn. samples: of the picture.
+    bytes: peak to extract and draw `most` splats at once.
+    waiting: bytes of splats in bricks that wait to be drawn. samples: number of the picture's samples.
     """
 
     splats: int
@@ -242,70 +243,70 @@ class Need:
     samples: int
 
     def __str__(self) -> str:
-        """How many splats there may be, and what they and all else take."""
-        few = f"up to about {self.most:,} splats"
-        return f"{few} take {size_of(EACH * self.most)}, samples and pixels {size_of(self.bytes - EACH * self.most)}"
+        """Number of splats, and the memory for them and for everything else."""
+        count = f"up to about {self.most:,} splats"
+        return f"{count} take {size_of(EACH * self.most)}, samples and pixels {size_of(self.bytes - EACH * self.most)}"
 
     def bands(self, memory: int) -> int:
-        """Into how many bands of rows a picture in bricks is split, so that it takes about that many bytes."""
+        """Number of bands of rows into which a picture in bricks is split to fit into about `memory` bytes."""
         room = max(memory - BRICKS, LEAST)
         return int(np.clip(-(-(self.waiting + SAMPLE * self.samples) // room), 1, MOST_BANDS))
 
 
 def need(bricks: Bricks, pixels: int, enough: int) -> Need:
-    """The estimate; if all voxels are within `enough` bytes and what the GPU keeps, that of all, without reading.
+    """Estimates the memory of a picture. Reads nothing if all voxels fit into `enough` bytes and into the GPU.
 
-    pixels: of the picture, all samples.
+    pixels: number of the picture's samples.
     """
     volume = bricks.volume
-    kept = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
-    other = FIXED + SAMPLE * pixels + (0 if kept else volume.count * volume.samples.dtype.itemsize)
+    mapped = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
+    other = FIXED + SAMPLE * pixels + (0 if mapped else volume.count * volume.samples.dtype.itemsize)
     size = np.array(volume.shape[::-1])
-    # a layer of bricks' diagonals across the volume, half of which is drawn on average
+    # a layer across the volume, as thick as a brick's diagonal, of which half is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
-    whole = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
-    if whole.bytes <= enough and volume.count <= MOST_KEPT:
-        return whole
+    all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
+    if all_splats.bytes <= enough and volume.count <= MOST_KEPT:
+        return all_splats
     low = spread(np.maximum(size - PROBE_SIDE, 0), PROBES)
-    # of a small volume the same place comes again and again
+    # a small volume yields the same place several times
     low, same = np.unique(low, axis=0, return_inverse=True)
     probes = Bricks(volume, bricks.post, low, np.minimum(low + PROBE_SIDE, size))
     voxels = (probes.high - low).prod(axis=1)[same.ravel()]
     shares = np.array([len(probes.records(n)) for n in range(len(low))])[same.ravel()] / voxels
     share = float(np.average(shares, weights=voxels))
-    # where none is seen, some may be beside: as many as are missed with a chance of 1/20
+    # if no box holds a splat, as many as all boxes miss with a probability of 1/20
     most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(PROBES), MISSED / float(voxels.sum())), 1.0)
     splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
     return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
 
 
 def spread(most: np.ndarray, count: int) -> np.ndarray:
-    """int64 [count, 3]: places from 0 to `most` (x, y, z), spread evenly however many are used."""
+    """int64 [count, 3]: evenly distributed places from 0 to `most` (x, y, z); so is every prefix of them."""
     place = (0.5 + np.outer(np.arange(count), STEPS)) % 1.0
     return np.asarray((place * most).round().astype(np.int64))
 
 
 def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks | None:
-    """The volume in bricks for a picture with these settings; None if it takes voxels classified before."""
+    """The volume in bricks; None if the settings need voxels classified before reconstruction."""
     if settings.classification == "pre" or only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False):
         return None
     kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
-    every = BLENDS[settings.blend].one_value
-    return Bricks.of(volume, ValueClassifier.of(transfer, kernel, volume.shape[::-1], every))
+    all_values = BLENDS[settings.blend].one_value
+    return Bricks.of(volume, ValueClassifier.of(transfer, kernel, volume.shape[::-1], all_values))
 
 
 def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks:
-    """The volume in bricks. InputError for a picture that takes voxels classified before, with what takes them."""
-    found = bricks_of(volume, transfer, settings)
-    if found is None:
+    """The volume in bricks. Raises InputError, with the reason, if it needs voxels classified before reconstruction."""
+    bricks = bricks_of(volume, transfer, settings)
+    if bricks is None:
         why = only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False) or "classification pre"
         raise expected("a picture in parts", "values classified after reconstruction", why, "draw it whole, alone")
-    return found
+    return bricks
 
 
 def fits(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
-    """None if all splats of a picture of that size (width, height) fit into that many bytes and the GPU; else what they
-    need. InputError for no bytes.
+    """Memory needed by a picture of `size` (width, height); None if all splats fit into `memory` bytes and the GPU.
+    Raises InputError for no bytes.
     """
     if memory <= 0:
         raise expected("memory", "a positive number of bytes", memory)

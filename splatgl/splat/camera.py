@@ -21,7 +21,7 @@ UP_TOLERANCE = 1e-9
 FIT_MARGIN = 1.05
 # degrees: larger angles lose all digits to whole turns; a narrower field needs an eye further than FAR
 MOST_TURN, LEAST_FOV = 1e12, 1e-9
-# factors on the distance that shows the whole subject: beyond, the eye is at its centre, or further than FAR
+# limits of zoom: beyond them the eye is at the subject's centre, or further away than FAR
 ZOOMS = (1e-15, 1e15)
 # largest side of a picture, for any renderer
 MOST_PIXELS = 2**24
@@ -37,8 +37,7 @@ Vector = Sequence[float] | np.ndarray
 class Bounded(Protocol):
     """Anything with an extent: volumes and splats.
 
-    corners [8, 3]: its box; outline [N, 3]: points whose convex hull contains it; world units. It may have a `frame`,
-    "LPS" or "RAS", which says where the patient's front is.
+    It may have a `frame`, "LPS" or "RAS", which says where the patient's front is.
     """
 
     @property
@@ -48,13 +47,13 @@ class Bounded(Protocol):
 
     @property
     def outline(self) -> np.ndarray:
-        """Points [N, 3] whose convex hull contains it, world units."""
+        """Points [N, 3] whose convex hull contains the object, world units."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One view. Build it by `look_at`, `orbit` or `orthographic`.
+    """A view; made by `look_at`, `orbit` or `orthographic`.
 
     eye [3] world; eye_from_world [3, 3]: rows right, down, forward; size (width, height) in pixels.
     extent: height of the image at depth 1 (perspective, 2·tan(fov/2)) or in world units (orthographic).
@@ -75,7 +74,7 @@ class Camera:
         fov: float = 60.0,
         size: tuple[int, int] = (512, 512),
     ) -> Camera:
-        """A perspective view from `eye` to `target`; fov is the full vertical angle in degrees.
+        """Perspective view from `eye` to `target`; fov: full vertical angle in degrees.
 
         Raises InputError if eye = target, `up` is along the view, or fov is not within [1e−9, 180).
         """
@@ -90,9 +89,9 @@ class Camera:
         height: float = 300.0,
         size: tuple[int, int] = (512, 512),
     ) -> Camera:
-        """A parallel view along target − eye; `height` is the image's height in world units.
+        """Parallel view along target − eye; height: of the image, world units.
 
-        The plane through `eye` clips all behind it. Raises InputError as `look_at`, and for height ≤ 0.
+        Everything behind the plane through `eye` is clipped. Raises InputError as `look_at`, and for height ≤ 0.
         """
         return cls(_point("eye", eye), _axes(eye, target, up), _size(size), _height(height), perspective=False)
 
@@ -107,10 +106,11 @@ class Camera:
         zoom: float = 1.0,
         up: Vector = (0.0, 0.0, 1.0),
     ) -> Camera:
-        """A perspective view that shows all of `subject`. At (0, 0) it looks along +y with +z up, and at a patient in
-        LPS or RAS from the front; azimuth turns the eye counter-clockwise seen from +z, elevation lifts it (degrees).
-        Another `up` applies the shortest rotation from +z. Raises InputError as `look_at`, for a zoom outside
-        [1e−15, 1e15], and for angles beyond 1e12 degrees.
+        """Perspective view that shows the whole `subject`.
+
+        At (0, 0) it looks along +y with +z up, and at a patient in LPS or RAS from the front. azimuth turns the eye
+        counter-clockwise seen from +z, elevation lifts it (degrees). Another `up` applies the shortest rotation from
+        +z. Raises InputError as `look_at`, for a zoom outside [1e−15, 1e15], and for angles beyond 1e12 degrees.
         """
         half = _half_width(fov)
         if not ZOOMS[0] <= zoom <= ZOOMS[1]:
@@ -128,9 +128,9 @@ class Camera:
 
     @classmethod
     def of(cls, x: Any, size: tuple[int, int] | None = None) -> Camera:
-        """The view of a camera of VTK or PyVista, of a PyVista plotter, or of a window or renderer of VTK.
+        """View of a VTK or PyVista camera, a PyVista plotter, or a VTK window or renderer.
 
-        size: in pixels; None: the plotter's or window's, or 512 × 512. Raises InputError for what has no such camera.
+        size: pixels; None: the plotter's or window's, or 512 × 512. Raises InputError for other objects.
         """
         camera, size = _of_vtk(x, size)
         if not (hasattr(camera, "GetFocalPoint") and hasattr(camera, "GetParallelScale")):
@@ -138,7 +138,7 @@ class Camera:
         width, height = size or (512, 512)
         placed = (camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp())
         if camera.GetParallelProjection():
-            # VTK's scale is half of the height
+            # VTK's parallel scale is half of the height
             return cls.orthographic(*placed, 2.0 * camera.GetParallelScale(), (width, height))
         angle = float(camera.GetViewAngle())
         if camera.GetUseHorizontalViewAngle():
@@ -146,22 +146,21 @@ class Camera:
         return cls.look_at(*placed, angle, (width, height))
 
     def parallel(self, subject: Bounded, height: float | None = None) -> Camera:
-        """The orthographic view from the same eye; `height` in world units, None: the height of the
-        perspective picture at the centre of `subject`. Raises InputError for height ≤ 0, and for None if that
-        centre is not in front of the eye.
+        """Orthographic view from the same eye. height: world units; None: of the perspective picture at the centre of
+        `subject`. Raises InputError for height ≤ 0, and for None if that centre is not in front of the eye.
         """
         middle = float(self.eye_from_points(subject.corners)[:, 2].mean())
         if height is None and not middle > 0:
-            raise expected("height", "a length", "none, with the middle behind the eye", "give one")
+            raise expected("height", "a camera in front of the volume's centre", "one behind it", "give a height")
         extent = _height(self.extent * middle if height is None else height)
         return Camera(self.eye, self.eye_from_world, self.size, extent, perspective=False)
 
     def __repr__(self) -> str:
-        """One line: kind, size, place, direction and field."""
+        """Size, position, direction and field of view in one line."""
         eye, forward = (", ".join(f"{x:g}" for x in np.round(v, 3)) for v in (self.eye, self.forward))
         angle = f"fov {np.degrees(2 * np.arctan(self.extent / 2)):.4g}°"
-        seen = angle if self.perspective else f"height {self.extent:.4g}, orthographic"
-        return f"<Camera {self.size[0]}×{self.size[1]}: eye ({eye}), forward ({forward}), {seen}>"
+        field = angle if self.perspective else f"height {self.extent:.4g}, orthographic"
+        return f"<Camera {self.size[0]}×{self.size[1]}: eye ({eye}), forward ({forward}), {field}>"
 
     @property
     def right(self) -> np.ndarray:
@@ -174,7 +173,7 @@ class Camera:
         return np.asarray(self.eye_from_world[2])
 
     def pixel_pitch(self, depth: float | np.ndarray) -> float | np.ndarray:
-        """World length of one pixel's side at `depth` (constant in orthographic views)."""
+        """World length of a pixel's side at `depth`; constant in orthographic views."""
         pitch = self.extent / self.size[1]
         return np.asarray(depth) * pitch if self.perspective else np.full(np.shape(depth), pitch)[()]
 
@@ -204,7 +203,7 @@ class Camera:
 
 
 def _of_vtk(x: Any, size: tuple[int, int] | None) -> tuple[Any, tuple[int, int] | None]:
-    """The camera of a plotter, window or renderer, or what is given, and the size in pixels, if it is known."""
+    """Camera of a plotter, window or renderer, or `x` itself; and the size in pixels, if known."""
     size = size or getattr(x, "window_size", None)
     if hasattr(x, "GetRenderers"):
         x, size = x.GetRenderers().GetFirstRenderer(), size or x.GetSize()

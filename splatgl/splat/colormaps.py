@@ -36,7 +36,7 @@ EVEN = {
 # control colours with explicit positions: (position, colour)
 UNEVEN: dict[str, tuple[tuple[float, str], ...]] = {
     "bone": ((0.0, "000000"), (0.365, "515171"), (0.746, "a6c6c6"), (1.0, "ffffff")),
-    # of presets: borders of tissues
+    # maps of presets, with the borders of tissues
     "airways": ((0.0, "0a2740"), (0.4, "2f7fb8"), (0.7, "a8d8ee"), (1.0, "ffffff")),
     "chest": ((0.0, "7a3a26"), (0.25, "b86a4e"), (0.36, "c4524a"), (0.47, "b3262a"), (0.65, "ecd9b4"), (1.0, "fffdf6")),
     "coronary": ((0.0, "5a0a10"), (0.3, "d8432e"), (0.6, "ffb46a"), (0.85, "ffffff"), (1.0, "ffffff")),
@@ -51,7 +51,7 @@ UNEVEN: dict[str, tuple[tuple[float, str], ...]] = {
 CORE = tuple(sorted((*EVEN, *UNEVEN)))
 # a part of a map
 PART = re.compile(r"(.+)\[(\d*\.?\d*):(\d*\.?\d*)\]")
-# control colours of a caller, comma-separated
+# a control colour in a caller's comma-separated list
 NODE = re.compile(r"([0-9.eE+-]+):(#[0-9a-fA-F]{6})")
 # libraries with more names, in lookup order
 LIBRARIES = ("cmap", "matplotlib")
@@ -59,10 +59,10 @@ LIBRARIES = ("cmap", "matplotlib")
 
 @lru_cache(maxsize=64)
 def colormap(name: str) -> np.ndarray:
-    """A colour map as linear RGB, float64 [256, 3], read-only; entry 0 is the low end.
+    """Colour map as linear RGB, float64 [256, 3], read-only; entry 0 is the low end.
 
     name: one of CORE, a solid "#rrggbb", control colours "0:#000000,0.4:#ff0000,1:#ffffff", or a name in cmap or
-    matplotlib; "NAME[LOW:HIGH]" is a part of it, from 0 to 1. Raises InputError for an unknown name, and for other
+    matplotlib; "NAME[LOW:HIGH]" takes the part between two places from 0 to 1. Raises InputError for unknown names and
     parts.
     """
     part = PART.fullmatch(name)
@@ -70,8 +70,8 @@ def colormap(name: str) -> np.ndarray:
         low, high = float(part[2] or 0), float(part[3] or 1)
         if not 0 <= low < high <= 1:
             raise expected("colormap", "a part such as NAME[0.6:1], from 0 to 1", repr(name))
-        whole = _srgb(part[1])
-        table = linear_from_srgb(_mix(np.linspace(0.0, 1.0, ENTRIES), whole, np.linspace(low, high, ENTRIES)))
+        colors = _srgb(part[1])
+        table = linear_from_srgb(_mix(np.linspace(0.0, 1.0, ENTRIES), colors, np.linspace(low, high, ENTRIES)))
     else:
         table = linear_from_srgb(_srgb(name))
     table.setflags(write=False)
@@ -79,7 +79,7 @@ def colormap(name: str) -> np.ndarray:
 
 
 def whole(name: str) -> str:
-    """The name of the map that a name is a part of."""
+    """Name of the map without a part: "NAME" of "NAME[LOW:HIGH]"."""
     part = PART.fullmatch(name)
     return part[1] if part else name
 
@@ -108,19 +108,19 @@ def _mix(places: np.ndarray, colors: np.ndarray, at: np.ndarray | None = None) -
 
 
 def _nodes(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Places [N] and sRGB colours [N, 3] of control colours."""
-    found = [NODE.fullmatch(each) for each in name.split(",")]
+    """Places [N] and sRGB colours [N, 3] in a list of control colours."""
+    nodes = [NODE.fullmatch(node) for node in name.split(",")]
     try:
-        places = np.array([float(each[1]) for each in found if each])
+        places = np.array([float(node[1]) for node in nodes if node])
     except ValueError:
         places = np.zeros(0)
-    if len(places) < len(found) or not ((places >= 0) & (places <= 1)).all() or (np.diff(places) < 0).any():
+    if len(places) < len(nodes) or not ((places >= 0) & (places <= 1)).all() or (np.diff(places) < 0).any():
         raise expected("colormap", "PLACE:#rrggbb,… with places from 0 to 1 that never fall", repr(name[:80]))
-    return places, np.array([_hex(each[2][1:]) for each in found if each])
+    return places, np.array([_hex(node[2][1:]) for node in nodes if node])
 
 
 def of_colors(places: np.ndarray, colors: np.ndarray) -> str:
-    """The name of the map through sRGB colours [N, 3], from 0 to 1, at ascending places [N] from 0 to 1."""
+    """Name of the colour map through sRGB colours [N, 3] at ascending places [N]; all from 0 to 1."""
     parts = np.clip(np.rint(np.asarray(colors) * 255), 0, 255).astype(int)
     codes = ("#{:02x}{:02x}{:02x}".format(*row) for row in parts.tolist())
     return ",".join(f"{place:.6g}:{code}" for place, code in zip(places, codes, strict=True))
@@ -128,14 +128,14 @@ def of_colors(places: np.ndarray, colors: np.ndarray) -> str:
 
 def _from_library(name: str) -> np.ndarray:
     installed = [library for library in LIBRARIES if find_spec(library)]
-    own = f"{', '.join(CORE)}, #rrggbb"
+    known = f"{', '.join(CORE)}, #rrggbb"
     if not installed:
-        raise missing_extra(f"colormap {name!r} (not one of {own})", "cmap", "colormaps")
+        raise missing_extra(f"colormap {name!r} (not one of {known})", "cmap", "colormaps")
     for library in installed:
         table = _from_cmap(name) if library == "cmap" else _from_matplotlib(name)
         if table is not None:
             return table
-    raise expected("colormap", f"one of {own}, or a name that {' or '.join(installed)} knows", repr(name))
+    raise expected("colormap", f"one of {known}, or a name that {' or '.join(installed)} knows", repr(name))
 
 
 def _from_cmap(name: str) -> np.ndarray | None:
@@ -157,28 +157,28 @@ def _from_matplotlib(name: str) -> np.ndarray | None:
 # (number, "#rrggbb", opacity), ascending
 Shown = Sequence[tuple[int, str, float]]
 
-# opacity of a label, per reference length
+# default opacity of a label, per reference length
 SOLID = 0.99
-# most numbers that a volume without a table of labels may have: a list of them takes seconds
+# maximum number of labels of a volume without a label table: listing more takes seconds
 MOST_LABELS = 1 << 20
-# colours of labels without one, which differ in hue and lightness; beyond, turned hues
+# default colours of labels, which differ in hue and lightness; further labels rotate the hues
 COLORS = (
     *("#e0a48c", "#7fb069", "#5aa9e6", "#f2c14e", "#b388eb", "#e4572e", "#2ec4b6", "#f48fb1", "#a1887f", "#90a4ae"),
     *("#c0ca33", "#3f6fb5", "#d4a017", "#8d5a97", "#4caf50", "#ff8a65", "#00a6a6", "#b0413e", "#6d9dc5", "#f0e442"),
 )
-# turn of the hue from one round of COLORS to the next: the golden ratio's
+# rotation of the hue from one round of COLORS to the next, in turns: the golden ratio
 TURN = 0.618034
-# turns after which hues repeat, so that those of numbers of 64 bits have digits left
+# rounds after which hues repeat, to keep float64's digits for 64-bit numbers
 TURNS = 1_000_003
 
 
 def color_of(number: int) -> str:
-    """The colour of a label that has none: the same in every file."""
+    """Default colour of a label number, the same in every file."""
     return colors_of([number])[0]
 
 
 def colors_of(numbers: Sequence[int]) -> list[str]:
-    """The colours of labels that have none."""
+    """Default colours of label numbers."""
     turns, places = zip(*(divmod(abs(number) - 1, len(COLORS)) for number in numbers), strict=True)
     rgb = np.array([[int(COLORS[place][k : k + 2], 16) for k in (1, 3, 5)] for place in places], np.float64)
     angle = 2 * np.pi * (np.array([turn % TURNS for turn in turns]) * TURN % 1.0)
@@ -186,35 +186,35 @@ def colors_of(numbers: Sequence[int]) -> list[str]:
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None] / 3**0.5
     around = rgb[:, [1, 2, 0]] - rgb[:, [2, 0, 1]]
     turned = c * rgb + (1 - c) * rgb.mean(axis=1, keepdims=True) - s * around
-    whole = np.clip(turned, 0, 255).round().astype(int).tolist()
-    return ["#{:02x}{:02x}{:02x}".format(*row) for row in whole]
+    channels = np.clip(turned, 0, 255).round().astype(int).tolist()
+    return ["#{:02x}{:02x}{:02x}".format(*row) for row in channels]
 
 
 def labels_of(volume: Volume) -> tuple[Label, ...]:
-    """The labels of a volume: those of its table, else all numbers but 0. Raises InputError for what is no number of a
-    label, or for too many.
+    """Labels of a volume: its label table, else all its numbers except 0. Raises InputError for fractions and for too
+    many numbers.
     """
     if volume.labels:
         return volume.labels
-    found: np.ndarray = np.zeros(0, volume.samples.dtype)
+    numbers: np.ndarray = np.zeros(0, volume.samples.dtype)
     for slab in volume.slabs(16, halo=0):
-        there = np.unique(slab.samples)
-        if there.dtype.kind == "f":
-            there = there[np.isfinite(there)]
-            if (there != np.rint(there)).any():
+        present = np.unique(slab.samples)
+        if present.dtype.kind == "f":
+            present = present[np.isfinite(present)]
+            if (present != np.rint(present)).any():
                 raise expected(volume.name or "labels", "whole numbers", volume.samples.dtype.name)
-        found = np.union1d(found, there)
-        if len(found) > MOST_LABELS:
+        numbers = np.union1d(numbers, present)
+        if len(numbers) > MOST_LABELS:
             raise expected(volume.name or "labels", f"at most {MOST_LABELS} labels", "more", "is it a segmentation?")
-    return tuple(Label(number) for number in map(int, found.tolist()) if number)
+    return tuple(Label(number) for number in map(int, numbers.tolist()) if number)
 
 
 def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> Shown:
-    """Colours and opacities of labels. only: numbers of those that are shown, hidden ones too, and factors of their
-    opacities. Raises InputError for a number that there is not.
+    """Colours and opacities of labels. only: (number, opacity factor) of the labels to show, hidden ones too; None: all
+    that are not hidden. Raises InputError for unknown numbers.
     """
     table = {label.number: label for label in labels}
-    chosen = [(each.number, float(not each.hidden)) for each in labels] if only is None else list(only)
+    chosen = [(label.number, float(not label.hidden)) for label in labels] if only is None else list(only)
     for number, _ in chosen:
         if number not in table:
             known = [str(label.number) for label in labels[:20]]
@@ -223,40 +223,40 @@ def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | No
     colors = dict(zip(bare, colors_of(bare), strict=True)) if bare else {}
     named = ((table[number], factor) for number, factor in chosen)
     return checked_labels(
-        [(each.number, each.color or colors[each.number], SOLID * each.opacity * factor) for each, factor in named]
+        [(label.number, label.color or colors[label.number], SOLID * label.opacity * factor) for label, factor in named]
     )
 
 
 def checked_labels(labels: Any) -> Shown:
-    """Labels in the order of their numbers; InputError for anything else than triples of them."""
-    found = []
+    """Checks (number, "#rrggbb", opacity) triples and sorts them by number. Raises InputError for anything else."""
+    styles = []
     for entry in labels:
         match entry:
             case [int() | np.integer() as number, str() as color, int() | float() as opacity] if re.fullmatch(
                 "#[0-9a-fA-F]{6}", color
             ):
-                found.append((int(number), color, float(opacity)))
+                styles.append((int(number), color, float(opacity)))
             case _:
-                raise expected("labels", '(number, "#rrggbb", opacity) of each', repr(entry))
-    if not all(0 <= opacity <= 1 for _, _, opacity in found):
-        raise expected("labels", "opacities from 0 to 1", [opacity for _, _, opacity in found])
-    if len({number for number, _, _ in found}) < len(found):
-        raise expected("labels", "each number once", [number for number, _, _ in found])
-    return tuple(sorted(found))
+                raise expected("labels", '(number, "#rrggbb", opacity) for each label', repr(entry))
+    if not all(0 <= opacity <= 1 for _, _, opacity in styles):
+        raise expected("labels", "opacities from 0 to 1", [opacity for _, _, opacity in styles])
+    if len({number for number, _, _ in styles}) < len(styles):
+        raise expected("labels", "each number once", [number for number, _, _ in styles])
+    return tuple(sorted(styles))
 
 
 def label_opacity(labels: Shown, values: np.ndarray) -> np.ndarray:
-    """Opacities, float64, the shape of values: 0 of what is no label."""
+    """Opacities of values, float64, any shape; 0 of numbers that are no label."""
     return _looked_up(labels, values, 0)
 
 
 def label_color(labels: Shown, values: np.ndarray) -> np.ndarray:
-    """Linear RGB, float64 [..., 3]."""
+    """Linear RGB of values, float64 [..., 3]."""
     return _looked_up(labels, values, 1)
 
 
 def label_place(labels: Shown, values: np.ndarray) -> np.ndarray:
-    """Places of values in `labels`, from 1 on, float64; 0 of what is no label."""
+    """Positions of values in `labels`, counted from 1, float64; 0 of numbers that are no label."""
     return _looked_up(labels, values, 2)
 
 
@@ -269,26 +269,27 @@ def _looked_up(labels: Shown, values: np.ndarray, column: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _table(labels: Shown, whole: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers in ascending order, opacities, linear RGB, and places in `labels` from 1 on. whole: of 64 bits, as
-    float64 does not hold them all; those that are unsigned wrap around, as values do.
+def _table(labels: Shown, integer: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers in ascending order, opacities, linear RGB, and positions in `labels` from 1 on.
+
+    integer: numbers as int64, since float64 cannot hold all of them; unsigned ones wrap around, as values do.
     """
     named = [number for number, _, _ in labels]
     numbers = np.array(named, object).astype(np.uint64 if min(named) >= 0 else np.int64).astype(np.int64)
-    numbers = numbers if whole else np.array(named, np.float64)
+    numbers = numbers if integer else np.array(named, np.float64)
     order = np.argsort(numbers, kind="stable")
     opacities = np.array([opacity for _, _, opacity in labels])
     srgb = np.array([[int(color[k : k + 2], 16) for k in (1, 3, 5)] for _, color, _ in labels])
     return numbers[order], opacities[order], linear_from_srgb(np.arange(256) / 255)[srgb[order]], order + 1
 
 
-# places of values in a map are from 0 to 1; those beyond are kept up to the first number, and NaN is the second, below
-# the third even near other corners
+# places in a map are from 0 to 1; values outside are clamped to ±FURTHEST, and NaN is UNKNOWN, which interpolation with
+# other corners keeps below KNOWN
 FURTHEST, UNKNOWN, KNOWN = 1e4, -1e12, -1e5
 
 
 def places_of(mesh: Mesh) -> np.ndarray:
-    """Places [N] of vertices' values in their map, 0 to 1 within its window; UNKNOWN where there is none."""
+    """Places [N] of vertices' values in their map, 0 to 1 within its window; UNKNOWN for NaN."""
     assert mesh.values is not None
     low, high = mesh.ranged
     place = np.clip((mesh.values - low) / (high - low), -FURTHEST, FURTHEST)
@@ -296,23 +297,23 @@ def places_of(mesh: Mesh) -> np.ndarray:
 
 
 def tables_of(meshes: Sequence[Mesh]) -> np.ndarray:
-    """float32 [R, ENTRIES, 3]: linear RGB of the maps of those meshes that have values; one row without any."""
-    found = [colormap(mesh.colormap) for mesh in meshes if mesh.mapped]
-    return np.array(found or [np.zeros((ENTRIES, 3))], np.float32)
+    """float32 [R, ENTRIES, 3]: linear RGB of the maps of all meshes with values; one black row if there are none."""
+    tables = [colormap(mesh.colormap) for mesh in meshes if mesh.mapped]
+    return np.array(tables or [np.zeros((ENTRIES, 3))], np.float32)
 
 
 def painted(mesh: Mesh) -> Mesh:
-    """A mesh with the colours of its values at its vertices, for what does not look them up between."""
+    """The mesh with its values turned into vertex colours, for renderers without colour maps."""
     if not mesh.mapped:
         return mesh
-    every = replace(mesh, faces=np.arange(len(mesh.vertices))[:, None] * np.ones(3, np.int64), corner_normals=None)
-    linear = colors_at(every, np.arange(len(mesh.vertices)), np.broadcast_to([1.0, 0.0, 0.0], (len(mesh.vertices), 3)))
+    points = replace(mesh, faces=np.arange(len(mesh.vertices))[:, None] * np.ones(3, np.int64), corner_normals=None)
+    linear = colors_at(points, np.arange(len(mesh.vertices)), np.broadcast_to([1.0, 0.0, 0.0], (len(mesh.vertices), 3)))
     colors = np.rint(srgb_from_linear(linear) * 255).astype(np.uint8)
     return replace(mesh, colors=colors, values=None)
 
 
 def colors_at(mesh: Mesh, triangle: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Linear RGB [P, 3] at points of triangles [P], by the shares [P, 3] of their corners."""
+    """Linear RGB [P, 3] at points of triangles [P]. share [P, 3]: barycentric coordinates."""
     if not mesh.mapped:
         return np.asarray((mesh.shades[triangle] * share[..., None]).sum(axis=1))
     place = (places_of(mesh)[mesh.faces[triangle]] * share).sum(axis=1)
@@ -323,5 +324,5 @@ def mapped_color(table: np.ndarray, place: np.ndarray, plain: np.ndarray) -> np.
     """Linear RGB [P, 3] at places [P] of a map; `plain` where there is no value. Twin of `shaders/mesh_maps.glsl`."""
     at = np.clip(place, 0.0, 1.0) * (ENTRIES - 1)
     low = np.minimum(at.astype(np.int64), ENTRIES - 2)
-    found = table[low] + (table[low + 1] - table[low]) * (at - low)[:, None]
-    return np.where((place < KNOWN)[:, None], plain, found)
+    color = table[low] + (table[low + 1] - table[low]) * (at - low)[:, None]
+    return np.where((place < KNOWN)[:, None], plain, color)

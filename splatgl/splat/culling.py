@@ -1,7 +1,7 @@
 """Culling: splats behind the eye, outside the frustum, in blocks, and hidden by others; bounds on the screen.
 
-In parallel views rays begin at the eye's plane. Values on that plane depend on voxels behind it, too, so that splats
-classified after reconstruction are kept as far behind it as their kernels reach.
+In parallel views rays begin at the eye's plane. Values on it also depend on voxels behind it, so that splats classified
+after reconstruction are kept as far behind the plane as their kernels reach.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import LatestParts, Splats
 from splatgl.splat.view import GridView, between, tangents
 
-# rounding: a splat behind the plane by less than this share of its distance from the eye counts as on it
+# rounding: a splat behind the plane by less than this share of its distance from the eye counts as on the plane
 ON_PLANE = 1e-9
-# kernel radii behind the plane, across it, within which values on it and in the sheets around it depend on voxels
+# kernel radii behind the plane within which voxels affect values on the plane and in the sheets around it
 BEHIND = 3.0
-# cache: of the latest plane through the eye
+# cache: splats in front of the latest plane through the eye
 _latest_ahead = LatestParts()
 
 
 def ahead(splats: Splats, camera: Camera) -> Splats:
-    """The splats not behind a parallel view's eye, of labels those not wholly behind it; all in a perspective view.
+    """Splats in front of a parallel view's eye, for labels those partly in front; all splats of perspective views.
     Caches the latest result.
     """
     if camera.perspective or not len(splats):
@@ -38,13 +38,13 @@ def ahead(splats: Splats, camera: Camera) -> Splats:
     plane = (*camera.eye.tolist(), *camera.forward.tolist())
     slack = ON_PLANE * float(np.linalg.norm(depth, axis=1).max())
     if splats.labels is not None:
-        # a box is cut where the plane cuts it
+        # boxes that the plane cuts are kept
         slack += 0.5 * float(np.abs(camera.forward @ splats.grid.world_from_index).sum())
     return _latest_ahead.of(splats, plane, lambda: _kept(splats, camera, slack))
 
 
 def _kept(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
-    """bool [N]: which splats are not behind the eye by more than `slack`, world units."""
+    """bool [N]: whether splats are at most `slack`, world units, behind the eye."""
     normal = camera.forward @ splats.grid.world_from_index
     offset = camera.forward @ (splats.grid.origin - camera.eye)
     if splats.post is not None:
@@ -54,7 +54,7 @@ def _kept(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
 
 # splats per block: BLOCK in tile_place.frag
 BLOCK = 256
-# pixels added to the picture: a tile may cross its edge
+# pixels added around the picture, since a tile may cross its edge
 BLOCK_MARGIN = 8
 # beyond z_k a footprint's radius is R pixels, times √2 for slant, plus a margin for its first-order terms
 STRETCHED = 2.0
@@ -64,8 +64,8 @@ STRETCHED = 2.0
 class Frustum:
     """Planes through the picture's edges, in eye axes and mean spacings; fields are [2], along x and y.
 
-    edge: slopes, or lengths, from the middle to the planes. support: largest distance beyond them from which a kernel
-    still reaches them, times the length of (1, edge). stretch: the same at depth 1 for a widened kernel.
+    edge: slopes, or lengths, from the middle to the planes. support: largest distance outside the planes at which a
+    kernel still reaches them, times the length of (1, edge). stretch: the same at depth 1 for a widened kernel.
     """
 
     view: GridView
@@ -75,7 +75,7 @@ class Frustum:
 
     @classmethod
     def of(cls, view: GridView) -> Frustum:
-        """The planes of a view's picture, MARGIN pixels beyond its edges."""
+        """Planes BLOCK_MARGIN pixels outside the edges of a view's picture."""
         edge = view.edge + BLOCK_MARGIN * view.pitch
         normals = np.zeros((2, 2, 3))
         for axis in (0, 1):
@@ -88,7 +88,7 @@ class Frustum:
         return cls(view, edge, support, np.full(2, widest * (1 + float(np.hypot(*edge)))))
 
     def reached(self, center: np.ndarray, half: np.ndarray | None = None) -> np.ndarray:
-        """Whether splats within `half` [3, N] of `center` [3, N], eye axes, may be visible; bool [N]."""
+        """bool [N]: whether splats within `half` [3, N] of `center` [3, N], eye axes, may be visible."""
         half = np.zeros_like(center) if half is None else half
         furthest = center[2] + half[2] if self.view.perspective else np.ones(center.shape[1:])
         beyond = np.abs(center[:2]) - half[:2] - self.edge[:, None] * furthest
@@ -98,7 +98,7 @@ class Frustum:
 
 
 def boxes(positions: np.ndarray) -> np.ndarray:
-    """Bounding boxes of each BLOCK of positions [N, 3], grid indices: centre and half sides [blocks, 6]."""
+    """[blocks, 6]: centres and half sides of the boxes around each BLOCK of positions [N, 3], grid indices."""
     if not len(positions):
         return np.zeros((0, 6))
     begins = np.arange(0, len(positions), BLOCK)
@@ -107,7 +107,7 @@ def boxes(positions: np.ndarray) -> np.ndarray:
 
 
 def shown(around: np.ndarray, frustum: Frustum) -> np.ndarray:
-    """Which boxes [blocks, 6] may contain a visible splat; bool [blocks]."""
+    """bool [blocks]: whether boxes [blocks, 6] may contain a visible splat."""
     view = frustum.view
     return frustum.reached(view.voxels(around[:, :3]), np.abs(view.eye_from_index) @ around[:, 3:].T)
 
@@ -117,9 +117,9 @@ OUTLINE_MARGIN = 1.0
 
 
 def beside_box(view: GridView, shape: tuple[int, int, int], window: Window, side: tuple[int, int]) -> np.ndarray:
-    """bool [tiles]: whether a tile lies beside the outline of the box of `shape` voxels (x, y, z) with their cells.
+    """bool [tiles]: whether a tile lies outside the silhouette of the box of `shape` voxels (x, y, z).
 
-    Tiles of `side` pixels (x, y) cover the window row by row. None does if the eye's plane is not in front of the box.
+    Tiles of `side` pixels (x, y) cover the window row by row. All False unless the whole box is in front of the eye.
     """
     across, down = (-(-size // pixels) for size, pixels in zip((window.width, window.height), side, strict=True))
     ends = [(-0.5, size - 0.5) for size in shape]
@@ -128,11 +128,11 @@ def beside_box(view: GridView, shape: tuple[int, int, int], window: Window, side
         return np.zeros(across * down, bool)
     depth = corners[2] if view.perspective else np.ones(8)
     places = (corners[:2] / depth).T / view.pitch + np.array(view.size) / 2
-    # centres of tiles, and half of what their pixels' centres span
+    # centres of tiles, and half the distance between their outermost pixel centres
     half = (np.array(side) - 1) / 2
     x = window.x + np.arange(across) * side[0] + side[0] / 2
     y = window.y + np.arange(down) * side[1] + side[1] / 2
-    found = np.zeros((down, across), bool)
+    beside = np.zeros((down, across), bool)
     for a, b in combinations(places, 2):
         along = b - a
         length = float(np.hypot(*along))
@@ -140,31 +140,31 @@ def beside_box(view: GridView, shape: tuple[int, int, int], window: Window, side
             continue
         normal = np.array([along[1], -along[0]]) / length
         apart = (places - a) @ normal
-        # an edge of the outline has all corners on one side
+        # an edge of the silhouette has all corners on one side
         for sign in (1.0, -1.0):
             if (sign * apart).max() <= 1e-6:
                 reach = sign * ((x - a[0]) * normal[0] + (y[:, None] - a[1]) * normal[1]) - np.abs(normal) @ half
-                found |= reach > OUTLINE_MARGIN
-    return found.ravel()
+                beside |= reach > OUTLINE_MARGIN
+    return beside.ravel()
 
 
-# half lines are compiled in if a splat is nearer in depth than this many kernel reaches; tiles take them for those
-# nearer than HAS_PLACE reaches, the others have a place in the picture. Between the two both draw the same, so that no
-# rounding of float32 decides whether a splat is drawn
+# half lines are compiled in if a splat is nearer in depth than AROUND_EYE kernel reaches; tiles use them for splats
+# nearer than HAS_PLACE reaches, the others have a place in the picture. Between the limits both draw the same, so that
+# float32's rounding never decides whether a splat is drawn
 AROUND_EYE, HAS_PLACE = 2.0, 1.5
-# a moving kernel's centre is near within this many radii: the root of HALF_LINE_REACH, with a margin
+# a moving kernel is near the eye within this many radii: the root of HALF_LINE_REACH, with a margin
 NEAR_RADII = 1.06
-# quads: a kernel is around the eye if its centre is nearer than √HALF_LINE_REACH radii
+# quads: the eye is inside a kernel if its centre is nearer than √HALF_LINE_REACH radii
 HALF_LINE_REACH = 1.1
 
 
 def eye_is_near(splats: Splats, view: GridView, exposure: Exposure | None) -> bool:
-    """Whether a potentially visible splat is around the eye; perspective views only."""
+    """Whether a possibly visible splat surrounds the eye; perspective views only."""
     if not len(splats):
         return False
     low, high = splats.index_bounds
     if exposure is not None:
-        # within reach of the box of all centres, flow included
+        # within reach of the box around all centres, flow included
         near = NEAR_RADII * view.kernel.radius
         if exposure.flow is not None:
             near += float(np.linalg.norm(exposure.drift(splats), axis=1).max())
@@ -177,17 +177,17 @@ def eye_is_near(splats: Splats, view: GridView, exposure: Exposure | None) -> bo
 
 # splats within this many kernel reaches of the eye's plane may cover the whole picture
 CLEARANCE = 2.0
-# iterations for the furthest centre beyond the edge: each step is a tenth of the last
+# iterations for the furthest centre beyond the edge: each step is a tenth of the previous one
 ROUNDS = 5
 # pixels around the window, for rounding
 BOUNDS_MARGIN = 2
-# pixels around a splat: rasterisers snap positions to 1/256 of a pixel or finer, and float32 rounds them
+# pixels around a splat: rasterizers snap positions to 1/256 of a pixel or finer, and float32 rounds them
 PIXEL_MARGIN = 2.0**-5
 
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of pixels, (x, y) its first."""
+    """Rectangle of pixels; (x, y) is its first pixel."""
 
     x: int
     y: int
@@ -202,23 +202,20 @@ class Window:
 
 @dataclass(frozen=True)
 class ScreenBounds:
-    """Screen extent of a picture's splats.
-
-    window: all pixels that they reach. mean_depth: of the centre of their box, in mean spacings.
-    """
+    """Screen extent of splats. window: all pixels that they reach. mean_depth: of their box, in mean spacings."""
 
     window: Window
     mean_depth: float
 
 
 def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
-    """The bounds of all splats within a box; the whole picture if the eye is near. box [8, 3]: its corners, grid."""
+    """Screen bounds of all splats in a box; the whole picture if the eye is near. box [8, 3]: corners, grid indices."""
     corners, size = view.voxels(box), view.size
     steps = view.eye_from_index * view.kernel.radius
     if not view.perspective:
         half = max(float(np.linalg.norm(steps[:2], axis=1).max()) / view.pitch, STRETCHED * view.kernel.radius)
         return ScreenBounds(_window(corners[:2].T / view.pitch, half, size), float(corners[2].mean()))
-    # the deepest reach, and the nearest centre
+    # the kernel's reach in depth, and the nearest centre
     deep, nearest = float(np.linalg.norm(steps[2])), float(corners[2].min())
     middle = max(float(corners[2].mean()), deep, 1e-9)
     if nearest <= CLEARANCE * deep:
@@ -235,14 +232,14 @@ def screen_bounds(box: np.ndarray, view: GridView) -> ScreenBounds:
 def _sides(z: float, slope: float, step: np.ndarray, deep: np.ndarray) -> tuple[float, float]:
     """Extents, in slopes, of an ellipsoid at (slope z, z), inwards and outwards, on either side of the view.
 
-    step, deep: components of its half axes along the picture and along depth.
+    step, deep: components of the half axes along the picture and along depth.
     """
     below, above = zip(*(tangents(slope * z, z, step, turn * deep) for turn in (1, -1)), strict=True)
     return float(max(below)), float(max(above))
 
 
 def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> float:
-    """The slope of the furthest centre beyond the edge whose splat still reaches it."""
+    """Slope of the furthest centre beyond the edge whose splat still reaches the edge."""
     beyond = 0.0
     for _ in range(ROUNDS):
         beyond = _sides(z, edge + beyond, step, deep)[0]
@@ -250,7 +247,7 @@ def _furthest(z: float, edge: float, step: np.ndarray, deep: np.ndarray) -> floa
 
 
 def _window(places: np.ndarray, half: float, size: tuple[int, int]) -> Window:
-    """The pixels within `half` of positions [N, 2], in pixels from the picture's centre."""
+    """Pixels within `half` of positions [N, 2]; both in pixels, from the picture's centre."""
     middle = np.array(size) / 2
     low = np.clip(np.floor(places.min(axis=0) + middle - half) - BOUNDS_MARGIN, 0, size)
     high = np.clip(np.ceil(places.max(axis=0) + middle + half) + BOUNDS_MARGIN, 0, size)
@@ -258,25 +255,26 @@ def _window(places: np.ndarray, half: float, size: tuple[int, int]) -> Window:
     return Window(int(x), int(y), int(right - x), int(bottom - y))
 
 
-# a splat is hidden behind layers of cells, at most LAYERS in every direction, of this total optical depth:
-# e^−6.2 = 0.002 of its light is transmitted, half of the tolerance below which nothing is culled
+# a splat is hidden behind at most LAYERS layers of cells on every side of total optical depth HIDING: e^−6.2 = 0.002 of
+# its light passes, half of the tolerance FAITHFUL, below which nothing is culled
 LAYERS, HIDING, FAITHFUL = 4, 6.2, 1 / 256
-# maximum number of cells, since the whole box is processed
+# maximum number of cells in the splats' box
 CELLS = 1 << 27
 # minimum fraction of culled splats that justifies a copy
 WORTH = 0.3
-# boxes of labels are hidden behind a total optical depth of which 6e−6 of the light passes; of fewer all are drawn
+# optical depth behind which boxes of labels are hidden: 6e−6 of the light passes; number of boxes below which all are
+# drawn
 OPAQUE, FEW = 12.0, 1 << 14
-# cache: what is exposed of the latest splats
+# cache: visible boxes of the latest splats
 _latest_skin = LatestParts()
 
 
 def skinned(splats: Splats) -> Splats:
-    """The splats without those hidden from every side; the same object if hardly any are, or if they are classified
-    after reconstruction.
+    """Removes splats that are hidden from every side; returns the same object if hardly any are, or if they are
+    classified after reconstruction.
 
-    Valid for composite images from outside of the splats' box with no splat beyond z_k: there footprints are
-    attenuated, and the matter behind them contributes.
+    Valid for composite images from outside the splats' box with no splat beyond z_k, where attenuated footprints let
+    splats behind them contribute.
     """
     if splats.post is not None or not len(splats):
         return splats
@@ -287,8 +285,8 @@ def skinned(splats: Splats) -> Splats:
 
 
 def exposed(splats: Splats, resolved: Resolved) -> Splats:
-    """Boxes of labels that a picture may show, without those that others hide from every side, if it is seen from
-    outside of all and nothing is cut; of other splats all. Caches the latest result.
+    """Removes boxes of labels that others hide from every side, if the eye is outside and nothing is clipped; returns
+    all splats otherwise. Caches the latest result.
     """
     blended = not resolved.boxes or not resolved.look.blend.ordered or resolved.clip is not None
     if blended or len(splats) < FEW:
@@ -309,7 +307,7 @@ def exposed(splats: Splats, resolved: Resolved) -> Splats:
 
 
 def _seen(splats: Splats, hiding: float) -> np.ndarray:
-    """bool [N]: which splats are not behind layers of cells of that total depth, a mean spacing each, on every side."""
+    """bool [N]: whether some side of a splat has less than optical depth `hiding`, in cells of a mean spacing."""
     cells = _cells(splats)
     shape = cells.max(axis=0) + 1 if len(splats) else np.zeros(3, np.int64)
     if not 0 < np.prod(shape, dtype=np.float64) <= CELLS:
@@ -317,7 +315,7 @@ def _seen(splats: Splats, hiding: float) -> np.ndarray:
     depth = np.zeros(shape, np.float32)
     depth[tuple(cells.T)] = splats.records["optical_depth"]
 
-    # hidden by any number of layers, up to LAYERS, each dense enough
+    # hidden by 1 to LAYERS layers that are dense enough
     hidden = np.zeros(shape, bool)
     for layer in range(1, LAYERS + 1):
         for axis in range(3):
@@ -329,20 +327,20 @@ def _seen(splats: Splats, hiding: float) -> np.ndarray:
 
 
 def outside(splats: Splats, eye: np.ndarray) -> bool:
-    """Whether an eye position, world, is outside of the splats' box."""
+    """Whether an eye position, world units, is outside the splats' box."""
     low, high = splats.index_bounds
     place = splats.grid.index_from_world(eye)
     return bool((place < low).any() or (place > high).any())
 
 
 def _cells(splats: Splats) -> np.ndarray:
-    """Cell indices relative to the lowest."""
+    """Cell indices [N, 3], counted from the lowest."""
     cells = splats.cells.astype(np.int64)
     return np.asarray(cells - cells.min(axis=0)) if len(cells) else cells
 
 
 def _least(array: np.ndarray, axis: int) -> np.ndarray:
-    """Minimum of each value and its two neighbours along an axis; 0 at the ends."""
+    """Minimum over a value and its two neighbours along an axis; 0 at the ends."""
     across = np.moveaxis(array, axis, 0)
     least = np.zeros_like(across)
     np.minimum(np.minimum(across[:-2], across[1:-1]), across[2:], out=least[1:-1])
