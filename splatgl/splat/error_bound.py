@@ -1,23 +1,20 @@
-"""The error bound: the largest difference of a picture from the float64 reference.
+"""The error bound: the largest difference of a picture from the float64 reference, row 1 of Table 1 for every `align`.
 
-The error of a footprint is the sum of three: of the position D in float32 and by the form, of the form's gain, and of
-the table.
+A footprint's error has three parts: the position D (float32 and the form), the form's gain, and the table.
 
-The reference is row 1 of Table 1 for every `align`: the bound includes errors of the form, of tables and of float32.
-
-Error accumulation is derived. A fragment's optical depth τF has an error δ ≤ ρ τF + σ τF(0). With c its colour and T
-the transmittance behind it, ∂C/∂τF = T (c − colour behind), so that
+Accumulation along a ray is derived. A fragment's optical depth τF has an error δ ≤ ρ τF + σ τF(0). With c its colour
+and T the transmittance behind it, ∂C/∂τF = T (c − colour behind), so that
 
     Σ T σ τ F(0) ≤ σ S,    S the depth of all footprints that one ray meets, even at the rim (ray_overlap.py);
     ρ Σ T τF |c − behind| ≤ ρ/2,    within sheets ρ (MIXED),
 
-since with q for the colour seen, c = q − dq/dτ in [0, 1], and ∫ e^(−τ) |dq/dτ| dτ ≤ 1/2 for every q. Where F is small a
-relative error is large and an absolute one is not, so that (ρ, σ) is chosen per picture.
-Three quantities are measured, with a margin: ROUNDINGS, the second-order error beyond z_k (BENT, MOVED), and what
-misplaced sheets change (DISPLACED).
+since with q the visible colour, c = q − dq/dτ in [0, 1], and ∫ e^(−τ) |dq/dτ| dτ ≤ 1/2 for every q. Where F is small
+the relative error is large and the absolute error is not, so that (ρ, σ) is chosen per picture.
+Three quantities are measured, with a margin: ROUNDINGS, the second-order error beyond z_k (BENT, MOVED), and the effect
+of misplaced sheets (DISPLACED).
 
 For motion blur the reference is the float64 streaks of the same splats, not temporal supersampling. A streak is the
-mean of a footprint along its path, and so are its errors; it also adds the error of a difference of two areas.
+mean of a footprint along its path, and so is its error; the difference of two areas adds its own.
 """
 
 from __future__ import annotations
@@ -66,10 +63,7 @@ def largest(lookup: Lookup, placement: PlacementError) -> float:
 
 
 def summed(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
-    """The largest accumulated error along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ.
-
-    missed ≤ ρ F + σ F(0): where F is small a relative error is large, and an absolute one is not.
-    """
+    """The largest accumulated error along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ."""
     missed = _missed(lookup, placement)
     value, peak = _profile(lookup.kernel)
     over = np.maximum(missed[None, :] - ABSOLUTE[:, None], 0.0)
@@ -141,9 +135,9 @@ OVER = 3.0
 HALF_LINE, AROUND = 3.2e-5, 1.2e-4
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
-# within a sheet, errors of opposite sign change the mean colour besides the opacity. A splat's place in sheets is off
-# by at most PLACE_DIGITS ULPs; largest change of a picture by that, per sheet (measured from 300 to 300 000 voxels
-# away, opacities of 0.05 to 1: 0.04)
+# within a sheet, errors of opposite sign change the mean colour besides the opacity. A splat's place in sheets is wrong
+# by at most PLACE_DIGITS ULPs; DISPLACED: largest change of a picture per misplaced sheet (measured from 300 to 300 000
+# voxels away, opacities of 0.05 to 1: 0.04)
 MIXED, PLACE_DIGITS, DISPLACED = 1.0, 4.0, 0.25
 # tiles use colours of 21 bits and a faster one_minus_exp
 GATHERED = 10 * ULP
@@ -181,10 +175,10 @@ class Bound:
 
 
 def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
-    """The bound of a picture; brightest: its largest component, to which an X-ray's errors are relative.
+    """Error bound of a picture; brightest: its largest component, to which an X-ray's errors are relative.
 
-    None for streaks that deviate from their model: near the eye, and of long voxels beyond z_k; for values that are
-    classified after reconstruction; and for boxes, of which a ray along a face may meet either of two.
+    None for streaks near the eye and of long voxels beyond z_k, which deviate from their model; for values classified
+    after reconstruction; and for boxes, since a ray along a face may meet either of two.
     """
     if plan.program.look.steps > 0 or plan.program.boxes:
         return None
@@ -202,16 +196,16 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
         if blurred is None:
             return None
         placement, met = blurred
-    whole = _largest(splats, plan, met, most)
+    brightest_pixel = _largest(splats, plan, met, most)
     # 8 bits clamp values over 1
-    cut = plan.target == "rgba8" and (blend.unbounded or whole > 1.0)
+    cut = plan.target == "rgba8" and (blend.unbounded or brightest_pixel > 1.0)
     # and an approximate form may miss the brightest parts
     other = plan.view.perspective and program.align != "exact"
-    brightest = whole if cut or other else brightest
+    brightest = brightest_pixel if cut or other else brightest
     footprint = _footprints(splats, plan, placement, met, brightest / most) * most
     footprint += _displaced(splats, plan) * most
     # blends
-    scale = {"over": most, "sum": brightest, "max": whole}[blend.join]
+    scale = {"over": most, "sum": brightest, "max": brightest_pixel}[blend.join]
     share, least = TARGET[plan.target]
     rounding = max(_last_digit(scale) * share, least) * (1.0 if blend.join == "max" else met.count)
     if blend.ordered and plan.target == "rgba32f":
@@ -220,25 +214,27 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
     # rounding up, or a form that overestimates a ray's length, makes pixels brighter than the true maximum
     longest = 2 * float(np.hypot(_edge(plan.view), 1.0)) if other and not blend.ordered else 1.0
     hidden = plan.hiding.cutoff * most
-    return Bound(footprint, hidden, whole if cut else rounding + lost, whole * longest + least + lost)
+    return Bound(
+        footprint, hidden, brightest_pixel if cut else rounding + lost, brightest_pixel * longest + least + lost
+    )
 
 
 def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementError, RayOverlap] | None:
-    """Placement error and ray overlap of streaks; None if they deviate from their model."""
-    shape, seen = plan.kernel, plan.program.seen
+    """Placement error and ray overlap of streaks; None if streaks deviate from their model."""
+    shape, props = plan.kernel, plan.program.seen
     steps = splats.grid.world_from_index / splats.grid.mean_spacing
     astray = 0.0 if exposure.flow is None else 2 * float(np.linalg.norm(exposure.drift(splats), axis=1).max())
     cameras = (exposure.first, exposure.middle, exposure.last)
-    views = [GridView.of(splats.grid, each.resized(plan.view.size), shape, seen.antialias) for each in cameras]
+    views = [GridView.of(splats.grid, camera.resized(plan.view.size), shape, props.antialias) for camera in cameras]
     boxes = [view.box(splats) for view in views]
     longest = float(np.linalg.norm(steps, ord=2))
     nearest = min(float(box[2].min()) for box in boxes) - astray * longest
-    if nearest <= AHEAD * shape.radius * longest or (seen.antialias and not seen.cubic):
+    if nearest <= AHEAD * shape.radius * longest or (props.antialias and not props.cubic):
         return None
     placements = [_placement(splats, view, plan) for view in views]
     placement = PlacementError(
-        PLACES * max(each.place for each in placements),
-        max(each.gain for each in placements),
+        PLACES * max(error.place for error in placements),
+        max(error.gain for error in placements),
         AREAS if plan.program.motion == "exact" else 0.0,
     )
     # a path's length, in voxels, and the area of the stadium that a disc sweeps
@@ -250,8 +246,10 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
     path = float(np.linalg.norm(flat[2] - flat[0], axis=0).max()) * exposure.middle.extent * deepest
     area = BETWEEN * (1 + 2 * path / (np.pi * shape.radius))
     met = [ray_overlap(splats, view, astray) for view in views]
-    count = min(float(len(splats)), area * max(each.count for each in met))
-    return placement, RayOverlap(count, min(splats.total_depth * longest, BETWEEN * max(each.depth for each in met)))
+    count = min(float(len(splats)), area * max(overlap.count for overlap in met))
+    return placement, RayOverlap(
+        count, min(splats.total_depth * longest, BETWEEN * max(overlap.depth for overlap in met))
+    )
 
 
 def _largest(splats: Splats, plan: Plan, met: RayOverlap, most: float) -> float:
@@ -311,8 +309,8 @@ def _displaced(splats: Splats, plan: Plan) -> float:
 def _around(splats: Splats) -> float:
     """Total error of the half-line table over kernels around the eye, in optical depth."""
     cells = cells_of(splats)
-    each = HALF_LINE * splats.total_depth
-    return min(each, AROUND * cells.depth) if cells.aligned else each
+    relative = HALF_LINE * splats.total_depth
+    return min(relative, AROUND * cells.depth) if cells.aligned else relative
 
 
 def _placement(splats: Splats, view: GridView, plan: Plan) -> PlacementError:

@@ -51,9 +51,9 @@ Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Where splats come from, so that pictures which take others of the same volume can extract them.
+    """Volume and transfer function of splats, to extract other splats from them when a picture needs these.
 
-    many: whether values would be more than MOST_KEPT. made: those that are extracted, by classification and kernel.
+    many: whether there would be more than MOST_KEPT values. made: extracted splats by classification and kernel.
     """
 
     volume: Volume
@@ -65,11 +65,11 @@ class Source:
 
     @property
     def only_pre(self) -> str | None:
-        """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
+        """Reason why only classification before reconstruction is possible; None if both kinds are."""
         return only_pre(self.volume, self.transfer, self.threshold)
 
     def splats(self, classification: str, kernel: str) -> Splats:
-        """The splats for that classification, and for that kernel if they are classified after; extracted once."""
+        """Extracts splats once for each classification and kernel."""
         key = classification, kernel
         if key not in self.made:
             self.made[key] = extract(
@@ -103,19 +103,18 @@ def extract(
     classification: str = "auto",
     kernel: str = POST_KERNEL,
 ) -> Splats | Scene:
-    """The splats of all finite voxels that the transfer function asks for, in row order. Of several transfer functions,
-    one for each of the volume's channels: the scene of these layers, extracted when it is drawn.
+    """Extracts splats of all finite voxels that the transfer function shows, in row order. With one transfer function
+    for each of the volume's channels: returns the scene of these layers, extracted when it is drawn.
 
     classification "pre": colours and opacities of voxels with t = F(∇, ρ) > threshold. "post": values and gradients
-    for `kernel`, which are classified after reconstruction, of all voxels that opaque points need; "post-all": of all,
-    as blends of one value need; "post-lean": without the quarter of "post" that only the rims of kernels need, for
-    pictures in motion; these for volumes without colours, and without a threshold. "auto": post where it is possible,
-    of at most MOST_KEPT voxels, else pre; a picture whose settings take others extracts those once, from the volume,
-    which the splats keep.
+    for `kernel`, classified after reconstruction, of all voxels that opaque points need; "post-all": of all voxels, for
+    blends of one value; "post-lean": without the quarter that only the rims of kernels need, for pictures in motion.
+    The post kinds need a volume without colours, and no threshold. "auto": post where possible with at most MOST_KEPT
+    voxels, else pre; the splats refer to the volume, so that pictures can extract the other kind once.
 
-    threshold is an opacity per reference length in [0, 1); slab: planes, or as many voxels, read at a time.
-    progress wraps the iteration over such parts (parts, their number). Raises InputError for a threshold
-    outside [0, 1), for a unit that float32 can't hold in spacings, and for more or fewer functions than channels.
+    threshold: opacity per reference length in [0, 1). slab: planes, or as many voxels, to read at a time. progress
+    wraps the iteration over these parts (parts, their number). Raises InputError for a threshold outside [0, 1), for a
+    unit that float32 can't hold in spacings, and for more or fewer functions than channels.
     """
     if not isinstance(transfer, Transfer):
         return _layers(volume, list(transfer), threshold)
@@ -131,35 +130,35 @@ def extract(
     planes = slab or max(1, SLAB_VOXELS // (height * width))
     why = only_pre(volume, transfer, threshold)
     if classification == "pre" or (classification == "auto" and why):
-        found = extract_pre(volume, transfer, threshold, planes, progress)
+        splats = extract_pre(volume, transfer, threshold, planes, progress)
     elif why:
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
     else:
         post = ValueClassifier.of(transfer, kernel, (width, height, depth), classification == "post-all")
         post = replace(post, lean=classification == "post-lean")
-        found = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
-    found = replace(found, frame=volume.frame)
+        splats = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
+    splats = replace(splats, frame=volume.frame)
     if classification != "auto":
-        return found
-    many = found.post is not None and len(found) > MOST_KEPT
+        return splats
+    many = splats.post is not None and len(splats) > MOST_KEPT
     if many:
-        found = replace(extract_pre(volume, transfer, threshold, planes, progress), frame=volume.frame)
-    return replace(found, source=Source(volume, transfer, threshold, slab, many))
+        splats = replace(extract_pre(volume, transfer, threshold, planes, progress), frame=volume.frame)
+    return replace(splats, source=Source(volume, transfer, threshold, slab, many))
 
 
 def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:
-    """The scene of a volume's channels."""
+    """Scene with one layer for each channel of the volume."""
     from splatgl.splat.scene import Layer, Scene
 
     channels = volume.channels or (volume,)
     if len(transfers) != len(channels):
         raise expected("transfer", f"one, or one for each of {len(channels)} channels", len(transfers))
     looks = zip(channels, transfers, strict=True)
-    return Scene([Layer(channel, each, threshold=threshold) for channel, each in looks])
+    return Scene([Layer(channel, look, threshold=threshold) for channel, look in looks])
 
 
 def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:
-    """What takes splats that are classified before reconstruction; None if both kinds can be extracted."""
+    """Reason why only classification before reconstruction is possible; None if both kinds are."""
     if threshold > 0:
         return "threshold"
     if transfer.labels:
@@ -172,15 +171,15 @@ def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None
 
 # integer types up to this many bytes use a lookup table over all values
 TABLE_BYTES = 2
-# records made at a time
+# records computed at a time
 RECORDS = 1 << 16
-# differences in float64 whose halves and products may not be exact
+# differences below this may not be halved or multiplied exactly in float64
 TINY = 2.0**-1000
 
 
 @dataclass(frozen=True, eq=False)
 class Lookup:
-    """opacity(ρ), "may be kept" and the record's colour, tabulated for integer types, computed for others."""
+    """Opacity, threshold test and record colour of values: tabulated for integer types, computed for others."""
 
     transfer: Transfer
     threshold: float
@@ -202,7 +201,7 @@ class Lookup:
         return cls(transfer, threshold, record, int(values[0]), opacity, color)
 
     def keeps(self, samples: np.ndarray) -> np.ndarray:
-        """Where the value's opacity exceeds the threshold, bool [...]; gradients can only reduce it."""
+        """bool [...]: whether opacities of values exceed the threshold; gradients can only reduce them."""
         if self.first is None:
             return self.opacity(samples) > self.threshold
         return np.take(self.opacities > self.threshold, self._entry(samples))
@@ -241,34 +240,34 @@ def extract_pre(
     gathered = Gathered(lookup.record)
     for part in progress(slabs, -(-depth // planes)) if progress else slabs:
         part = replace(part, samples=np.ascontiguousarray(part.samples))
-        own = part.samples[part.before : part.before + part.stop - part.start]
-        # voxels whose value may exceed the threshold
-        hidden = None if not volume.masks else ~_kept(volume, part.start, len(own))
-        flat = np.flatnonzero(lookup.keeps(own) if hidden is None else lookup.keeps(own) & ~hidden)
+        inner = part.samples[part.before : part.before + part.stop - part.start]
+        # voxels whose opacity may exceed the threshold
+        hidden = None if not volume.masks else ~_kept(volume, part.start, len(inner))
+        flat = np.flatnonzero(lookup.keeps(inner) if hidden is None else lookup.keeps(inner) & ~hidden)
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
         if normals is not None:
             normals.add(volume, part, _shown(lookup, volume, part))
         work = partial(_records, volume, _Part(part, color, normals), flat, lookup, unit / grid.mean_spacing)
-        found = in_parts(len(flat), RECORDS, work)
-        for records, _ in found:
+        results = in_parts(len(flat), RECORDS, work)
+        for records, _ in results:
             gathered.add(records)
         if dropped:
-            dropped.add(lookup, own, part.start, flat, [opacity for _, opacity in found], hidden)
+            dropped.add(lookup, inner, part.start, flat, [opacity for _, opacity in results], hidden)
 
-    # the largest depth left out
+    # the largest dropped depth
     lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
     position = gathered.records["position"]
-    made = assemble(gathered.records, position, grid, unit, volume.name, transfer.shading, lost)
+    splats = assemble(gathered.records, position, grid, unit, volume.name, transfer.shading, lost)
     if normals is None or not len(position):
-        return made
+        return splats
     return replace(
-        made, labels=normals.cut(position.min(axis=0).astype(np.int64), position.max(axis=0).astype(np.int64))
+        splats, labels=normals.cut(position.min(axis=0).astype(np.int64), position.max(axis=0).astype(np.int64))
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A slab, the colours of its own voxels, and the normals of labels, that shade these instead of gradients."""
+    """A slab, the colours of its inner voxels, and the normals that shade labels instead of gradients."""
 
     slab: Slab
     color: np.ndarray | None
@@ -276,12 +275,12 @@ class _Part:
 
 
 def _kept(volume: Volume, first: int, planes: int) -> np.ndarray:
-    """Which voxels of some planes masks keep."""
+    """bool: which voxels of some planes the masks keep."""
     return volume.kept((first, 0, 0), (first + planes, *volume.shape[1:]))
 
 
 def _shown(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
-    """The opacities of a slab's labels that are shown, float32."""
+    """Opacities, float32, of a slab's voxels: 0 where hidden or masked."""
     opacity = np.where(lookup.keeps(part.samples), lookup.opacity(part.samples), 0.0).astype(np.float32)
     if volume.masks:
         opacity *= _kept(volume, part.start - part.before, len(opacity))
@@ -291,7 +290,7 @@ def _shown(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
 def _records(
     volume: Volume, part: _Part, flat: np.ndarray, lookup: Lookup, unit_in_spacings: float, which: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The records of some voxels, flat indices of a slab's own, and t of all of them."""
+    """Records of some voxels, given by flat indices into a slab's inner voxels; and t of all of them."""
     transfer, slab, color = lookup.transfer, part.slab, part.color
     _, height, width = slab.samples.shape
     flat = flat[which] + slab.before * height * width
@@ -337,9 +336,10 @@ def _gradient(
     places: tuple[np.ndarray, np.ndarray, np.ndarray],
     opaque: np.ndarray | None,
 ) -> np.ndarray:
-    """[N, 3] per grid step along x, y, z: central where both neighbours exist, else one-sided, else 0. opaque [n, 2]:
-    intervals of values, for which missing neighbours are as if they were transparent; only directions count then, and
-    gradients too small to be halved exactly are 2^60 times as long.
+    """[N, 3] per grid step along x, y, z: central differences where both neighbours exist, else one-sided, else 0.
+
+    opaque [n, 2]: intervals of values whose missing neighbours count as transparent; only directions matter then, and
+    gradients too small to be halved exactly are multiplied by 2^60.
     """
     values = samples.reshape(-1)
     center = np.take(values, flat).astype(np.float64)
@@ -361,7 +361,7 @@ def _gradient(
         steps[:, axis] = np.where(
             (outside != center) & ~alone, 2, np.maximum(low_there.astype(np.int8) + high_there, 1)
         )
-        # of a single plane both faces are the same
+        # both faces of a single plane are alike
         gradient[:, axis] = np.where(alone, center - outside, high - low)
     if opaque is not None and values.dtype.kind == "f" and values.dtype.itemsize > 4:
         gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
@@ -388,15 +388,15 @@ class Dropped:
     def add(
         self,
         lookup: Lookup,
-        own: np.ndarray,
+        inner: np.ndarray,
         start: int,
         flat: np.ndarray,
         parts: list[np.ndarray],
         hidden: np.ndarray | None = None,
     ) -> None:
-        """Adds one slab: all of `own` but what is hidden, less the voxels kept at `flat` with opacity t, in parts."""
+        """Adds a slab's inner voxels, except hidden ones and those kept at `flat`. parts: opacities t of the latter."""
         opacity = np.concatenate([*parts, np.zeros(0)])
-        left = lookup.opacity(own)
+        left = lookup.opacity(inner)
         if hidden is not None:
             left = np.where(hidden, 0.0, left)
         if lookup.transfer.gradient:
@@ -405,7 +405,7 @@ class Dropped:
         else:
             np.put(left, flat, 0.0)
         depth = lookup.transfer.extinction(left, 1.0)
-        stop = start + len(own)
+        stop = start + len(inner)
         self.sums[0] += depth.sum(axis=0)
         self.sums[1][start:stop] += depth.sum(axis=1)
         self.sums[2][start:stop] += depth.sum(axis=2)

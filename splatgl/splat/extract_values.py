@@ -1,8 +1,8 @@
 """Extraction of values and gradients, which are classified after reconstruction.
 
-A point's value is a mean of coefficients around it, and near the samples there. A voxel is kept if the interval of the
-samples within the kernel's reach meets a value of non-zero opacity; the others only contribute to transparent points,
-which only blends of one value see.
+A point's value is a mean of the coefficients around it. A voxel is kept if the interval of the samples within the
+kernel's reach contains a value of non-zero opacity; the others only contribute to transparent points, which only blends
+of one value show.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from splatgl.splat.splats import Gathered, Splats, assemble, in_parts, record_ty
 
 # steps of the prefilter, after which means of coefficients are near the samples
 PREFILTERED = {"b-spline": 4, FREE: 4}
-# shares of what a peak, a pair of samples and a wave rise by that coefficients may exceed the samples around by
+# shares of the rise of a peak, a pair of samples and a wave by which coefficients may exceed the samples around
 PEAK, PAIR, WAVE = np.float32(0.5), np.float32(0.25), np.float32(1.0)
 # integer types up to this many bytes take their record values from a table
 TABLE_BYTES = 2
 # voxels smoothed, and records filled, at a time
 CHUNK_VOXELS, RECORDS = 1 << 18, 1 << 16
-# planes beside which those of a halo take little more
+# planes of a slab that make its halo cheap
 THICK = 32
-# planes around a slab that a step of the prefilter reads, that differences read, and that its limits read
+# planes around a slab that a step of the prefilter, differences, and the prefilter's limits read
 STEP_HALO, GRADIENT_HALO, LIMIT_HALO = 1, 2, 3
 
-# voxels within which a kernel after which values are classified reaches others, in whole voxels
+# reach of the kernels for values, in whole voxels
 KERNEL_REACH = 2
 
-# of record values [N], those of what is missing beside them, and whether they are opaque
+# maps record values [N] to the values of missing neighbours, and whether the former are opaque
 Around = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 # (low, high) of a box of voxels, z, y, x
 Box = tuple[Places, Places]
@@ -50,27 +50,27 @@ def extract_post(
 ) -> Splats:
     """Splats of value and gradient, in row order, of all finite voxels that `post` wants.
 
-    voxels: read at a time, about; records do not depend on it.
+    voxels: about how many to read at a time; records do not depend on it.
     """
     gathered = Gathered(record_type(volume.shape, post=True))
     layers = boxes(volume.shape, voxels)
     count = sum(map(len, layers))
     all_boxes = (box for layer in layers for box in layer)
-    told = progress(all_boxes, count) if progress else all_boxes
+    remaining = progress(all_boxes, count) if progress else all_boxes
     gaps: list[np.ndarray] = [np.zeros((0, 3), np.int64)]
     for layer in layers:
-        found = [box_records(volume, post, kernel, low, high, gaps) for low, high in islice(told, len(layer))]
-        records = np.concatenate(found) if len(found) > 1 else found[0]
-        # row by row in each box: planes of all boxes one after another
-        order = np.argsort(records["position"][:, 2], kind="stable") if len(found) > 1 else slice(None)
+        parts = [box_records(volume, post, kernel, low, high, gaps) for low, high in islice(remaining, len(layer))]
+        records = np.concatenate(parts) if len(parts) > 1 else parts[0]
+        # boxes are in row order; merge their planes
+        order = np.argsort(records["position"][:, 2], kind="stable") if len(parts) > 1 else slice(None)
         gathered.add(records[order])
     return post_splats(volume, post, gathered.records, np.concatenate(gaps))
 
 
 def boxes(shape: tuple[int, int, int], voxels: int) -> list[list[Box]]:
-    """Boxes of whole rows, of about so many voxels, that cover a volume: layers of planes of boxes along y.
+    """Boxes of whole rows and about `voxels` voxels that cover a volume, in layers along z.
 
-    Whole planes, if THICK of them are that many; else as many planes as rows, which have the smallest halo.
+    Whole planes if THICK of them fit; else as many planes as rows, which minimizes the halo.
     """
     depth, height, width = shape
     rows = min(max(round((voxels / width) ** 0.5), 1), height) if voxels < THICK * height * width else height
@@ -89,8 +89,8 @@ def box_records(
     high: Places,
     gaps: list[np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Records, in row order, of the voxels low ≤ (z, y, x) < high that `post` wants; what is known to hold none is not
-    read. gaps: is given the places [N, 3] (x, y, z) of missing ones that kernels of these reach.
+    """Records, in row order, of the voxels low ≤ (z, y, x) < high that `post` wants. Boxes known to hold none are not
+    read. Appends to `gaps` the places [N, 3] (x, y, z) of missing voxels within reach of their kernels.
     """
     halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
     mask = MaskField.of(volume)
@@ -111,7 +111,7 @@ def box_records(
 
 
 def _meets(post: ValueClassifier, samples: np.ndarray) -> bool:
-    """Whether the interval of the samples meets a value that is wanted."""
+    """Whether the interval of the samples contains a wanted value."""
     finite = samples if samples.dtype.kind in "bui" else samples[np.isfinite(samples)]
     if not finite.size:
         return False
@@ -120,8 +120,8 @@ def _meets(post: ValueClassifier, samples: np.ndarray) -> bool:
 
 
 class Samples(NamedTuple):
-    """A part of a volume's samples. u [d, h, w]: record values. first: place (z, y, x) of the first; own: those whose
-    records are asked for, within a halo of `halo_of`, as far as the volume goes.
+    """Part of a volume. u [d, h, w]: record values. first: place (z, y, x) of the first voxel. own: the part without
+    its halo.
     """
 
     u: np.ndarray
@@ -130,38 +130,38 @@ class Samples(NamedTuple):
 
 
 def _gaps(part: Samples, post: ValueClassifier) -> np.ndarray:
-    """Places [N, 3] (x, y, z) of missing voxels that kernels reach of those that opaque points need."""
-    found = needed(part.u, 1, post.wanted)[1] & np.isfinite(part.u)
+    """Places [N, 3] (x, y, z) of missing voxels within reach of the kernels of voxels that opaque points need."""
+    reached = needed(part.u, 1, post.wanted)[1] & np.isfinite(part.u)
     for _ in range(KERNEL_REACH):
         for axis in range(3):
-            found = _dilated(found, axis)
-    places = np.argwhere((found & ~np.isfinite(part.u))[part.own])
-    return np.asarray((places + [a + (each.start or 0) for a, each in zip(part.first, part.own, strict=True)])[:, ::-1])
+            reached = _dilated(reached, axis)
+    places = np.argwhere((reached & ~np.isfinite(part.u))[part.own])
+    return np.asarray((places + [a + (axis.start or 0) for a, axis in zip(part.first, part.own, strict=True)])[:, ::-1])
 
 
 def gaps_of(volume: Volume, post: ValueClassifier, layers: list[list[Box]]) -> np.ndarray:
-    """Places [N, 3] (x, y, z) of missing voxels beside what `post` wants, of samples in memory or mapped; none of
-    others, which would be read twice.
+    """Places [N, 3] (x, y, z) of missing voxels beside those that `post` wants. Only of samples in memory or mapped:
+    others would be read twice.
     """
-    found = [np.zeros((0, 3), np.int64)]
+    gaps = [np.zeros((0, 3), np.int64)]
     if isinstance(volume.samples, np.ndarray) and volume.samples.dtype.kind == "f":
         for low, high in (box for layer in layers for box in layer):
             inside = tuple(map(slice, low, high))
             if not np.isfinite(volume.samples[inside]).all():
                 samples, first = volume.box(low, high, KERNEL_REACH + 1)
                 z, y, x = (slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-                found.append(_gaps(Samples(values_of(post, samples), first, (z, y, x)), post))
-    return np.concatenate(found)
+                gaps.append(_gaps(Samples(values_of(post, samples), first, (z, y, x)), post))
+    return np.concatenate(gaps)
 
 
 def post_splats(volume: Volume, post: ValueClassifier, records: np.ndarray, gaps: np.ndarray | None = None) -> Splats:
-    """The splats of records of a volume's voxels. gaps [N, 3]: see `box_records`."""
+    """Splats made of a volume's records. gaps [N, 3]: see `box_records`."""
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    found = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
+    splats = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
     if gaps is None:
-        return replace(found, mask=MaskField.of(volume))
+        return replace(splats, mask=MaskField.of(volume))
     mask = MaskField.with_gaps(volume, gaps)
-    return replace(found, mask=mask, unmasked=0 if mask else len(gaps))
+    return replace(splats, mask=mask, unmasked=0 if mask else len(gaps))
 
 
 def halo_of(kernel: Kernel) -> int:
@@ -182,13 +182,13 @@ def post_records(
     part: Samples,
     near: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Records, in row order, of the finite voxels that `post` wants among a part's own. near: which of these matter to
-    what masks keep; None: all.
+    """Records, in row order, of the finite voxels that `post` wants in a part without its halo. near: which of these
+    affect unmasked places; None: all.
     """
     steps = PREFILTERED.get(kernel.name, 0)
-    u, first, own = part
+    u, first, inner = part
     keep, beside = needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
-    wanted = keep[own] & np.isfinite(u[own])
+    wanted = keep[inner] & np.isfinite(u[inner])
     if near is not None:
         wanted &= near
     places = np.nonzero(wanted)
@@ -196,7 +196,7 @@ def post_records(
     if not len(records):
         return records
     margin = margin_of(kernel)
-    inside = tuple(place + (part.start or 0) for place, part in zip(places, own, strict=True))
+    inside = tuple(place + (part.start or 0) for place, part in zip(places, inner, strict=True))
     box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
     around = post.around if post.faced else None
     values = Values(u, prefiltered(u[box], kernel, steps), beside, tuple(part.start for part in box), around)
@@ -207,7 +207,9 @@ def post_records(
 
 
 class Values(NamedTuple):
-    """u: of the samples. c: coefficients, from the place `start` on. near: see `needed`; around: `gradients`."""
+    """u: record values of the samples. c: coefficients, from place `start` on. near: see `needed`. around: see
+    `gradients`.
+    """
 
     u: np.ndarray
     c: np.ndarray
@@ -224,16 +226,16 @@ def _fill(
     world: np.ndarray,
     part: slice,
 ) -> None:
-    """Fills some records, of the voxels at `places` (z, y, x) of a part whose first voxel lies at `first`."""
-    z, y, x = (each[part] for each in places)
-    found = records[part]
-    found["position"] = np.stack([x + first[2], y + first[1], z + first[0]], axis=1)
+    """Fills records of the voxels at `places` (z, y, x) of a part whose first voxel lies at `first`."""
+    z, y, x = (place[part] for place in places)
+    filled = records[part]
+    filled["position"] = np.stack([x + first[2], y + first[1], z + first[0]], axis=1)
     value = values.c[z - values.start[0], y - values.start[1], x - values.start[2]]
-    # the outermost only contribute beside others: on their own they must not be opaque
+    # the outermost only contribute beside others: alone they must not be opaque
     outer = ~values.near[z, y, x]
     value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
-    found["value"] = value
-    found["gradient"] = gradients(values.u, x, y, z, around=values.around) @ world
+    filled["value"] = value
+    filled["gradient"] = gradients(values.u, x, y, z, around=values.around) @ world
 
 
 def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
@@ -247,40 +249,42 @@ def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
 
 
 def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
-    """Coefficients whose means by the kernel pass near the samples u [D, H, W]. What is missing, NaN or beyond the
-    ends, is left out of means.
+    """Coefficients whose kernel means pass near the samples u [D, H, W]; means leave out NaN and places beyond the
+    ends.
 
     c ← c + u − k∗c/Σk, within `_limits`, so that no mean leaves the range of the samples around it.
     """
     if steps == 0:
         return u
     finite = np.isfinite(u)
-    whole = bool(finite.all())
-    given = u if whole else np.where(finite, u, np.float32(0))
+    complete = bool(finite.all())
+    known = u if complete else np.where(finite, u, np.float32(0))
     weights = np.asarray(kernel.value(np.sqrt(np.arange(4.0))), np.float32)
     weights /= weights @ np.array([1, 6, 12, 8], np.float32)
     mass = (
-        1 / _inside(u.shape, weights) if whole else 1 / np.maximum(_smoothed(finite.astype(np.float32), weights), 1e-9)
+        1 / _inside(u.shape, weights)
+        if complete
+        else 1 / np.maximum(_smoothed(finite.astype(np.float32), weights), 1e-9)
     )
-    limits = None if kernel.name == FREE else _limits(u, whole)
-    c = given
+    limits = None if kernel.name == FREE else _limits(u, complete)
+    c = known
 
     def step(some: slice, mean: np.ndarray) -> None:
         mean *= mass[some]
-        np.subtract(given[some], mean, out=mean)
+        np.subtract(known[some], mean, out=mean)
         mean += c[some]
         if limits is not None:
             np.clip(mean, limits[0][some], limits[1][some], out=mean)
-        if not whole:
+        if not complete:
             np.copyto(mean, 0, where=~finite[some])
 
     for _ in range(steps):
         c = _smoothed(c, weights, step)
-    return c if whole else np.where(finite, c, np.float32(np.nan))
+    return c if complete else np.where(finite, c, np.float32(np.nan))
 
 
 def _inside(shape: tuple[int, ...], weights: np.ndarray) -> np.ndarray:
-    """[D, H, W]: the share of each voxel's weights that lies within the ends."""
+    """[D, H, W]: sum of the weights that lie inside the volume, for each voxel."""
     ends = _smoothed(np.ones([min(size, 3) for size in shape], np.float32), weights)
     index = [np.minimum(np.arange(size), 1) + (np.arange(size) == size - 1) * (size > 2) for size in shape]
     return np.asarray(ends[np.ix_(*index)])
@@ -289,15 +293,16 @@ def _inside(shape: tuple[int, ...], weights: np.ndarray) -> np.ndarray:
 def _smoothed(
     c: np.ndarray, weights: np.ndarray, then: Callable[[slice, np.ndarray], None] | None = None
 ) -> np.ndarray:
-    """Sum over 3×3×3 neighbours by `weights` of how many coordinates differ, 0 beyond the ends; in chunks of planes,
-    side by side. then: changes a chunk in place.
+    """Weighted sum over 3×3×3 neighbours; weights [4] by the number of coordinates that differ; 0 beyond the ends.
+
+    Runs in parallel chunks of planes. then: changes a finished chunk in place.
     """
     w0, w1, w2, w3 = weights
     total = np.empty_like(c)
 
     def smooth(some: slice) -> None:
         first = max(some.start - 1, 0)
-        part, own = c[first : some.stop + 1], slice(some.start - first, some.stop - first)
+        part, inner = c[first : some.stop + 1], slice(some.start - first, some.stop - first)
         term, beside = np.empty_like(part), _beside(part, 2, np.empty_like(part))
         same, one, two = part * w0, part * w1, part * w2
         same += np.multiply(beside, w1, out=term)
@@ -305,7 +310,7 @@ def _smoothed(
         two += np.multiply(beside, w3, out=term)
         same += _beside(one, 1, term)
         one += _beside(two, 1, term)
-        np.add(same[own], _beside(one, 0, term)[own], out=total[some])
+        np.add(same[inner], _beside(one, 0, term)[inner], out=total[some])
         if then is not None:
             then(some, total[some])
 
@@ -314,12 +319,12 @@ def _smoothed(
 
 
 def _planes_of(c: np.ndarray) -> int:
-    """Planes of a chunk."""
+    """Number of planes in a chunk."""
     return max(1, CHUNK_VOXELS // max(c[0].size, 1))
 
 
 def _beside(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
-    """`total`, set to the sum of both neighbours along an axis, 0 beyond the ends."""
+    """Sets `total` to the sum of both neighbours along an axis, 0 beyond the ends, and returns it."""
     a, sums = np.moveaxis(a, axis, 0), np.moveaxis(total, axis, 0)
     np.add(a[:-2], a[2:], out=sums[1:-1])
     if len(a) > 1:
@@ -329,17 +334,17 @@ def _beside(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
     return total
 
 
-def _limits(u: np.ndarray, whole: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest coefficients [D, H, W]: of the samples u among the 26 neighbours, and beyond them what a peak,
-    a peak between two samples, or a wave needs along each axis. At steps, terraces and sheets of two voxels that is 0:
-    there, coefficients beyond the samples would show values that are nowhere.
+def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coefficients [D, H, W]: the range of the 26 neighbours' samples u, widened for a peak, a peak
+    between two samples, or a wave along each axis. Not at steps, terraces and sheets of two voxels: coefficients beyond
+    the samples would show values there that do not exist.
     """
     low, high = np.empty_like(u), np.empty_like(u)
 
     def limit(some: slice) -> None:
         first = max(some.start - LIMIT_HALO, 0)
-        part, own = u[first : some.stop + LIMIT_HALO], slice(some.start - first, some.stop - first)
-        gone = None if whole else np.isnan(part)
+        part, inner = u[first : some.stop + LIMIT_HALO], slice(some.start - first, some.stop - first)
+        gone = None if complete else np.isnan(part)
         least, most = part, part
         if gone is not None:
             least, most = (np.where(gone, np.float32(end), part) for end in (np.inf, -np.inf))
@@ -347,7 +352,7 @@ def _limits(u: np.ndarray, whole: bool) -> tuple[np.ndarray, np.ndarray]:
             least, most = _extreme(np.minimum, least, axis), _extreme(np.maximum, most, axis)
         for axis in range(3):
             _widen(least, most, part, gone, axis)
-        low[some], high[some] = least[own], most[own]
+        low[some], high[some] = least[inner], most[inner]
 
     # larger chunks, as each is read with a halo
     in_parts(len(u), 2 * _planes_of(u), limit)
@@ -355,16 +360,16 @@ def _limits(u: np.ndarray, whole: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray | None, axis: int) -> None:
-    """Lowers the least and raises the greatest coefficients for what varies along an axis. gone: missing samples."""
-    a, low, high = (np.moveaxis(each, axis, 0) for each in (u, least, most))
-    # to the next sample, 0 to missing ones, with two before and behind
+    """Widens the limits in place for peaks and waves along an axis. gone: missing samples."""
+    a, low, high = (np.moveaxis(array, axis, 0) for array in (u, least, most))
+    # difference to the next sample, 0 to missing ones, padded by two on each side
     rise = np.zeros((len(a) + 5, *a.shape[1:]), u.dtype)
     np.subtract(a[1:], a[:-1], out=rise[3:-3])
     if gone is not None:
         np.copyto(rise, 0, where=np.isnan(rise))
     bend = rise[1:] - rise[:-1]
     for sign, ends, change in ((1, low, np.subtract), (-1, high, np.add)):
-        # a sample that is a peak, up or down
+        # one sample that is a peak, up or down
         if sign > 0:
             peak = np.minimum(rise[3:-2], np.negative(rise[2:-3]))
             pair = np.minimum(bend[1:-2], bend[2:-1])
@@ -379,39 +384,38 @@ def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray 
         np.maximum(peak, 0, out=peak)
         peak *= PEAK
         change(ends, peak, out=ends)
-        # two that bend alike, less what bends otherwise beside them
-        both = np.maximum(pair[:-1], pair[1:])
-        np.maximum(both, 0, out=both)
-        both *= PAIR
-        change(ends, both, out=ends)
-    # a wave bends everywhere, and its neighbours do
+        # two samples that bend alike, less the opposite bend beside them
+        bend_pair = np.maximum(pair[:-1], pair[1:])
+        np.maximum(bend_pair, 0, out=bend_pair)
+        bend_pair *= PAIR
+        change(ends, bend_pair, out=ends)
+    # a wave bends everywhere, neighbours included
     wave = np.abs(bend[2:-2])
     if gone is not None:
         np.copyto(wave, np.float32(1e30), where=np.moveaxis(gone, axis, 0))
-    for each in (0, 0, 1, 2):
-        wave = _extreme(np.minimum, wave, each)
+    for along in (0, 0, 1, 2):
+        wave = _extreme(np.minimum, wave, along)
     wave *= WAVE
     low -= wave
     high += wave
 
 
 def _extreme(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
-    """The least or the greatest of each voxel and its neighbours along an axis."""
+    """Minimum or maximum over a voxel and its two neighbours along an axis."""
     a = np.moveaxis(a, axis, 0)
     if len(a) < 3:
         return np.moveaxis(np.repeat(of.reduce(a, axis=0)[None], len(a), axis=0), 0, axis)
-    found, two = np.empty_like(a), of(a[1:], a[:-1])
-    of(two[1:], two[:-1], out=found[1:-1])
-    found[0], found[-1] = two[0], two[-1]
-    return np.moveaxis(found, 0, axis)
+    result, two = np.empty_like(a), of(a[1:], a[:-1])
+    of(two[1:], two[:-1], out=result[1:-1])
+    result[0], result[-1] = two[0], two[-1]
+    return np.moveaxis(result, 0, axis)
 
 
 def needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the interval of u around a voxel meets one of `wanted` [n, 2], bool; and where that of its 26 neighbours
-    does.
+    """bool, twice: where the interval of u within `around` of a voxel meets one of `wanted` [n, 2]; and where that of
+    its 26 neighbours does.
 
-    around 1: over these; 2: also over those two steps along one axis, whose shares of points that the voxel reaches
-    matter.
+    around: 1: the 26 neighbours; 2: also voxels two steps along one axis.
     """
     keep, near = np.zeros(u.shape, bool), np.zeros(u.shape, bool)
     for start, end in wanted.astype(np.float64).tolist():
@@ -425,12 +429,12 @@ def needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _dilated(mask: np.ndarray, axis: int) -> np.ndarray:
-    """Where it, or a neighbour along an axis, is True."""
+    """True where the mask or a neighbour along the axis is True."""
     a = np.moveaxis(mask, axis, 0)
-    found = a.copy(order="K")
-    found[1:] |= a[:-1]
-    found[:-1] |= a[1:]
-    return np.moveaxis(found, 0, axis)
+    result = a.copy(order="K")
+    result[1:] |= a[:-1]
+    result[:-1] |= a[1:]
+    return np.moveaxis(result, 0, axis)
 
 
 def extremes(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -452,9 +456,8 @@ def gradients(
     order: int = 4,
     around: Around | None = None,
 ) -> np.ndarray:
-    """[N, 3] per grid step along x, y, z: differences of that order, 4 or 2; central ones where a sample is missing,
-    one-sided ones at the edges. around: of u [N], what to take for what is missing beside opaque voxels, and which
-    these are.
+    """[N, 3] per grid step along x, y, z: differences of order 4 or 2, central where a sample is missing, one-sided at
+    the edges. around: maps u [N] to the values of missing neighbours, and to whether u is opaque.
     """
     flat = u.ravel()
     base = (z * u.shape[1] + y) * u.shape[2] + x
@@ -478,13 +481,13 @@ def gradients(
         alone = filled & gone[:, :, axis].all(axis=0)
         for value in at.values():
             np.copyto(value, outside, where=filled & ~np.isfinite(value))
-        # of a single plane both faces are the same
+        # both faces of a single plane are alike
         gradient[:, axis] = np.where(alone, center - outside, _difference(at, center, order))
     return faced(gradient, gone, opaque) if gone.any() else gradient
 
 
 def _difference(at: dict[int, np.ndarray], center: np.ndarray, order: int) -> np.ndarray:
-    """Differences [N] of that order of values at steps from centres; central or one-sided ones where some are NaN."""
+    """Differences [N] of order 4 or 2 from values at steps −2 … 2; of lower order where some are NaN."""
     below, above = np.isfinite(at[-1]), np.isfinite(at[1])
     low, high = np.where(below, at[-1], center), np.where(above, at[1], center)
     first = (high - low) / np.maximum(below.astype(int) + above, 1)

@@ -3,23 +3,23 @@
 The eye is at the origin, +z is depth, the voxel spacing 1. A voxel is v = (x, y, z_v); a ray passes
 through (w, 1)·z. All values are line integrals of the kernel (arc length), low-passed where
 z_v ≥ z_k: stretched by m = z_v/z_k, weakened by 1/m² [M98 Eq. 4, 6]. Arrays broadcast: voxel [..., 3],
-slope [..., 2] → [...]. OpenGL draws rows 4 and 5 by `quads.py`.
+slope [..., 2] → [...]. OpenGL draws rows 4 and 5 as `Quads`.
 
 Approximations: substituting t = z_v (z − z_v)/z turns row 1's integral into a straight line in perspective space, with
 the slope of the voxel's own ray, a_v = c/(z_v m). From it follow `b`, `b1`, `a` and `bprime`; before z_k
 the footprint at the true distance, `c`, is exact. Forms take and return what `footprint.ROWS` do, and
 are the twins of `shaders/approximations.glsl`: `c` of `near_quad`, `bprime` of `cubic_quad`.
 
-Attenuation: a pixel wider than a voxel shows an average over sub-pixel columns. Weakening opacity by 1/m² suits
-isolated matter, weakening optical depth suits matter that fills its pixel; with both, matter behind
-opaque matter widens it. The runs of occupied cells around a splat give the required quantities:
+Attenuation: a pixel wider than a voxel averages over sub-pixel columns. Weakening opacity by 1/m² suits isolated
+matter, weakening optical depth suits matter that fills its pixel; with both, matter behind opaque matter widens it.
+The runs of occupied cells around a splat give:
 
 * column T = τ · the length of the ray in its run of matter; its opacity is A = 1 − e^(−T).
 * A lone voxel's footprint hides more than its face, since the exponential saturates: by a rim of
   T/√(41 + 1.1 T²) voxels, within 7 % of ∫(1 − e^(−T F)) for T up to 16. So hidden = A Π(1 + rim/run).
 * A run fills the share 1/m if it is one cell, 1 if it is long against the pixel; the product over the
   two most filled axes is the pixel's fill φ. For one cell it falls by 2 (m − 1)/m¹⁶ faster at first:
-  up to z_k a cell is drawn as sharp as its kernel, already more than its pixel's average.
+  up to z_k a cell is as sharp as its kernel, already more than its pixel's average.
 * The column's depth becomes T (hidden/T)^(1−φ): T for a filled pixel (φ = 1), `hidden` for φ = 0,
   and T again for m → 1. It is at most 5.5, an opacity of 1 − 1/245: more would only darken the
   neighbouring pixels that its stretched footprint touches.
@@ -233,7 +233,7 @@ def quad_plane(view: GridView, voxel: np.ndarray, align: str) -> tuple[np.ndarra
 
 
 def on_quads(view: GridView, quad: Quads, ray: np.ndarray) -> Integral:
-    """The value of each quad [N] on its own ray [2, N]; 0 for rays that leave its plane behind the eye."""
+    """Values [N] of quads, each on one of the rays [2, N]; 0 for rays that meet the plane behind the eye."""
     if view.perspective:
         # from the ray's point at the voxel's depth along the ray to the plane, without cancellation
         x, y, z = quad.voxel
@@ -241,15 +241,15 @@ def on_quads(view: GridView, quad: Quads, ray: np.ndarray) -> Integral:
         facing = quad.normal[0] * ray[0] + quad.normal[1] * ray[1] + quad.normal[2]
         with np.errstate(divide="ignore", invalid="ignore"):
             step = -(quad.normal[0] * e_x + quad.normal[1] * e_y) / facing
-        seen = (facing != 0) & (z + step > 0)
-        step = np.where(seen, step, 0.0)
+        hit = (facing != 0) & (z + step > 0)
+        step = np.where(hit, step, 0.0)
         offset = (e_x + ray[0] * step, e_y + ray[1] * step, step)
     else:
-        seen = np.full(quad.voxel.shape[1:], True)
+        hit = np.full(quad.voxel.shape[1:], True)
         offset = (ray[0] - quad.voxel[0], ray[1] - quad.voxel[1], np.zeros_like(ray[0]))
     across = [sum_of(offset, axis) / size for axis, size in zip((quad.axis_1, quad.axis_2), quad.size, strict=True)]
     peak = quad.gain * view.kernel.footprint(np.zeros(()))
-    return Integral(np.where(seen, quad.gain * view.kernel.footprint(np.hypot(*across)), 0.0), peak)
+    return Integral(np.where(hit, quad.gain * view.kernel.footprint(np.hypot(*across)), 0.0), peak)
 
 
 def sum_of(offset: tuple[np.ndarray, np.ndarray, np.ndarray], axis: np.ndarray) -> np.ndarray:
@@ -381,7 +381,7 @@ SWITCH_RAYS = 401
 
 
 def _extra_error(kernel: Kernel, z_k: float, half_angle: float, extent: float, m: float) -> float:
-    """Largest error of row 5 less that of row 4, over the rays of a voxel at the edge, in levels of its peak."""
+    """Largest error of row 5 minus the largest error of row 4 over the rays of a voxel at the edge, in levels."""
     z = m * z_k
     y = min(extent, z * np.tan(half_angle))
     voxel = np.array([0.0, y, z])

@@ -74,9 +74,9 @@ def ranges(first: np.ndarray, length: np.ndarray, step: np.ndarray | int = 1) ->
     some = length > 0
     first, length, step = first[some], length[some], np.broadcast_to(step, len(some))[some]
     last = first + step * (length - 1)
-    found = np.repeat(step.astype(_kind(max(length.sum(), first.max(initial=0), last.max(initial=0)))), length)
-    found[np.cumsum(length) - length] = first - np.append(0, last[:-1])
-    return np.asarray(np.cumsum(found, dtype=found.dtype, out=found))
+    steps = np.repeat(step.astype(_kind(max(length.sum(), first.max(initial=0), last.max(initial=0)))), length)
+    steps[np.cumsum(length) - length] = first - np.append(0, last[:-1])
+    return np.asarray(np.cumsum(steps, dtype=steps.dtype, out=steps))
 
 
 def _kind(most: int) -> type[np.int32] | type[np.int64]:
@@ -85,12 +85,12 @@ def _kind(most: int) -> type[np.int32] | type[np.int64]:
 
 
 def _in_rows(splats: Splats, coordinate: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """A coordinate of rows, of those splats."""
+    """Coordinates of the rows of the splats at `index`."""
     return np.repeat(coordinate, np.diff(splats.row_start))[index]
 
 
 def _groups(ascending: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different values of an ascending array, and where each begins: [P] and int64 [P+1]."""
+    """Distinct values [P] of an ascending array, and the start of each, int64 [P+1]."""
     start = np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
     return ascending[start], np.append(start, len(ascending))
 
@@ -139,14 +139,14 @@ def corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def trilinear(field: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """[P, n]: a field [Z, Y, X, n] at places [P, 3] (x, y, z) in cells, as at its edges beyond them."""
+    """[P, n]: a field [Z, Y, X, n] at places [P, 3] (x, y, z) in cells; clamped at its edges."""
     last = np.array(field.shape[2::-1]) - 1
     inside = np.clip(place, 0, last)
     low = np.minimum(inside.astype(np.int64), np.maximum(last - 1, 0))
     part = inside - low
-    found = np.zeros((len(place), field.shape[3]))
+    total = np.zeros((len(place), field.shape[3]))
     for corner in np.ndindex(2, 2, 2):
         x, y, z = np.minimum(low + np.array(corner), last).T
         share = np.where(corner, part, 1 - part).prod(axis=1)
-        found += share[:, None] * field[z, y, x].astype(np.float64)
-    return found
+        total += share[:, None] * field[z, y, x].astype(np.float64)
+    return total

@@ -137,8 +137,8 @@ class PiecewiseCubic:
 
 @dataclass(frozen=True)
 class Box:
-    """The box of a voxel, of even density; radius: of the ball around it. It is not radial: along a ray it is as long
-    as the ray within it, see reference/label_boxes.py; here stands the ball, which bounds it.
+    """Box of a voxel, of constant density. It is not radial (see reference/label_boxes.py); the methods describe the
+    ball around it.
     """
 
     name: str = "box"
@@ -181,7 +181,7 @@ _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 # largest radius, voxels, and step at the rim; a Gaussian truncated at 3e−4 passes
 WIDEST, RIM_STEP = 4.0, 1e-3
-# the B-spline whose coefficients after a prefilter are not kept within limits
+# the B-spline whose prefiltered coefficients have no limits
 FREE = "b-spline-free"
 KERNELS: dict[str, Kernel] = {
     "crawfis-max": _crawfis_max(),
@@ -201,11 +201,11 @@ def kernel(name: str) -> Kernel:
 def register_kernel(shape: Kernel) -> None:
     """Registers a kernel for `Settings(kernel=shape.name)` and the commands of this process.
 
-    Raises InputError for a name that is taken or not of lower-case letters, digits and hyphens, and for an invalid
-    kernel: of a volume other than 1, negative somewhere, wider than WIDEST, or with a step over RIM_STEP at its rim.
+    Raises InputError for a name in use or not of lower-case letters, digits and hyphens, and for an invalid kernel: of
+    a volume other than 1, negative somewhere, wider than WIDEST, or with a step over RIM_STEP at its rim.
     """
     if shape.name in KERNELS or not re.fullmatch(r"[a-z][a-z0-9-]*", shape.name):
-        raise expected("kernel", "a new name of small letters, digits and hyphens", repr(shape.name))
+        raise expected("kernel", "a new name of lower-case letters, digits and hyphens", repr(shape.name))
     if not 0 < shape.radius <= WIDEST or shape.radius != shape.knots[-1]:
         raise expected(f"kernel {shape.name}", f"a radius of at most {WIDEST:g}, its last knot", shape.radius)
     nodes, weights = unit_rule(40)
@@ -216,7 +216,7 @@ def register_kernel(shape: Kernel) -> None:
         total += float(4 * np.pi * (knot - low) * (weights * r * r * value).sum())
         low, least = knot, min(least, float(value.min()))
     if least < 0 or not abs(total - 1) < 1e-6:
-        raise expected(f"kernel {shape.name}", "nowhere negative, and a volume of 1", f"{least:.3g} and {total:.6g}")
+        raise expected(f"kernel {shape.name}", "values from 0 on, volume 1", f"{least:.3g}, volume {total:.6g}")
     if rim_step(shape) > RIM_STEP:
         raise expected(f"kernel {shape.name}", f"a step of at most {RIM_STEP:g} at its rim", f"{rim_step(shape):.3g}")
     KERNELS[shape.name] = shape
@@ -235,7 +235,7 @@ def rim_step(shape: Kernel) -> float:
 
 
 def depth_deviation(shape: Kernel) -> float:
-    """Standard deviation of the kernel along any axis, voxels: of its mass in depth, over all rays."""
+    """Standard deviation of the kernel's mass along an axis, in voxels."""
     nodes, weights = unit_rule(40)
     total, low = 0.0, 0.0
     for knot in shape.knots:
@@ -249,14 +249,14 @@ def spectrum(shape: Kernel) -> tuple[float, float, float, float]:
     """Coefficients of q² to q⁸ of the root of the kernel's Fourier transform at q periods per voxel, up to 1."""
     q = np.linspace(0.0, 1.0, 65)[1:]
     nodes, weights = unit_rule(40)
-    found, low = np.zeros_like(q), 0.0
+    transform, low = np.zeros_like(q), 0.0
     for knot in shape.knots:
         r = low + (knot - low) * nodes
         shells = 4 * np.pi * (knot - low) * weights * r**2 * shape.value(r)
-        found += np.sinc(2 * q[:, None] * r) @ shells
+        transform += np.sinc(2 * q[:, None] * r) @ shells
         low = knot
     powers = q[:, None] ** np.array([2, 4, 6, 8])
-    fitted = np.linalg.lstsq(powers, np.sqrt(np.maximum(found, 0.0)) - 1, rcond=None)[0]
+    fitted = np.linalg.lstsq(powers, np.sqrt(np.maximum(transform, 0.0)) - 1, rcond=None)[0]
     first, second, third, fourth = fitted.tolist()
     return first, second, third, fourth
 
@@ -318,23 +318,23 @@ def single_polynomial(name: str) -> tuple[float, ...]:
     """c of (1 − s)³ (c[0] + … + c[5] s⁵) + max(c[8] − s, 0)³ (c[6] + c[7] s), s = D²/R², within 4e−4 of F/F(0) for two
     cubics, and a relative 8e−4 down to F/F(0) = 0.01; c[8] is the first knot's s.
 
-    Weights of means need no more: an error moves a mean by that share of its values' differences.
+    Enough for the weights of means: an error shifts a mean by the same share of its values' differences.
     """
     shape = kernel(name)
     knot = (shape.knots[0] / shape.radius) ** 2
     s = np.concatenate([knot * _CHEBYSHEV, knot + (1 - knot) * _CHEBYSHEV])
     value = shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(()))
-    whole = ((1 - s) ** 3)[:, None] * s[:, None] ** np.arange(SINGLE_TERMS)
+    outer = ((1 - s) ** 3)[:, None] * s[:, None] ** np.arange(SINGLE_TERMS)
     near = (np.maximum(knot - s, 0.0) ** 3)[:, None] * s[:, None] ** np.arange(NEAR_TERMS)
     # where mass is small, an error weighs more
     share = 1 / np.maximum(value, SINGLE_LEAST)
-    found = _evenly(np.concatenate([whole, near], axis=1) * share[:, None], value * share)
-    return (*map(float, found), knot)
+    coefficients = _evenly(np.concatenate([outer, near], axis=1) * share[:, None], value * share)
+    return (*map(float, coefficients), knot)
 
 
 @lru_cache(maxsize=32)
 def single_reach(name: str, tolerance: float) -> float:
-    """Share of the radius beyond which a kernel of means has so little of its mass that they may leave it out."""
+    """Share of the radius beyond which a mean may leave out the kernel, as its mass there is small enough."""
     shape = kernel(name)
     tail = next(tail for least, tail in SINGLE_TAILS if tolerance >= least)
     d = np.linspace(0.0, shape.radius, 2000)
@@ -343,27 +343,27 @@ def single_reach(name: str, tolerance: float) -> float:
 
 
 def _evenly(basis: np.ndarray, value: np.ndarray | float = 1.0) -> np.ndarray:
-    """Coefficients of the near-minimax fit of `value` by basis [N, terms]."""
+    """Coefficients of a near-minimax fit of `value` in the basis [N, terms]."""
     value, weight = np.broadcast_to(value, len(basis)), np.ones(len(basis))
     for _ in range(REWEIGHTED):
         # Lawson's algorithm: weights grow with the error
         root = np.sqrt(weight)
-        found = np.linalg.lstsq(basis * root[:, None], value * root, rcond=None)[0]
-        weight *= np.abs(basis @ found - value)
+        coefficients = np.linalg.lstsq(basis * root[:, None], value * root, rcond=None)[0]
+        weight *= np.abs(basis @ coefficients - value)
         weight /= weight.max()
-    return np.asarray(found)
+    return np.asarray(coefficients)
 
 
 def half_line_table(shape: Kernel, size: int = 256) -> np.ndarray:
     """Share of a chord's integral ahead of the eye, float64 [size, size].
 
-    Columns: the chord's middle ahead of the eye, in half chords L from −1 to 1; rows: d²/R² from 0 to 1.
+    Columns: distance of the chord's middle ahead of the eye, in half chords L from −1 to 1; rows: d²/R² from 0 to 1.
     """
     # the last row's chord has length 0: use the limit, from a chord close by
     d = np.sqrt(np.linspace(0.0, 1.0, size).clip(max=1 - 1e-9))[:, None] * shape.radius
     chord = _half_chord(shape.radius, d)
-    whole = shape.partial(d, chord)
-    return np.asarray((whole + shape.partial(d, chord * np.linspace(-1.0, 1.0, size))) / (2 * whole))
+    half = shape.partial(d, chord)
+    return np.asarray((half + shape.partial(d, chord * np.linspace(-1.0, 1.0, size))) / (2 * half))
 
 
 def _half_chord(radius: float, d: np.ndarray) -> np.ndarray:
@@ -384,8 +384,8 @@ def _cubic_integral(piece: tuple[float, float, float, float], d: np.ndarray, t: 
 INNER_TERMS, OUTER_TERMS, SPLIT, END = 8, 7, 0.3, 0.998
 # of the single one, of its part before the first knot, and F/F(0) down to which its error is relative
 SINGLE_TERMS, NEAR_TERMS, SINGLE_LEAST = 6, 2, 0.03
-# share of a kernel's mass that tiles may leave out with it, from these tolerances on: pictures of bones change by RMSE
-# 0.0008 and 0.0004, single pixels by 0.06; the last is less than its error
+# share of the kernel's mass that tiles may leave out, from these tolerances on: pictures of bones change by RMSE 0.0008
+# and 0.0004, single pixels by 0.06; the last is less than the polynomial's error
 SINGLE_TAILS = (8 / 255, 0.03), (4 / 255, 0.01), (0.0, 2e-4)
 # iterations of reweighted least squares
 REWEIGHTED = 30
@@ -399,7 +399,7 @@ CUBICS = 4096
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """The kernel `exact` with F(d) by cubic interpolation."""
+    """A kernel whose footprint F(d) is interpolated by cubics; everything else is the kernel `exact`."""
 
     exact: Kernel
     tables: tuple[np.ndarray, ...]
@@ -430,17 +430,17 @@ class Tabulated:
     def footprint(self, d: np.ndarray) -> np.ndarray:
         """F(d) from the tables, d ≥ 0, any shape; 0 for d ≥ R."""
         d = np.asarray(d, dtype=np.float64)
-        found, low = np.zeros(d.shape), 0.0
+        values, low = np.zeros(d.shape), 0.0
         for knot, table in zip(self.knots, self.tables, strict=True):
             inside = (d >= low) & (d < knot)
-            found[inside] = _look_up(table, np.sqrt((knot - d[inside]) / (knot - low)))
+            values[inside] = _look_up(table, np.sqrt((knot - d[inside]) / (knot - low)))
             low = knot
-        return found
+        return values
 
 
 @lru_cache(maxsize=16)
 def tabulated(name: str) -> Tabulated:
-    """The kernel of that name with a tabulated footprint, cached. InputError for an unknown name."""
+    """The named kernel with a tabulated footprint, cached. Raises InputError for an unknown name."""
     exact = kernel(name)
     tables, low = [], 0.0
     for knot in exact.knots:

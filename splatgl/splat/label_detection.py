@@ -1,9 +1,9 @@
-"""Labels or amounts: whole numbers that name segments lie in flat areas with sharp borders; counts and fields do not.
+"""Decides whether whole numbers are labels or amounts: labels form flat areas with sharp borders.
 
-Read off neighbours along the three axes, at places all over the volume:
-- alike: the share of equal neighbours beyond that of the same values in random order. Noise has none.
-- jumps: the share of unequal neighbours between which there are other values. A smooth field passes through these.
-- between: the share of unequal second neighbours whose middle is neither of the two. Blurred edges pass through others.
+Measured on neighbours along the three axes, all over the volume:
+- alike: share of equal neighbours beyond that of the same values in random order. Noise has none.
+- jumps: share of unequal neighbours with other values of the volume between them. Smooth fields have few.
+- between: share of unequal second neighbours with a third value in the middle. Blurred edges have many.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.readers.common import is_whole
 
-# planes in a row that are read, how many times, and places that are looked at in them
+# planes that are read in a row, how often, and how many voxels of them are examined
 THREE, TIMES, PLACES = 3, 8, 1 << 17
-# neighbours beside others than the most frequent value; with fewer the volume is read until there are as many
+# least number of neighbours not both of the most frequent value; with fewer, slabs are read until there are MORE
 ENOUGH, MORE = 300, 3000
-# most voxels that are read for these, and planes of them at once
+# maximum number of voxels read for these, and planes per read
 MOST, SLAB = 1 << 27, 16
-# values within as many whole numbers are counted, others sorted
+# widest range of values that are counted; wider ones are sorted
 SPAN = 1 << 20
-# least share of equal neighbours of segments: cells of three voxels have .35, noise .01
+# least share of equal neighbours in segments: cells of three voxels have .35, noise .01
 FLAT = 0.3
 # least share of jumps of up to FEW values, and of more: nested tissues have .08 and numbered cells .6, noise of a third
 # of a step on a smooth field .05
 FEW, JUMPS, JUMPS_OF_MORE = 4, 0.05, 0.15
-# of few values in areas so flat, with so few values between, as no picture has: a tumour at the rim of an organ
+# limits for a tumour at the rim of an organ: areas flatter, and with fewer values between, than in any picture
 FLATTEST, CLEANEST, JUMPS_OF_CLEAN = 0.7, 0.02, 0.02
-# largest share of values between, for each neighbour that is not alike, without jumps and with jumps alone: pictures
-# with blurred edges have .4 to 2, touching cells of three voxels .5
+# largest share of values between per unequal neighbour, without jumps and with jumps alone: pictures with blurred edges
+# have .4 to 2, touching cells of three voxels .5
 BETWEEN, BETWEEN_OF_JUMPS = 0.25, 0.6
-# numbers of few values, of which it is told that they are taken for amounts
+# largest number of distinct values for which a note says that they are drawn as amounts
 TOLD = 32
 NAMES = re.compile(
     r"(?<![a-z])(labels?|labelmap|d?seg(mentation|mented|s)?|masks?|aseg|aparc|atlas|parcellation|rois?|annotations?)(?![a-z])"
@@ -44,7 +44,7 @@ LABELS, MASK, AMOUNTS = "labels", "mask", "amounts"
 
 @dataclass(frozen=True)
 class Neighbours:
-    """count: of different values. alike, jumps, between: shares from 0 to 1, see above. seen: neighbours looked at."""
+    """count: distinct values. alike, jumps, between: shares from 0 to 1, see above. seen: neighbours examined."""
 
     count: int
     alike: float
@@ -59,7 +59,7 @@ class Neighbours:
 
     @property
     def names(self) -> bool:
-        """Whether the values are numbers of segments."""
+        """Whether the values number segments."""
         clean = self.alike >= FLATTEST and self.between <= CLEANEST
         least = JUMPS_OF_MORE if self.count > FEW else JUMPS_OF_CLEAN if clean else JUMPS
         most = BETWEEN + (BETWEEN_OF_JUMPS - BETWEEN) * self.jumps
@@ -67,57 +67,55 @@ class Neighbours:
 
 
 def kind_of(volume: Volume) -> tuple[str, Neighbours | None]:
-    """LABELS, MASK (two values, one of them a segment) or AMOUNTS; and what was seen, if the values are whole numbers
-    without a unit. A name that says so decides for flat areas without jumps, which may be either.
+    """LABELS, MASK (two values, one of them a segment) or AMOUNTS; and the measured shares, None unless the values are
+    whole numbers without a unit. Flat areas without jumps are labels if the volume's name says so.
     """
     triples = None if volume.value_unit else _whole_triples(volume)
     if triples is None:
         return AMOUNTS, None
-    seen = neighbours(triples)
-    if seen.count == 2:
-        return MASK if seen.flat or volume.samples.dtype == bool else AMOUNTS, seen
-    named = seen.flat and bool(NAMES.search(volume.name.lower()))
-    return LABELS if seen.count > 2 and (seen.names or named) else AMOUNTS, seen
+    shares = neighbours(triples)
+    if shares.count == 2:
+        return MASK if shares.flat or volume.samples.dtype == bool else AMOUNTS, shares
+    named = shares.flat and bool(NAMES.search(volume.name.lower()))
+    return LABELS if shares.count > 2 and (shares.names or named) else AMOUNTS, shares
 
 
 def decided(volume: Volume) -> Volume:
-    """The volume, marked as labels, a mask or amounts where neither its file nor its hints say; with a note where its
-    values may be taken for either.
-    """
+    """Marks a volume as labels, a mask or amounts unless its file or hints decide; adds a note in doubtful cases."""
     hints = volume.hints
-    said = volume.labels is not None or hints.values or volume.color is not None or volume.channels
-    if said or hints.points or hints.preset or hints.window or hints.color:
+    decided_before = volume.labels is not None or hints.values or volume.color is not None or volume.channels
+    if decided_before or hints.points or hints.preset or hints.window or hints.color:
         return volume
-    kind, seen = kind_of(volume)
+    kind, shares = kind_of(volume)
     if kind == LABELS:
-        told = "whole numbers in flat areas are drawn as labels: --values amounts draws them as amounts"
-        return replace(volume, labels=(), notes=(*volume.notes, told))
+        note = "whole numbers in flat areas are drawn as labels: --values amounts draws them as amounts"
+        return replace(volume, labels=(), notes=(*volume.notes, note))
     marked = replace(volume, hints=replace(hints, values=kind))
-    if kind == MASK or seen is None or seen.count < 2 or not (seen.alike >= FLATTEST or seen.count <= TOLD):
+    if kind == MASK or shares is None or shares.count < 2 or not (shares.alike >= FLATTEST or shares.count <= TOLD):
         return marked
-    why = "areas that blend into each other" if seen.flat else "areas that are not flat"
-    told = f"whole numbers in {why} are drawn as amounts: --values labels draws each in a colour"
-    return replace(marked, notes=(*volume.notes, told))
+    why = "areas that blend into each other" if shares.flat else "areas that are not flat"
+    note = f"whole numbers in {why} are drawn as amounts: --values labels draws each in a colour"
+    return replace(marked, notes=(*volume.notes, note))
 
 
 def neighbours(triples: list[np.ndarray]) -> Neighbours:
-    """What three voxels in a row tell. triples: [3, N] along each axis."""
+    """Measures the shares in rows of three voxels. triples: [3, N] along each axis."""
     if not any(rows.size for rows in triples):
         return Neighbours(0, 0.0)
-    # 1. equal neighbours, but those of the most frequent value, which is the ground
+    # 1. equal neighbours, except pairs of the most frequent value, which is the ground
     values, ranks = _ranks(np.concatenate(triples, axis=1))
     share = np.bincount(ranks[1], minlength=len(values)) / max(ranks.shape[1], 1)
     ground = int(share.argmax())
     first, middle, last = ranks
-    seen = (first != ground) | (middle != ground)
-    apart = np.abs(first - middle)[seen]
+    informative = (first != ground) | (middle != ground)
+    apart = np.abs(first - middle)[informative]
     if not len(apart):
         return Neighbours(len(values), 1.0)
     unlike = int(np.count_nonzero(apart))
     most = float(share[ground]) ** 2
     chance = (float((share**2).sum()) - most) / max(1 - most, 1e-12)
     alike = (1 - unlike / len(apart) - chance) / (1 - chance) if chance < 1 else 1.0
-    # 2. what lies between unequal ones
+    # 2. values between unequal ones
     over = first != last
     between = int(np.count_nonzero(over & (middle != first) & (middle != last)))
     jumps = int(np.count_nonzero(apart > 1)) / max(unlike, 1)
@@ -125,56 +123,56 @@ def neighbours(triples: list[np.ndarray]) -> Neighbours:
 
 
 def _ranks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Different values, and each one's place among them."""
+    """Distinct values, ascending, and the rank of each value among them."""
     wide = values.astype(np.int64) if values.dtype.kind in "bi" else values
     if values.size and float(wide.max()) - float(wide.min()) < SPAN:
         # far faster than sorting
         above = (wide - wide.min()).astype(np.int32)
-        there = np.bincount(above.reshape(-1)) > 0
-        return np.flatnonzero(there), (np.cumsum(there) - 1)[above]
-    found, places = np.unique(values, return_inverse=True)
-    return found, places.reshape(values.shape)
+        present = np.bincount(above.reshape(-1)) > 0
+        return np.flatnonzero(present), (np.cumsum(present) - 1)[above]
+    different, places = np.unique(values, return_inverse=True)
+    return different, places.reshape(values.shape)
 
 
 def _whole_triples(volume: Volume) -> list[np.ndarray] | None:
-    """Finite values [3, N] of voxels in a row along each axis; None if they are no whole numbers."""
+    """Finite values [3, N] of three voxels in a row, along each axis; None unless they are whole numbers."""
     finest = next((level for level in (volume, *volume.coarser) if level.count <= MOST), volume)
     depth, height, width = finest.shape
     starts = np.unique(np.linspace(0, max(depth - THREE, 0), TIMES if finest.count > PLACES else depth).astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(starts) * height * width / PLACES))))
-    found: list[list[np.ndarray]] = [[], [], []]
+    by_axis: list[list[np.ndarray]] = [[], [], []]
     for start in starts:
         block = np.asarray(finest.samples[int(start) : int(start) + THREE])
         if not is_whole(block):
             return None
         for axis, rows in enumerate(_rows(block, step)):
-            found[axis].append(rows)
-    triples = [np.concatenate(rows, axis=1) for rows in found]
+            by_axis[axis].append(rows)
+    triples = [np.concatenate(rows, axis=1) for rows in by_axis]
     if finest.count <= MOST and _informative(triples) < ENOUGH:
         triples = _sought(finest, triples)
     return [_finite(rows) for rows in triples]
 
 
 def _rows(block: np.ndarray, step: int) -> list[np.ndarray]:
-    """Three voxels in a row along each axis [3, N], from every `step`th along y and x of the first plane on; two along
-    an axis of two, the second twice.
+    """Values [3, N] of three voxels in a row along each axis, from every `step`th voxel of the first plane on; along an
+    axis of two voxels the second counts twice.
     """
-    found = []
+    triples = []
     for axis, size in enumerate(block.shape):
         if size < 2:
-            found.append(np.empty((THREE, 0), block.dtype))
+            triples.append(np.empty((THREE, 0), block.dtype))
             continue
         long = np.moveaxis(block, axis, -1)
         plane = long if axis == 0 else long[0]
         count = max(size - 2, 1)
         thinned = plane[::step, ::step] if axis == 0 else plane[::step]
         shifted = [thinned[..., min(k, size - 1) :][..., : count : step if axis else 1] for k in range(THREE)]
-        found.append(np.stack([each.reshape(-1) for each in shifted]))
-    return found
+        triples.append(np.stack([plane.reshape(-1) for plane in shifted]))
+    return triples
 
 
 def _informative(triples: list[np.ndarray]) -> int:
-    """How many neighbours are not both the most frequent value."""
+    """Number of neighbours that are not both the most frequent value."""
     values = np.concatenate(triples, axis=1)
     if not values.size:
         return 0
@@ -184,10 +182,10 @@ def _informative(triples: list[np.ndarray]) -> int:
 
 
 def _sought(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
-    """The triples, and more of a sparse volume, from the slabs that hold other values than the most frequent."""
+    """Adds triples of a sparse volume, from slabs that hold other values than the most frequent one."""
     ground = np.median(triples[2][1]) if triples[2].size else 0
-    found = [[rows] for rows in triples]
-    seen = 0
+    by_axis = [[rows] for rows in triples]
+    count = 0
     for slab in volume.slabs(SLAB, halo=0):
         block = np.asarray(slab.samples)
         other = np.argwhere(block != ground)
@@ -197,11 +195,11 @@ def _sought(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
         block = block[tuple(map(slice, low, high))]
         for plane in range(max(len(block) - 2, 1)):
             for axis, rows in enumerate(_rows(block[plane : plane + THREE], 1)):
-                found[axis].append(rows)
-        seen += len(other)
-        if seen >= MORE:
+                by_axis[axis].append(rows)
+        count += len(other)
+        if count >= MORE:
             break
-    return [np.concatenate(rows, axis=1) for rows in found]
+    return [np.concatenate(rows, axis=1) for rows in by_axis]
 
 
 def _finite(rows: np.ndarray) -> np.ndarray:

@@ -19,17 +19,16 @@ if TYPE_CHECKING:
 
 # ambient and diffuse shares of the head light
 AMBIENT, DIFFUSE = 0.3, 0.7
-# degrees by which light from above left is turned
+# degrees to the right of the eye and above it of a light from above left
 ABOVE_LEFT = (-35.0, 35.0)
 
 
 @dataclass(frozen=True)
 class Light:
-    """Shares of ambient, diffuse and specular light, 1 together at most; the highlight is the 2^sharpness-th power of a
-    cosine (Blinn 1977).
+    """Shares of ambient, diffuse and specular light, together at most 1; the highlight is a cosine to the power of
+    2^sharpness (Blinn 1977).
 
-    side, above: degrees by which the light is turned to the right of the eye, and above it, around what is seen; it is
-    at the eye itself if both are 0.
+    side, above: degrees to the right of the eye and above it; the light is at the eye if both are 0.
     """
 
     ambient: float = AMBIENT
@@ -41,29 +40,29 @@ class Light:
 
     @classmethod
     def of(cls, name: str, place: tuple[float, float] | None = None, shadows: bool = False) -> Light:
-        """A light by its name, from another place (side, above) if that is given; shadows: not at the eye, where none
-        that it casts is seen, unless that is given.
+        """The named light, moved to `place` (side, above) if given. shadows: moves a light at the eye, whose shadows
+        are invisible, to above left unless `place` is given.
         """
-        found = LIGHTS[name]
-        if place is None and shadows and found.direction is None:
+        light = LIGHTS[name]
+        if place is None and shadows and light.direction is None:
             place = ABOVE_LEFT
-        return found if place is None else replace(found, side=place[0], above=place[1])
+        return light if place is None else replace(light, side=place[0], above=place[1])
 
     @property
     def plain(self) -> bool:
-        """Whether it is at the eye and without highlights."""
+        """Whether the light is at the eye and without highlights."""
         return self.specular == 0 and self.direction is None
 
     @property
     def direction(self) -> np.ndarray | None:
-        """Where it shines, a unit vector [3] in eye axes; None: along each ray."""
+        """Direction of the light, a unit vector [3] in eye axes; None: along each ray."""
         if self.side == 0 and self.above == 0:
             return None
         side, above = np.radians([self.side, self.above])
         return np.array([-np.sin(side) * np.cos(above), np.sin(above), np.cos(side) * np.cos(above)])
 
     def within(self, camera: Camera) -> np.ndarray | None:
-        """Where it shines, world axes."""
+        """Direction of the light, world axes; None: along each ray."""
         return None if self.direction is None else self.direction @ camera.eye_from_world
 
 
@@ -77,7 +76,7 @@ LIGHTS = {
 
 
 def checked_place(place: object) -> tuple[float, float]:
-    """Where a light is, degrees to the right and above. Raises InputError unless these are two finite numbers."""
+    """Checks a light's degrees to the right and above. Raises InputError unless these are two numbers up to 360."""
     numbers = list(place) if isinstance(place, Sequence | np.ndarray) and not isinstance(place, str) else []
     plain = all(isinstance(number, Real) and not isinstance(number, bool) for number in numbers)
     if len(numbers) != 2 or not plain or not all(abs(number) <= 360 for number in numbers):
@@ -93,18 +92,18 @@ def surface_light(
     direction: np.ndarray | None,
     reached: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of colours [P] and highlights [P] of normals [P, 3] and unit vectors [P, 3] along rays; 1 and 0 without a
-    normal. direction: where the light shines, in the same axes; None: along each ray. reached: shares [P] of ambient
-    and of other light that reach the surface; None: all of it.
+    """Factors of colours [P] and highlights [P] of surfaces with normals [P, 3]; 1 and 0 without a normal.
 
-    Normals point to the side that is seen. Float64 twin of `shaders/light.glsl`.
+    toward [P, 3]: unit vectors along rays. direction: of the light, in the same axes; None: along each ray. reached:
+    shares [P] of ambient and of direct light that reach the surface; None: all. Normals are turned to the visible side.
+    Float64 twin of `shaders/light.glsl`.
     """
     size = np.linalg.norm(normal, axis=1)
     n = normal / np.where(size > 0, size, 1.0)[:, None]
-    seen = (n * toward).sum(axis=1)
-    cosine = half = np.minimum(np.abs(seen), 1.0)
+    facing = (n * toward).sum(axis=1)
+    cosine = half = np.minimum(np.abs(facing), 1.0)
     if direction is not None:
-        n = n * np.where(seen < 0, -1.0, 1.0)[:, None]
+        n = n * np.where(facing < 0, -1.0, 1.0)[:, None]
         cosine = np.clip(n @ direction, 0.0, 1.0)
         between = toward + direction
         length = np.linalg.norm(between, axis=1)
@@ -117,7 +116,7 @@ def surface_light(
 
 
 def apply_light(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.ndarray, resolved: Resolved) -> np.ndarray:
-    """Colours [N, 3] of voxels [3, N] (eye axes) by their normals, if they are shaded, and by what reaches them.
+    """Colours [N, 3] of voxels [3, N] (eye axes), shaded by their normals and by the light that reaches them.
 
     Float64 twin of `shone` in `shaders/splat_setup.glsl`.
     """

@@ -1,8 +1,8 @@
 """The exact line integral of a kernel, along straight and along curved rays.
 
-Seen in a voxel's perspective space, t = z_v (z − z_v)/z, a stretched axis runs straight along a pixel's
-ray and an unstretched one bends: every point of the ray is p₀ + p₁ t + p₂ δ in the kernel's own space,
-with δ = z − z_v = t/(1 − t/z_v). In axes aligned with p₂ its squared radius has seven parameters.
+In a voxel's perspective space, t = z_v (z − z_v)/z, a stretched axis runs straight along a pixel's ray and an
+unstretched one bends: a point of the ray is p₀ + p₁ t + p₂ δ in the kernel's space, with δ = z − z_v = t/(1 − t/z_v).
+In axes aligned with p₂ its squared radius has seven parameters.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from splatgl.splat.view import GridView
 
 # quadrature points in each smooth interval of the line: error 1e−13 of the integral
 QUADRATURE_ORDER = 24
-# most Newton steps, each clamped to its bracket; four to six suffice beyond z_k
+# maximum number of Newton steps, each clamped to its bracket; four to six suffice beyond z_k
 STEPS = 60
 # relative tolerance of r² at a shell crossing
 CLOSE = 1e-14
@@ -49,7 +49,7 @@ class CurvedRay:
 
     @classmethod
     def of(cls, p0: Vector, p1: Vector, p2: Vector, depth: np.ndarray, reach: float) -> CurvedRay:
-        """From the three vectors of p₀ + p₁ t + p₂ δ, each given as its (x, y, z) arrays."""
+        """The ray p₀ + p₁ t + p₂ δ, of three vectors given as (x, y, z) arrays."""
         bent = np.sqrt(_dot(p2, p2))
         start, straight = _dot(p0, p2) / bent, _dot(p1, p2) / bent
         p0 = [a - start / bent * b for a, b in zip(p0, p2, strict=True)]
@@ -118,7 +118,7 @@ class CurvedRay:
         return np.asarray(delta / np.maximum(1 + delta / self.depth, NEAREST))
 
     def closest(self, radius: float) -> np.ndarray:
-        """The t of the smallest r, by Newton's method from the straight ray's; only where r may be below radius."""
+        """The t of the smallest r, by Newton's method; exact only where r may be below radius."""
         low, high = self.limit(-1.0, radius), self.limit(1.0, radius)
         t = np.zeros(self.depth.shape)
         for _ in range(STEPS):
@@ -129,7 +129,7 @@ class CurvedRay:
         return t
 
     def crossing(self, closest: np.ndarray, side: float, knot: float) -> np.ndarray:
-        """The t at which r grows past `knot` on that side of the closest point (that point, if r is never less)."""
+        """The t at which r exceeds `knot` on one side of the closest point; `closest` if r is nowhere less."""
         inside, outside = closest, self.limit(side, knot)
         room = knot * knot - self.square(closest)
         meets = room > 0
@@ -159,7 +159,7 @@ def _dot(a: Vector, b: Vector) -> np.ndarray:
 class Integral:
     """value: the line integral along each ray, for unit extinction · s̄.
 
-    peak: that of a ray of the same slant through the splat's centre; value/peak is the footprint's shape.
+    peak: the integral along a parallel ray through the splat's centre; value/peak is the footprint's shape.
     """
 
     value: np.ndarray
@@ -169,20 +169,20 @@ class Integral:
 def row1(view: GridView, voxel: np.ndarray, ray: np.ndarray) -> Integral:
     """The correct value for voxels [3, ...] and rays [2, ...], whose shapes broadcast; arrays [...].
 
-    A perspective ray is z·(w, 1), its slopes w given, and starts at the eye; an orthographic one is given
-    by its (x, y) and endless.  [M98 Table 1 row 1]
+    A perspective ray is z·(w, 1) with slopes w and starts at the eye; an orthographic ray is given by its
+    (x, y) and endless.  [M98 Table 1 row 1]
     """
     x, y, z, u, v = (part.ravel() for part in np.broadcast_arrays(*voxel, *ray))
     shape = np.broadcast_shapes(voxel.shape[1:], ray.shape[1:])
     if not view.perspective:
-        found = _parallel(view, (x, y, z), (u, v))
+        integral = _parallel(view, (x, y, z), (u, v))
     else:
-        found = _straight(view, (x, y, z), (u, v))
+        integral = _straight(view, (x, y, z), (u, v))
         widened = np.flatnonzero(view.is_widened(z))
         if len(widened):
             some = _bent(view, (x[widened], y[widened], z[widened]), (u[widened], v[widened]))
-            found.value[widened], found.peak[widened] = some.value, some.peak
-    return Integral(found.value.reshape(shape), found.peak.reshape(shape))
+            integral.value[widened], integral.peak[widened] = some.value, some.peak
+    return Integral(integral.value.reshape(shape), integral.peak.reshape(shape))
 
 
 Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -246,8 +246,8 @@ def _bent(view: GridView, voxel: Triple, slope: Pair) -> Integral:
     peak = gain / _length([a + b for a, b in zip(p1, p2, strict=True)]) * view.kernel.footprint(np.zeros(()))
     path = CurvedRay.of(p0, p1, p2, z, view.depth_reach)
     # dz = dt/(1 − t/z_v)², of which each widened axis takes one factor
-    value, both = np.zeros_like(z), widened[0]
-    for power, index in ((0, np.flatnonzero(both)), (1, np.flatnonzero(~both))):
+    value, both_widened = np.zeros_like(z), widened[0]
+    for power, index in ((0, np.flatnonzero(both_widened)), (1, np.flatnonzero(~both_widened))):
         if len(index):
             value[index] = gain[index] * path.take(index).integral(view.kernel, power)
     return Integral(value, peak)

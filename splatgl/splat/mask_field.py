@@ -1,10 +1,9 @@
-"""`MaskField`: masks of a volume, and missing samples, as rays see them: matter ends where half of what is around it is
-kept.
+"""`MaskField`: masks of a volume and missing samples, as rays see them.
 
-Masks cut what values are classified to, never values: between a kept voxel and one that is not, the field of values
-goes on, and the picture ends at once, where the mask, linear between voxels' centres, passes one half. So a mask whose
-faces are planes cuts as these planes do, and a voxel alone is still seen. Faces that a mask cuts through matter are lit
-by its gradient. Voxels that are classified before are kept or left out whole.
+The mask is linear between voxel centres; matter ends where it passes one half, while the field of values continues
+across this border. So a mask with plane faces clips like these planes, and a single kept voxel stays visible. Faces
+that a mask cuts through matter are lit by the mask's gradient. Voxels classified before reconstruction are drawn whole
+or not at all.
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ from splatgl.splat.grid import Grid, trilinear
 
 # the mask at which matter ends
 EDGE = 0.5
-# voxels around what is kept that its gradient, and its values beyond it, are known in
+# kept voxels are surrounded by this many, in which the mask and its gradient are known
 AROUND = 3
-# voxels around it on which values within depend: a kernel's reach, and that of sheets
+# reach of the values on which kept places depend, in voxels: a kernel's reach plus that of sheets
 REACH = 5
-# most voxels of the box around what is kept
+# maximum number of voxels in the box around kept voxels
 MOST = 2**29
 # the length of the smoothed mask's gradient at a plane face
 FACE_GRADIENT = 0.3125
-# what a byte holds for a component of −1, 0 and 1
+# code of a component: the byte of 0, and the step to that of 1
 ZERO, ONE = 128, 127
-# gradients of values, in ranges of the transfer function per mean spacing, from which on they light faces that they fit
+# gradients of values, in ranges of the transfer function per mean spacing, from which on they light faces that agree
 SURE = 0.05
 # cache: the field of each volume
 _made: WeakKeyDictionary[Volume, MaskField | None] = WeakKeyDictionary()
@@ -42,8 +41,8 @@ _made: WeakKeyDictionary[Volume, MaskField | None] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class MaskField:
-    """kept uint8 [d, h, w]: 255 or 0 of the voxels from `low` (x, y, z) on; beyond, the nearest of them. world: index
-    axes to world axes of gradients, of mean spacings.
+    """kept uint8 [d, h, w]: 255 or 0 for voxels from `low` (x, y, z) on; clamped beyond. world: turns gradients from
+    index axes to world axes, per mean spacing.
     """
 
     kept: np.ndarray
@@ -53,7 +52,7 @@ class MaskField:
 
     @classmethod
     def of(cls, volume: Volume) -> MaskField | None:
-        """The masks of a volume together; None without any. Raises InputError for more voxels than can be held."""
+        """Combines the masks of a volume; None without masks. Raises InputError for a box of more than MOST voxels."""
         if not volume.masks:
             return None
         if volume not in _made:
@@ -62,7 +61,7 @@ class MaskField:
 
     @classmethod
     def with_gaps(cls, volume: Volume, gaps: np.ndarray) -> MaskField | None:
-        """Its masks, without the missing voxels at `gaps` [N, 3] (x, y, z); of more than can be held, only masks."""
+        """Masks of a volume without the missing voxels at `gaps` [N, 3] (x, y, z), unless their box is too large."""
         mask = cls.of(volume)
         if not len(gaps):
             return mask
@@ -109,22 +108,22 @@ class MaskField:
 
     @cached_property
     def faced(self) -> np.ndarray:
-        """uint8 [d, h, w, 4]: `kept`, and the gradient of the smoothed mask, world axes, of a length from 0 to 1, which
-        it has at plane faces.
+        """uint8 [d, h, w, 4]: `kept`, and the gradient of the smoothed mask, world axes; its length is at most 1, its
+        value at plane faces.
         """
         smooth = self.kept.astype(np.float32) / 255
         for axis in (0, 1, 2, 0, 1, 2):
-            padded = np.pad(smooth, [(int(axis == each),) * 2 for each in range(3)], mode="edge")
+            padded = np.pad(smooth, [(int(axis == n),) * 2 for n in range(3)], mode="edge")
             below, above = (padded.take(range(k, k + smooth.shape[axis]), axis) for k in (0, 2))
             smooth = (below + 2 * smooth + above) / 4
-        found = np.empty((*smooth.shape, 4), np.uint8)
-        found[..., 0] = self.kept
+        texels = np.empty((*smooth.shape, 4), np.uint8)
+        texels[..., 0] = self.kept
         for z in range(len(smooth)):
-            found[z, ..., 1:] = np.rint(self._faces(smooth, z) * ONE + ZERO)
-        return found
+            texels[z, ..., 1:] = np.rint(self._faces(smooth, z) * ONE + ZERO)
+        return texels
 
     def _faces(self, smooth: np.ndarray, z: int) -> np.ndarray:
-        """[h, w, 3]: the gradient in a plane, as `faced` has it before it is rounded."""
+        """[h, w, 3]: gradients of `faced` in a plane, before rounding."""
         below, above = smooth[max(z - 1, 0)], smooth[min(z + 1, len(smooth) - 1)]
         padded = np.pad(smooth[z], 1, mode="edge")
         along = (padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1], above - below)
@@ -135,7 +134,7 @@ class MaskField:
         return np.asarray(world / np.where(length > 0, length, 1.0) * size)
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """[P]: the mask less EDGE at grid positions [3, P]: matter ends where it falls below 0."""
+        """[P]: the mask minus EDGE at grid positions [3, P]; matter ends where it falls below 0."""
         return np.asarray(trilinear(self.kept[..., None], self._cells(places))[:, 0] / 255 - EDGE)
 
     def normals(self, places: np.ndarray) -> np.ndarray:
@@ -146,45 +145,45 @@ class MaskField:
         return np.asarray(places.T - np.array(self.low))
 
     def keeps(self, positions: np.ndarray) -> np.ndarray:
-        """bool [N]: which grid positions [N, 3] lie in kept voxels."""
+        """bool [N]: whether grid positions [N, 3] lie in kept voxels."""
         last = np.array(self.kept.shape[::-1]) - 1
         x, y, z = np.clip(np.rint(positions).astype(np.int64) - np.array(self.low), 0, last).T
         return np.asarray(self.kept[z, y, x] > 0)
 
     @cached_property
     def _near(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which voxels are within REACH of kept ones, of a box, and its first (z, y, x)."""
+        """bool: whether voxels of a box are within REACH of kept ones; and the box's first (z, y, x)."""
         low = np.array(self.low[::-1])
         first = np.maximum(low - REACH, 0)
         last = np.minimum(low + self.kept.shape + REACH, self.shape)
-        found = np.zeros(last - first, bool)
+        near = np.zeros(last - first, bool)
         z, y, x = (slice(a, a + n) for a, n in zip(low - first, self.kept.shape, strict=True))
-        found[z, y, x] = self.kept > 0
+        near[z, y, x] = self.kept > 0
         for axis in range(3):
-            count = np.cumsum(found, axis=axis, dtype=np.int32)
-            size = found.shape[axis]
+            count = np.cumsum(near, axis=axis, dtype=np.int32)
+            size = near.shape[axis]
             ends = np.minimum(np.arange(size) + REACH, size - 1)
             starts = np.arange(size) - REACH - 1
             before = np.where((starts < 0).reshape([-1 if axis == n else 1 for n in range(3)]), 0, 1)
-            found = count.take(ends, axis) - before * count.take(np.maximum(starts, 0), axis) > 0
-        return found, first
+            near = count.take(ends, axis) - before * count.take(np.maximum(starts, 0), axis) > 0
+        return near, first
 
     def near(self, low: Places, high: Places) -> np.ndarray:
-        """bool: which voxels low ≤ (z, y, x) < high values of kept places depend on."""
+        """bool: whether voxels low ≤ (z, y, x) < high affect values at kept places."""
         near, first = self._near
-        found = np.zeros([b - a for a, b in zip(low, high, strict=True)], bool)
+        result = np.zeros([b - a for a, b in zip(low, high, strict=True)], bool)
         begin, end = np.maximum(low, first), np.minimum(high, first + near.shape)
         if (begin < end).all():
-            own = tuple(slice(a, b) for a, b in zip(begin - low, end - low, strict=True))
-            found[own] = near[tuple(slice(a, b) for a, b in zip(begin - first, end - first, strict=True))]
-        return found
+            inner = tuple(slice(a, b) for a, b in zip(begin - low, end - low, strict=True))
+            result[inner] = near[tuple(slice(a, b) for a, b in zip(begin - first, end - first, strict=True))]
+        return result
 
 
 def kept_part(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The ends of what is kept between two [P], where the mask less EDGE is `at`, and linear between; all of what lies
-    in a face.
+    """Clips segments between `ends` [P] to where the mask is kept. at: the mask minus EDGE at the ends, linear between;
+    segments in a face are kept.
     """
-    first, last = (np.where(np.maximum(*np.abs(at)) < FLUSH, 0.0, each) for each in at)
+    first, last = (np.where(np.maximum(*np.abs(at)) < FLUSH, 0.0, value) for value in at)
     with np.errstate(divide="ignore", invalid="ignore"):
         cross = ends[0] + (ends[1] - ends[0]) * (first / (first - last))
     begin = np.where(first >= 0, ends[0], np.where(last >= 0, cross, ends[0]))
@@ -193,8 +192,8 @@ def kept_part(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndar
 
 
 def face_share(gradient: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """The share [P] of light by the mask's normals [P, 3] of MaskField; of values' gradients [P, 3] the rest: these
-    light what they bound themselves, where the mask follows them.
+    """Share [P] of light by the mask's normals [P, 3]; values' gradients [P, 3] give the rest. Gradients light a face
+    where the mask follows a surface of the values.
     """
     size2, face2 = (gradient**2).sum(axis=1), (normal**2).sum(axis=1)
     along = (gradient * normal).sum(axis=1)
@@ -203,6 +202,6 @@ def face_share(gradient: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 
 def _planes(volume: Volume, low: Places, high: Places) -> Iterator[tuple[int, np.ndarray]]:
-    """Planes of what is kept in a box, and their numbers."""
+    """Yields the numbers of a box's planes, and the kept voxels in each."""
     for z in range(low[0], high[0]):
         yield z, volume.kept((z, *low[1:]), (z + 1, *high[1:]))[0]

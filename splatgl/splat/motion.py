@@ -59,7 +59,7 @@ class Motion:
         return not moving and self.camera is None
 
     def view(self, camera: Camera, at: float) -> Camera:
-        """The camera relative to the volume at time `at`, if `camera` is that of the frame.
+        """Camera relative to the volume at time `at`; camera: of the frame.
 
         It includes the volume's motion: with the light at the eye, a rotating volume and an orbiting camera
         give the same pictures.
@@ -159,10 +159,10 @@ def exposure(shutter: float) -> float:
 
 
 def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> Streaks:
-    """The splats' paths during an exposure of that shutter angle, which ends at the frame's time.
+    """Paths of splats during an exposure of a shutter angle that ends at the frame's time.
 
     Streaks are straight approximations of curved paths: parallel to the chord from start to end, centred on the
-    mean position. For a splat that crosses the eye's plane it is the tangent in the middle.
+    mean position. A splat that crosses the eye's plane gets the tangent in the middle.
     """
     length = exposure(shutter)
     times = (-length, -length / 2, 0.0)
@@ -179,7 +179,7 @@ def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> S
 def streak_of(
     mean: np.ndarray, first: np.ndarray, last: np.ndarray, perspective: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """From the paths' middles in time to their mean positions, and from their starts to their ends; [2, N] each.
+    """Offsets from the paths' middles in time to their mean positions, and from their starts to their ends; [2, N].
 
     mean, first, last [3, N]: the splats in the middle of the exposure and at its ends. Simpson's rule for the mean.
     """
@@ -214,7 +214,7 @@ def flow_of(splats: Splats, volume: Volume, scale: float = 1.0) -> np.ndarray:
 
 
 def eye_point(splats: Splats, view: Camera, flow: np.ndarray | None, at: float, extent: float) -> np.ndarray:
-    """[3, N] in the eye axes of that time, mean spacings; x and y scaled to a camera of that extent."""
+    """Positions [3, N] at time `at`, in the axes of the camera `view`, mean spacings; x, y scaled to `extent`."""
     grid = splats.grid
     offset = splats.positions.astype(np.float64) - grid.index_from_world(view.eye)
     if flow is not None:
@@ -263,8 +263,8 @@ class Moments:
         self.exposure = exposure(shutter)
 
     def __call__(self, splats: Splats, camera: Camera, settings: Settings) -> Image:
-        """The mean of the moments' images; info is the last one's, with their number. If each has an
-        error bound, the mean of the bounds bounds the error against the mean of the moments' exact images.
+        """The mean of the moments' images, with the last image's info. If all have error bounds, their mean is the
+        bound of the mean image.
         """
         total: np.ndarray | None = None
         bounds: list[float] = []
@@ -272,8 +272,8 @@ class Moments:
             image = self._part(splats, camera, settings, part)
             pixels = image.pixels.astype(np.float64)
             total = pixels if total is None else total + pixels
-            found = image.info.get("error_bound")
-            bounds += [found] if isinstance(found, float) else []
+            bound = image.info.get("error_bound")
+            bounds += [bound] if isinstance(bound, float) else []
         assert total is not None
         mean = total / self.count
         info = {**image.info, "moments": self.count, "shutter": self.exposure * FULL_SHUTTER}
@@ -307,22 +307,21 @@ class Shorter(Moments):
 
 
 def moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
-    """Number of moments such that footprints hide the steps: at most 1.5 pixels each for the fastest visible splats.
-
-    1 if nothing visible moves.
+    """Number of moments for which footprints hide the steps: at most STEP pixels for the fastest visible splats; 1 if
+    nothing visible moves.
     """
-    each = max(len(splats) // PROBED, 1)
-    flow = None if motion.flow is None else motion.flow[::each]
-    paths = streaks(replace(splats, records=splats.records[::each]), camera, replace(motion, flow=flow), shutter)
+    stride = max(len(splats) // PROBED, 1)
+    flow = None if motion.flow is None else motion.flow[::stride]
+    paths = streaks(replace(splats, records=splats.records[::stride]), camera, replace(motion, flow=flow), shutter)
     spacing = splats.grid.mean_spacing
     # splats within the image at any time on their paths
     depth = np.where(paths.middle[2] > 0, paths.middle[2], np.inf) if camera.perspective else 1 / spacing
     middle, half_step = np.abs(paths.middle[:2] / depth), np.abs(paths.step / depth) / 2
     edge = np.array([[camera.size[0] / camera.size[1]], [1.0]]) * paths.camera.extent / 2
-    seen = (middle <= edge + half_step).all(axis=0) & (paths.middle[2] > 0)
-    if not seen.any():
+    visible = (middle <= edge + half_step).all(axis=0) & (paths.middle[2] > 0)
+    if not visible.any():
         return 1
-    longest = float(np.quantile(paths.pixels(spacing)[seen], KEPT))
+    longest = float(np.quantile(paths.pixels(spacing)[visible], KEPT))
     return min(int(np.ceil(longest / STEP)) + 1, MOST)
 
 
@@ -348,11 +347,11 @@ class Rigid:
         return np.asarray(points @ self.rotation.T + self.shift)
 
     def after(self, first: Rigid) -> Rigid:
-        """First `first`, then this."""
+        """The composition: `first`, then this motion."""
         return Rigid(self.rotation @ first.rotation, self.rotation @ first.shift + self.shift)
 
     def inverse(self) -> Rigid:
-        """The motion that undoes this one."""
+        """The inverse motion."""
         return Rigid(self.rotation.T, -self.rotation.T @ self.shift)
 
     def part(self, share: float) -> Rigid:

@@ -1,4 +1,4 @@
-"""Streaks: footprints that are cut in half and stretched along their motion, their tables and opacity.
+"""Streaks: footprints stretched along their motion, their tables and opacity.
 
 A splat that moves by a length l while the shutter is open contributes, at (u, v) along and across its path from
 the path's middle, the mean of its footprint: B = (G(u + l/2, v) − G(u − l/2, v))/l with the partial area
@@ -16,7 +16,7 @@ averaged, not its depth. So:
 
 * p = mean/most of the depth at the pixel along the path is that part of the time, for a thin splat. A dense
   one hides for longer, as 1 − e^(−x) is flat for large x: 1 − (1 − p)^κ, κ = 1 + 0.146 x/(1 + 0.035 x) for
-  the maximum depth x; 0.146 is the series of a Gaussian's, 0.035 fits it up to x = 10 within 5 %.
+  the maximum depth x; 0.146 is a Gaussian's series, 0.035 fits it up to x = 10 within 5 %.
 * `isolation` e is 1 for a lone splat, and falls to 0 where its matter continues along the whole path.
   It is the exponent of the time: the splat hides for p^e of the exposure, with depth mean/p^e.
 
@@ -172,8 +172,8 @@ class BlurTable:
         place = np.minimum(np.abs(t), 1) * self.texels.dtype.type(last)
         column = np.minimum(place.astype(np.intp), last - 1)
         along = place - column.astype(self.texels.dtype)
-        here, there = (hermite(self.texels[r, column], self.texels[r, column + 1], along) for r in (row, row + 1))
-        return np.copysign(here + (there - here) * part, t)
+        here, right = (hermite(self.texels[r, column], self.texels[r, column + 1], along) for r in (row, row + 1))
+        return np.copysign(here + (right - here) * part, t)
 
     def _simpson(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
         """F + (F₊ − 2F + F₋)/6: bit-identical to F for a path of length 0."""
@@ -187,7 +187,7 @@ class BlurTable:
 
 @lru_cache(maxsize=8)
 def blur_table(name: str, columns: int = COLUMNS, rows: int = ROWS, dtype: str = "<f4") -> BlurTable:
-    """The table of that kernel, cached. InputError for an unknown kernel."""
+    """Table of a kernel, cached. Raises InputError for an unknown kernel."""
     shape = kernel(name)
     # the last line has length 0: use the limit, from a line close by
     q = np.minimum(np.linspace(0.0, 1.0, rows), 1 - 1e-9)[:, None] * shape.radius**2

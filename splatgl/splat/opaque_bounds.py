@@ -1,4 +1,4 @@
-"""Where the opaque samples of a volume are, which a view is fitted to: found slab by slab, without splats."""
+"""Bounds of a volume's opaque samples, to fit a view; computed slab by slab, without splats."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from splatgl.splat.preintegration import opaque_intervals
 from splatgl.splat.splats import Splats, assemble, record_type
 from splatgl.splat.transfer import Transfer
 
-# voxels looked at together
+# voxels per slab
 SLAB_VOXELS = 1 << 22
-# most voxels that are looked at for a view, and of an image of several levels, few of which a picture may take; of
-# more, the volume's box is taken
+# maximum number of voxels examined for a view, and in images of several levels, which are not read at full resolution;
+# above it, the volume's box is used
 MOST, MOST_OF_LEVELS = 1 << 31, 1 << 28
 
 
 @dataclass(frozen=True, eq=False)
 class Opaque:
-    """What a camera asks of a subject; the volume is only read if it does. Splats of values are fitted to these too:
-    what they carry is the kernel's coefficients, and transparent ones lie beside.
+    """Opaque part of a volume, as a subject of `Camera.orbit`; reads the volume on first use. Serves splats of values
+    too, whose transparent voxels would widen the view.
     """
 
     volume: Volume
@@ -33,22 +33,22 @@ class Opaque:
 
     @property
     def frame(self) -> str | None:
-        """LPS, RAS or None, as the volume has it."""
+        """The volume's anatomical frame: LPS, RAS or None."""
         return self.volume.frame
 
     @property
     def nothing(self) -> bool:
-        """Whether no sample is opaque, of those that are looked at."""
+        """Whether all samples were examined and none is opaque."""
         return self._ends is None and self.volume.count <= (MOST_OF_LEVELS if self.volume.coarser else MOST)
 
     @property
     def corners(self) -> np.ndarray:
-        """The eight corners [8, 3], world units, of the box of opaque samples; of all, if there is none."""
+        """Corners [8, 3], world units, of the box around opaque samples; of the volume if there are none."""
         return self.volume.corners if self._ends is None else self._ends.corners
 
     @property
     def outline(self) -> np.ndarray:
-        """Points [N, 3], world units, whose hull contains them."""
+        """Points [N, 3], world units, whose convex hull contains the opaque samples."""
         return self.volume.outline if self._ends is None else self._ends.outline
 
     @cached_property
@@ -63,16 +63,16 @@ class Opaque:
             keeps = partial(_within, opaque_intervals(self.transfer))
         _, height, width = volume.shape
         slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=0)
-        found = np.concatenate([_row_ends(slab, self._kept(slab, keeps)) for slab in slabs])
-        if not len(found):
+        ends = np.concatenate([_row_ends(slab, self._kept(slab, keeps)) for slab in slabs])
+        if not len(ends):
             return None
-        records = np.zeros(len(found), record)
-        records["position"] = found
+        records = np.zeros(len(ends), record)
+        records["position"] = ends
         grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-        return assemble(records, found, grid, grid.mean_spacing, volume.name)
+        return assemble(records, ends, grid, grid.mean_spacing, volume.name)
 
     def _kept(self, slab: Slab, keeps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Which samples of a slab are opaque, and kept by masks."""
+        """bool: which samples of a slab are opaque and unmasked."""
         opaque, volume = keeps(np.ascontiguousarray(slab.samples)), self.volume
         if volume.masks:
             opaque = opaque & volume.kept((slab.start, 0, 0), (slab.stop, *volume.shape[1:]))
@@ -80,12 +80,12 @@ class Opaque:
 
 
 def _within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """Where finite samples lie in closed intervals [n, 2], bool; without opacities of all of them."""
+    """bool: which samples lie in closed intervals [n, 2]; faster than their opacities."""
     most = float(np.finfo(samples.dtype).max)
-    found = np.zeros(samples.shape, bool)
+    inside = np.zeros(samples.shape, bool)
     for low, high in np.clip(intervals, -most, most).tolist():
-        found |= (samples >= low) & (samples <= high)
-    return found
+        inside |= (samples >= low) & (samples <= high)
+    return inside
 
 
 def _row_ends(slab: Slab, opaque: np.ndarray) -> np.ndarray:

@@ -44,9 +44,8 @@ class Lookup:
 
 @dataclass(frozen=True)
 class Blurred:
-    """exposure: of streaks, None without. moments: pictures that this one is the mean of, 0 without.
-
-    settings: adapted to streaks, whose align is exact. camera: in the middle of the exposure, of a still the given one.
+    """Motion blur of a picture. settings: adapted to streaks, whose align is exact. camera: in the middle of the
+    exposure. exposure: of streaks, else None. moments: number of pictures whose mean it is, else 0.
     """
 
     settings: Settings
@@ -56,13 +55,13 @@ class Blurred:
 
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]) -> Blurred:
-        """The blur that the settings ask for; adds notes."""
-        form, found = blur(splats, settings), Exposure.of(camera, settings.shutter, motion)
+        """Resolves the blur of the settings; adds notes."""
+        form, exposure = blur(splats, settings), Exposure.of(camera, settings.shutter, motion)
         if form == "off" and motion is not None and not motion.still:
             notes.append("motion blur left out: the setting motion is off; the picture would be another")
-        elif found is None and form != "off":
+        elif exposure is None and form != "off":
             notes.append("motion blur left out: nothing moves; the picture is the same")
-        if form == "off" or found is None or motion is None:
+        if form == "off" or exposure is None or motion is None:
             return cls(settings, camera)
         if form == "moments":
             splats = select_splats(splats, settings, moving=True)
@@ -70,20 +69,20 @@ class Blurred:
             if settings.motion in MOTIONS:
                 notes.append(f"motion {settings.motion} left out: {settings.blend} of a streak is none of its moments")
             notes.append(f"motion blur: the mean of pictures at {count} times, shutter {settings.shutter:g}°")
-            return cls(settings, found.middle, None, count)
+            return cls(settings, exposure.middle, None, count)
         if settings.align not in ("auto", "exact"):
             notes.append(f"align {settings.align} left out: streaks are exact")
         drawn = f"motion blur {form}, shutter {settings.shutter:g}°, on quads"
         notes.append(f"{drawn}; its error bound is to straight streaks")
-        notes.append(f"streaks are straight: where paths bend most they are off by {found.bend(splats):.2g} pixels")
+        notes.append(f"streaks are straight: where paths bend most they are off by {exposure.bend(splats):.2g} pixels")
         count = settings.moments or 1
         if count > 1:
             notes.append(f"the mean of {count} pictures, each streaked over its part of the paths")
         adapted = settings.but(align="exact", motion=form)
-        return cls(adapted, found.middle, found, count if count > 1 else 0)
+        return cls(adapted, exposure.middle, exposure, count if count > 1 else 0)
 
 
-# texels along an axis: the paper's, and enough for a radial table's error of 1e−5
+# texels along an axis: as in the paper, and for an error of 1e−5 of a radial table
 TABLE_SIZES = {"table": 256, "radial": 1024, "polynomial": 1, "single": 1, "box": 1}
 
 
@@ -104,9 +103,9 @@ class Seen:
 class Program:
     """Compile-time choices, the key of the program cache.
 
-    footprint: its source, table, radial, polynomial, single (polynomial) or box. kernel: the one whose polynomials
-    are compiled in. motion: form of streaks. flow: whether splats have velocities of their own. points: whether their
-    places are not those of voxels; see splats.py. exp_doublings: see optics.glsl.
+    footprint: its source, table, radial, polynomial, single (polynomial) or box. kernel: whose polynomials are compiled
+    in. motion: form of streaks. flow: whether splats have individual velocities. points: whether positions are no
+    voxel centres; see splats.py. exp_doublings: see optics.glsl.
     """
 
     technique: str
@@ -122,7 +121,7 @@ class Program:
 
     @property
     def runs(self) -> bool:
-        """Whether opacities depend on the runs of matter around splats."""
+        """Whether opacities depend on the run lengths of matter around splats."""
         return self.look.attenuation == "fill" and (self.seen.antialias or self.motion != "off")
 
     @property
@@ -137,7 +136,7 @@ class Program:
 
     @property
     def packed(self) -> bool:
-        """Whether tiles keep a gradient's components to 17 bits, finer than a single polynomial's weights."""
+        """Whether tiles store gradient components in 17 bits, finer than a single polynomial's weights."""
         return self.technique == "tiles" and self.look.steps > 0 and self.footprint == "single" and not self.bent
 
 
@@ -145,8 +144,8 @@ class Program:
 class Plan:
     """The plan of a picture. order: back-to-front or front-to-back. notes: omitted steps with reasons, a line each.
 
-    z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. exposure: that
-    of streaks. moments: pictures that it is the mean of, planned for the middle of the exposure; 0: none.
+    z_s: depth where `hybrid` switches, world units. window: pixels, or samples, that splats reach. exposure: of
+    streaks. moments: number of pictures whose mean it is, planned for the middle of the exposure; 0: a single picture.
     """
 
     program: Program
@@ -185,7 +184,7 @@ class Plan:
 
     @property
     def key(self) -> Hashable:
-        """For the same splats and camera, plans with equal keys draw the same picture."""
+        """Cache key: for the same splats and camera, plans with equal keys draw the same picture."""
         r = self.resolved
         drawn = (
             r.samples,
@@ -212,13 +211,13 @@ class Plan:
         return f"{name} {sides} at {self.lookup.bits} bits"
 
     def forced(self, **choices: Any) -> Plan:
-        """This plan with other choices in `program`, its look or its seen."""
-        mine, look, seen = ({f.name for f in fields(part)} for part in (Program, Look, Seen))
-        assert choices.keys() <= mine | look | seen
+        """This plan with changed fields of `program`, its look or its view traits."""
+        mine, look, props = ({f.name for f in fields(part)} for part in (Program, Look, Seen))
+        assert choices.keys() <= mine | look | props
         program = replace(
             self.program,
             look=replace(self.program.look, **{name: choices[name] for name in look & choices.keys()}),
-            seen=replace(self.program.seen, **{name: choices[name] for name in seen & choices.keys()}),
+            seen=replace(self.program.seen, **{name: choices[name] for name in props & choices.keys()}),
             **{name: choices[name] for name in mine & choices.keys()},
         )
         tiles = program.technique == "tiles"
@@ -231,16 +230,16 @@ class Plan:
 
     def explain(self) -> str:
         """A description of the plan, one line per decision."""
-        p, blend, found = self.program, self.program.look.blend, self.resolved
+        p, blend, resolved = self.program, self.program.look.blend, self.resolved
         lines = [
             f"blend {blend.name}, {'perspective' if p.seen.perspective else 'orthographic'}, target {self.target}",
             f"footprint {self.kernel.name}, {self.table}",
             f"align {p.align}" + (f", switch to grid-aligned at z_s = {self.z_s:.6g}" if p.align == "hybrid" else ""),
-            f"antialias {self.antialias}, z_k = {found.z_k:.6g}, "
-            f"splats from depth {found.depths[0]:.6g} to {found.depths[1]:.6g}",
+            f"antialias {self.antialias}, z_k = {resolved.z_k:.6g}, "
+            f"splats from depth {resolved.depths[0]:.6g} to {resolved.depths[1]:.6g}",
         ]
-        if found.sheets is not None:
-            lines.append(found.sheets.explain())
+        if resolved.sheets is not None:
+            lines.append(resolved.sheets.explain())
         if blend.ordered:
             lines.append(f"attenuation {p.look.attenuation}, {self.order}")
         rows = f"rows {self.window.y} to {self.window.y + self.window.height}"
@@ -258,9 +257,9 @@ def plan(
     motion: Motion | None = None,
     tiles: bool | None = False,
 ) -> Plan:
-    """The plan for one picture; resolves every `auto`.
+    """Plans a picture; resolves every `auto`.
 
-    motion: of the scene since the previous frame. tiles: whether the renderer prefers them; None if unsupported.
+    motion: of the scene since the previous frame. tiles: whether the renderer prefers tiles; None if unsupported.
     """
     settings = settings or Settings()
     notes: list[str] = []
@@ -275,8 +274,8 @@ def plan(
     align, z_s = alignment(splats, view, settings, notes)
     half_line = resolved.boxes or _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
-    asked = Asked(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
-    kind = technique(asked, notes) if len(splats) else "quads"
+    request = Asked(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
+    kind = technique(request, notes) if len(splats) else "quads"
     read = "box" if resolved.boxes else footprint(kind, shape, settings, resolved.look.steps > 0)
     bounds = screen_bounds(splats.corners_in_grid(), view)
     # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing

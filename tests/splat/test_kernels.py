@@ -136,7 +136,7 @@ def test_a_registered_kernel_draws_within_its_bound(renderer: sg.Renderer, regis
         ("gaussian", (1.0, 2.0), B_SPLINE, "a new name"),
         ("Mine!", (1.0, 2.0), B_SPLINE, "a new name"),
         ("wide", (1.0, 9.0), B_SPLINE, "a radius of at most 4"),
-        ("negative", (1.0,), ((1.0, -3.0, 2.0, 0.0),), "nowhere negative"),
+        ("negative", (1.0,), ((1.0, -3.0, 2.0, 0.0),), "values from 0 on"),
         ("box", (0.5,), ((1.0, 0.0, 0.0, 0.0),), "a step of at most 0.001 at its rim"),
     ],
 )
