@@ -1,10 +1,8 @@
 """Classification after reconstruction: running integrals of the transfer function.
 
-Along a part of a ray values are linear; its extinction and emission are means over the values that it passes. [Engel,
-Kraus & Ertl 2001, without its table of pairs: differences of one running integral]
-
-The kernels reconstruct value and gradient; the transfer function classifies the reconstructed value.
-[Mueller, Möller & Crawfis 1999]
+The kernels reconstruct value and gradient; the transfer function classifies the reconstructed value. [Mueller, Möller &
+Crawfis 1999] Values are linear along a step of a ray, whose extinction and emission are means over these values:
+differences of one running integral. [Engel, Kraus & Ertl 2001, without the table of pairs]
 """
 
 from __future__ import annotations
@@ -18,11 +16,11 @@ from splatgl.splat.transfer import OPAQUE, Transfer
 
 # largest value of a running integral in whole numbers: differences fit into 32 bits with a sign
 WHOLE = 2**31 - 1
-# cells between two points of a transfer function, however close they are
+# cells between two points of a transfer function, however close
 PARTS = 64
-# opacity below 1 of cells beside a point of opacity 1 that are as opaque as it
+# cells beside a point of opacity 1 count as opaque if their opacity is at most this much lower
 TIP = 1e-3
-# of opacities at the ends of cells
+# rounding of opacities at the ends of cells
 ROUNDING = 1e-9
 
 
@@ -42,7 +40,7 @@ class ClassIntegral:
 
     @classmethod
     def of(cls, transfer: Transfer, low: float, high: float, cells: int) -> ClassIntegral:
-        """At least so many cells between low < high, and PARTS between two points of the transfer function."""
+        """Integrates a transfer function over at least `cells` cells from low to high, PARTS between two points."""
         place = np.arange(cells + 1) / cells
         points = np.unique([low, high, *(value for value in transfer.bends if low < value < high)])
         part = np.arange(PARTS)[:, None] / PARTS
@@ -59,7 +57,7 @@ class ClassIntegral:
         return cls(knots, below, mean - slope, mean + slope, outside)
 
     def until(self, values: np.ndarray) -> np.ndarray:
-        """[N, 4]: the integral from the first knot to values [N]; negative below it."""
+        """[N, 4]: integrals from the first knot to values [N]; negative below the knot."""
         cell = self._cells(values)
         inside = np.clip(values, self.knots[0], self.knots[-1])
         part = inside - self.knots[cell]
@@ -70,7 +68,7 @@ class ClassIntegral:
         return np.asarray(self.below[cell] + within + (values - inside)[:, None] * beyond)
 
     def mean(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """[N, 4]: means over the values between first and last [N], in either order."""
+        """[N, 4]: means over the values from first to last [N], in either order."""
         apart = last - first
         cell = self._cells(first)
         width = self.knots[cell + 1] - self.knots[cell]
@@ -80,12 +78,12 @@ class ClassIntegral:
         same = np.where((middle < self.knots[0])[:, None], self.outside[0], same)
         same = np.where((middle >= self.knots[-1])[:, None], self.outside[1], same)
         alike = (apart == 0) | ((self._cells(last) == cell) & (self._outside(first) == self._outside(last)))
-        found = (self.until(last) - self.until(first)) / np.where(alike, 1.0, apart)[:, None]
-        return np.maximum(np.where(alike[:, None], same, found), 0.0)
+        mean = (self.until(last) - self.until(first)) / np.where(alike, 1.0, apart)[:, None]
+        return np.maximum(np.where(alike[:, None], same, mean), 0.0)
 
     def table(self, cells: int) -> tuple[np.ndarray, float]:
-        """uint32 [cells + 1, 4]: integrals from the first knot on to the ends of so many cells of equal width, in the
-        unit that is returned, per cell width.
+        """uint32 [cells + 1, 4]: integrals from the first knot to the ends of `cells` equal cells, per cell width; and
+        their unit.
         """
         place = np.arange(cells + 1) / cells
         until = np.maximum(self.until(self.knots[0] * (1 - place) + self.knots[-1] * place), 0.0)
@@ -101,8 +99,8 @@ class ClassIntegral:
 
 
 def _beside_opaque(transfer: Transfer, start: np.ndarray, width: np.ndarray, reach: float) -> np.ndarray:
-    """bool [n]: the cells within `reach` of a value of opacity 1, as nearly opaque themselves. There extinction rises
-    without end, and a mean over a cell is not that of flat matter whose value is the point itself.
+    """bool [n]: nearly opaque cells within `reach` of a value of opacity 1. Their mean extinction would be too low for
+    matter of exactly that value, since extinction rises without limit there.
     """
     quarter, half, last = (transfer.opacity(start + share * width) for share in (0.25, 0.5, 0.75))
     ends = np.stack([quarter + (quarter - last) / 2, last + (last - quarter) / 2])
@@ -115,32 +113,32 @@ def _beside_opaque(transfer: Transfer, start: np.ndarray, width: np.ndarray, rea
 
 
 def _emission(transfer: Transfer, values: np.ndarray, opaque: np.ndarray | None = None) -> np.ndarray:
-    """[N, 4]: extinction · linear RGB, and extinction, per reference length, of values [N]; opaque: which of them have
-    the most.
+    """[N, 4]: extinction · linear RGB, and extinction, per reference length, of values [N]. opaque: which of them have
+    opacity 1.
     """
     opacity = transfer.opacity(values)
     extinction = transfer.extinction(opacity if opaque is None else np.where(opaque, 1.0, opacity), 1.0)[:, None]
     return np.concatenate([transfer.color(values) * extinction, extinction], axis=1)
 
 
-# cells of the classification table, and of that of weights by gradient
+# cells of the classification table, and of the table of gradient weights
 CELLS, WEIGHTS = 2**14, 2**10
-# largest multiple of the transfer function's range that a value is kept at; means stay finite in float32
+# limit of record values, in ranges of the transfer function, so that means stay finite in float32
 FURTHEST = 2.0**20
-# least range of a transfer function relative to its largest record value: two float32 numbers in each table cell
+# least range of a transfer function relative to its largest record value: two float32 numbers per table cell
 RESOLVED = 2.0**-9
-# share of a transfer function's range by which an interval that ends at zero opacity is shorter, so that float64 tells
+# intervals shrink by this share of the transfer function's range at ends of zero opacity, so that float64 resolves it
 INWARDS = 2.0**-51
 
 
 @dataclass(frozen=True, eq=False)
 class ValueClassifier:
-    """transfer: of reconstructed values. kernel: whose coefficients the values are.
+    """Classifies reconstructed values by `transfer`. kernel: name of the kernel whose coefficients the records hold.
 
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
-    kept [n, 2]: intervals of values that voxels were kept for. lean: whether those that only the rims of kernels need
-    are left out. faced: whether gradients of the outermost voxels are as if transparent ones lay around them, so that
-    faces at the ends are lit; not where gradients weigh opacity, which would show faces of what is none.
+    kept [n, 2]: intervals of values around which voxels were kept. lean: without the voxels that only the rims of
+    kernels need. faced: gradients at the volume's ends assume transparent neighbours, which lights the end faces; not
+    if gradients weight opacity, which would make the end faces visible.
     """
 
     transfer: Transfer
@@ -154,7 +152,7 @@ class ValueClassifier:
 
     @classmethod
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> ValueClassifier:
-        """Values relative to the range over which the transfer function varies."""
+        """Classifier with record values relative to the range over which the transfer function varies."""
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0) * 1e-3
         kept = np.array([[-np.inf, np.inf]]) if every else opaque_intervals(transfer)
@@ -181,30 +179,30 @@ class ValueClassifier:
         return np.asarray(self.low + np.asarray(u, np.float64) * self.span)
 
     def recolored(self, transfer: Transfer) -> ValueClassifier:
-        """The same values under another transfer function."""
+        """Classifier of the same records by another transfer function."""
         return replace(self, transfer=transfer)
 
     def holds(self, transfer: Transfer) -> bool:
-        """Whether the records serve another transfer function: they hold all voxels of its opaque values, and resolve
-        the values over which it varies.
+        """Whether the records serve another transfer function: they contain all voxels that it needs, and resolve its
+        range.
         """
         low, high = self.recolored(transfer).range
         furthest = max(abs(low), abs(high))
         resolved = furthest <= FURTHEST and high - low >= RESOLVED * furthest
         starts, ends = self.kept.T
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
-        kept = ((starts - slack <= a) & (b <= ends + slack) for a, b in opaque_intervals(transfer))
-        return resolved and self.faced != bool(transfer.gradient) and all(each.any() for each in kept)
+        covered = ((starts - slack <= a) & (b <= ends + slack) for a, b in opaque_intervals(transfer))
+        return resolved and self.faced != bool(transfer.gradient) and all(interval.any() for interval in covered)
 
     @property
     def fresh(self) -> bool:
-        """Whether extraction for the transfer function would give the same records."""
+        """Whether extraction for the current transfer function would give the same records."""
         anew = ValueClassifier.of(self.transfer, self.kernel, self.shape, self.every)
         same = (anew.low, anew.span, anew.faced) == (self.low, self.span, self.faced)
         return same and np.array_equal(anew.kept, self.kept)
 
     def around(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Record values [N] of what lies around voxels of u [N] beyond the ends, and which are opaque: see
+        """Record values [N] to assume beyond the ends beside voxels of u [N], and which u are opaque; see
         `transparent`.
         """
         return transparent((opaque_intervals(self.transfer) - self.low) / self.span, u)
@@ -217,25 +215,25 @@ class ValueClassifier:
 
     @cached_property
     def scale(self) -> tuple[float, float]:
-        """(a, b): record value u lies at a u + b in the table, whose cells are 1 wide."""
+        """(a, b): record value u is at a u + b in the table, in cells."""
         low, high = self.range
         a = CELLS / (high - low)
         return a, -low * a
 
     @cached_property
     def integral(self) -> ClassIntegral:
-        """Of the transfer function over `range`, in values ρ."""
+        """Integral of the transfer function over `range`, in values ρ."""
         low, high = (float(self.value(np.array(u))) for u in self.range)
         return ClassIntegral.of(self.transfer, low, high, CELLS)
 
     @cached_property
     def table(self) -> tuple[np.ndarray, float]:
-        """uint32 [CELLS + 1, 4], and their unit: see `ClassIntegral.table`."""
+        """uint32 [CELLS + 1, 4] and its unit; see `ClassIntegral.table`."""
         return self.integral.table(CELLS)
 
     @cached_property
     def seen(self) -> tuple[float, float]:
-        """Places in the table, in cells, between which there is any matter; infinite where there is beyond its ends."""
+        """Range of the table, in cells, outside of which all is transparent; infinite if values beyond an end are not."""
         some = np.flatnonzero((np.diff(self.table[0].astype(np.int64), axis=0) != 0).any(axis=1))
         before, behind = (self.integral.outside != 0).any(axis=1)
         low, high = (some[0], some[-1] + 1) if some.size else (CELLS, 0)
@@ -243,8 +241,8 @@ class ValueClassifier:
 
     @cached_property
     def weights(self) -> tuple[np.ndarray, float, float]:
-        """float32 [WEIGHTS + 1]: weights at gradients from the second number, values per world length, in steps of the
-        third.
+        """Weights, float32 [WEIGHTS + 1], of equidistant gradients; the first gradient, and the step; values per world
+        length.
         """
         nodes = [size for size, _ in self.transfer.gradient]
         low, high = nodes[0], max(nodes[-1], nodes[0] * (1 + 1e-6), 1e-30)
@@ -254,7 +252,7 @@ class ValueClassifier:
         return self.transfer.weight(sizes).astype(np.float32), low, (high - low) / WEIGHTS
 
     def extinction(self, u: np.ndarray) -> np.ndarray:
-        """Per reference length, float64, of record values u [N]; means over the table's cells."""
+        """Extinctions per reference length, float64, of record values u [N]; means over the table's cells."""
         table, unit = self.table
         a, b = self.scale
         cell = np.floor(a * np.asarray(u, np.float64) + b)
@@ -264,49 +262,49 @@ class ValueClassifier:
 
 
 def active_range(transfer: Transfer) -> tuple[float, float]:
-    """The values between which opacity or colour varies."""
+    """Range of values over which opacity or colour varies."""
     ends = [transfer.points[0][0], transfer.points[-1][0], *(transfer.window or ())]
     return float(min(ends)), float(max(ends))
 
 
 def opaque_intervals(transfer: Transfer) -> np.ndarray:
-    """[n, 2]: closed intervals of values, ascending and disjoint, that contain those of non-zero opacity alone."""
+    """[n, 2]: ascending, disjoint, closed intervals of the values with non-zero opacity."""
     values = np.array([value for value, _ in transfer.points], np.float64)
     opacity = np.array([share for _, share in transfer.points], np.float64)
     starts = np.concatenate([[-np.inf], values])
     ends = np.concatenate([values, [np.inf]])
     before, after = np.append(opacity[0], opacity), np.append(opacity, opacity[-1])
     some = np.maximum(before, after) > 0
-    found: list[list[float]] = []
+    merged: list[list[float]] = []
     for start, end in zip(starts[some], ends[some], strict=True):
-        if found and found[-1][1] >= start:
-            found[-1][1] = end
+        if merged and merged[-1][1] >= start:
+            merged[-1][1] = end
         else:
-            found.append([float(start), float(end)])
-    intervals = np.array(found, np.float64).reshape(-1, 2)
-    # an end of zero opacity, which samples outside of objects often have, is not in it, nor in that of record values
+            merged.append([float(start), float(end)])
+    intervals = np.array(merged, np.float64).reshape(-1, 2)
+    # ends of zero opacity are excluded, also as record values: samples outside objects often have exactly that value
     opaque = transfer.opacity(np.clip(intervals, values[0], values[-1])) > 0
     by = np.maximum(np.spacing(np.abs(intervals)), INWARDS * (values[-1] - values[0])) * np.array([1, -1])
     return np.where(opaque, intervals, intervals + by)
 
 
 def transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest transparent values [N] to those in `opaque` [n, 2], closed intervals; the others as they are,
-    as all where none is transparent. And which lie there, bool [N].
+    """Replaces values [N] in the closed intervals `opaque` [n, 2] by the nearest transparent ones, if there are any;
+    also returns which were opaque, bool [N].
     """
-    found, within = values.astype(np.float64), np.zeros(len(values), bool)
+    nearest_clear, within = values.astype(np.float64), np.zeros(len(values), bool)
     for low, high in opaque.tolist():
         inside = (values >= low) & (values <= high)
-        # beside the interval, whose own ends are opaque: among the smallest numbers that is far
+        # just outside the closed interval
         below, above = np.nextafter([low, high], [-np.inf, np.inf])
         nearest = np.where(values - np.float64(low) <= np.float64(high) - values, below, above)
-        np.copyto(found, nearest, where=inside & np.isfinite(nearest))
+        np.copyto(nearest_clear, nearest, where=inside & np.isfinite(nearest))
         within |= inside
-    return found, within
+    return nearest_clear, within
 
 
 def faced(gradient: np.ndarray, gone: np.ndarray, opaque: np.ndarray) -> np.ndarray:
-    """Gradients [N, 3], 0 of opaque voxels that are alone, which have no face.
+    """Sets gradients [N, 3] of isolated opaque voxels to 0, as these have no face, and returns them.
 
     gone bool [2, N, 3]: whether the neighbour before and behind is missing. opaque bool [N].
     """

@@ -1,7 +1,6 @@
 """Transfer functions by name, and the default for a volume.
 
-Presets of CT are in Hounsfield units. Other values are taken for a CT whose classes lie where tissues do, see
-`adapted`.
+Presets of CT are in Hounsfield units. For other values, their classes take the places of the tissues; see `adapted`.
 """
 
 from __future__ import annotations
@@ -20,22 +19,22 @@ from splatgl.splat.label_detection import LABELS, MASK, kind_of
 from splatgl.splat.statistics import Cut, Ground, Statistics, sorted_percentile, statistics
 from splatgl.splat.transfer import Nodes, Transfer
 
-# opacities of a surface just above its cut, of the brightest matter, and of single-valued objects
+# opacities of a surface just above its cut, of the brightest values, and of single-valued objects
 SURFACE, CORE, SOLID = 0.8, 0.95, 0.99
 # opacity of the largest values of a field, per mean spacing
 FIELD_OPACITY = 0.5
 # position of a surface's value in its colour map
 SURFACE_TONE = 0.6
-# extent of a surface's ramp, as a share of the way from its cut to the two class means
+# extent of a surface's ramp, as a share of the distance from its cut to the two class means
 RAMP = 0.3
-# percentiles of a sparse volume's non-background values: the dimmest visible, and the brightest
+# percentiles of a sparse volume's foreground: the dimmest visible value, and the brightest
 DIM, BRIGHT = 1.0, 70.0
 
 
 @dataclass(frozen=True)
 class Look:
-    """A preset's result for one volume: opacity nodes and the colour map's window. tone: the place in the colour map at
-    which the window begins.
+    """Opacity nodes and colour window of a preset for one volume. tone: place in the colour map where the window
+    begins.
     """
 
     points: Nodes
@@ -45,9 +44,8 @@ class Look:
 
 @dataclass(frozen=True)
 class Preset:
-    """A named look. hounsfield: the look of a CT in HU. rung: index of the ramp's cut; None: the object's own.
-
-    blend: what it is drawn with where nothing else is asked for; None: as any.
+    """A named transfer function. hounsfield: the look of a CT in HU. rung: index of the ramp's cut; None: the cut
+    between object and surroundings. blend: default blend mode; None: the settings' default.
     """
 
     name: str
@@ -64,7 +62,7 @@ def surface(stats: Statistics, rung: int | None) -> Look:
     """A ramp over a cut: transparent below, a surface above, denser towards the brightest."""
     low, high = cut_of(stats, rung).ramp(RAMP)
     top = max(high, stats.percentile(99.9))
-    # its colours begin where they are light
+    # the window begins at a light colour
     return Look(((low, 0.0), (high, SURFACE), (top, CORE)), (low, top) if low < top else None, SURFACE_TONE)
 
 
@@ -86,9 +84,7 @@ def glow(stats: Statistics, rung: int | None) -> Look:
 
 
 def _above_noise(ground: Ground | None, low: float, high: float) -> Nodes:
-    """A node a standard deviation above the noise, from where the ramp is what it would be without: it starts at the
-    background's level.
-    """
+    """A node one standard deviation above the cut, on the line from the background's level to the ramp's end."""
     if ground is None or not low < low + ground.noise < high:
         return ()
     value = low + ground.noise
@@ -96,34 +92,34 @@ def _above_noise(ground: Ground | None, low: float, high: float) -> Nodes:
 
 
 def solid(stats: Statistics, rung: int | None) -> Look:
-    """Everything above the lowest value, opaque."""
+    """An opaque step above the lowest value."""
     lowest, highest = float(stats.values[0]), float(stats.values[-1])
     step = lowest + (float(stats.values[stats.values > lowest][0]) - lowest) / 2
     return Look(((step, 0.0), (step, SOLID)), (lowest, highest))
 
 
 def field(stats: Statistics, rung: int | None) -> Look:
-    """A long ramp, clear below the median: semi-transparent. The colours span all values but the largest few."""
+    """A long, semi-transparent ramp from the median up. The colours span all values except the largest few."""
     low, clear, high = (stats.percentile(percent) for percent in (0.0, 50.0, 99.9))
     return Look(((clear, 0.0), (high, FIELD_OPACITY)), (low, high) if low < high else None)
 
 
 def cut_of(stats: Statistics, rung: int | None) -> Cut:
-    """The threshold of a rung, or of the whole object."""
+    """The cut of a rung; None: the cut between object and surroundings."""
     return stats.cuts[min(stats.whole if rung is None else rung, len(stats.cuts) - 1)]
 
 
-# Hounsfield units of air, its border to tissue, soft tissue, its border to bone, bone, and the densest
+# Hounsfield units of air, its border to tissue, soft tissue, its border to bone, bone, and the densest matter
 LANDMARKS = (-1000.0, -400.0, 40.0, 180.0, 600.0, 1500.0)
-# of an object with two classes of values only
+# the same for an object with only two classes of values
 TWO = (-1000.0, -400.0, 600.0, 1500.0)
-# percentile of the densest
+# percentile of the densest matter
 DENSEST = 99.9
 Build = Callable[[Statistics, int | None], Look]
 
 
 def adapted(look: Look) -> Build:
-    """Builds a CT's look for other values: its Hounsfield units lie where the classes of the values are."""
+    """Returns a builder that maps a CT's look to other values, whose classes take the places of the tissues."""
 
     def build(stats: Statistics, rung: int | None) -> Look:
         units, values = _landmarks(stats)
@@ -139,7 +135,7 @@ def adapted(look: Look) -> Build:
 
 
 def _landmarks(stats: Statistics) -> tuple[tuple[float, ...], np.ndarray]:
-    """Hounsfield units, and the values that stand for them, neither of which fall."""
+    """Hounsfield units and the corresponding values, both in ascending order."""
     first, top = stats.cuts[0], stats.percentile(DENSEST)
     if len(stats.cuts) < 2:
         return TWO, np.maximum.accumulate([first.below, first.value, first.above, top])
@@ -149,7 +145,7 @@ def _landmarks(stats: Statistics) -> tuple[tuple[float, ...], np.ndarray]:
 
 
 def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Build:
-    """A look with nodes at percentiles."""
+    """Returns a builder with nodes at percentiles of the values."""
 
     def build(stats: Statistics, rung: int | None) -> Look:
         points = tuple((stats.percentile(percent), opacity) for percent, opacity in nodes)
@@ -160,7 +156,7 @@ def _percentiles(*nodes: tuple[float, float], window: tuple[float, float]) -> Bu
 
 
 def _mr(stats: Statistics, rung: int | None) -> Look:
-    """Faint outer layers, denser with the value: skin and skull do not hide what is within."""
+    """Opacity grows with the value from faint outer layers, so that skin and skull do not hide the inside."""
     low, high = cut_of(stats, rung).ramp(RAMP)
     top = max(high, stats.percentile(DENSEST))
     points = ((low, 0.0), (high, 0.12), (high / 2 + top / 2, 0.35), (top, 0.6))
@@ -168,7 +164,7 @@ def _mr(stats: Statistics, rung: int | None) -> Look:
 
 
 def _fraction(stats: Statistics, rung: int | None) -> Look:
-    """Of anisotropies from 0 to 1; of other values, as shares of the largest."""
+    """A ramp over anisotropies from 0 to 1; other values are scaled to their largest."""
     top = 1.0 if stats.values[0] >= 0 and 0.3 < stats.values[-1] <= 1 else max(stats.percentile(DENSEST), 0.0)
     low = 0.0 if top > 0 else float(stats.values[0])
     points = tuple((low + share * (top - low), opacity) for share, opacity in ((0.15, 0), (0.35, 0.15), (0.8, 0.9)))
@@ -246,14 +242,14 @@ AIR, PADDING = (-1100.0, -800.0), -4096.0
 BONE_FROM = 300.0
 # smallest shares of a CT's values that are air, and bone
 AIR_SHARE, BONE_SHARE = 0.02, 0.003
-# units of length of scanners and microscopes, which see objects
+# units of length of scanners and microscopes
 OF_OBJECTS = ("mm", "um", "µm", "nm", "Å")
-# computed values are nearly all different, of MANY every so many
+# share of distinct values in computed data; of more than MANY values only every EVERY-th is compared
 MANY, EVERY, DIFFERENT = 4096, 16, 0.5
 # second over first differences of neighbours below which a field is smooth: simulations 0.1 to 1.1, scanners 1.2 to 2
 # and more, noise 3
 SMOOTH = 1.15
-# largest ratio of values on a logarithmic scale: values classified after reconstruction are told apart in 2⁻¹⁴ of it
+# largest ratio of values on a logarithmic scale: the classification table resolves 2⁻¹⁴ of it
 MOST_RATIO = 1e4
 
 BONE_HU = Look(((150.0, 0.0), (350.0, SURFACE), (1200.0, CORE)), (-600.0, 1200.0))
@@ -273,12 +269,12 @@ PRESETS = {
 }
 # other names, in lower case
 ALIASES = {"ct-soft-tissue": "ct-soft", "mr-mip": "mip", "ct-mip": "mip"}
-# as many near names are told of an unknown one
+# maximum number of similar names in the message for an unknown one
 NEAR = 4
 
 
 def preset(name: str, volume: Volume) -> Transfer:
-    """The preset's Transfer for this volume's values. Raises InputError for an unknown name."""
+    """Transfer function of a preset for a volume's values. Raises InputError for an unknown name."""
     chosen = preset_named(name)
     return _built(chosen, statistics(volume))
 
@@ -294,19 +290,19 @@ def _key(name: str) -> str:
 
 
 def preset_named(name: str) -> Preset:
-    """The preset of a name, in any case. Raises InputError for an unknown name, which tells near ones."""
+    """The preset of a name, ignoring case. Raises InputError with similar names for an unknown one."""
     lower = _key(str(name))
-    found = PRESETS.get(lower)
-    if found is None:
+    chosen = PRESETS.get(lower)
+    if chosen is None:
         known = [*PRESETS, *ALIASES]
-        near = list(dict.fromkeys([each for each in known if lower and lower in each]))
-        near += [each for each in get_close_matches(lower, known, NEAR) if each not in near]
+        near = list(dict.fromkeys([known_name for known_name in known if lower and lower in known_name]))
+        near += [known_name for known_name in get_close_matches(lower, known, NEAR) if known_name not in near]
         raise expected("preset", f"one of {', '.join(near or PRESETS)}", repr(name), "splatgl presets lists all")
-    return found
+    return chosen
 
 
 def logarithmic(base: Transfer, volume: Volume) -> Transfer:
-    """The colours of a transfer function over the logarithms of a volume's positive values, the larger ones denser.
+    """The transfer function on a logarithmic scale over a volume's positive values; opacity grows with the value.
 
     Raises InputError for a volume without positive values.
     """
@@ -321,7 +317,7 @@ def logarithmic(base: Transfer, volume: Volume) -> Transfer:
 
 
 def default_transfer(volume: Volume) -> Transfer:
-    """The volume's own hints if any; the rest chosen from its values to show the object; labels in their colours."""
+    """Default transfer function: from the volume's hints, else from its values; of labels, from their colours."""
     if volume.labels is not None:
         return label_transfer(volume)
     hints = volume.hints
@@ -334,21 +330,21 @@ def default_transfer(volume: Volume) -> Transfer:
     else:
         chosen = _from_values(volume)
     if hints.color is not None:
-        # a channel: its colour, as bright as it is opaque
+        # a channel: one colour, as bright as it is opaque
         return replace(chosen, colormap=hints.color, unit=hints.unit, shading=False)
-    given = {name: getattr(hints, name) for name in ("window", "unit", "colormap", "shading")}
-    return replace(chosen, **{name: value for name, value in given.items() if value is not None})
+    hinted = {name: getattr(hints, name) for name in ("window", "unit", "colormap", "shading")}
+    return replace(chosen, **{name: value for name, value in hinted.items() if value is not None})
 
 
 def is_microscopy(volume: Volume) -> bool:
-    """Whether its values are those of bright structures on a dark ground."""
+    """Whether the values look like bright structures on a dark background."""
     chosen = volume.hints.preset or _chosen(volume, statistics(volume))
     return chosen == "microscopy"
 
 
 def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = None) -> Transfer:
-    """The Transfer of a segmentation. only: numbers of the labels that are shown, and factors of their opacities.
-    Raises InputError for samples that are no labels, and for other numbers.
+    """Transfer function of a segmentation. only: (number, opacity factor) of the labels to show; None: all. Raises
+    InputError for samples that are no labels, and for unknown numbers.
     """
     shown = shown_labels(labels_of(volume), only)
     numbers = [number for number, _, _ in shown] or [0]
@@ -359,7 +355,7 @@ def _from_values(volume: Volume) -> Transfer:
     kind = volume.hints.values or kind_of(volume)[0]
     stats = statistics(volume)
     several = len(np.unique(stats.values)) > 2
-    # a picture's colours are no names, however few they are
+    # the values of a colour image are no labels, however few there are
     if (kind == LABELS or (kind == MASK and several)) and volume.color is None:
         return label_transfer(volume)
     if kind == MASK and not stats.constant:
@@ -368,7 +364,7 @@ def _from_values(volume: Volume) -> Transfer:
 
 
 def _chosen(volume: Volume, stats: Statistics) -> str:
-    """The name of the preset that shows what the values tell of."""
+    """Name of the preset that suits the values."""
     computed = _is_computed(volume, stats)
     if computed and is_field(volume.name):
         return FIELD
@@ -380,8 +376,8 @@ def _chosen(volume: Volume, stats: Statistics) -> str:
 
 
 def _is_computed(volume: Volume, stats: Statistics) -> bool:
-    """Whether the values above the lowest are nearly all different, in a file without anatomy: no scanner's are,
-    which are whole numbers in any type.
+    """Whether nearly all values above the lowest are distinct, in a file without anatomy. Scanners, in contrast, store
+    whole numbers in any type.
     """
     if volume.frame is not None or volume.unit in OF_OBJECTS or stats.constant:
         return False
@@ -393,7 +389,7 @@ def _is_computed(volume: Volume, stats: Statistics) -> bool:
 
 
 def _is_smooth(volume: Volume, empty: float) -> bool:
-    """Whether neighbours in the middle plane differ as a simulation's. empty: stands for values that aren't finite."""
+    """Whether the middle plane is as smooth as a simulation. empty: replaces values that are not finite."""
     middle = np.asarray(volume.samples[volume.shape[0] // 2], np.float64)
     middle = np.where(np.isfinite(middle), middle, empty)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -415,6 +411,6 @@ def _built(chosen: Preset, stats: Statistics) -> Transfer:
 
 
 def _is_hounsfield(stats: Statistics) -> bool:
-    """True for CT-like values: air near −1000, matter above 0, nothing below the scanners' padding."""
+    """Whether values look like a CT's: air near −1000, matter above 0, nothing below the scanners' padding."""
     air = stats.share_above(AIR[0]) - stats.share_above(AIR[1])
     return stats.values[0] >= PADDING and air >= AIR_SHARE and stats.share_above(-200.0) >= AIR_SHARE

@@ -1,7 +1,7 @@
-"""Largest number of splats, and of their optical depth, whose footprints one ray of a picture meets.
+"""Largest number, and largest total optical depth, of the splats whose footprints one ray of a picture meets.
 
-By planes: a ray that crosses n planes of the lattice at an angle meets at most the cells of an ellipse in each.
-By positions: few splats, or few blocks of them, are counted in screen squares as large as the largest footprint.
+Two upper bounds. By planes: a ray meets at most the cells of an ellipse in each lattice plane that it crosses. By
+positions: few splats, or few blocks of them, are counted in screen squares as large as the largest footprint.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ DISCRETE = 1.35
 OFF = np.sqrt(3.0) / 2
 # tiles along each axis of the picture, for bounding directions
 TILES = 8
-# up to FEW splats are counted one by one; more in blocks of BLOCK cells a side, if at most FEW are occupied in a grid
-# of at most MOST_BLOCKS
+# up to FEW splats are counted individually; more in blocks of BLOCK cells a side, if at most FEW of at most MOST_BLOCKS
+# blocks are occupied
 FEW, BLOCK, MOST_BLOCKS = 8192, 8, 2**22
 # a splat or block nearer than this share of the median depth counts for the whole picture
 NEAR = 1 / 3
-# most squares along each axis of the picture
+# maximum number of squares along each axis of the picture
 SQUARES = 512
 # splats counted at a time
 PART = 2**20
@@ -36,7 +36,7 @@ STRETCHED = 2.0
 
 @dataclass(frozen=True)
 class RayOverlap:
-    """count: splats whose footprints one ray meets; depth: their Σ τ g, g the effective length (1 for cubes before
+    """count: splats whose footprints one ray meets. depth: their Σ τ g, with the effective length g (1 for cubes before
     z_k), in units of the kernel's line integral.
     """
 
@@ -46,8 +46,8 @@ class RayOverlap:
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Single splats or blocks: centres [N, 3] in grid indices, radius [N] of their members' centres, their count [N]
-    and Σ τ [N].
+    """Single splats or blocks of them. place [N, 3]: centres, grid indices; radius [N]: of the ball around the members'
+    centres; count [N]; depth [N]: Σ τ.
     """
 
     place: np.ndarray
@@ -58,9 +58,8 @@ class Groups:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Lattice occupancy: whether every splat is at its cell's centre, the most in one cell, and the occupied planes.
-
-    groups: None if there are too many blocks.
+    """Lattice occupancy. aligned: whether all splats are at their cells' centres; count, depth: largest number and Σ τ
+    in one cell; planes [3]: occupied planes across x, y, z; groups: None if there are too many blocks.
     """
 
     aligned: bool
@@ -82,8 +81,8 @@ def ray_overlap(splats: Splats, view: GridView, astray: float = 0.0) -> RayOverl
 
 @dataclass(frozen=True, eq=False)
 class _Reach:
-    """far: the furthest splat. longest: the longest reach of a kernel of unit radius. stretch: area of the widest
-    footprint over its unwidened area. radius: reach of a splat from its centre, grid steps.
+    """far: distance of the furthest splat. longest: longest reach of a kernel of unit radius. stretch: area of the
+    widest footprint over its unwidened area. radius: reach of a splat from its centre, grid steps.
     """
 
     far: float
@@ -155,7 +154,7 @@ def _by_places(groups: Groups, view: GridView, reach: _Reach) -> RayOverlap:
 
 
 def _squares(x: np.ndarray, y: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """[4 N]: the squares of the picture that boxes [N] around x, y may touch."""
+    """[4 N]: the squares of the picture that boxes of half size `half` [N] around x, y [N] may touch."""
     across = max(float(np.ptp(x)), float(np.ptp(y)))
     size = max(2 * float(half.max()), across / SQUARES)
     columns, rows = (np.floor((n - half - (n - half).min()) / size).astype(np.int64) for n in (x, y))
@@ -168,10 +167,10 @@ _cells: WeakKeyDictionary[Splats, Cells] = WeakKeyDictionary()
 
 def cells_of(splats: Splats) -> Cells:
     """The occupancy of `splats`, cached for their lifetime."""
-    found = _cells.get(splats)
-    if found is None:
-        found = _cells[splats] = _count(splats)
-    return found
+    cells = _cells.get(splats)
+    if cells is None:
+        cells = _cells[splats] = _count(splats)
+    return cells
 
 
 def _count(splats: Splats) -> Cells:
@@ -191,12 +190,12 @@ def _count(splats: Splats) -> Cells:
 
 
 def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
-    """The values, PART at a time: what is computed of them takes little memory."""
+    """Yields PART values at a time, to save memory."""
     return (values[first : first + PART] for first in range(0, len(values), PART))
 
 
 def _different(values: np.ndarray) -> np.ndarray:
-    """The different values."""
+    """The distinct values, ascending."""
     return np.unique(np.concatenate([np.unique(part) for part in _parts(values)]))
 
 

@@ -1,12 +1,11 @@
 """Sheets: slabs of equal distance from the eye, within which splats add up; the first ones are planes.
 
-Sheets are spheres around the eye, planes in parallel views, of equal distance in index space, where a kernel is a
-sphere: on every ray a voxel at distance e is passed at √(e² − D²), whatever the grid. A splat belongs to `count`
-sheets by the weights of a B-spline of degree count − 1, which add up to 1.  [Mueller & Crawfis 1998]
+Sheets are spheres around the eye, planes in parallel views, in index space, where a kernel is a sphere: on any grid, a
+ray passes a voxel at distance e at √(e² − D²). A splat belongs to `count` sheets with the weights of a B-spline of
+degree count − 1, which add up to 1.  [Mueller & Crawfis 1998]
 
-Voxels at a distance e lie on a ray at √(e² − D²), which from a few sheets on is their sheet's place; nearer to the eye
-it is up to a third of a voxel off. The first sheets are therefore planes across each ray: voxels belong to them by
-where the ray passes them, also to one behind the eye.
+Near the eye √(e² − D²) differs by up to a third of a voxel from the sheet's place. The first sheets, and one behind the
+eye, are therefore planes across each ray, to which voxels belong by the point where the ray passes them.
 """
 
 from __future__ import annotations
@@ -30,10 +29,8 @@ Box = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class NearField:
-    """low int64 [3]: the first voxel (x, y, z). cells float32 [D, H, W, 4]: gradients, and values or ABSENT.
-
-    count: sheets from the eye on that are planes; one behind it is, too. around: voxels in each direction within a
-    kernel's reach.
+    """Voxels around the eye. low int64 [3]: the first voxel (x, y, z). cells float32 [D, H, W, 4]: gradients, and
+    values or ABSENT. count: sheets from the eye on that are planes. around: kernel's reach, in voxels.
     """
 
     low: np.ndarray
@@ -43,7 +40,7 @@ class NearField:
 
     @classmethod
     def of(cls, splats: Splats, view: GridView, sheets: Sheets) -> NearField | None:
-        """The voxels of splats around the eye; None if there are none, or none is classified after reconstruction."""
+        """The near field of splats; None if it is empty, or if splats are classified before reconstruction."""
         if splats.post is None or not len(splats):
             return None
         box = near_box(view, sheets, splats.index_bounds)
@@ -57,7 +54,7 @@ class NearField:
 
     @classmethod
     def of_records(cls, records: np.ndarray, box: Box, view: GridView, sheets: Sheets) -> NearField | None:
-        """The voxels of a box, which are all of its records."""
+        """The near field of all records of a box of voxels; None without records."""
         if not len(records):
             return None
         low, high = box
@@ -69,13 +66,13 @@ class NearField:
 
 
 def reach_of(kernel: Kernel) -> int:
-    """Voxels before a place, and behind it, along each axis, to which a kernel there may reach."""
+    """Reach of a kernel along an axis, rounded up to whole voxels."""
     return int(np.ceil(kernel.radius))
 
 
 def near_box(view: GridView, sheets: Sheets, bounds: np.ndarray) -> Box | None:
-    """The voxels on which the near field depends; None if it is empty, or further than bounds [2, 3], least and largest
-    grid position of splats: then no sheet within it holds any.
+    """The box of voxels on which the near field depends; None if no splat reaches it. bounds [2, 3]: least and largest
+    grid position of splats.
     """
     if not view.perspective or not sheets.steps:
         return None
@@ -89,19 +86,19 @@ def near_box(view: GridView, sheets: Sheets, bounds: np.ndarray) -> Box | None:
     return low, np.floor(view.eye_index + furthest).astype(np.int64) + around + 1
 
 
-# mass below which a place holds no value; and the share of each of three sheets, besides their weights, in what lies
-# between them, so that there is a value wherever one of them has any: less than rounding, so that values do not jump
-# between sheets
+# mass below which a sheet has no value; EDGE is added to the weights of the three sheets around a place, so that there
+# is a value wherever one of them has any: less than rounding, so that values do not jump
 LEAST_MASS, EDGE = 0.02, 1e-12
-# shares of even matter's mass from which a sheet's value is moved to the sheet's place: not at all, wholly
+# mass, relative to constant matter, from which on a sheet's value is moved to the sheet's place: partly, wholly
 CENTERED = (0.85, 0.95)
-# voxels from the first and last layer up to which it is not moved, as gradients there are of faces; a voxel further it
-# is wholly
+# values within this many voxels of the first and last layer are not moved, as gradients there belong to faces; one
+# voxel further inside they are moved wholly
 AMID = 1.5
-# most sheets of a picture; beyond, splats are composited one by one; and the longest side of a volume, in voxels, whose
-# sheets are all counted
+# maximum number of sheets of a picture; with more, splats are composited one by one; and the longest side of a volume,
+# in voxels, whose sheets are numbered from its box
 MOST_SHEETS, LONGEST = 2**15, 2**13
-# sheets from the eye on that are planes across each ray, at least: further ones are less than a tenth of a voxel off
+# least number of sheets from the eye on that are planes across each ray: spheres further away err by less than a tenth
+# of a voxel
 NEAR = 5
 
 
@@ -122,10 +119,10 @@ class Sheets:
 
     @classmethod
     def of(cls, kernel: Kernel, count: int, steps: int) -> Sheets:
-        """The sheets whose spread of a splat in depth has the kernel's own deviation.
+        """The sheets that spread a splat in depth with the kernel's deviation.
 
-        Boxes of B-spline weights, of variance h² (n + 2)/12; or points of variance h² (n + 1)/12, whose sums a
-        quadratic B-spline joins, of variance h²/4.
+        Classified before: boxes of B-spline weights, of variance h² (n + 2)/12. After: points of variance h² (n +
+        1)/12, interpolated by a quadratic B-spline of variance h²/4.
         """
         degree, deviation = count - 1, depth_deviation(kernel)
         variance = (degree + 2) / 12 if steps == 0 else (degree + 1) / 12 + 1 / 4
@@ -139,13 +136,13 @@ class Sheets:
         return f"sheets {self.thickness:.3g} voxels thick, {self.count} share a splat, {how}"
 
     def near_count(self, radius: float) -> int:
-        """Sheets from the eye on that are planes across each ray. radius: of the kernel, within which no splat of
-        others is from the eye: each is wholly before it or behind.
+        """Number of sheets from the eye on that are planes across each ray. No splat of a further sheet is within the
+        kernel's `radius` of the eye.
         """
         return max(NEAR, int(np.ceil(radius / self.thickness + self.count / 2)))
 
     def base(self, place: np.ndarray) -> np.ndarray:
-        """The first sheet of each splat, int64 [N]; place [N]: distance over thickness."""
+        """int64 [N]: first sheets of splats at `place` [N], distance over thickness."""
         shift = 0.5 if self.count % 2 else 0.0
         return np.floor(np.asarray(place, np.float64) + shift).astype(np.int64) - (self.count - 1) // 2
 
@@ -154,22 +151,22 @@ class Sheets:
         return WEIGHTS[self.count](np.asarray(place, np.float64) - base)
 
     def shares(self, place: np.ndarray) -> np.ndarray:
-        """[N] weights of the sheet at 0 of splats at `place` [N]."""
+        """[N] weights of sheet 0 of splats at `place` [N]."""
         number = -self.base(place)
         inside = (number >= 0) & (number < self.count)
         weights = self.weights(place, -number)
-        found = np.take_along_axis(weights, np.clip(number, 0, self.count - 1)[None], axis=0)[0]
-        return np.asarray(np.where(inside, found, 0.0))
+        weight = np.take_along_axis(weights, np.clip(number, 0, self.count - 1)[None], axis=0)[0]
+        return np.asarray(np.where(inside, weight, 0.0))
 
     def layer_terms(self, direction: np.ndarray) -> np.ndarray:
-        """[2, 2, 3, N]: by the layers of voxels across each axis, and by planes half as far apart: how far, in sheets,
-        even matter's mean place is before a sheet's, per sine of the place among them; and how much further, in
-        sheets², it is spread, per cosine. direction [3, N]: unit vectors of rays, index axes.
+        """[2, 2, 3, N]: errors of constant matter by its layers of voxels, for planes across each axis at their
+        distance and at half of it: by how many sheets its mean place is before the sheet's, per sine of the place among
+        the layers; and how much wider it is spread, sheets², per cosine. direction [3, N]: unit vectors, index axes.
 
-        The first terms of Poisson's sum over voxels: of the Fourier transform of weights the first and second
-        derivative at the planes' frequency along the ray, and of the kernel's at that across it.
+        First terms of Poisson's sum over voxels: first and second derivative of the weights' Fourier transform at the
+        planes' frequency along the ray, times the kernel's transform at the frequency across it.
         """
-        found = []
+        terms = []
         for order in (1, 2):
             f = np.maximum(order * np.abs(direction) * self.thickness, 0.1)
             box = np.sinc(f)
@@ -180,8 +177,8 @@ class Sheets:
             across = np.polyval([*self.spectrum[::-1], 1.0], apart) ** 2
             share = self.count * box ** (self.count - 2) * across
             lag = -share * box * slope * np.sign(direction) / np.pi
-            found.append(np.stack([lag, -share * (second / (2 * np.pi**2) + box**2 / 6)]))
-        return np.stack(found)
+            terms.append(np.stack([lag, -share * (second / (2 * np.pi**2) + box**2 / 6)]))
+        return np.stack(terms)
 
     def places(self, view: GridView, positions: np.ndarray) -> np.ndarray:
         """Distances from the eye over thickness, float64 [N], of splats at grid positions [N, 3]."""
@@ -191,20 +188,20 @@ class Sheets:
         return i @ index_direction(view) / self.thickness
 
     def range(self, splats: Splats, view: GridView) -> tuple[int, int]:
-        """Least and largest base of all splats, from the box in which they are counted."""
+        """Least and largest first sheet of all splats, from their box."""
         low, high = counted_box(splats)
         places = self.places(view, corners_of(low, high))
         if view.perspective:
             nearest = np.clip(view.eye_index, low, high)
             places = np.append(places, self.places(view, nearest[None]))
-        # a float32's rounding may move a splat into the next
+        # float32's rounding may move a splat by a sheet
         first, last = self.base(np.array([places.min(), places.max()]))
         return int(first) - 1, int(last) + 1
 
 
 def counted_box(splats: Splats) -> np.ndarray:
-    """[2, 3]: lowest and highest grid indices around all splats; of values around all voxels, so that the numbers of
-    each are the same whichever others are drawn, but in volumes so long that they would be too many.
+    """[2, 3]: lowest and highest grid indices of the box from which sheets are numbered: around all splats; of values
+    around the volume, so that numbers do not depend on the transfer function, unless the volume is too long.
     """
     bounds = splats.index_bounds
     if splats.post is None or not len(splats) or max(splats.post.shape) > LONGEST:

@@ -3,8 +3,8 @@
 Positions are grid indices, small and exact in float32; the affine grid maps them to world space in
 float64. Only non-empty rows are stored (compressed sparse rows).  [M98 §5, voxel extractor]
 
-Run lengths count occupied cells around a splat along each axis: a run of one is the width of a dot, thread, sheet or
-surface layer. They give the filled share of a pixel wider than a voxel, and its number of layers in depth.
+Run lengths count occupied cells around a splat along each axis: 1 across a dot, thread, sheet or surface layer. They
+give the filled share of a pixel wider than a voxel, and its number of layers in depth.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 
 class Same:
-    """Equal to another `Same` of the same object while that lives: its `id` may belong to another one afterwards."""
+    """Identity of an object as a cache key, without keeping it alive: equal only while the object lives, since its `id`
+    may be reused.
+    """
 
     def __init__(self, it: object) -> None:
         self.it, self.number = ref(it), id(it)
@@ -44,18 +46,18 @@ class Same:
 
 
 class LatestParts:
-    """The latest part of each set of splats, for as long as the set lives."""
+    """Cache of the latest part of each set of splats; an entry lives as long as its set."""
 
     def __init__(self) -> None:
-        # of all splats None is kept: a set that its own entry holds would never be freed
+        # None stands for all splats: an entry that refers to its own set would never be freed
         self._kept: WeakKeyDictionary[Splats, tuple[object, Splats | None]] = WeakKeyDictionary()
 
     def of(self, splats: Splats, key: object, keeps: Callable[[], np.ndarray]) -> Splats:
-        """The splats where `keeps()` [N] is True, which is asked once while `key` stays the same."""
+        """The splats where `keeps()` [N] is True; calls it again only if `key` changes."""
         latest = self._kept.get(splats)
         if latest is None or latest[0] != key:
-            kept = keeps()
-            latest = self._kept[splats] = key, None if kept.all() else splats.part(kept)
+            mask = keeps()
+            latest = self._kept[splats] = key, None if mask.all() else splats.part(mask)
         return splats if latest[1] is None else latest[1]
 
 
@@ -63,7 +65,7 @@ Found = TypeVar("Found")
 
 
 def in_parts(count: int, size: int, work: Callable[[slice], Found]) -> list[Found]:
-    """What the work finds of `count` things, `size` at a time, in their order."""
+    """Runs `work` on slices of `size` out of `count` items in threads; returns the results in order."""
     parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
     if len(parts) < 2:
         return [work(part) for part in parts]
@@ -72,7 +74,9 @@ def in_parts(count: int, size: int, work: Callable[[slice], Found]) -> list[Foun
 
 
 def checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and colours [N, 3] and extinctions [N], float64. InputError for other shapes and negative numbers."""
+    """Points and colours [N, 3] and extinctions [N] as float64. Raises InputError for other shapes and negative
+    numbers.
+    """
     p, c, e = (np.asarray(array, dtype=np.float64) for array in (points, colors, extinctions))
     if p.ndim != 2 or p.shape[1] != 3:
         raise expected("points", "shape [N, 3]", p.shape)
@@ -86,7 +90,7 @@ def checked_points(points: object, colors: object, extinctions: object) -> tuple
 
 
 def checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
-    """Spacing [3]: positive, within the lengths and proportions that float32 resolves; else InputError."""
+    """Spacing [3]. Raises InputError unless it is positive, within the lengths and proportions that float32 resolves."""
     scale = np.asarray(spacing, dtype=np.float64)
     if scale.shape not in ((), (3,)) or not ((scale >= LEAST_LENGTH) & (scale <= MOST_LENGTH)).all():
         within = f"from {LEAST_LENGTH:g} to {MOST_LENGTH:g}"
@@ -105,36 +109,36 @@ VOXEL = np.dtype(
 POINT = np.dtype(
     [("position", "<f4", 3), ("optical_depth", "<f4"), ("color", "<f4", 3), ("normal", "<i2", 3), ("runs", "<i2")]
 )
-# classified after reconstruction. value: see PostClassified; gradient: of it per mean spacing, world axes
+# classified after reconstruction. value: see ValueClassifier; gradient: of the value per mean spacing, world axes
 VALUE = np.dtype([("position", "<u2", 3), ("unused", "<u2"), ("value", "<f4"), ("gradient", "<f4", 3)])
 POINT_VALUE = np.dtype([("position", "<f4", 3), ("value", "<f4"), ("gradient", "<f4", 3), ("unused", "<i2", 4)])
 NORMAL_SCALE = 32767.0
 COLOR_SCALE = 65535.0
-# most voxels along an axis whose places fit 16 bits
+# maximum number of voxels along an axis whose positions fit 16 bits
 MOST_ALONG = 2**16
 
 
 def record_type(shape: tuple[int, ...], post: bool) -> np.dtype:
-    """The narrowest record of a volume's voxels, classified after reconstruction if `post`."""
+    """Smallest record type of a volume's voxels; post: of values classified after reconstruction."""
     if max(shape) <= MOST_ALONG:
         return VALUE if post else VOXEL
     return POINT_VALUE if post else POINT
 
 
 def of_points(record: np.dtype) -> bool:
-    """Whether the record's place may be anywhere."""
+    """Whether positions of the record type may be anywhere, not only at voxel centres."""
     return record in (POINT, POINT_VALUE)
 
 
 def stored_color(color: np.ndarray, record: np.dtype) -> np.ndarray:
-    """Linear RGB [..., 3] as that record holds it; of a voxel at most 1, and right to 7.6e-6."""
+    """Linear RGB [..., 3] as stored in a record type; of voxels clamped to 1, with an error of at most 7.6e-6."""
     if record == POINT:
         return np.asarray(color, np.float32)
     return np.rint(np.clip(color, 0, 1) * COLOR_SCALE).astype(np.uint16)
 
 
 def color_scale(record: np.dtype) -> float:
-    """What a record holds for a colour of 1."""
+    """Stored number of a colour component of 1."""
     return 1.0 if record == POINT else COLOR_SCALE
 
 
@@ -144,24 +148,24 @@ def linear_color(records: np.ndarray) -> np.ndarray:
 
 
 def as_points(records: np.ndarray) -> np.ndarray:
-    """A copy of records as those of points, whose places and colours may become any."""
+    """Copies records to the type of points, whose positions and colours are unrestricted."""
     names = set(records.dtype.names or ())
-    made = np.zeros(len(records), POINT_VALUE if "value" in names else POINT)
+    points = np.zeros(len(records), POINT_VALUE if "value" in names else POINT)
     for name in names - {"color", "unused"}:
-        made[name] = records[name]
+        points[name] = records[name]
     if "color" in names:
-        made["color"] = linear_color(records)
-    return made
+        points["color"] = linear_color(records)
+    return points
 
 
 class Gathered:
-    """Records of one part after another, in an array that grows where it lies: none is held twice."""
+    """Array of records that grows in place, so that no record is stored twice."""
 
     def __init__(self, record: np.dtype) -> None:
         self.records = np.zeros(0, record)
 
     def add(self, part: np.ndarray) -> None:
-        """Appends records; `records` that were taken before are no longer valid."""
+        """Appends records; arrays read from `records` before become invalid."""
         before = len(self.records)
         self.records.resize(before + len(part), refcheck=False)
         self.records[before:] = part
@@ -202,7 +206,7 @@ def _runs_along(lattice: Lattice, octaves: np.ndarray) -> np.ndarray:
     return result
 
 
-# most splats kept on the GPU, 400 MB of voxels' records: the limit of texture rows
+# maximum number of splats on the GPU, 400 MB of voxels' records: the limit of texture rows
 MOST_KEPT = 2**24
 # optical depths computed at a time
 DEPTHS = 2**18
@@ -214,14 +218,13 @@ BRIGHTEST = 1e30
 class Splats:
     """Splats in row order: z, then y, then x ascending.
 
-    records [N]: of values if `post` classifies them. cell_x int [N]: each splat's cell along x.
+    records [N]: of values if `post` classifies them. cell_x int [N]: cells along x.
     row_z, row_y int32 [M]: the non-empty rows; row_start int64 [M+1] into the records.
     unit: reference length of opacities, world units. shaded: whether the transfer function shades.
-    dropped_depth: largest optical depth that the threshold removed from one axis line. source: of all splats of a
-    volume, from which pictures that take others extract them. mask: what cuts rays through values; None: nothing.
-    frame: as of the volume.
-    labels: normals of voxels of labels, which are drawn as boxes; None: these are none.
-    unmasked: missing samples beside values, which `mask` leaves out: matter is up to a voxel wider there.
+    dropped_depth: largest optical depth that the threshold removed from one axis line. source: volume from which
+    pictures extract splats of the other classification; None for parts. mask: clips rays through values. frame: the
+    volume's anatomical frame. labels: normals of labels, which are drawn as boxes; None for other splats.
+    unmasked: number of missing samples that `mask` ignores: matter is up to a voxel wider there.
     """
 
     records: np.ndarray
@@ -245,7 +248,7 @@ class Splats:
         return len(self.records)
 
     def __repr__(self) -> str:
-        """One line: their number, and what they are."""
+        """Number and kind of the splats in one line."""
         kind = "values" if self.post is not None else "classified" + ", shaded" * self.shaded
         return f"<Splats {self.name!r}: {len(self):,} {kind}, spacing {self.grid.mean_spacing:.4g}>"
 
@@ -293,7 +296,7 @@ class Splats:
 
     @property
     def colors(self) -> np.ndarray:
-        """Linear RGB [N, 3], float32, of splats that are classified before reconstruction."""
+        """Linear RGB [N, 3], float32, of splats classified before reconstruction."""
         return linear_color(self.records)
 
     @cached_property
@@ -306,16 +309,16 @@ class Splats:
 
     @property
     def corners(self) -> np.ndarray:
-        """The eight corners [8, 3], in world units, of the box of all splats, half a voxel larger."""
+        """Corners [8, 3], world units, of the box of all splats, half a voxel larger."""
         return np.asarray(self.corners_in_grid(0.5) @ self.grid.world_from_index.T + self.grid.origin)
 
     def corners_in_grid(self, margin: float = 0.0) -> np.ndarray:
-        """The eight corners [8, 3], in grid indices, of the box of all centres, larger by a margin in voxels."""
+        """Corners [8, 3], grid indices, of the box of all centres, larger by a margin in voxels."""
         return corners_of(*(self.index_bounds + np.array([[-margin], [margin]])))
 
     @cached_property
     def outline(self) -> np.ndarray:
-        """Points [N, 3], world units, around all splats: the ends of all rows, half a voxel outwards."""
+        """Points [N, 3], world units, around all splats: the ends of all rows, moved half a voxel outwards."""
         if not len(self):
             return self.corners
         last = np.concatenate([self.row_start[:-1], self.row_start[1:] - 1])
@@ -326,13 +329,13 @@ class Splats:
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
     def classified_after(self, post: ValueClassifier) -> Splats:
-        """The same samples under `post`, which must have their low and span, and its transfer function's unit."""
+        """The same records classified by `post`, whose low and span must be theirs."""
         unit = post.transfer.unit or self.grid.mean_spacing
-        made = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
-        return self._shared(made, {"index_bounds", "outline"})
+        splats = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
+        return self._shared(splats, {"index_bounds", "outline"})
 
     def depths_of(self, which: np.ndarray | slice) -> np.ndarray:
-        """Optical depths, float32, of those splats; of each sample as it is, if classified after reconstruction."""
+        """Optical depths, float32, of some splats; of their sample values if classified after reconstruction."""
         if self.post is None:
             return np.asarray(self.records["optical_depth"][which])
         depths = self.post.extinction(self.records["value"][which]) * (self.grid.mean_spacing / self.unit)
@@ -345,11 +348,11 @@ class Splats:
 
     @cached_property
     def _deepest_and_total(self) -> tuple[float, float]:
-        def found(part: slice) -> tuple[float, float]:
+        def measure(part: slice) -> tuple[float, float]:
             depths = self.depths_of(part)
             return float(depths.max()), float(depths.sum(dtype=np.float64))
 
-        parts = in_parts(len(self), DEPTHS, found)
+        parts = in_parts(len(self), DEPTHS, measure)
         return max((deepest for deepest, _ in parts), default=0.0), sum(total for _, total in parts)
 
     @property
@@ -364,7 +367,7 @@ class Splats:
 
     @cached_property
     def brightest(self) -> float:
-        """The largest colour component, linear light; 1, where colour maps end, if classified after reconstruction."""
+        """The largest colour component, linear light; 1 if classified after reconstruction."""
         if self.post is not None:
             return 1.0
         return float(self.records["color"].max(initial=0)) / color_scale(self.records.dtype)
@@ -389,10 +392,10 @@ class Splats:
 
     def part(self, keep: np.ndarray, among_all: bool = False) -> Splats:
         """The splats where `keep` [N] is True. among_all: `runs` still counts the others as neighbours."""
-        kept = np.flatnonzero(keep)
-        row = np.searchsorted(self.row_start, kept, side="right") - 1
+        index = np.flatnonzero(keep)
+        row = np.searchsorted(self.row_start, index, side="right") - 1
         row_z, row_y, row_start = index_rows(self.row_y[row], self.row_z[row])
-        made = replace(
+        splats = replace(
             self,
             records=self.records[keep],
             cell_x=self.cell_x[keep],
@@ -402,19 +405,21 @@ class Splats:
             source=None,
         )
         if among_all:
-            vars(made)["runs"] = self.runs[keep]
-        return made
+            vars(splats)["runs"] = self.runs[keep]
+        return splats
 
     def in_cells(self, records: np.ndarray | None = None, grid: Grid | None = None) -> Splats:
-        """Other records or another grid in the same cells: what was computed from these is shared."""
-        made = replace(self, records=self.records if records is None else records, grid=grid or self.grid, source=None)
-        return self._shared(made, {"runs", "_lattices"})
+        """The splats with other records or another grid in the same cells; keeps data that depend on cells only."""
+        splats = replace(
+            self, records=self.records if records is None else records, grid=grid or self.grid, source=None
+        )
+        return self._shared(splats, {"runs", "_lattices"})
 
-    def _shared(self, made: Splats, names: set[str]) -> Splats:
-        """`made` with those of the derived data that are computed already."""
+    def _shared(self, copy: Splats, names: set[str]) -> Splats:
+        """Copies the named cached properties, if computed, to `copy` and returns it."""
         for name in names & vars(self).keys():
-            vars(made)[name] = vars(self)[name]
-        return made
+            vars(copy)[name] = vars(self)[name]
+        return copy
 
     def lattice(self, axis: int) -> Lattice:
         """The splats in planes across `axis` (0 is x); computed once."""

@@ -1,9 +1,9 @@
 """Statistics of histograms, Otsu's threshold, and background noise.
 
-Of background noise one thing is assumed: that its density falls within each standard deviation by more than a
-half. The noise of cameras (Gaussian, Poisson, or cut off at zero) falls much faster from two on.
+Background noise is only assumed to fall in density by more than half within each standard deviation. The noise of
+cameras (Gaussian, Poisson, or cut off at zero) falls much faster beyond two deviations.
 
-Big mapped files are not read whole: at most PLANES planes, each subsampled.
+Large mapped files are sampled: at most PLANES planes, each subsampled.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 
-# fewer samples tell nothing of their noise
+# least number of samples to measure noise
 LEAST = 4096
-# rounds of leaving out what is not noise, and standard deviations beyond which it isn't
+# rounds of outlier removal, and standard deviations beyond which a value is an outlier
 ROUNDS, BEYOND = 8, 3.0
-# quantiles: the median, and those one standard deviation from it
+# quantiles: the median, and one standard deviation from it
 MIDDLE, LOWER, UPPER = 0.5, 0.158655, 0.841345
-# largest ratio of the spreads above and below the median: a peak, and no slope
+# largest ratio of the spreads above and below the median in a peak
 LOPSIDED = 2.0
-# standard deviations above the level: the range of the cut, and its steps
+# standard deviations above the level between which the cut is searched, and steps of the search
 NEAREST, FURTHEST, STEPS = 2.0, 16.0, 56
-# standard deviations from a cut to the values whose density is the object's there
+# standard deviations above a cut between which the object's density is measured
 NEXT, LAST = 1.0, 4.0
-# objects are at least this share of the samples, and as many times what lies as far below the level
+# objects are at least FOUND of the samples, and ONE_SIDED times as many as lie equally far below the level
 FOUND, ONE_SIDED = 1e-5, 2.0
 
 
 @dataclass(frozen=True)
 class Ground:
-    """level, noise: mean and standard deviation of the background. cut: values above are an object's."""
+    """Background. level, noise: mean and standard deviation. cut: values above belong to objects."""
 
     level: float
     noise: float
@@ -40,42 +40,42 @@ class Ground:
 
 
 def ground_of(values: np.ndarray, least_share: float) -> Ground | None:
-    """The ground of sorted finite values, if at least that share of them belongs to it, and objects stand out above."""
+    """Background of sorted finite values; None if less than `least_share` of them belong to it or nothing stands out."""
     if len(values) < LEAST or not np.isfinite(float(values[-1]) - float(values[0])):
         return None
     level, noise = _peak(values)
     if not noise > 0 or not level + FURTHEST * noise > level:
-        # one value: the noise of a camera that is off, with a few pixels below it
-        found = Ground(level, 0.0, level) if values[0] < level else None
+        # a constant background, with a few pixels below it
+        ground = Ground(level, 0.0, level) if values[0] < level else None
     else:
-        found = _cut(values, level, noise)
-    if found is None or _upto(values, found.cut) < least_share * len(values):
+        ground = _cut(values, level, noise)
+    if ground is None or _upto(values, ground.cut) < least_share * len(values):
         return None
-    above = len(values) - _upto(values, found.cut)
-    below = np.searchsorted(values, 2 * found.level - found.cut, side="left")
-    return found if above >= max(FOUND * len(values), 1) and above >= ONE_SIDED * below else None
+    above = len(values) - _upto(values, ground.cut)
+    below = np.searchsorted(values, 2 * ground.level - ground.cut, side="left")
+    return ground if above >= max(FOUND * len(values), 1) and above >= ONE_SIDED * below else None
 
 
 def _peak(values: np.ndarray) -> tuple[float, float]:
-    """Median and standard deviation of the values without those BEYOND; a deviation of 0 where there is no peak."""
-    kept = values
+    """Median and standard deviation of the values without outliers; a deviation of 0 if there is no peak."""
+    inliers = values
     level, noise = 0.0, 0.0
     for _ in range(ROUNDS):
-        low, level, high = (float(_quantile(kept, share)) for share in (LOWER, MIDDLE, UPPER))
-        # values cut off below, as of integers at 0, tell nothing of the noise below
-        whole = low > values[0]
-        if whole and (high - level > LOPSIDED * (level - low) + _step(kept)):
+        low, level, high = (float(_quantile(inliers, share)) for share in (LOWER, MIDDLE, UPPER))
+        # the lower spread is unusable if values are cut off below, as integers at 0 are
+        symmetric = low > values[0]
+        if symmetric and (high - level > LOPSIDED * (level - low) + _step(inliers)):
             return level, 0.0
-        noise = (high - low) / 2 if whole else high - level
+        noise = (high - low) / 2 if symmetric else high - level
         inner = values[_upto(values, level - BEYOND * noise) : _upto(values, level + BEYOND * noise)]
-        if len(inner) in (0, len(kept)):
+        if len(inner) in (0, len(inliers)):
             break
-        kept = inner
+        inliers = inner
     return level, noise
 
 
 def _cut(values: np.ndarray, level: float, noise: float) -> Ground | None:
-    """The ground up to where noise and objects are about as dense: most voxels are told right there."""
+    """Background up to the value at which noise and objects are about equally dense; None if there is none."""
     width = max(noise / 2, _step(values[: _upto(values, level + BEYOND * noise)]))
     for place in level + noise * np.linspace(NEAREST, FURTHEST, STEPS + 1):
         here = _upto(values, place + width / 2) - _upto(values, place - width / 2)
@@ -89,7 +89,7 @@ def _cut(values: np.ndarray, level: float, noise: float) -> Ground | None:
 
 
 def _quantile(values: np.ndarray, share: float) -> float:
-    """Within a step of whole numbers, too: equal values are spread over the step around them."""
+    """Quantile of sorted values; equal whole numbers are spread evenly over the step around them."""
     at = share * (len(values) - 1)
     value = values[int(at)]
     first, last = np.searchsorted(values, value, side="left"), _upto(values, value)
@@ -98,24 +98,24 @@ def _quantile(values: np.ndarray, share: float) -> float:
 
 
 def _step(values: np.ndarray) -> float:
-    """1 for whole numbers, else what lies between one value that repeats and the next; 0 where none does."""
+    """Distance from the median value to the next, 1 for whole numbers; 0 if the median does not repeat."""
     middle = values[len(values) // 2]
     first, last = np.searchsorted(values, middle, side="left"), _upto(values, middle)
     return float(values[last] - middle) if last - first > 1 and last < len(values) else 0.0
 
 
 def _upto(values: np.ndarray, value: float) -> int:
-    """How many sorted values are at most that one."""
+    """Number of sorted values that are at most `value`."""
     return int(np.searchsorted(values, value, side="right"))
 
 
-# most planes and values of a sample: a few tens of MB, half a second
+# maximum number of planes and values of a sample: a few tens of MB, half a second
 PLANES, VALUES = 32, 1 << 21
 # share of samples at exactly the lowest value, or in the noise around one, from which a volume counts as sparse
 SPARSE = 0.95
 # sparse volumes with fewer other values than this in the sample are read whole
 FEW = 2000
-# most voxels of those, and of the level of a multiscale image that is sampled, if one has as few
+# maximum number of voxels of these, and of the level of a multiscale image that is sampled
 MOST_WHOLE, MOST_OF_LEVEL = 1 << 31, 1 << 27
 BINS = 256
 # percentile of the values where the histogram ends, so that a few outliers don't stretch its bins
@@ -127,9 +127,9 @@ WHOLE = 3
 # otherwise, an object that covers at most this share of the faces counts as foreground
 COVERED = 0.25
 RUNGS = 3
-# values beyond are scaled: sums of squares of others fit float64
+# larger values are scaled, so that sums of squares fit float64
 LARGE = 1e150
-# halves of differences that float64 holds
+# largest half of a difference that float64 can hold
 LARGEST_HALF = 8e307
 
 
@@ -142,7 +142,7 @@ class Cut:
     above: float
 
     def ramp(self, share: float) -> tuple[float, float]:
-        """From `share` of the way to the class below, to `share` of the way to the class above."""
+        """The values at `share` of the way from the cut to the class below and to the class above."""
         return self.value - share * (self.value - self.below), self.value + share * (self.above - self.value)
 
 
@@ -150,9 +150,9 @@ class Cut:
 class Statistics:
     """values: finite samples, sorted. background: share of them at exactly the lowest value.
 
-    cuts: thresholds, each splitting the values above the last one (empty for a constant volume).
-    whole: index of the cut between the object and its surroundings. ground: of a sparse volume whose background is
-    noise; values in it are its level.
+    cuts: thresholds, each of which splits the values above the previous one (empty for a constant volume).
+    whole: index of the cut between the object and its surroundings. ground: background of a sparse volume, if it is
+    noise; its values are set to its level.
     """
 
     values: np.ndarray
@@ -181,7 +181,7 @@ class Statistics:
 
 
 def statistics(volume: Volume) -> Statistics:
-    """The statistics of a volume's finite values; of a sparse one, all non-background values count."""
+    """Statistics of a volume's finite values; sparse volumes are read whole for their foreground."""
     volume = next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
     sample = _sample(volume)
     finite = _sorted(sample)
@@ -199,7 +199,7 @@ def statistics(volume: Volume) -> Statistics:
 
 
 def sorted_percentile(values: np.ndarray, percent: float) -> float:
-    """What np.percentile gives of sorted values, which it would sort again."""
+    """np.percentile of values that are sorted already."""
     place = percent / 100 * (len(values) - 1)
     below = min(int(place), len(values) - 1)
     low, high = float(values[below]), float(values[min(below + 1, len(values) - 1)])
@@ -214,33 +214,35 @@ def _share_of_lowest(values: np.ndarray) -> float:
 
 
 def _sample(volume: Volume) -> np.ndarray:
-    """Samples [d, h, w] of at most PLANES planes, float64 or whole; with the first and last planes, rows, columns."""
+    """Samples [d, h, w] of at most PLANES planes, float64 or integers; includes the first and last planes, rows and
+    columns.
+    """
     depth, height, width = volume.shape
     planes = np.unique(np.linspace(0, depth - 1, PLANES).round().astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
     y, x = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
-    own = volume.samples.dtype
-    kind = own.newbyteorder("=") if own.kind in "bui" else np.float64
+    stored = volume.samples.dtype
+    kind = stored.newbyteorder("=") if stored.kind in "bui" else np.float64
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
 
 
 def _sorted(sample: np.ndarray) -> np.ndarray:
-    """The finite values, sorted, float64: whole numbers are converted last, as few bits are sorted fastest."""
+    """The finite values, sorted, float64; integers are converted after sorting, which is fastest for few bits."""
     if sample.dtype.kind == "f":
         return np.sort(sample[np.isfinite(sample)])
     return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
 
 
 def _with_outstanding(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
-    """All finite values (at most VALUES of them) above the ground, or other than the lowest sampled one; and that one;
+    """The lowest sampled value and at most VALUES of all finite values above the background, or other than the lowest;
     sorted.
     """
-    found = [np.array([lowest])]
+    parts = [np.array([lowest])]
     for slab in volume.slabs(16, halo=0):
         others = slab.samples[slab.samples != lowest if ground is None else slab.samples > ground.cut]
         others = others.astype(np.float64)
-        found.append(others[np.isfinite(others)])
-    values = np.concatenate(found)
+        parts.append(others[np.isfinite(others)])
+    values = np.concatenate(parts)
     return np.sort(values[:: len(values) // VALUES + 1])
 
 
@@ -256,7 +258,7 @@ def _ladder(values: np.ndarray) -> tuple[Cut, ...]:
 
 def _otsu(values: np.ndarray) -> Cut:
     """The cut that splits sorted values into two classes of the largest between-class variance (Otsu 1979)."""
-    # a span, and sums, that float64 holds
+    # scale values whose range or sums exceed float64
     if not max(abs(values[0]), abs(values[-1])) < LARGE:
         cut = _otsu(values / LARGE)
         return Cut(cut.value * LARGE, cut.below * LARGE, cut.above * LARGE)

@@ -1,4 +1,4 @@
-"""Techniques: quads, tiles and streaks, what each refuses, and the alignment of footprints.
+"""Techniques: quads, tiles and streaks, their limits, and the alignment of footprints.
 
 A tile of pixels has one column for each SIMD lane of a software renderer.
 """
@@ -56,7 +56,7 @@ def _cached_switch(name: str, half_angle: float, pixels: int, reach: float, leve
 # transmittance at termination, as a share of the tolerance. sRGB is 13 times as steep at black as on average, so at
 # the default tolerance this is one level there too; 3/4 is only 5 % faster
 SHARE = 1 / 13
-# mean optical depth over the window from which a volume is solid
+# mean optical depth over the window from which on a volume is solid
 SOLID = 20.0
 # nearer batches are smaller: batch i of n ends at (i/n)^GROWTH of the splats
 GROWTH = 1.5
@@ -64,9 +64,8 @@ GROWTH = 1.5
 
 @dataclass(frozen=True)
 class Hiding:
-    """depth_batches: their number per picture; splats behind terminated tiles are not listed.
-
-    cutoff: transmittance below which a tile terminates; 0: never.
+    """depth_batches: number per picture; splats behind terminated tiles are skipped. cutoff: transmittance below which
+    a tile terminates; 0: never.
     """
 
     depth_batches: int = 1
@@ -87,15 +86,14 @@ def cuts(count: int, number: int) -> list[int]:
 
 # polynomials have an error of 4e−5 of the footprint: accurate enough from this tolerance on
 POLYNOMIAL_TOLERANCE = 1e-3
-# a single one for weights of values has an error of 4e−4, small where mass is small
+# a single polynomial for weights of values has an error of 4e−4, less where mass is small
 SINGLE_TOLERANCE = 3e-3
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported.
-
-    sheets: whether splats add up within sheets. boxes: whether they are boxes of voxels.
+    """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported. sheets: whether
+    splats add up within sheets. boxes: whether splats are boxes of voxels.
     """
 
     settings: Settings
@@ -105,31 +103,31 @@ class Asked:
     boxes: bool = False
 
 
-def _refuses_quads(asked: Asked) -> str | None:
-    if asked.moving:
+def _refuses_quads(request: Asked) -> str | None:
+    if request.moving:
         return "motion"
-    return nearest_first(asked.settings) if asked.sheets else None
+    return nearest_first(request.settings) if request.sheets else None
 
 
-def _refuses_streaks(asked: Asked) -> str | None:
-    if not asked.moving:
+def _refuses_streaks(request: Asked) -> str | None:
+    if not request.moving:
         return "a still"
-    if asked.sheets:
+    if request.sheets:
         return "sheets"
-    if BLENDS[asked.settings.blend].join == "max":
+    if BLENDS[request.settings.blend].join == "max":
         return "the mean of maxima is no maximum of streaks"
     return None
 
 
-def _refuses_tiles(asked: Asked) -> str | None:
-    if asked.moving:
+def _refuses_tiles(request: Asked) -> str | None:
+    if request.moving:
         return "motion"
-    if asked.tiles is None:
+    if request.tiles is None:
         return "an OpenGL without compute shaders, older than 4.3"
-    return nearest_first(asked.settings)
+    return nearest_first(request.settings)
 
 
-# why each can't draw a picture, None if it can
+# by technique, the reason why it cannot draw a picture; None if it can
 TECHNIQUES: dict[str, Callable[[Asked], str | None]] = {
     "tiles": _refuses_tiles,
     "streaks": _refuses_streaks,
@@ -137,32 +135,31 @@ TECHNIQUES: dict[str, Callable[[Asked], str | None]] = {
 }
 
 
-def technique(asked: Asked, notes: list[str]) -> str:
-    """The requested technique; else tiles, if preferred or for sheets or boxes, and able; or quads. InputError if none
-    can.
+def technique(request: Asked, notes: list[str]) -> str:
+    """The requested technique; for auto, tiles if preferred or for sheets or boxes, and possible, else quads. Raises
+    InputError if none is possible.
     """
-    wanted = "streaks" if asked.moving else asked.settings.technique
+    wanted = "streaks" if request.moving else request.settings.technique
     if wanted != "auto":
-        why = TECHNIQUES[wanted](asked)
+        why = TECHNIQUES[wanted](request)
         if why:
             raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
         return wanted
-    why = _refuses_tiles(asked)
-    if (asked.tiles or asked.sheets or asked.boxes) and not why:
+    why = _refuses_tiles(request)
+    if (request.tiles or request.sheets or request.boxes) and not why:
         return "tiles"
-    refused = _refuses_quads(asked)
+    refused = _refuses_quads(request)
     if refused:
         raise expected("sheets", "what quads can draw", refused, "composite splats, classified before reconstruction")
-    if asked.tiles:
+    if request.tiles:
         notes.append(f"tiles left out: {why}; quads are drawn")
     return "quads"
 
 
 def footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False) -> str:
-    """The source of footprints. drawn: the technique. means: whether they weigh values.
+    """The source of footprints. drawn: the technique. means: whether footprints weight values.
 
-    `auto`: the paper's table for its quads, the finer radial one where a table's error of 0.04 level matters, and
-    polynomials for tiles, where lookups are slow, if accurate enough.
+    `auto`: a radial table; for tiles, where lookups are slow, polynomials if they are accurate enough.
     """
     if not by_distance(settings):
         return "table"
@@ -174,7 +171,7 @@ def footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False
 
 def combinations() -> list[tuple[str, ...]]:
     """Table of refusals by technique, a row for each setting value that any technique refuses."""
-    found = []
+    rows = []
     for name, values in choices().items():
         for value in values:
             if name in ("technique", "motion"):
@@ -182,31 +179,31 @@ def combinations() -> list[tuple[str, ...]]:
             settings = Settings().but(**{name: value})
             post = settings.classification == "post" or BLENDS[settings.blend].post_only
             sheets = post or settings.compositing == "sheets"
-            reasons = [why(Asked(settings, each == "streaks", True, sheets)) for each, why in TECHNIQUES.items()]
+            reasons = [why(Asked(settings, name_ == "streaks", True, sheets)) for name_, why in TECHNIQUES.items()]
             if any(reasons):
-                found.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
-    return found
+                rows.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
+    return rows
 
 
 # pixels along a tile's sides: tiles.glsl's COLUMNS and ROWS
 COLUMNS, ROWS = 8, 8
-# most pixels per band: the cursors, one per tile and run of splats, take as much memory as the pixels' colours
+# maximum number of pixels per band: the cursors, one per tile and run of splats, take as much memory as the pixels
 MOST_PIXELS = 2**24
 # solid volumes of more than MANY splats are drawn in BATCHES depth batches
 MANY, BATCHES = 1_000_000, 6
-# within sheets, which take longer, and of which the open ones are kept between batches
+# the same for sheets, which take longer, and whose open ones are stored between batches
 MANY_IN_SHEETS, SHEET_BATCHES = 200_000, 3
-# most splats placed at a time: one texel each in three to seven textures
+# maximum number of splats placed at a time: one texel each in three to seven textures
 MOST = 2**20
-# most halvings of an optical depth before its polynomial: an opacity over 1 − 2⁻³² counts as 1
+# maximum number of halvings of an optical depth before its polynomial: an opacity over 1 − 2⁻³² counts as 1
 MOST_DOUBLINGS = 5
 # gain of a slanted footprint over a frontal one, with a margin
 SLANTED = 1.5
 
 
 def depth_batches(splats: Splats, view: GridView, bounds: ScreenBounds, sheets: bool) -> int:
-    """Number of depth batches: most splats of solid volumes lie behind terminated tiles. sheets: whether they add up
-    within sheets.
+    """Number of depth batches: several for solid volumes, most of whose splats are behind terminated tiles. sheets:
+    whether splats add up within sheets.
     """
     many, batches = (MANY_IN_SHEETS, SHEET_BATCHES) if sheets else (MANY, BATCHES)
     return batches if len(splats) >= many and solid(splats, view, bounds) else 1

@@ -12,9 +12,9 @@ from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
 from splatgl.splat.colormaps import colormap
 
-# smallest spacings between two points of a line, and every how many of them are drawn
+# distance of two points of a line, in smallest spacings, and the step between drawn points
 STEP, DRAWN = 0.25, 2
-# lines that are followed for each that is drawn
+# candidates for each drawn line
 TRIED = 3
 # a tube's radius, in diagonals; and the length of the longest line
 RADIUS, LONGEST = 1 / 500, 2.0
@@ -26,7 +26,7 @@ COLORMAP = "viridis"
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Lines [N, 3], world units, in the direction of flow, and the speeds [N] of their points."""
+    """Streamlines: points [N, 3] of each, world units, in the direction of flow, and the speeds [N] there."""
 
     points: list[np.ndarray]
     speeds: list[np.ndarray]
@@ -42,10 +42,10 @@ def streamlines(
 ) -> Mesh:
     """Tubes along a volume's vectors, up to `count`, coloured by speed from 0 to the greatest.
 
-    They begin at voxels faster than `least`, each as far from the lines before it as can be, and end where the flow is
-    slower, at the volume's outermost samples, or after twice its diagonal, both ways together. radius: world units,
-    None: a five-hundredth of the diagonal. least: None: a tenth of the greatest speed (of 99.9 % of the voxels).
-    Raises InputError for a volume without vectors.
+    Seeds are voxels faster than `least`, each as far as possible from all previous lines. Lines end where the flow is
+    slower, at the volume's outermost samples, or at a length of twice the diagonal. radius: world units; None: a
+    five-hundredth of the diagonal. least: None: a tenth of the greatest speed (of 99.9 % of the voxels). Raises
+    InputError for a volume without vectors.
     """
     field = VectorField.of(volume)
     lines = spread_lines(volume, checked(count), least)
@@ -53,7 +53,7 @@ def streamlines(
     points = [
         line[::DRAWN] if len(line) % DRAWN else np.append(line[::DRAWN], line[-1:], axis=0) for line in lines.points
     ]
-    speeds = [each[::DRAWN] if len(each) % DRAWN else np.append(each[::DRAWN], each[-1:]) for each in lines.speeds]
+    speeds = [speed[::DRAWN] if len(speed) % DRAWN else np.append(speed[::DRAWN], speed[-1:]) for speed in lines.speeds]
     speed = np.concatenate([np.zeros(0), *speeds])
     colors = np.repeat(colors_of(speed, field.greatest, colormap), SIDES, axis=0)
     return Mesh.of_lines(
@@ -62,7 +62,7 @@ def streamlines(
 
 
 def spread_lines(volume: Volume, count: int, least: float | None = None) -> Lines:
-    """The lines that `streamlines` draws."""
+    """The evenly distributed lines that `streamlines` draws."""
     field = VectorField.of(volume)
     slow = slowest(field, least)
     seeds = field.spread(TRIED * count, slow)
@@ -71,7 +71,7 @@ def spread_lines(volume: Volume, count: int, least: float | None = None) -> Line
     long_ = np.array([len(line) > 1 for line in tried.points], bool)
     chosen: list[int] = []
     while len(chosen) < min(count, int(long_.sum())):
-        # where no line is near yet; a line that is drawn is not drawn again
+        # the seed farthest from all chosen lines, which are excluded
         far[chosen], far[~long_] = -1.0, -1.0
         best = int(far.argmax())
         chosen.append(best)
@@ -85,10 +85,10 @@ def spread_lines(volume: Volume, count: int, least: float | None = None) -> Line
 def lines_through(
     field: VectorField, seeds: np.ndarray, least: float = 0.0, length: float | None = None, step: float = STEP
 ) -> Lines:
-    """The lines through seeds [N, 3], grid positions (x, y, z), by Runge and Kutta's method of fourth order, both ways.
+    """Lines through seeds [N, 3], grid positions (x, y, z), in both directions, by the fourth-order Runge–Kutta method.
 
-    length: of both ways together, world units, None: twice the diagonal. step: in smallest spacings. They end where the
-    speed is below `least` or nothing moves, and at the outermost samples.
+    length: in both directions together, world units; None: twice the diagonal. step: in smallest spacings. Lines end
+    where the speed is below `least` or 0, and at the outermost samples.
     """
     slow = max(least, STILL * field.greatest)
     world = step * field.smallest_spacing
@@ -103,7 +103,7 @@ def lines_through(
 
 
 def _followed(field: VectorField, seeds: np.ndarray, step: float, count: int, slow: float) -> list[np.ndarray]:
-    """Grid positions [M, 3] on from each seed, at steps of equal world length."""
+    """Grid positions [M, 3] along each seed's line, at steps of equal world length."""
     inverse = np.linalg.inv(field.world_from_index)
 
     def slope(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -131,13 +131,13 @@ def _followed(field: VectorField, seeds: np.ndarray, step: float, count: int, sl
 
 
 def checked(count: int) -> int:
-    """A number of lines or arrows. Raises InputError for others."""
+    """Checks a number of lines or arrows. Raises InputError unless it is a whole number from 1 to MOST."""
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
         raise expected("count", f"a whole number from 1 to {MOST}", repr(count)[:80])
     return count
 
 
-# an arrow of length 1: where its head begins, the radii of shaft and head, and sides of both
+# an arrow of length 1: start of its head, radii of shaft and head, and number of sides
 HEAD, SHAFT, WIDE, ARROW_SIDES = 0.6, 0.05, 0.14, 10
 # length of the longest, in mean distances between arrows
 LENGTH = 2.0
@@ -152,8 +152,8 @@ def arrows(
     least: float | None = None,
     opacity: float = 1.0,
 ) -> Mesh:
-    """Arrows at up to `count` voxels faster than `least`, spread evenly, as long as they are fast, in the middle of
-    which these lie, coloured by speed from 0 to the greatest.
+    """Arrows centred on up to `count` evenly distributed voxels faster than `least`; length and colour show the speed,
+    from 0 to the greatest.
 
     length: of the greatest speed (of 99.9 % of the voxels), world units; None: twice the mean distance between
     arrows. least: None: a tenth of that speed. Raises InputError for a volume without vectors.
@@ -177,7 +177,7 @@ def arrows(
 
 
 def _axes(along: np.ndarray) -> np.ndarray:
-    """Unit vectors [N, 3, 3], the first along unit vectors [N, 3], the others at right angles to them."""
+    """Orthonormal axes [N, 3, 3] whose first are the unit vectors `along` [N, 3]."""
     helper = np.eye(3)[np.abs(along).argmin(axis=1)] if len(along) else along
     side = np.cross(along, helper)
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-300)
@@ -185,7 +185,7 @@ def _axes(along: np.ndarray) -> np.ndarray:
 
 
 def _arrow() -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [N, 3] and faces [M, 3] of an arrow along x from −½ to ½, closed."""
+    """Vertices [N, 3] and faces [M, 3] of a closed arrow along x from −½ to ½."""
     turn = 2 * np.pi * np.arange(ARROW_SIDES) / ARROW_SIDES
     circle = np.stack([np.zeros(ARROW_SIDES), np.cos(turn), np.sin(turn)], axis=1)
     place = np.array([1.0, 0.0, 0.0])
@@ -203,8 +203,7 @@ def _arrow() -> tuple[np.ndarray, np.ndarray]:
     return vertices, np.concatenate(faces)
 
 
-# share of the vectors' greatest speed below which nothing is drawn, and the share of samples that may be faster than
-# what counts as the greatest
+# share of the greatest speed below which nothing is drawn; share of samples that may exceed the greatest speed
 SLOW, OUTLIERS = 0.1, 1e-3
 # samples among which points are chosen
 CANDIDATES = 1 << 14
@@ -224,7 +223,9 @@ class VectorField:
 
     @classmethod
     def of(cls, volume: Volume) -> VectorField:
-        """Raises InputError for a volume without vectors, and for vectors of which none is finite and not zero."""
+        """Vector field of a volume. Raises InputError for a volume without vectors, or with none that is finite and not
+        zero.
+        """
         name = volume.name or "volume"
         if volume.vectors is None:
             raise expected(name, "vectors, such as a velocity at each voxel", "none")
@@ -237,9 +238,9 @@ class VectorField:
 
     @property
     def greatest(self) -> float:
-        """What counts as the greatest speed: few samples are faster."""
-        found = float(np.quantile(self.speed, 1 - OUTLIERS))
-        return found if found > 0 else float(self.speed.max())
+        """The greatest speed, without the OUTLIERS fastest samples."""
+        fast = float(np.quantile(self.speed, 1 - OUTLIERS))
+        return fast if fast > 0 else float(self.speed.max())
 
     @property
     def smallest_spacing(self) -> float:
@@ -253,26 +254,26 @@ class VectorField:
         return float(np.linalg.norm(self.world_from_index @ size))
 
     def at(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vectors [N, 3] at grid positions [N, 3] (x, y, z), linear between samples, and whether these are inside."""
+        """Vectors [N, 3] at grid positions [N, 3] (x, y, z), linear between samples; and whether positions are inside."""
         last = np.array(self.speed.shape[::-1]) - 1
         inside = np.asarray(((index >= -1e-9) & (index <= last + 1e-9)).all(axis=1))
         place = np.clip(np.nan_to_num(index), 0, last)
         first = np.minimum(place.astype(np.int64), np.maximum(last - 1, 0))
-        part, found = place - first, np.zeros(index.shape)
+        part, vectors = place - first, np.zeros(index.shape)
         for corner in np.ndindex(2, 2, 2):
             weight = np.where(corner, part, 1 - part).prod(axis=1)
             x, y, z = np.minimum(first + corner, last).T
-            found += weight[:, None] * self.vectors[z, y, x]
-        return found, inside
+            vectors += weight[:, None] * self.vectors[z, y, x]
+        return vectors, inside
 
     def world(self, index: np.ndarray) -> np.ndarray:
         """World points [..., 3] of grid positions."""
         return np.asarray(index @ self.world_from_index.T + self.origin)
 
     def spread(self, count: int, least: float) -> np.ndarray:
-        """Up to so many samples [N, 3] (x, y, z), spread evenly over those faster than `least`, always the same ones.
+        """At most `count` samples [N, 3] (x, y, z), evenly distributed over those faster than `least`; deterministic.
 
-        The first is the fastest; each further one is farthest from all before it.
+        The first is the fastest; each further one is farthest from all previous ones.
         """
         z, y, x = np.nonzero(self.speed > least)
         index = np.stack([x, y, z], axis=1)[:: max(len(x) // CANDIDATES, 1)]
@@ -286,7 +287,7 @@ class VectorField:
 
 
 def slowest(field: VectorField, least: float | None) -> float:
-    """The speed below which nothing is drawn. Raises InputError for numbers that are none."""
+    """The speed below which nothing is drawn; None: SLOW of the greatest. Raises InputError for invalid numbers."""
     if least is None:
         return SLOW * field.greatest
     if not 0 <= least < np.inf:
@@ -295,7 +296,7 @@ def slowest(field: VectorField, least: float | None) -> float:
 
 
 def colors_of(speed: np.ndarray, greatest: float, name: str) -> np.ndarray:
-    """sRGB uint8 [N, 3] of speeds from 0 to the greatest, by a colour map."""
+    """sRGB uint8 [N, 3]: colours of speeds from 0 to the greatest in a colour map."""
     table = colormap(name)
     place = np.clip(speed / greatest, 0.0, 1.0) * (len(table) - 1)
     below = np.minimum(place.astype(np.int64), len(table) - 2)
@@ -305,19 +306,20 @@ def colors_of(speed: np.ndarray, greatest: float, name: str) -> np.ndarray:
 
 
 def magnitudes(volume: Volume) -> Volume:
-    """The lengths of a volume's vectors, as its values. Raises InputError for a volume without vectors."""
+    """Volume of the lengths of a volume's vectors. Raises InputError for a volume without vectors."""
     field = VectorField.of(volume)
     name = f"{volume.name}: magnitude"
     return replace(volume, samples=field.speed.astype(np.float32), color=None, labels=None, hints=Hints(), name=name)
 
 
 def directions(volume: Volume) -> Volume:
-    """The lengths of a volume's vectors, as its values, coloured by direction: red, green and blue are the shares along
-    world x, y and z, as in diffusion imaging; opposite directions are alike. Raises InputError as `magnitudes`.
+    """Volume of the lengths of a volume's vectors, coloured by direction: red, green and blue are the shares along
+    world x, y and z, as in diffusion imaging; opposite directions have the same colour. Raises InputError as
+    `magnitudes`.
     """
     field = VectorField.of(volume)
     share = np.abs(field.vectors) / np.where(field.speed > 0, field.speed, 1.0)[..., None]
-    found = magnitudes(volume)
+    lengths = magnitudes(volume)
     slow, fast = SLOW * field.greatest, field.greatest
     hints = Hints(points=((slow, 0.0), (fast, 0.6)), window=(0.0, fast))
-    return replace(found, color=np.rint(share * 255).astype(np.uint8), name=f"{volume.name}: direction", hints=hints)
+    return replace(lengths, color=np.rint(share * 255).astype(np.uint8), name=f"{volume.name}: direction", hints=hints)

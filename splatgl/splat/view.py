@@ -1,4 +1,4 @@
-"""`View`: a grid as a camera sees it, in float64; ellipses of kernels, and slabs of depth.
+"""`GridView`: a grid seen by a camera, in float64; ellipses of kernels, and slabs of depth.
 
 Ellipses are twins of `shaders/ellipse.glsl`; vectors are [3, N].
 
@@ -7,9 +7,8 @@ h(A⁻¹(x − v)), of unit volume, A = eye_from_index/s̄. Antialiasing widens 
 axes u_i of A's first two rows, of half widths σ_i, an offset shrinks by (σ_i/p)(z_v/z) where a pixel's
 side p at the voxel's depth z_v is longer than σ_i.
 
-Antialiasing jumps by O(1/z_k) at the depth where widening begins, so that a plane of voxels at exactly that depth would
-be widened in one precision and not in the other. The depth is increased slightly, into a gap between splats wider than
-float32's error.
+Antialiasing jumps by O(1/z_k) at the depth where widening begins: voxels at exactly that depth would be widened in one
+precision and not in the other. The depth is increased slightly, into a gap between splats wider than float32's error.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ def voxel_ellipse(eye_from_index: np.ndarray, e1: np.ndarray, e2: np.ndarray) ->
 def tangents(
     x: np.ndarray | float, z: np.ndarray | float, step: np.ndarray, deep: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far below and above x/z the slopes s are at which planes through the eye touch an ellipsoid at (x, z).
+    """Differences, below and above x/z, of the slopes s at which planes through the eye touch an ellipsoid at (x, z).
 
     step, deep: components [3, ...] of its half axes along the picture and along depth. (x − s z)² = |step − s deep|².
     """
@@ -90,8 +89,8 @@ def between(splats: Splats, view: GridView, low: float, high: float) -> np.ndarr
     rows = np.flatnonzero((depth.max(axis=0) + slack >= low) & (depth.min(axis=0) - slack <= high))
     count = start[rows + 1] - start[rows]
     member = np.arange(count.sum()) + np.repeat(start[rows] - (np.cumsum(count) - count), count)
-    found = view.voxels(splats.records["position"][member])
-    return np.asarray(found[:, (found[2] >= low) & (found[2] <= high)])
+    centres = view.voxels(splats.records["position"][member])
+    return np.asarray(centres[:, (centres[2] >= low) & (centres[2] <= high)])
 
 
 # a kernel is widened only from this many of its reaches in depth on
@@ -248,7 +247,7 @@ def widening(splats: Splats, view: GridView) -> Widening:
 
 
 def _clear(splats: Splats, view: GridView, depth: float) -> tuple[float, bool]:
-    """The first depth ≥ `depth` with no splat near, and whether there is one; else the middle of the widest gap."""
+    """The first depth ≥ `depth` without splats near it, and whether it exists; else the middle of the widest gap."""
     low, high = splats.index_bounds
     reach = np.abs(view.eye_from_index[2]) @ np.maximum(np.abs(low - view.eye_index), np.abs(high - view.eye_index))
     margin = DIGITS * ULP * float(reach + depth)
