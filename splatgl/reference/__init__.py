@@ -1,3 +1,3 @@
-"""The reference: the right picture in float64. `sg.reference.render` draws it."""
+"""The reference: exact pictures in float64. `sg.reference.render` draws them."""
 
 from splatgl.reference.renderer import render as render

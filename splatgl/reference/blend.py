@@ -1,6 +1,6 @@
 """Blending, and means of samples over pixels, in float64.
 
-An image in progress holds optical depth (a compensated sum) and premultiplied colour.
+An unfinished image stores optical depth (a compensated sum) and premultiplied colour.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from splatgl.splat.resolve import END_CORRECTION, Resolved
 from splatgl.splat.settings import BlendMode
 from splatgl.splat.transfer import Transfer
 
-# largest opacity below 1: bounds paper's attenuation of an opaque splat not widened except by rounding
+# largest opacity below 1: limits the paper's attenuation of an opaque splat that is widened by rounding only
 ALMOST_ONE = 1.0 - 2.0**-53
 
 
@@ -31,7 +31,7 @@ class Sum:
         return cls(np.zeros(shape), np.zeros(shape))
 
     def add(self, where: np.ndarray, term: np.ndarray) -> None:
-        """Adds `term` to the entries `where`, each named once."""
+        """Adds `term` to the distinct entries `where`."""
         old = self.total[where]
         new = old + term
         self.lost[where] += np.where(np.abs(old) >= np.abs(term), (old - new) + term, (term - new) + old)
@@ -45,7 +45,7 @@ class Sum:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Pairs of a chunk, front to back. pixel int [P]; depth [P]: optical depth, or opacity; color [P, 3];
+    """Pairs of splat and pixel, front to back. pixel int [P]; depth [P]: optical depth, or opacity; color [P, 3];
     coverage [P]: 1 where opacity is not attenuated.
     """
 
@@ -81,8 +81,8 @@ def add_over(band: Band, part: Part) -> None:
     depth = np.where(coverage < 1, -np.log1p(-np.minimum(opacity, ALMOST_ONE)), depth)
     before = _before(depth, start)
     length = np.diff(np.append(start, len(depth)))
-    seen = np.exp(-(np.repeat(band.depth.value[where], length) + before)) * opacity
-    band.color.add(where, np.add.reduceat(color * seen[:, None], start, axis=0))
+    visible = np.exp(-(np.repeat(band.depth.value[where], length) + before)) * opacity
+    band.color.add(where, np.add.reduceat(color * visible[:, None], start, axis=0))
     band.depth.add(where, np.add.reduceat(depth, start))
 
 
@@ -113,35 +113,35 @@ def pixels(band: Band, blend: BlendMode) -> np.ndarray:
 
 
 def joined(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
-    """[P, 4]: values and lengths of rays so far, the first columns, with other values [P] over `length` [P] ≥ 0.
+    """Joins values [P] over `length` [P] ≥ 0 to rays `light` [P, 4], whose first columns are value and length so far.
 
-    join: max, min, or mean, whose value is the sum by length. What has no length changes nothing.
+    join: max, min, or mean, whose value is the sum by length. Values without length change nothing.
     """
     before = light[:, 0]
     if join == "mean":
-        both = before + value * length
+        combined = before + value * length
     else:
         extreme = np.maximum(before, value) if join == "max" else np.minimum(before, value)
-        both = np.where(light[:, 1] > 0, extreme, value)
-    found = light.copy()
-    found[:, 0], found[:, 1] = np.where(length > 0, both, before), light[:, 1] + length
-    return found
+        combined = np.where(light[:, 1] > 0, extreme, value)
+    result = light.copy()
+    result[:, 0], result[:, 1] = np.where(length > 0, combined, before), light[:, 1] + length
+    return result
 
 
 def joined_value(light: np.ndarray, join: str) -> np.ndarray:
-    """Values [P] of rays [P, 4], NaN without any."""
+    """Values [P] of rays [P, 4]; NaN for rays without values."""
     length = np.where(light[:, 1] > 0, light[:, 1], np.nan)
     return np.asarray(light[:, 0] / length if join == "mean" else np.where(length > 0, light[:, 0], np.nan))
 
 
 def classified(transfer: Transfer, value: np.ndarray) -> np.ndarray:
-    """[P, 4]: colour · opacity, and opacity over the reference length, of values [P]; 0 of NaN."""
+    """[P, 4]: colour · opacity, and opacity over the reference length, of values [P]; 0 for NaN."""
     opacity = np.asarray(transfer.opacity(value))[:, None]
     return np.concatenate([transfer.color(value) * opacity, opacity], axis=1)
 
 
 def over_background(drawn: np.ndarray, resolved: Resolved) -> np.ndarray:
-    """Pictures [..., 4] over the background of the settings, which sums have none of."""
+    """Pictures [..., 4] over the background of the settings; sums have no background."""
     if resolved.background is None or resolved.look.blend.unbounded:
         return drawn
     return np.asarray(drawn + (1 - drawn[..., 3:]) * np.array([*resolved.background, 1.0]))
@@ -170,10 +170,10 @@ def _before(depth: np.ndarray, start: np.ndarray) -> np.ndarray:
 
 
 def pixel_means(samples: np.ndarray, k: int) -> np.ndarray:
-    """float64 [H, W, C] of samples [H k, W k, C]; those beyond the picture's edges repeat the last.
+    """float64 [H, W, C]: pixels of samples [H k, W k, C]; samples beyond the picture repeat those at its edge.
 
-    Along an axis (Σ f_j + (f_k − f_{k−1} − f_0 + f_{−1})/24)/k: all weights are positive, so that no mean is beyond the
-    samples. Exact for cubics. Twin of `shaders/resolve.frag`.
+    Along an axis (Σ f_j + (f_k − f_{k−1} − f_0 + f_{−1})/24)/k. All weights are positive, so that no mean leaves the
+    range of the samples. Exact for cubics. Twin of `shaders/resolve.frag`.
     """
     for axis in (0, 1):
         rows = np.moveaxis(samples, axis, 0)

@@ -1,7 +1,7 @@
 """Depth maps, by rays through the reconstructed field.
 
-Rays pass boxes of voxels that hold nothing at once, and walk through others in half voxels and from plane to plane of
-samples, between which values have no kinks; within the step that decides, values are looked up PARTS times.
+Rays skip empty boxes of voxels. Elsewhere they step by half a voxel, and stop at every plane of samples, between which
+values have no kinks; within the decisive step, values are evaluated PARTS times.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 from splatgl.splat.view import GridView
 
-# rays that a thread walks together, and most threads
+# rays per thread, and maximum number of threads
 RAYS, THREADS = 1 << 14, 8
-# places looked at within the step that decides
+# evaluations within the decisive step
 PARTS = 8
-# optical depth of the least share that is told from nothing
+# least optical depth that counts as something
 LEAST = 1e-9
 MOST_SHARE = 1 - 1e-6
-# rows of pixels whose rays are cut with triangles together
+# rows of pixels whose rays are intersected with triangles together
 BAND = 32
-# what an opaque surface absorbs: an optical depth that no share exceeds
+# opacity of an opaque surface: its optical depth exceeds that of any share
 OPAQUE = 1 - 1e-12
-# of what is looked for along a ray
+# values of `at` that search for an extreme value
 EXTREMES = ("max", "min")
 
 At = float | str
-# whether values can be seen
+# whether values are visible
 Shown = Callable[[np.ndarray], np.ndarray]
 
 
@@ -61,15 +61,15 @@ def depths(
 ) -> np.ndarray:
     """Eye-space depths float64 [H, W], along the view direction in world units, of rays through pixel centres.
 
-    at: the share of light whose absorption a depth tells, from 0 (where anything is) to below 1; or "max" or "min": of
-    the largest or least value, as `mip` and `minip` show it. NaN where the ray absorbs less, or that value is clear.
-    settings: planes that cut, and whether voxels are classified before they are interpolated; else values are. Meshes
-    absorb their opacity. Raises InputError for other `at`, and for volumes that are read in parts.
+    at: depth at which this share of light is absorbed, from 0 (at the first matter) to below 1; or "max" or "min": of
+    the largest or least value, as shown by `mip` and `minip`. NaN where the ray absorbs less, or the value is
+    transparent. settings: clip planes, and whether voxels are classified before interpolation. Meshes absorb their
+    opacity. Raises InputError for other `at`, and for volumes that are read in parts.
     """
     settings = settings or Settings()
     scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
     share, sign = _asked(at)
-    cut = [(layer, (*settings.clip, *own)) for layer, own in zip(scene.shown, scene.planes, strict=True)]
+    cut = [(layer, (*settings.clip, *planes)) for layer, planes in zip(scene.shown, scene.planes, strict=True)]
     pre = settings.classification == "pre"
     fields = [LayerField.of(layer, planes, camera, pre, sign) for layer, planes in cut]
     count = camera.size[0] * camera.size[1]
@@ -79,12 +79,12 @@ def depths(
         walk = partial(_absorbed, fields, _surfaces(scene.surfaces(settings), camera), LEAST - float(np.log1p(-share)))
     groups = [np.arange(first, min(first + RAYS, count)) for first in range(0, count, RAYS)]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, THREADS)) as pool:
-        found = np.concatenate(list(pool.map(walk, groups)))
-    return found.reshape(camera.size[::-1])
+        result = np.concatenate(list(pool.map(walk, groups)))
+    return result.reshape(camera.size[::-1])
 
 
 def _asked(at: At) -> tuple[float, float]:
-    """The share that is absorbed; and 0, or the sign of values whose maximum is looked for."""
+    """The absorbed share; and the sign of the values whose maximum is searched, 0 for a share."""
     if at in EXTREMES:
         return 0.0, 1.0 if at == "max" else -1.0
     if isinstance(at, str) or not 0 <= float(at) <= MOST_SHARE:
@@ -93,7 +93,7 @@ def _asked(at: At) -> tuple[float, float]:
 
 
 def _shown(look: Transfer, sign: float) -> Shown:
-    """Tells whether values times a sign can be seen; of labels opacities are looked for."""
+    """Returns a test whether values, multiplied by a sign, are visible; the values of labels are their opacities."""
 
     def shown(values: np.ndarray) -> np.ndarray:
         return np.asarray((values * sign if look.labels else look.opacity(values * sign)) > 0)
@@ -103,8 +103,8 @@ def _shown(look: Transfer, sign: float) -> Shown:
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """Meshes along rays. depth, passed [P, K]: eye-space depths, nearest first, and optical depths; the last infinite
-    and none.
+    """Meshes along rays. depth, passed [P, K]: eye-space depths, nearest first, the last infinite; and optical depths,
+    the last 0.
     """
 
     depth: np.ndarray
@@ -117,22 +117,22 @@ def _surfaces(meshes: Sequence[Mesh], camera: Camera) -> Surfaces:
         return Surfaces(np.full((count, 1), np.inf), np.zeros((count, 1)))
     width, height = camera.size
     bands = [Window(0, top, width, min(BAND, height - top)) for top in range(0, height, BAND)]
-    found = [crossings(meshes, camera, band, None) for band in bands]
-    most = max(each.distance.shape[1] for each in found)
+    crossed = [crossings(meshes, camera, band, None) for band in bands]
+    most = max(band.distance.shape[1] for band in crossed)
     distance, opacity = np.full((count, most), np.inf), np.zeros((count, most))
-    for band, each in zip(bands, found, strict=True):
+    for band, hits in zip(bands, crossed, strict=True):
         pixels = slice(band.y * width, (band.y + band.height) * width)
-        distance[pixels, : each.distance.shape[1]] = each.distance
-        opacity[pixels, : each.distance.shape[1]] = each.light[..., 3]
-    across, down = (each.ravel() for each in np.meshgrid(*camera.slopes()))
+        distance[pixels, : hits.distance.shape[1]] = hits.distance
+        opacity[pixels, : hits.distance.shape[1]] = hits.light[..., 3]
+    across, down = (slopes.ravel() for slopes in np.meshgrid(*camera.slopes()))
     length = np.sqrt(across**2 + down**2 + 1) if camera.perspective else np.ones(count)
     return Surfaces(distance / length[:, None], -np.log1p(-np.minimum(opacity, OPAQUE)))
 
 
 @dataclass(eq=False)
 class Walk:
-    """Rays that walk on, by number: where they are, what they passed, the next surface, and the last values of each
-    layer with integrals of extinction up to them; NaN where a ray comes from elsewhere.
+    """Active rays: their numbers, depths, passed optical depths, next surfaces, and last values [layers, N]; NaN for
+    rays that have just entered.
     """
 
     ray: np.ndarray
@@ -142,35 +142,35 @@ class Walk:
     value: np.ndarray
 
     def keep(self, some: np.ndarray) -> None:
-        """Goes on with some of them."""
+        """Continues with some of the rays."""
         self.ray, self.depth, self.passed, self.surface = (
-            each[some] for each in (self.ray, self.depth, self.passed, self.surface)
+            array[some] for array in (self.ray, self.depth, self.passed, self.surface)
         )
         self.value = self.value[:, some]
 
 
 def _begin(fields: Sequence[LayerField], rays: np.ndarray) -> Walk:
     count = len(rays)
-    nearest = np.min([np.where(each.far > each.near, each.near, np.inf)[rays] for each in fields], axis=0)
+    nearest = np.min([np.where(field.far > field.near, field.near, np.inf)[rays] for field in fields], axis=0)
     zero = np.zeros(count)
     start = np.where(np.isfinite(nearest), nearest, 0.0)
     return Walk(rays, start, zero, np.zeros(count, np.int64), np.full((len(fields), count), np.nan))
 
 
 def _ends(fields: Sequence[LayerField], walk: Walk) -> np.ndarray:
-    """Where a step of each ray ends: half a voxel on, at a plane of samples or a label's face, or where a layer begins
-    or ends.
+    """End of each ray's next step: after half a voxel, at a plane of samples or a label's face, or at the start or end
+    of a layer.
     """
-    end = walk.depth + np.min([each.step[walk.ray] for each in fields], axis=0)
-    for each in fields:
-        end = np.minimum(end, each.face(walk.depth, walk.ray))
-        for edge in (each.near[walk.ray], each.far[walk.ray]):
+    end = walk.depth + np.min([field.step[walk.ray] for field in fields], axis=0)
+    for field in fields:
+        end = np.minimum(end, field.face(walk.depth, walk.ray))
+        for edge in (field.near[walk.ray], field.far[walk.ray]):
             end = np.where((edge > walk.depth) & (edge < end), edge, end)
     return end
 
 
 def _through(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, number: int) -> np.ndarray:
-    """Optical depths [N] of a layer on a step of some rays to depths `end`; its values there are kept."""
+    """Optical depths [N] of a layer along a step of some rays to depths `end`; stores the values there in the walk."""
     ray, depth = walk.ray[some], walk.depth[some]
     passed = np.zeros(len(some))
     inside = np.flatnonzero((depth >= field.near[ray]) & (end <= field.far[ray]) & (depth < end))
@@ -198,12 +198,12 @@ def _through(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, n
 
 def _absorbed(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, rays: np.ndarray) -> np.ndarray:
     """Depths where the optical depth along rays reaches `enough`; NaN where it does not."""
-    found = np.full(len(rays), np.nan)
-    # steps within which it is reached: their ends, and the optical depth that is left
+    result = np.full(len(rays), np.nan)
+    # decisive steps: their ends, and the optical depth still missing
     within = np.full((3, len(rays)), np.nan)
     walk, at = _begin(fields, rays), rays[0]
     while len(walk.ray):
-        free = np.min([each.free(walk.depth, walk.ray) for each in fields], axis=0)
+        free = np.min([field.free(walk.depth, walk.ray) for field in fields], axis=0)
         end = np.where(free > 0, walk.depth + free, _ends(fields, walk))
         # a step ends at a surface, too
         next_ = surfaces.depth[walk.ray, walk.surface]
@@ -211,9 +211,9 @@ def _absorbed(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, r
         end = np.where(meets, np.maximum(next_, walk.depth), end)
         some = np.flatnonzero(free == 0)
         passed = np.zeros(len(end))
-        for number, each in enumerate(fields):
+        for number, field in enumerate(fields):
             walk.value[number, free > 0] = np.nan
-            passed[some] += _through(each, walk, some, end[some], number)
+            passed[some] += _through(field, walk, some, end[some], number)
         ends = np.flatnonzero(walk.passed + passed >= enough)
         within[:, walk.ray[ends] - at] = walk.depth[ends], end[ends], enough - walk.passed[ends]
         walk.passed += passed
@@ -222,21 +222,23 @@ def _absorbed(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, r
         walk.passed[hit] += surfaces.passed[walk.ray[hit], walk.surface[hit]]
         walk.surface[hit] += 1
         ends = hit[walk.passed[hit] >= enough]
-        found[walk.ray[ends] - at] = next_[ends]
+        result[walk.ray[ends] - at] = next_[ends]
         walk.depth = end
         walk.keep((walk.passed < enough) & np.isfinite(end))
     some = np.flatnonzero(np.isfinite(within[0]))
     begin, end, left = within[:, some]
-    found[some] = _within(fields, rays[some], (begin, end), left)
-    return found
+    result[some] = _within(fields, rays[some], (begin, end), left)
+    return result
 
 
 def _within(
     fields: Sequence[LayerField], rays: np.ndarray, ends: tuple[np.ndarray, np.ndarray], left: np.ndarray
 ) -> np.ndarray:
-    """Where within a step the optical depth that is left is reached: by PARTS of it, and of the part that decides."""
+    """Depth within a step where the missing optical depth is reached: divides the step, then the decisive part, by
+    PARTS.
+    """
     begin, end = ends
-    every = np.arange(len(rays))
+    all_rays = np.arange(len(rays))
     share = np.zeros(len(rays))
     for _ in range(2):
         part = (end - begin) / PARTS
@@ -244,13 +246,13 @@ def _within(
         walk = Walk(rays, begin, passed[0], passed[0], np.full((len(fields), len(rays)), np.nan))
         for n in range(PARTS):
             to = begin + part * (n + 1)
-            more = [_through(each, walk, every, to, number) for number, each in enumerate(fields)]
+            more = [_through(field, walk, all_rays, to, number) for number, field in enumerate(fields)]
             passed[n + 1] = passed[n] + np.sum(more, axis=0)
             walk.depth = to
-        # what the parts add up to is not exactly what the step did
+        # the parts do not add up exactly to the step
         left = np.minimum(left, passed[-1])
         n = np.clip((passed < left).sum(axis=0) - 1, 0, PARTS - 1)
-        low, high = passed[n, every], passed[n + 1, every]
+        low, high = passed[n, all_rays], passed[n + 1, all_rays]
         begin, left = begin + part * n, left - low
         end = begin + part
         share = np.clip(left / np.where(high > low, high - low, 1.0), 0.0, 1.0)
@@ -258,60 +260,60 @@ def _within(
 
 
 def _extreme(fields: Sequence[LayerField], shown: Sequence[Shown], rays: np.ndarray) -> np.ndarray:
-    """Depths of the largest values along rays; NaN where that can't be seen, or there is none."""
+    """Depths of the largest values along rays; NaN where that value is invisible or there is none."""
     best, place, layer = np.full(len(rays), -np.inf), np.full(len(rays), np.nan), np.zeros(len(rays), np.int64)
     walk, at = _begin(fields, rays), rays[0]
 
-    def look(number: int, each: LayerField, some: np.ndarray, depth: np.ndarray) -> None:
+    def look(number: int, field: LayerField, some: np.ndarray, depth: np.ndarray) -> None:
         ray = walk.ray[some]
-        inside = np.flatnonzero((depth >= each.near[ray]) & (depth <= each.far[ray]) & (each.far > each.near)[ray])
-        ray, seen = ray[inside] - at, depth[inside]
-        if each.samples.nearest:
-            # of the voxel that the ray enters there
-            seen = (seen + each.face(seen, ray + at)) / 2
-        value = each.values(seen, ray + at)
-        if each.mask is not None:
-            value[each.kept(depth[inside], ray + at) < 0] = -np.inf
+        inside = np.flatnonzero((depth >= field.near[ray]) & (depth <= field.far[ray]) & (field.far > field.near)[ray])
+        ray, visible = ray[inside] - at, depth[inside]
+        if field.samples.nearest:
+            # the value of the voxel that the ray enters there
+            visible = (visible + field.face(visible, ray + at)) / 2
+        value = field.values(visible, ray + at)
+        if field.mask is not None:
+            value[field.kept(depth[inside], ray + at) < 0] = -np.inf
         better = np.flatnonzero(value > best[ray])
         best[ray[better]], place[ray[better]] = value[better], depth[inside[better]]
         layer[ray[better]] = number
 
     while len(walk.ray):
-        free = np.min([each.free(walk.depth, walk.ray, best[walk.ray - at]) for each in fields], axis=0)
+        free = np.min([field.free(walk.depth, walk.ray, best[walk.ray - at]) for field in fields], axis=0)
         some = np.flatnonzero(free == 0)
-        for number, each in enumerate(fields):
-            look(number, each, some, walk.depth[some])
+        for number, field in enumerate(fields):
+            look(number, field, some, walk.depth[some])
         walk.depth = np.where(free > 0, walk.depth + free, _ends(fields, walk))
         walk.keep(np.isfinite(walk.depth))
-    seen = np.zeros(len(rays), bool)
-    for number, each in enumerate(fields):
+    visible = np.zeros(len(rays), bool)
+    for number, field in enumerate(fields):
         walk = _begin(fields, rays[np.isfinite(place) & (layer == number)])
-        if each.samples.nearest:
-            seen[walk.ray - at] = shown[number](best[walk.ray - at])
+        if field.samples.nearest:
+            visible[walk.ray - at] = shown[number](best[walk.ray - at])
             continue
-        step = 2 * each.step[walk.ray] / PARTS
+        step = 2 * field.step[walk.ray] / PARTS
         middle = place[walk.ray - at]
         for n in range(-PARTS // 2, PARTS // 2 + 1):
-            look(number, each, np.arange(len(walk.ray)), middle + n * step)
-        seen[walk.ray - at] = shown[number](best[walk.ray - at])
-    return np.where(seen, place, np.nan)
+            look(number, field, np.arange(len(walk.ray)), middle + n * step)
+        visible[walk.ray - at] = shown[number](best[walk.ray - at])
+    return np.where(visible, place, np.nan)
 
 
-# cells along the sides of boxes that are passed at once
+# cells along the sides of boxes that rays skip
 BLOCK = 4
-# cells of the table of extinction, and least of those between its points
+# cells of the extinction table, and of the integral from which it is sampled
 CELLS, LEAST_CELLS = 1 << 16, 1 << 12
 # steps between two voxels
 STEPS = 2
-# voxels within which a place is at a face
+# distance, in voxels, within which a place is at a face
 AT_FACE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Numbers on a grid. flat: [D·H·W] in the order z, y, x; shape: (D, H, W). nearest: nothing lies between two.
+    """Numbers on a grid. flat: [D·H·W] in the order z, y, x; shape: (D, H, W). nearest: without interpolation.
 
-    missing: which samples are none, or None; they have the mean of their neighbours.
+    missing: which samples are missing, or None; these hold the mean of their neighbours.
     """
 
     flat: np.ndarray
@@ -321,14 +323,14 @@ class Samples:
 
     @classmethod
     def of(cls, samples: np.ndarray, nearest: bool = False) -> Samples:
-        """Of an array [D, H, W]."""
+        """Samples of an array [D, H, W]."""
         finite = np.isfinite(samples) if samples.dtype.kind == "f" else None
         if finite is None or finite.all():
             return cls(samples.ravel(), samples.shape, nearest)
         return cls(_filled(samples, finite).ravel(), samples.shape, nearest, ~finite.ravel())
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """Values [N] at grid positions [3, N], linear between samples; NaN in the cells of those that are none."""
+        """Values [N] at grid positions [3, N], linear between samples; NaN nearest to missing ones."""
         last = np.array(self.shape[::-1])[:, None] - 1
         places = np.clip(places, 0, last)
         kind = np.float32 if self.flat.dtype.itemsize <= 2 or self.flat.dtype == np.float32 else np.float64
@@ -336,7 +338,7 @@ class Samples:
         strides = np.array([x, y, z])[:, None]
         cell = np.rint(places).astype(np.int64)
         if self.nearest:
-            found = self.flat.take((cell * strides).sum(axis=0)).astype(np.float64)
+            values = self.flat.take((cell * strides).sum(axis=0)).astype(np.float64)
         else:
             first = np.minimum(places.astype(np.int64), np.maximum(last - 1, 0))
             share = (places - first).astype(kind)
@@ -344,10 +346,10 @@ class Samples:
             dx, dy, dz = (stride if size > 1 else 0 for stride, size in zip((x, y, z), self.shape[::-1], strict=True))
             rows = [self._between(base + step, dx, share[0], kind) for step in (0, dy, dz, dy + dz)]
             near, far = (a + (b - a) * share[1] for a, b in (rows[:2], rows[2:]))
-            found = np.asarray(near + (far - near) * share[2], np.float64)
+            values = np.asarray(near + (far - near) * share[2], np.float64)
         if self.missing is not None:
-            found[self.missing.take((cell * strides).sum(axis=0))] = np.nan
-        return found
+            values[self.missing.take((cell * strides).sum(axis=0))] = np.nan
+        return values
 
     def _between(self, at: np.ndarray, stride: int, share: np.ndarray, kind: type) -> np.ndarray:
         first: np.ndarray = self.flat.take(at).astype(kind)
@@ -356,7 +358,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Extinction per world length of values. below [CELLS + 1]: its integral from `low` on, at equal steps until
+    """Extinction per world length of values. below [CELLS + 1]: its integral from `low` on, at equal steps up to
     `high`; None: values are extinctions.
     """
 
@@ -365,7 +367,7 @@ class Look:
     below: np.ndarray | None = None
 
     def until(self, values: np.ndarray) -> np.ndarray:
-        """The integral of extinction over values [N], from the lowest on."""
+        """Integral of extinction from the lowest value to values [N]."""
         if self.below is None:
             return values * np.abs(values) / 2
         place = np.clip((values - self.low) * (CELLS / (self.high - self.low)), 0, CELLS)
@@ -374,19 +376,19 @@ class Look:
         return np.asarray(below + (self.below.take(cell + 1) - below) * (place - cell))
 
     def mean(self, first: np.ndarray, last: np.ndarray, until: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Mean extinction between two values, of which the integrals are known."""
+        """Mean extinctions between values `first` and `last`. until: their integrals."""
         if self.below is None:
             return np.maximum((first + last) / 2, 0.0)
         width = (self.high - self.low) / CELLS
         alike = np.abs(last - first) < width
-        found = (until[1] - until[0]) / np.where(alike, 1.0, last - first)
+        mean = (until[1] - until[0]) / np.where(alike, 1.0, last - first)
         some = np.flatnonzero(alike)
         place = np.clip(((first[some] + last[some]) / 2 - self.low) / width, 0, CELLS - 1).astype(np.int64)
-        found[some] = (self.below.take(place + 1) - self.below.take(place)) / width
-        return found
+        mean[some] = (self.below.take(place + 1) - self.below.take(place)) / width
+        return mean
 
     def holds(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Whether any value between two has an extinction; of low above high, none."""
+        """Whether any value from `low` to `high` has extinction; False where low > high."""
         first, last = low.ravel(), high.ravel()
         until = self.until(first), self.until(last)
         with np.errstate(invalid="ignore"):
@@ -397,8 +399,8 @@ class Look:
 @dataclass(frozen=True, eq=False)
 class LayerField:
     """A layer along rays. start, per_depth [3, P]: grid positions at depth 0, and per eye-space depth; near, far [P]:
-    depths between which a ray is within the layer and its cuts; length [P]: of a ray, per depth. low, high: least and
-    greatest sample of each box of BLOCK cells; holds: whether any of it can be seen. mask: what cuts it, or None.
+    depths between which a ray is in the clipped layer; length [P]: of a ray, per depth. low, high: least and greatest
+    sample of each box of BLOCK cells; holds: whether it has anything visible. mask: of the layer, or None.
     """
 
     samples: Samples
@@ -417,8 +419,8 @@ class LayerField:
     def of(
         cls, layer: Layer, planes: tuple[Plane, ...], camera: Camera, pre: bool = False, sign: float = 0.0
     ) -> LayerField:
-        """pre: voxels are classified, then interpolated. sign: 1 or −1: times that, values are looked for, not what
-        absorbs. Raises InputError for volumes that are read in parts.
+        """pre: classify voxels, then interpolate. sign: 1 or −1: search the largest of the values times this sign,
+        instead of absorption. Raises InputError for volumes that are read in parts.
         """
         volume = layer.volume
         if not isinstance(volume.samples, np.ndarray):
@@ -432,22 +434,22 @@ class LayerField:
         view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
         pixels = np.arange(camera.size[0] * camera.size[1])
         rays = Rays.of(view, camera, volume.shape[::-1], pixels, Clip.of(planes, grid))
-        across, down = (each.ravel() for each in np.meshgrid(*camera.slopes()))
+        across, down = (slopes.ravel() for slopes in np.meshgrid(*camera.slopes()))
         length = np.sqrt(across**2 + down**2 + 1) if camera.perspective else np.ones(len(pixels))
         # index units of a ray per depth
         speed = length / (rays.stretch * grid.mean_spacing)
         low, high = _extremes(samples)
         holds = np.ones(low.shape, bool) if sign else look.holds(low, high)
-        # of labels, voxels that masks leave out are clear
+        # masked voxels of labels are transparent already
         mask = MaskField.of(volume) if not samples.nearest else None
         if mask is not None:
-            kept = _extremes(Samples.of(volume.kept((0, 0, 0), volume.shape).astype(np.uint8)))[1] > 0
-            holds, high = holds & kept, np.where(kept, high, -np.inf)
+            unmasked = _extremes(Samples.of(volume.kept((0, 0, 0), volume.shape).astype(np.uint8)))[1] > 0
+            holds, high = holds & unmasked, np.where(unmasked, high, -np.inf)
         ends = rays.near / speed, rays.far / speed
         return cls(samples, look, rays.start, rays.direction * speed, *ends, length, low, high, holds, mask)
 
     def part(self, some: np.ndarray) -> LayerField:
-        """Along some of the rays."""
+        """The layer along some of the rays."""
         start, along = self.start[:, some], self.per_depth[:, some]
         ends = {name: getattr(self, name)[some] for name in ("near", "far", "length")}
         return replace(self, start=start, per_depth=along, **ends)
@@ -458,7 +460,7 @@ class LayerField:
         return np.asarray(1 / (STEPS * np.linalg.norm(self.per_depth, axis=0)))
 
     def face(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Depths of the next planes of samples behind depths of rays, where values have kinks; of labels, of the next
+        """Depths of the next planes of samples behind depths of rays, where values have kinks; for labels, of the next
         faces of voxels.
         """
         along, half = self.per_depth[:, rays], 0.5 if self.samples.nearest else 0.0
@@ -469,18 +471,18 @@ class LayerField:
         return np.asarray(depth + left.min(axis=0))
 
     def values(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Values at depths of rays, by number; NaN where none is known."""
+        """Values at depths of rays; NaN where samples are missing. rays: their numbers."""
         return self.samples.at(self.start[:, rays] + self.per_depth[:, rays] * depth)
 
     def kept(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """The mask less its edge at depths of rays; matter ends where it falls below 0."""
+        """The mask minus its edge at depths of rays; matter ends where it falls below 0."""
         assert self.mask is not None
         return self.mask.at(self.start[:, rays] + self.per_depth[:, rays] * depth)
 
     def free(self, depth: np.ndarray, rays: np.ndarray, best: np.ndarray | None = None) -> np.ndarray:
-        """How far nothing can be seen from depths of rays on: 0 where something may be, infinite behind the layer.
+        """Empty distance ahead of depths of rays: 0 where something may be visible, infinite behind the layer.
 
-        best: values that must be exceeded instead.
+        best: values above which something is visible.
         """
         start, along = self.start[:, rays], self.per_depth[:, rays]
         last = np.array(self.samples.shape[::-1])[:, None] - 1
@@ -489,19 +491,19 @@ class LayerField:
         empty = ~self.holds[z, y, x] if best is None else self.high[z, y, x] <= best
         some = np.flatnonzero(empty)
         ends = np.where(along[:, some] > 0, cell[:, some] + 1, cell[:, some]) * float(BLOCK)
-        # the outermost cells reach until the volume's ends, which far tells
+        # the outermost cells extend to the volume's ends, at `far`
         outer = (ends <= 0) | (ends >= last)
         with np.errstate(divide="ignore", invalid="ignore"):
             out = np.where((along[:, some] == 0) | outer, np.inf, (ends - start[:, some]) / along[:, some])
-        found = np.zeros(len(depth))
-        # a little beyond the end of the box
-        found[some] = np.maximum(out.min(axis=0) - depth[some], 0.0) + 1e-6 * self.step[rays[some]]
-        found = np.where(depth < self.near[rays], self.near[rays] - depth, found)
-        return np.where((depth >= self.far[rays]) | (self.far[rays] <= self.near[rays]), np.inf, found)
+        distance = np.zeros(len(depth))
+        # slightly beyond the end of the box
+        distance[some] = np.maximum(out.min(axis=0) - depth[some], 0.0) + 1e-6 * self.step[rays[some]]
+        distance = np.where(depth < self.near[rays], self.near[rays] - depth, distance)
+        return np.where((depth >= self.far[rays]) | (self.far[rays] <= self.near[rays]), np.inf, distance)
 
 
 def _of_values(layer: Layer, sign: float) -> Samples:
-    """Values times a sign, of labels the opacities of their voxels, times it, as pictures of maxima show these."""
+    """Values times a sign; for labels their opacities, as in pictures of maxima."""
     values = layer.volume.samples
     if layer.seen.labels:
         return Samples.of(_opacities(layer) * sign, nearest=True)
@@ -509,7 +511,7 @@ def _of_values(layer: Layer, sign: float) -> Samples:
 
 
 def _opacities(layer: Layer) -> np.ndarray:
-    """Of the voxels of labels; 0 of those that masks leave out."""
+    """Opacities [D, H, W] of labels' voxels; 0 where masked."""
     volume = layer.volume
     opacity = np.asarray(layer.seen.opacity(volume.samples), np.float64)
     opacity = np.where(opacity > layer.threshold, opacity, 0.0)
@@ -517,7 +519,7 @@ def _opacities(layer: Layer) -> np.ndarray:
 
 
 def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
-    """Values with their extinctions; or extinctions of voxels, where these are classified before reconstruction."""
+    """Values with their extinctions; or extinctions of voxels classified before reconstruction."""
     volume, look = layer.volume, layer.seen
     unit = look.unit or Grid(volume.world_from_index, np.zeros(3)).mean_spacing
     values = np.asarray(volume.samples)
@@ -528,7 +530,7 @@ def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     if pre or look.gradient or only_pre(volume, look, layer.threshold) or not low < high:
         opacity = look.opacity(values)
         if look.gradient:
-            z, y, x = (each.ravel() for each in np.indices(values.shape))
+            z, y, x = (index.ravel() for index in np.indices(values.shape))
             slope = gradients(values, x, y, z) @ np.linalg.inv(volume.world_from_index)
             opacity = opacity * look.weight(np.linalg.norm(slope, axis=1)).reshape(values.shape)
         opacity = np.where(opacity > layer.threshold, opacity, 0.0)
@@ -538,8 +540,8 @@ def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
 
 
 def _extremes(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest sample of each box of BLOCK cells [D, H, W], its far faces with it."""
-    found = []
+    """Least and greatest sample of each box of BLOCK cells [D, H, W], including its far faces."""
+    extremes = []
     for extreme in (np.minimum, np.maximum):
         some = samples.flat.reshape(samples.shape)
         if samples.missing is not None:
@@ -550,17 +552,17 @@ def _extremes(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
             within = extreme.reduceat(some, starts, axis=axis)
             ends = np.minimum(starts + BLOCK, size - 1)
             some = extreme(within, some.take(ends, axis=axis))
-        found.append(some.astype(np.float64))
-    return found[0], found[1]
+        extremes.append(some.astype(np.float64))
+    return extremes[0], extremes[1]
 
 
 def _filled(samples: np.ndarray, finite: np.ndarray) -> np.ndarray:
-    """Samples, those that are not finite as the mean of the finite ones of their 26 neighbours, or NaN without any."""
+    """Replaces samples that are not finite by the mean of their finite neighbours, out of 26; NaN if there are none."""
     sums, count = np.where(finite, samples, 0.0).astype(np.float64), finite.astype(np.float64)
     for axis in range(3):
-        for each in (sums, count):
-            wide = np.pad(each, [(1, 1) if n == axis else (0, 0) for n in range(3)])
-            size = each.shape[axis]
-            each += wide.take(range(size), axis=axis) + wide.take(range(2, size + 2), axis=axis)
+        for array in (sums, count):
+            wide = np.pad(array, [(1, 1) if n == axis else (0, 0) for n in range(3)])
+            size = array.shape[axis]
+            array += wide.take(range(size), axis=axis) + wide.take(range(2, size + 2), axis=axis)
     with np.errstate(invalid="ignore"):
         return np.where(finite, samples, np.where(count > 0, sums / count, np.nan))

@@ -1,7 +1,7 @@
 """The picture of a scalar field: the volume rendering integral of reconstructed, then classified values, in float64.
 
-The field is the kernels' normalised sum, trilinear interpolation, or a formula; every sample counts, not only those
-that extraction keeps. Its difference to a picture by sheets is the error of sheets.
+The field is the kernels' normalised sum, trilinear interpolation, or a formula, of all samples, not only of those that
+extraction keeps. Its difference from a picture by sheets is the error of sheets.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from splatgl.splat.view import GridView
 
 # rays and points per batch
 RAYS, POINTS = 1 << 14, 1 << 12
-# voxels around a point that it reads, in each direction
+# reach of a point's neighbourhood, in voxels
 REACH = 2
 # steps per voxel through the field of kept values
 STEPS = 4
@@ -49,7 +49,7 @@ Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
-    """The kernels' normalised sum of coefficients, and of gradients, of all finite samples; NaN beyond their reach."""
+    """The kernels' normalised sums of coefficients and gradients of all finite samples; NaN beyond their reach."""
     u = _values(volume, post)
     c = prefiltered(u, shape, PREFILTERED.get(shape.name, 0))
     terms = _terms(volume, u, c, post)
@@ -60,7 +60,7 @@ def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
 def _kernel_mean(
     shape: Kernel, post: ValueClassifier, taken: Callable[[np.ndarray], np.ndarray], places: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A field's value and gradient at places [3, P]; taken: 1, coefficient and world gradient [P, 5] of cells."""
+    """Value and gradient at places [3, P]; taken: returns 1, coefficient and world gradient [P, 5] of cells."""
     sums = np.zeros((places.shape[1], 5))
     first = np.floor(places).astype(np.int64)
     for step in np.ndindex(4, 4, 4):
@@ -72,7 +72,7 @@ def _kernel_mean(
 
 
 def trilinear_field(volume: Volume, post: ValueClassifier) -> Field:
-    """What ray casters interpolate: samples, and central differences of them."""
+    """Trilinear interpolation of samples and of their central differences, as in ray casters."""
     u = _values(volume, post)
     terms = _terms(volume, u, u, post, order=2)
     last = np.array(u.shape[::-1])[:, None] - 1
@@ -114,11 +114,10 @@ def _taken(terms: np.ndarray, cell: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Marched:
-    """A field and its look. free uint8 [D, H, W]: distance in voxels to one that opaque points need, at most LEAP.
-
-    spacing: mean spacing, unit: reference length of opacities, both in world units. span: of the values over which the
-    transfer function varies. classified: its integral over values: steps are classified by all values that they pass,
-    so that no spike is stepped over; None: by those in their middle.
+    """A field and its appearance. free uint8 [D, H, W]: distance in voxels to a voxel that opaque points need, at most
+    LEAP. spacing: mean spacing, unit: reference length of opacities, both in world units. span: range of values over
+    which the transfer function varies. classified: integral of the transfer function, to classify a step by all values
+    that it passes, so that no spike is missed; None: by the value in its middle.
     """
 
     field: Field
@@ -140,7 +139,7 @@ class Marched:
 
     def classes(self, places: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """[P, 4], [P, 3]: colour and extinction per mean spacing, and gradients, of steps around grid positions [3, P].
-        half [3, P]: from there to a step's ends. Of a continuous field means over all values that a step passes.
+        half [3, P]: offset from there to a step's ends.
         """
         if self.classified is None:
             value, gradient = self.field(places)
@@ -148,27 +147,26 @@ class Marched:
             extinction = self.transfer.extinction(opacity, self.unit)
             return np.column_stack([self.transfer.color(value), extinction * self.spacing]), gradient
         middle, gradient = self.field(places)
-        seen, matter = np.isfinite(middle), np.zeros((len(middle), 4))
+        known, matter = np.isfinite(middle), np.zeros((len(middle), 4))
         for end in (places - half, places + half):
             value, _ = self.field(end)
-            # beyond the field as in the middle
+            # beyond the field, the value in the middle
             value = np.where(np.isnan(value), middle, value)
-            matter += self.classified.mean(np.where(seen, middle, 0.0), np.where(seen, value, 0.0)) / 2
-        matter *= seen[:, None]
+            matter += self.classified.mean(np.where(known, middle, 0.0), np.where(known, value, 0.0)) / 2
+        matter *= known[:, None]
         color = matter[:, :3] / np.where(matter[:, 3:] > 0, matter[:, 3:], 1.0)
         extinction = weighted(matter[:, 3], self.transfer.weight(np.linalg.norm(gradient, axis=1)))
         return np.column_stack([color, extinction * (self.spacing / self.unit)]), gradient
 
     def light(self, places: np.ndarray, half: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
-        """[P, 4]: colour, and extinction per mean spacing, of steps around grid positions [3, P]. half [3, P]: from
-        there to their ends; toward [P, 3]: ray, world axes. face [P, 3]: normals that replace the field's; 0 where they
-        don't.
+        """[P, 4]: shaded colour, and extinction per mean spacing, of steps around grid positions [3, P]. half [3, P]:
+        offset to their ends; toward [P, 3]: rays, world axes. face [P, 3]: normals that replace the field's unless 0.
         """
-        found = np.empty((places.shape[1], 4))
-        for first in range(0, len(found), POINTS):
+        result = np.empty((places.shape[1], 4))
+        for first in range(0, len(result), POINTS):
             some = slice(first, first + POINTS)
-            found[some], gradient = self.classes(places[:, some], half[:, some])
-            found[some] *= self.kept(places[:, some])[:, None]
+            result[some], gradient = self.classes(places[:, some], half[:, some])
+            result[some] *= self.kept(places[:, some])[:, None]
             if self.light_by is not None:
                 if face is not None:
                     cut = face[some]
@@ -181,11 +179,11 @@ class Marched:
                     factor, highlight = (
                         a * (1 - share) + b * share for a, b in zip((factor, highlight), on_face, strict=True)
                     )
-                found[some, :3] = found[some, :3] * factor[:, None] + highlight[:, None]
-        return found
+                result[some, :3] = result[some, :3] * factor[:, None] + highlight[:, None]
+        return result
 
     def _lit(self, places: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Factors of colours, and highlights, of surfaces with normals [P, 3]."""
+        """Factors of colours [P] and highlights [P] of surfaces with normals [P, 3]."""
         assert self.light_by is not None
         reached = self.cues.reached(places.T, normal, toward) if self.cues else None
         return surface_light(normal, toward, self.light_by, self.shines, reached)
@@ -193,8 +191,8 @@ class Marched:
 
 @dataclass(frozen=True, eq=False)
 class PixelRays:
-    """samples × samples rays in each pixel of a picture, clipped to the box of `shape` voxels; each is a pixel of
-    `camera`.
+    """samples × samples rays in each pixel of a picture, clipped to the box of `shape` voxels. camera: with one pixel
+    for each ray.
     """
 
     view: GridView
@@ -207,7 +205,7 @@ class PixelRays:
     def of(
         cls, grid: Grid, camera: Camera, samples: int, shape: tuple[int, int, int], clip: Clip | None = None
     ) -> PixelRays:
-        """Without antialiasing of its own."""
+        """The rays of a camera's picture, without further antialiasing."""
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         return cls(GridView.of(grid, fine, kernel_named("b-spline"), antialias=False), fine, samples, shape, clip)
 
@@ -218,7 +216,7 @@ class PixelRays:
         march = partial(_one_value, mode.join) if mode.one_value else partial(_march, mode.unbounded)
         groups = np.split(rays, range(RAYS, len(rays), RAYS))
         cut = [Rays.of(self.view, self.camera, self.shape, group, self.clip) for group in groups]
-        drawn = [march(marched, each, steps) for each in cut]
+        drawn = [march(marched, rays, steps) for rays in cut]
         return np.asarray(np.concatenate(drawn).reshape(len(pixels), -1, 4).mean(axis=1))
 
 
@@ -231,7 +229,7 @@ def field_integral(
     samples: int = 1,
     blend: str = "composite",
 ) -> Image:
-    """The picture of a field, float64 [H, W, 4], without antialiasing.
+    """Picture of a field, float64 [H, W, 4], without antialiasing.
 
     field: "trilinear", a kernel's name, or a function from grid positions [3, P] to values [P] and world gradients
     [P, 3]. Midpoint rule, steps of 1/steps_per_voxel in index space; samples × samples rays a
@@ -268,8 +266,7 @@ def field_integral(
 def kept_field_integral(
     splats: Splats, camera: Camera, pixels: np.ndarray, samples: int = 1, settings: Settings | None = None
 ) -> np.ndarray:
-    """float64 [P, 4]: the picture of the field of values kept for classification after reconstruction, at pixels [P],
-    row by row from the top: `field_integral` with its kernel, without what extraction leaves out.
+    """float64 [P, 4]: `field_integral` of the values that extraction kept, at pixels [P], row by row from the top.
 
     Blend, shading and background are the settings'.
     """
@@ -277,15 +274,15 @@ def kept_field_integral(
     post, records = splats.post, splats.records
     assert post is not None
     x, y, z = np.rint(records["position"]).astype(np.int64).T
-    kept = np.zeros(post.shape[::-1], bool)
-    kept[z, y, x] = True
-    # the entry after the last is of voxels that were left out
-    entry = np.full(tuple(size + 2 * REACH for size in kept.shape), len(records), np.int32)
+    occupied = np.zeros(post.shape[::-1], bool)
+    occupied[z, y, x] = True
+    # the entry after the last stands for dropped voxels
+    entry = np.full(tuple(size + 2 * REACH for size in occupied.shape), len(records), np.int32)
     entry[z + REACH, y + REACH, x + REACH] = np.arange(len(records), dtype=np.int32)
     terms = np.column_stack([np.ones(len(records)), records["value"], records["gradient"] / splats.grid.mean_spacing])
     terms = np.concatenate([terms, np.zeros((1, 5))])
     field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_taken(entry, cell)])
-    free = distances(spread(kept, np.arange(-1, 2)))
+    free = distances(spread(occupied, np.arange(-1, 2)))
     resolved = Resolved.of(ahead(splats, camera), camera, settings)
     look = resolved.look
     cues = resolved.cues
@@ -299,7 +296,7 @@ def kept_field_integral(
 
 
 def _free(volume: Volume, post: ValueClassifier) -> np.ndarray:
-    """Distances of voxels to those that may be near an opaque point."""
+    """uint8 [D, H, W]: distances of voxels to voxels that may be near an opaque point."""
     u = _values(volume, post)
     return distances(spread(needed(u, 2, post.wanted)[0], np.arange(-1, 2)))
 
@@ -311,7 +308,7 @@ def _steps(rays: Rays, steps: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the classes of the rays' maxima, minima or means; 0 of rays without a finite value."""
+    """float64 [P, 4]: the classified maxima, minima or means of rays; 0 for rays without a finite value."""
     slabs, step = _steps(rays, steps)
     light = np.zeros((len(slabs), 4))
     for slab in range(slabs.max(initial=0)):
@@ -325,7 +322,7 @@ def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarra
 
 
 def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the integral along the rays; sums: of extinction and of extinction times colour."""
+    """float64 [P, 4]: the integrals along rays; sums: plain sums of extinction and of extinction times colour."""
     slabs, step = _steps(rays, steps)
     length = step * rays.stretch
     light, depth = np.zeros((len(slabs), 3)), np.zeros(len(slabs))
@@ -341,10 +338,10 @@ def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
             near = np.asarray((slab[on[some]] + 0.5) * step[on[some]] < FACE)
             face = np.where(near[:, None], face[on[some]], 0.0)
         half = rays.direction[:, on[some]] * (step[on[some]] / 2)
-        found = marched.light(places[:, some], half, rays.toward[on[some]], face)
-        through = found[:, 3] * length[on[some]]
+        matter = marched.light(places[:, some], half, rays.toward[on[some]], face)
+        through = matter[:, 3] * length[on[some]]
         passed = through if sums else np.exp(-depth[on[some]]) * -np.expm1(-through)
-        light[on[some]] += passed[:, None] * found[:, :3]
+        light[on[some]] += passed[:, None] * matter[:, :3]
         depth[on[some]] += through
         slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / step[on]), 1).astype(np.int64)
         on = on[(slab[on] < slabs[on]) & (sums | (depth[on] < OPAQUE))]

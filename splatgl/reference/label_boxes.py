@@ -1,4 +1,4 @@
-"""Boxes of voxels in float64, which labels fill evenly: the twin of `shaders/boxes.glsl`."""
+"""Labels as boxes of constant density, in float64: the twin of `shaders/boxes.glsl`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
-# components of a ray in index space are at least that far from 0: a ray along a face is in one of its two voxels
+# least component of a ray in index space: a ray along a face is in one of the two voxels
 LEAST = 1e-18
 # samples per band
 BAND = 1 << 16
@@ -27,10 +27,10 @@ BAND = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class BoxRays:
-    """Of P pixels, with eye-space depths in mean spacings as their parameter. start, direction [3, P]: grid positions
-    at depth 0, and steps per depth. near, far [P]: depths between which they are drawn. stretch [P]: mean spacings per
-    depth. toward [P, 3]: unit vectors, world axes. face [P, 3]: normals of planes that cut their beginnings off, or 0.
-    faced [P]: depths at which the faces there end.
+    """Rays of P pixels; their parameter is eye-space depth in mean spacings. start, direction [3, P]: grid positions at
+    depth 0, and steps per depth. near, far [P]: depths between which they are drawn. stretch [P]: mean spacings per
+    depth. toward [P, 3]: unit vectors, world axes. face [P, 3]: normals of the planes that clip their starts, or 0.
+    faced [P]: depths up to which boxes are lit as those faces.
     """
 
     start: np.ndarray
@@ -44,7 +44,7 @@ class BoxRays:
 
     @classmethod
     def of(cls, resolved: Resolved, lateral: np.ndarray) -> BoxRays:
-        """Rays of slopes, or lengths, [2, P] from the middle of the picture."""
+        """Rays through slopes, or lengths, [2, P] from the middle of the picture."""
         view, camera, clip = resolved.view, resolved.camera, resolved.clip
         zero, one = np.zeros(lateral.shape[1]), np.ones(lateral.shape[1])
         if view.perspective:
@@ -64,8 +64,8 @@ class BoxRays:
         return cls(start, direction, near, far, stretch, toward, face, near + FACE / np.linalg.norm(direction, axis=0))
 
     def ends(self, position: np.ndarray, ray: np.ndarray) -> np.ndarray:
-        """[2, N]: depths at which rays, by number [N], enter and leave the boxes of voxels [N, 3]; the first is not
-        less than the second outside them.
+        """[2, N]: depths at which rays, by number [N], enter and leave the boxes of voxels [N, 3]; entry ≥ exit where
+        they miss.
         """
         start, direction = self.start[:, ray], self.direction[:, ray]
         faces = np.stack([(position.T + side - start) / direction for side in (-0.5, 0.5)])
@@ -75,7 +75,7 @@ class BoxRays:
 
 @dataclass(frozen=True, eq=False)
 class BoxRow:
-    """Voxels as footprints of pixels. view: whose rays are looked at; position [N, 3]: of all."""
+    """Boxes of voxels as footprints. view: of the rays; position [N, 3]: of all voxels, grid indices."""
 
     view: GridView
     resolved: Resolved
@@ -119,14 +119,16 @@ class BoxScene:
         return [self.part(window) for window in windows]
 
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-        """Light [P, 4] of what a window's pixels see between distances [P], world units."""
+        """Light [P, 4] of a window's pixels between distances [P], world units."""
         return self._light(window, self._rays(window, near, far))
 
     def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
-        """What a window's pixels see of the scene, or of it between distances [P], in pieces along their rays."""
+        """Pieces of matter along the rays of a window's pixels, or along their parts between distances [P]."""
         rays = self._rays(window, near, far)
-        found = list(self._passed(window, rays))
-        part = Passed(*(np.concatenate([getattr(each, name) for each in found], axis=-1) for name in vars(found[0])))
+        chunks = list(self._passed(window, rays))
+        part = Passed(
+            *(np.concatenate([getattr(chunk, name) for chunk in chunks], axis=-1) for name in vars(chunks[0]))
+        )
         order = np.argsort(part.pixel, kind="stable")
         pixel, count = part.pixel[order], np.bincount(part.pixel, minlength=window.width * window.height)
         place = np.arange(len(pixel)) - np.repeat(np.cumsum(count) - count, count)
@@ -134,30 +136,30 @@ class BoxScene:
         world = (rays.stretch * self.spacing)[pixel, None]
         ends[pixel, place] = part.ends.T[order] * world
         matter[pixel, place] = self._matter(part, rays)[order]
-        # what follows the last of a ray is nothing, at its end
+        # empty pieces at the end of a ray follow its last one
         return Pieces(np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter)
 
     def _rays(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> BoxRays:
-        """Rays of a window's pixels, between distances [P], world units, if these are given."""
+        """Rays of a window's pixels, clipped to distances [P], world units, if given."""
         view, (width, height) = self.resolved.view, self.camera.size
         across = (np.arange(window.x, window.x + window.width) + 0.5 - width / 2) * view.pitch
         down = (np.arange(window.y, window.y + window.height) + 0.5 - height / 2) * view.pitch
-        rays = BoxRays.of(self.resolved, np.stack([each.ravel() for each in np.meshgrid(across, down)]))
+        rays = BoxRays.of(self.resolved, np.stack([slopes.ravel() for slopes in np.meshgrid(across, down)]))
         if near is None or far is None:
             return rays
         length = rays.stretch * self.spacing
         return replace(rays, near=np.maximum(rays.near, near / length), far=np.minimum(rays.far, far / length))
 
     def _passed(self, window: Window, rays: BoxRays) -> Iterator[Passed]:
-        """What rays pass, in drawing order; at least once."""
+        """Yields the parts of boxes along rays, in drawing order; at least one chunk."""
         yield Passed(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
-        for found in values(self.row, self.boxes, self.order, window, self.camera):
-            ends = rays.ends(self.position[found.splat], found.pixel)
+        for pairs in values(self.row, self.boxes, self.order, window, self.camera):
+            ends = rays.ends(self.position[pairs.splat], pairs.pixel)
             some = ends[1] > ends[0]
-            yield Passed(found.splat[some], found.pixel[some], ends[:, some])
+            yield Passed(pairs.splat[some], pairs.pixel[some], ends[:, some])
 
     def _light(self, window: Window, rays: BoxRays) -> np.ndarray:
-        """Light [P, 4] of a window's rays."""
+        """Blends the boxes along a window's rays: light [P, 4]."""
         gathered = Band.empty(window.height * window.width)
         for part in self._passed(window, rays):
             if not len(part.pixel):
@@ -180,7 +182,7 @@ class BoxScene:
         return np.column_stack([color * depth[:, None], depth])
 
     def _shone(self, part: Passed, rays: BoxRays) -> tuple[np.ndarray, np.ndarray]:
-        """Factors of colours [N], and highlights [N]."""
+        """Factors of colours [N] and highlights [N] of parts of boxes."""
         look, (entry, exit_) = self.resolved.look, part.ends
         start, direction = rays.start[:, part.pixel].T, rays.direction[:, part.pixel].T
         nothing = np.zeros((len(entry), 3))
@@ -193,19 +195,19 @@ class BoxScene:
             reached = None if cues is None else cues.reached(middle, of, toward)
             return np.stack(surface_light(of, toward, look.light, shines, reached))
 
-        found = light(nothing)
-        # between a voxel's middle and its face, normals of a thin label are half as long as at the face
-        found += np.minimum(2 * np.linalg.norm(normal, axis=1), 1.0) * (light(normal) - found)
+        result = light(nothing)
+        # in the middle of a voxel of a thin label, normals are half as long as at its face
+        result += np.minimum(2 * np.linalg.norm(normal, axis=1), 1.0) * (light(normal) - result)
         face = rays.face[part.pixel]
         if look.shading and face.any():
             share = np.clip((rays.faced[part.pixel] - entry) / (exit_ - entry), 0.0, 1.0) * face.any(axis=1)
-            found += share * (light(face) - found)
-        return found[0], found[1]
+            result += share * (light(face) - result)
+        return result[0], result[1]
 
 
 @dataclass(frozen=True, eq=False)
 class Passed:
-    """Parts of boxes [N] that rays pass: numbers of splats and of pixels, and depths [2, N] of their ends."""
+    """Parts of boxes along rays: indices of splats [N] and pixels [N], and depths [2, N] of their ends."""
 
     splat: np.ndarray
     pixel: np.ndarray

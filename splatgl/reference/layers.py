@@ -1,7 +1,7 @@
 """Layers and meshes in float64.
 
-Along a ray each layer is a sequence of pieces of even matter. Between any two ends extinctions and emissions of all
-layers add up.
+Along a ray each layer is a sequence of pieces of constant matter. Between any two ends of pieces, the extinctions and
+emissions of all layers add up.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from splatgl.splat.splats import Splats
 
 @dataclass(frozen=True, eq=False)
 class LayerScene:
-    """Data shared by all windows of a picture of layers, each in sheets or boxes."""
+    """Data shared by all windows of a picture of layers, drawn in sheets or boxes."""
 
     layers: Sequence[SheetScene | BoxScene]
 
@@ -40,7 +40,7 @@ class LayerScene:
         return light.reshape(window.height, window.width, 4)
 
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-        """Light [P, 4] of what a window's pixels see between distances [P], world units."""
+        """Light [P, 4] of a window's pixels between distances [P], world units."""
         return merged([layer.pieces(window, near, far) for layer in self.layers])
 
     def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
@@ -49,48 +49,51 @@ class LayerScene:
 
 
 def layers_of(scene: Scene, camera: Camera, settings: Settings) -> list[tuple[Splats, Settings]]:
-    """The splats of layers that have any, or of the first, with settings by which all have as many samples a pixel."""
+    """Splats and settings of all layers that have splats, or of the first; all with the same samples per pixel."""
     drawn = common_samples(scene.drawn(settings), camera, settings)
-    return [(ahead(select_splats(each, own, moving=False), camera), own) for each, own in drawn]
+    return [
+        (ahead(select_splats(splats, layer_settings, moving=False), camera), layer_settings)
+        for splats, layer_settings in drawn
+    ]
 
 
 def resolved_layer(splats: Splats, camera: Camera, settings: Settings) -> Resolved:
-    """The settings resolved for one layer of several. Raises InputError for one that composites splat by splat."""
-    found = Resolved.of(splats, camera, settings)
-    check_layer(found, splats.name)
-    return found
+    """Resolved settings of one layer of several. Raises InputError for a layer that composites splat by splat."""
+    resolved = Resolved.of(splats, camera, settings)
+    check_layer(resolved, splats.name)
+    return resolved
 
 
 def merged(layers: Sequence[Pieces]) -> np.ndarray:
     """Light [P, 4] of layers' pieces along P rays."""
-    edges = np.sort(np.concatenate([each.ends.reshape(len(each.ends), -1) for each in layers], axis=1), axis=1)
+    edges = np.sort(np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1), axis=1)
     light = np.zeros((len(edges), 4))
     rows = np.arange(len(edges))
     at = [np.zeros(len(edges), np.intp) for _ in layers]
     for first, last in zip(edges.T[:-1], edges.T[1:], strict=True):
         middle, matter = (first + last) / 2, np.zeros_like(light)
-        for n, each in enumerate(layers):
-            while (late := each.ends[rows, at[n], 1] <= middle).any():
-                late &= at[n] < each.ends.shape[1] - 1
+        for n, layer in enumerate(layers):
+            while (late := layer.ends[rows, at[n], 1] <= middle).any():
+                late &= at[n] < layer.ends.shape[1] - 1
                 if not late.any():
                     break
                 at[n] += late
-            begin, end = each.ends[rows, at[n]].T
+            begin, end = layer.ends[rows, at[n]].T
             inside = (begin < middle) & (middle < end) & (last > first)
             share = np.where(inside, (last - first) / np.where(inside, end - begin, 1.0), 0.0)
-            matter += each.matter[rows, at[n]] * share[:, None]
+            matter += layer.matter[rows, at[n]] * share[:, None]
         light = behind(light, matter)
     return light
 
 
-# barycentric coordinates, and shares of a depth, that differ by rounding alone
+# difference of barycentric coordinates, and relative difference of depths, that is only rounding
 ON_EDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Surfaces that rays cross, nearest first. distance [P, K]: from the eye, or from its plane, world units, infinite
-    behind the last. light [P, K, 4]: premultiplied.
+    """Surfaces along rays, nearest first. distance [P, K]: from the eye, or from its plane, world units; infinite after
+    the last. light [P, K, 4]: premultiplied.
     """
 
     distance: np.ndarray
@@ -99,7 +102,7 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceScene:
-    """Data shared by all windows of a picture of volumes with meshes. camera: of the samples; light: None: not lit."""
+    """Data shared by all windows of a picture of volumes with meshes. camera: of the samples; light: None: unlit."""
 
     scene: SheetScene | BoxScene | LayerScene
     meshes: Sequence[Mesh]
@@ -112,9 +115,9 @@ class SurfaceScene:
 
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
-        found = crossings(self.meshes, self.camera, window, self.light)
+        surfaces = crossings(self.meshes, self.camera, window, self.light)
         light, near = np.zeros((window.height * window.width, 4)), np.zeros(window.height * window.width)
-        for far, surface in zip(found.distance.T, found.light.transpose(1, 0, 2), strict=True):
+        for far, surface in zip(surfaces.distance.T, surfaces.light.transpose(1, 0, 2), strict=True):
             for part in (self.scene.between(window, near, far), surface):
                 light += (1 - light[:, 3:]) * part
             near = far
@@ -126,31 +129,28 @@ class SurfaceScene:
 
 
 def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: Light | None) -> Crossings:
-    """The surfaces that the rays of a window's pixels cross, and the end of all, which shows nothing."""
+    """Surfaces along the rays of a window's pixels, followed by an empty one at infinity."""
     across, down = camera.slopes()
     across, down = across[window.x : window.x + window.width], down[window.y : window.y + window.height]
-    lateral = np.stack([each.ravel() for each in np.meshgrid(across, down)], axis=1)
+    lateral = np.stack([slopes.ravel() for slopes in np.meshgrid(across, down)], axis=1)
     shown = [mesh for mesh in meshes if len(mesh) and mesh.opacity > 0]
-    found = [_crossed(mesh, camera, lateral, (across, down), light_by) for mesh in shown]
-    pixel = np.concatenate([np.arange(len(lateral)), *(each[0] for each in found)])
-    distance = np.concatenate([np.full(len(lateral), np.inf), *(each[1] for each in found)])
-    light = np.concatenate([np.zeros((len(lateral), 4)), *(each[2] for each in found)])
+    parts = [_crossed(mesh, camera, lateral, (across, down), light_by) for mesh in shown]
+    pixel = np.concatenate([np.arange(len(lateral)), *(part[0] for part in parts)])
+    distance = np.concatenate([np.full(len(lateral), np.inf), *(part[1] for part in parts)])
+    light = np.concatenate([np.zeros((len(lateral), 4)), *(part[2] for part in parts)])
     order = np.lexsort((distance, pixel))
     pixel, distance, light = pixel[order], distance[order], light[order]
     first = np.searchsorted(pixel, np.arange(len(lateral)))
     place = np.arange(len(pixel)) - first[pixel]
-    every = Crossings(np.full((len(lateral), place.max() + 1), np.inf), np.zeros((len(lateral), place.max() + 1, 4)))
-    every.distance[pixel, place], every.light[pixel, place] = distance, light
-    return every
+    result = Crossings(np.full((len(lateral), place.max() + 1), np.inf), np.zeros((len(lateral), place.max() + 1, 4)))
+    result.distance[pixel, place], result.light[pixel, place] = distance, light
+    return result
 
 
 def _crossed(
     mesh: Mesh, camera: Camera, lateral: np.ndarray, axes: tuple[np.ndarray, np.ndarray], light_by: Light | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels [N], distances [N] and light [N, 4] where rays through slopes, or lengths, [P, 2] cross a mesh.
-
-    A ray crosses a triangle where its three corners, seen along it, go round it.
-    """
+    """Pixels [N], distances [N] and light [N, 4] where rays through slopes, or lengths, [P, 2] cross a mesh."""
     corners = camera.eye_from_points(mesh.vertices)[mesh.faces]
     ahead = (corners[..., 2] > 0).any(axis=1) if camera.perspective else (corners[..., 2] >= 0).any(axis=1)
     faces = np.flatnonzero(ahead)
@@ -164,10 +164,10 @@ def _crossed(
     # Möller and Trumbore 1997
     side, other, from_a = b - a, c - a, start - a
     across, along = np.cross(ray, other), np.cross(from_a, side)
-    whole = (side * across).sum(axis=1)
-    safe = np.where(whole == 0, 1.0, whole)
+    determinant = (side * across).sum(axis=1)
+    safe = np.where(determinant == 0, 1.0, determinant)
     u, v, depth = (np.asarray((x * y).sum(axis=1) / safe) for x, y in ((from_a, across), (ray, along), (other, along)))
-    hit = _once(np.min([u, v, 1 - u - v], axis=0), pixel, np.where((whole != 0) & (depth > 0), depth, np.nan))
+    hit = _once(np.min([u, v, 1 - u - v], axis=0), pixel, np.where((determinant != 0) & (depth > 0), depth, np.nan))
     pixel, triangle, ray, depth = pixel[hit], triangle[hit], ray[hit], depth[hit]
     share = np.stack([1 - u - v, u, v], axis=1)[hit][..., None]
     normal = (mesh.normals[triangle] * share).sum(axis=1) @ camera.eye_from_world.T
@@ -181,8 +181,8 @@ def _crossed(
 
 
 def _once(inside: np.ndarray, pixel: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Indices of the crossings among candidates [N], by pixel and depth: through an edge or corner that triangles share
-    a ray crosses the surface once, as in OpenGL. inside [N]: the smallest barycentric coordinate; depth: NaN for none.
+    """Indices of the crossings among candidates [N], by pixel and depth; a ray through a shared edge or corner crosses
+    once, as in OpenGL. inside [N]: the smallest barycentric coordinate; depth: NaN for none.
     """
     hit = np.flatnonzero((inside >= -ON_EDGE) & ~np.isnan(depth))
     hit = hit[np.lexsort((depth[hit], pixel[hit]))]
@@ -194,14 +194,14 @@ def _once(inside: np.ndarray, pixel: np.ndarray, depth: np.ndarray) -> np.ndarra
 def _candidates(
     corners: np.ndarray, camera: Camera, across: np.ndarray, down: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a pixel and a triangle whose box on the screen holds it; of a triangle that crosses the eye's plane, all
-    pixels. across [W], down [H]: ascending.
+    """Pairs of pixels and triangles whose screen box contains them; all pixels for triangles that cross the eye's
+    plane. across [W], down [H]: ascending.
     """
     depth = corners[..., 2:] if camera.perspective else np.ones_like(corners[..., 2:])
     crosses = np.less_equal(depth, 0).any(axis=(1, 2))
-    seen = corners[..., :2] / np.where(depth > 0, depth, 1.0)
-    low = np.where(crosses[:, None], -np.inf, seen.min(axis=1))
-    high = np.where(crosses[:, None], np.inf, seen.max(axis=1))
+    projected = corners[..., :2] / np.where(depth > 0, depth, 1.0)
+    low = np.where(crosses[:, None], -np.inf, projected.min(axis=1))
+    high = np.where(crosses[:, None], np.inf, projected.max(axis=1))
     # the columns and rows of each box
     (left, right), (top, bottom) = (
         (np.searchsorted(axis, low[:, n]), np.searchsorted(axis, high[:, n], side="right"))

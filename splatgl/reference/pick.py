@@ -1,4 +1,4 @@
-"""`pick`: what lies under a pixel, found along one ray in float64, without splats."""
+"""`pick`: the point of a scene under a pixel, by one ray in float64, without splats."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.transfer import Transfer
 from splatgl.splat.view import GridView
 
-# parts of a ray, per smallest voxel, and most of them; parts of the one that decides
+# parts of a ray per smallest voxel, and maximum number of parts; divisions of the decisive part
 STEPS, MOST, PARTS = 4, 1 << 20, 64
-# share of a part between whose ends values are taken: samples beyond may be missing
+# share of a part between whose ends values are evaluated: samples beyond may be missing
 WITHIN = 1 - 1e-9
-# least cells of a transfer function's integral
+# least number of cells of a transfer function's integral
 LEAST_CELLS = 1 << 12
 # optical depth at which half of the light is absorbed
 HALF = float(np.log(2))
-# optical depth of an opaque surface: nothing is behind it
+# optical depth of an opaque surface
 OPAQUE = 50.0
-# share of a distance within which two crossings of a mesh are one
+# relative distance within which two crossings of a mesh are one
 SAME = 1e-9
 MODES = ("first", "max")
 
 
 @dataclass(frozen=True)
 class Picked:
-    """A point of a volume. place: world units; index: grid position (x, y, z); value: interpolated linearly, but of
-    labels, whose voxels have one.
+    """A point of a volume. place: world units; index: grid position (x, y, z); value: interpolated linearly; of labels,
+    that of the voxel. distance: from the eye, or from its plane, world units. name: of the volume; layer: its number in
+    the scene.
 
-    distance: from the eye, or from its plane, world units. name: of the volume; layer: its number in the scene. mesh:
-    number of the mesh that the point is of instead, named, without index and value (NaN) and in layer -1.
+    mesh: number of the mesh, if the point is on one; then `name` is the mesh's, `layer` is -1, index and value are NaN.
     """
 
     place: Triple
@@ -63,41 +63,40 @@ def pick(
     transfer: Transfer | None = None,
     mode: str = "first",
 ) -> Picked | None:
-    """What lies under the centre of a pixel (column, row), row 0 on top; None if nothing is seen there.
+    """The point under the centre of a pixel (column, row), row 0 on top; None if nothing is visible there.
 
-    mode "first": where half of the light is absorbed, or half of what is absorbed at all; "max": the largest value. Of
-    layers, the one that absorbs most there. transfer: of a volume, its default one if there is none. Planes of a scene
-    cut it. Meshes absorb their opacity, and rays end at opaque ones; weights by gradients are not looked at. Raises
-    InputError for a pixel beside the picture, and for volumes that are read in parts.
+    mode "first": where half of the light is absorbed, or half of the ray's total absorption; "max": the largest value.
+    Among layers, the one that absorbs most there. transfer: of a volume; None: its default one. Clip planes of a scene
+    apply. Meshes absorb their opacity, and rays end at opaque ones; gradient weights are ignored. Raises InputError for
+    a pixel outside the picture, and for volumes that are read in parts.
     """
     if mode not in MODES:
         raise expected("mode", " or ".join(MODES), repr(mode))
     scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
     number, cut = _number(pixel, camera), zip(scene.shown, scene.planes, strict=True)
-    found = [_Ray.of(layer, planes, camera, number) for layer, planes in cut]
+    rays = [_Ray.of(layer, planes, camera, number) for layer, planes in cut]
     surfaces = _surfaces(scene, camera, number)
-    ends = np.array([each.ends for each in found if each.ends[1] > each.ends[0]])
+    ends = np.array([ray.ends for ray in rays if ray.ends[1] > ray.ends[0]])
     if not len(ends):
         return _first_mesh(surfaces, scene, camera, number)
     near, far = float(ends[:, 0].min()), float(ends[:, 1].max())
-    count = min(int(np.ceil((far - near) / min(each.step for each in found))), MOST)
-    # parts of the ray end where a layer does, at faces of labels, whose voxels are even, and at planes of samples,
-    # between which values have no kinks
-    faces = [each.faces(near, far) for each in found]
+    count = min(int(np.ceil((far - near) / min(ray.step for ray in rays))), MOST)
+    # parts end at the ends of layers, at faces of labels, and at planes of samples, between which values have no kinks
+    faces = [ray.faces(near, far) for ray in rays]
     ends = np.unique(np.concatenate([np.linspace(near, far, count + 1), ends.ravel(), *faces]))
     along, lengths = (ends[:-1] + ends[1:]) / 2, np.diff(ends)
-    seen = [each.seen(ends) for each in found]
+    matter = [ray.seen(ends) for ray in rays]
     if mode == "max":
-        end = next((each.distance for each in surfaces if each.depth >= OPAQUE), np.inf)
+        end = next((surface.distance for surface in surfaces if surface.depth >= OPAQUE), np.inf)
         largest = _largest(
-            found, ends, np.array([np.where(inside & (along < end), v, -np.inf) for v, _, inside in seen])
+            rays, ends, np.array([np.where(inside & (along < end), v, -np.inf) for v, _, inside in matter])
         )
         return largest or _first_mesh(surfaces, scene, camera, number)
-    extinctions = np.array([extinction for _, extinction, _ in seen])
+    extinctions = np.array([extinction for _, extinction, _ in matter])
     depths = extinctions.sum(axis=0) * lengths
-    # surfaces come between the points of the ray, in their order
-    before = np.searchsorted(along, [each.distance for each in surfaces])
-    depth = np.cumsum(np.insert(depths, before, [each.depth for each in surfaces]))
+    # insert surfaces between the parts of the ray
+    before = np.searchsorted(along, [surface.distance for surface in surfaces])
+    depth = np.cumsum(np.insert(depths, before, [surface.depth for surface in surfaces]))
     if not depth[-1] > 0:
         return None
     enough = min(HALF, depth[-1] / 2)
@@ -108,18 +107,18 @@ def pick(
     left = depth[place] - enough
     place -= int((at < place).sum())
     layer = int(extinctions[:, place].argmax())
-    if found[layer].layer.seen.labels:
+    if rays[layer].layer.seen.labels:
         exact = ends[place + 1] - lengths[place] * left / depths[place]
-        return found[layer].picked(exact, layer, seen[layer][0][place])
-    # where within the part half of what that layer absorbs there is absorbed
+        return rays[layer].picked(exact, layer, matter[layer][0][place])
+    # the point within the part where the layer has absorbed half of its share
     ends = np.linspace(ends[place], ends[place + 1], PARTS + 1)
-    depth = np.cumsum(found[layer].seen(ends)[1])
+    depth = np.cumsum(rays[layer].seen(ends)[1])
     part = int(np.searchsorted(depth, depth[-1] / 2))
-    return found[layer].picked(float(ends[part] + ends[part + 1]) / 2, layer)
+    return rays[layer].picked(float(ends[part] + ends[part + 1]) / 2, layer)
 
 
 def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray) -> Picked | None:
-    """The place of the largest of values [layers, N] of the parts between distances [N + 1]; None if none is finite."""
+    """The point of the largest of values [layers, N] of the parts between distances [N + 1]; None if none is finite."""
     layer, place = divmod(int(values.argmax()), values.shape[1])
     if not np.isfinite(values[layer, place]):
         return None
@@ -129,7 +128,7 @@ def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray) -> Picked |
 
 @dataclass(frozen=True)
 class _Surface:
-    """A mesh that a ray crosses: its number, the distance, and the optical depth of its opacity."""
+    """Crossing of a ray and a mesh: number of the mesh, distance, and optical depth of its opacity."""
 
     mesh: int
     distance: float
@@ -137,38 +136,38 @@ class _Surface:
 
 
 def _surfaces(scene: Scene, camera: Camera, pixel: int) -> list[_Surface]:
-    """What the ray of a pixel crosses, nearest first."""
+    """Crossings of a pixel's ray with meshes, nearest first."""
     row, column = divmod(pixel, camera.size[0])
-    found = []
+    surfaces = []
     for number, mesh in enumerate(scene.meshes):
         crossed = crossings([mesh], camera, Window(column, row, 1, 1), None)
         depth = min(-float(np.log1p(-mesh.opacity)), OPAQUE) if mesh.opacity < 1 else OPAQUE
-        # a ray through an edge crosses both of its triangles, at one distance
-        told = np.sort(crossed.distance[0][np.isfinite(crossed.distance[0])])
-        told = told[np.diff(told, prepend=-np.inf) > SAME * np.abs(told)]
-        found += [_Surface(number, float(each), depth) for each in told]
-    return sorted(found, key=lambda each: each.distance)
+        # a ray through an edge crosses two triangles at one distance
+        distances = np.sort(crossed.distance[0][np.isfinite(crossed.distance[0])])
+        distances = distances[np.diff(distances, prepend=-np.inf) > SAME * np.abs(distances)]
+        surfaces += [_Surface(number, float(at), depth) for at in distances]
+    return sorted(surfaces, key=lambda surface: surface.distance)
 
 
 def _first_mesh(surfaces: list[_Surface], scene: Scene, camera: Camera, pixel: int) -> Picked | None:
-    """The surface at which half of the light is absorbed, or half of what all absorb; None if there is none."""
+    """Point of the surface where half of the light, or of the total absorption, is absorbed; None without surfaces."""
     if not surfaces:
         return None
-    depth = np.cumsum([each.depth for each in surfaces])
+    depth = np.cumsum([surface.depth for surface in surfaces])
     return _on_mesh(surfaces[int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))], scene, camera, pixel)
 
 
 def _on_mesh(surface: _Surface, scene: Scene, camera: Camera, pixel: int) -> Picked:
-    """The point of a surface."""
+    """Point of a crossing with a mesh."""
     row, column = divmod(pixel, camera.size[0])
     across, down = (slopes[place] for slopes, place in zip(camera.slopes(), (column, row), strict=True))
     if camera.perspective:
         ray = np.array([across, down, 1.0])
-        seen = ray / np.linalg.norm(ray) * surface.distance
+        point = ray / np.linalg.norm(ray) * surface.distance
     else:
-        seen = np.array([across, down, surface.distance])
+        point = np.array([across, down, surface.distance])
     nothing = (np.nan,) * 3
-    place = _triple(seen @ camera.eye_from_world + camera.eye)
+    place = _triple(point @ camera.eye_from_world + camera.eye)
     return Picked(place, nothing, np.nan, surface.distance, scene.meshes[surface.mesh].name, -1, surface.mesh)
 
 
@@ -176,7 +175,7 @@ def _number(pixel: Any, camera: Camera) -> int:
     """A pixel's number, row by row."""
     width, height = camera.size
     try:
-        column, row = (int(each) for each in pixel)
+        column, row = (int(number) for number in pixel)
     except (TypeError, ValueError):
         column = row = -1
     if not (0 <= column < width and 0 <= row < height):
@@ -186,8 +185,8 @@ def _number(pixel: Any, camera: Camera) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Ray:
-    """A ray through a layer's grid. start, direction [3]: grid indices, of world units; ends: distances within the
-    layer; step: between two points.
+    """A ray through a layer's grid. start, direction [3]: grid indices, per world unit; ends: distances at which it
+    enters and leaves the layer; step: length of a part.
     """
 
     layer: Layer
@@ -209,25 +208,25 @@ class _Ray:
         return cls(layer, rays.start[:, 0], rays.direction[:, 0] / world, ends, grid.smallest_spacing / STEPS)
 
     def faces(self, near: float, far: float) -> np.ndarray:
-        """Distances between two at which the ray crosses faces of labels' voxels, or planes of samples."""
+        """Distances from near to far at which the ray crosses faces of labels' voxels, or planes of samples."""
         shape, half = self.layer.volume.shape[::-1], 0.5 if self.layer.seen.labels else 0.0
         with np.errstate(divide="ignore", invalid="ignore"):
             crossed = [
                 (np.arange(n + 1) - half - i) / d for n, i, d in zip(shape, self.start, self.direction, strict=True)
             ]
-        every = np.concatenate(crossed)
-        return np.asarray(every[(every > near) & (every < far)])
+        distances = np.concatenate(crossed)
+        return np.asarray(distances[(distances > near) & (distances < far)])
 
     def within(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values at both ends of the parts between distances [N + 1]; of labels that of their middles."""
+        """Values at both ends of the parts between distances [N + 1]; for labels, of the parts' middles."""
         middle, half = (ends[:-1] + ends[1:]) / 2, np.diff(ends) * (WITHIN / 2)
         places = (middle,) * 2 if self.layer.seen.labels else (middle - half, middle + half)
         first, last = (self._values(self.start[:, None] + self.direction[:, None] * place) for place in places)
         return first, last
 
     def seen(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the parts between distances [N + 1] their largest values, mean extinctions per world length, over all
-        values that they pass, so that none is stepped over, and whether they are inside.
+        """Largest values, mean extinctions per world length over all values passed, and whether they are inside, of the
+        parts between distances [N + 1].
         """
         middle, look = (ends[:-1] + ends[1:]) / 2, self.layer.seen
         first, last = self.within(ends)
@@ -247,7 +246,7 @@ class _Ray:
         return value, extinction, inside
 
     def _values(self, places: np.ndarray) -> np.ndarray:
-        """Values at grid positions [3, N], linear between samples; of labels the nearest."""
+        """Values at grid positions [3, N], linear between samples; for labels, of the nearest voxel."""
         samples = self.layer.volume.samples
         last = np.array(samples.shape[::-1])[:, None] - 1
         places = np.clip(places, 0, last)
@@ -255,15 +254,15 @@ class _Ray:
             x, y, z = np.rint(places).astype(np.int64)
             return np.asarray(samples[z, y, x], np.float64)
         first = np.minimum(np.floor(places), np.maximum(last - 1, 0)).astype(np.int64)
-        part, found = places - first, np.zeros(places.shape[1])
+        part, total = places - first, np.zeros(places.shape[1])
         for corner in np.ndindex(2, 2, 2):
             step = np.array(corner)[:, None]
             x, y, z = np.minimum(first + step, last)
-            found += np.where(step, part, 1 - part).prod(axis=0) * samples[z, y, x].astype(np.float64)
-        return found
+            total += np.where(step, part, 1 - part).prod(axis=0) * samples[z, y, x].astype(np.float64)
+        return total
 
     def picked(self, distance: float, number: int, value: float | None = None) -> Picked:
-        """The point at a distance. value: if it is known already."""
+        """The point at a distance. value: if known already."""
         volume = self.layer.volume
         index = self.start + self.direction * distance
         value = float(self._values(index[:, None])[0] if value is None else value)
@@ -272,5 +271,5 @@ class _Ray:
 
 
 def _triple(numbers: np.ndarray) -> Triple:
-    x, y, z = (float(each) for each in numbers)
+    x, y, z = (float(number) for number in numbers)
     return x, y, z

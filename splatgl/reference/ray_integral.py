@@ -1,7 +1,7 @@
 """A reference without splats: the volume rendering integral of the field reconstructed by the kernels.
 
-Extinction σ(x) = Σ σ_i h and σ c(x) = Σ σ_i c_i h are summed at points along each ray, so that overlapping
-kernels mix before they occlude: the difference to `reference.render` is the error of splatting itself.
+Extinction σ(x) = Σ σ_i h and σ c(x) = Σ σ_i c_i h are summed at points along each ray, so that overlapping kernels mix
+before they occlude: the difference from `reference.render` is the error of splatting itself.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NEIGHBOURS = np.arange(-1, 3)
 RAYS, POINTS = 1 << 16, 1 << 11
 # maximum leap through empty space, cells
 LEAP = 12
-# whose splats are voxels, classified before
+# settings for splats that are classified before reconstruction
 BEFORE: dict[str, Any] = {"classification": "pre", "compositing": "splats"}
 # opaque optical depth: exp(−40) is below float64's rounding of 1
 OPAQUE = 40.0
@@ -43,8 +43,8 @@ OPAQUE = 40.0
 class Field:
     """Splats on their lattice. cell int32 [X+4, Y+4, Z+4]: index of the splat there, or of the last, empty entry.
 
-    low [3]: the cell of entry (2, 2, 2). depth [N+1]: extinction · s̄; emitted [N+1, 3]: that times colour.
-    free uint8 [X+4, Y+4, Z+4]: distance in cells to one whose neighbours contain a splat, at most LEAP.
+    low [3]: the cell of entry (2, 2, 2). depth [N+1]: extinction · s̄; emitted [N+1, 3]: extinction · s̄ · colour.
+    free uint8 [X+4, Y+4, Z+4]: distance in cells to a cell whose neighbours contain a splat, at most LEAP.
     """
 
     kernel: Kernel
@@ -62,12 +62,12 @@ class Field:
         low, high = splats.index_bounds.astype(np.int64)
         shape = high - low + 5
         if shape.prod() > MAX_CELLS:
-            raise expected("splats", f"a box of at most {MAX_CELLS} cells", int(shape.prod()), "take a smaller volume")
+            raise expected("splats", f"a box of at most {MAX_CELLS} cells", int(shape.prod()), "use a smaller volume")
         table = np.full(shape, len(places), np.int32)
         entries = tuple((cells - low + 2).T)
         table[entries] = np.arange(len(places))
         if (cells != places).any() or np.count_nonzero(table < len(places)) < len(places):
-            raise expected("splats", "one at most at each point of a lattice", "others", "take an extracted volume")
+            raise expected("splats", "at most one at each point of a lattice", "others", "use an extracted volume")
         depth = np.append(splats.records["optical_depth"].astype(np.float64), 0.0)
         emitted = depth[:, None] * np.concatenate([color, np.zeros((1, 3))])
         return cls(kernel, table, low, depth, emitted, distances(spread(table < len(places), -NEIGHBOURS)))
@@ -93,18 +93,18 @@ class Field:
             cell = np.clip((first - low + 2).astype(np.int64)[:, None] + NEIGHBOURS, 0, size - 1)
             flat = (flat[:, :, None] * size + cell[:, None, :]).reshape(count, -1)
             squares.append((((place - first)[:, None] - NEIGHBOURS) ** 2).ravel())
-        found = self.cell.ravel()[flat.ravel()]
-        held = np.flatnonzero(found < len(self.depth) - 1)
+        entries = self.cell.ravel()[flat.ravel()]
+        held = np.flatnonzero(entries < len(self.depth) - 1)
         point, x, y, z = held >> 6, (held >> 4) & 3, (held >> 2) & 3, held & 3
         square = squares[0][4 * point + x] + squares[1][4 * point + y] + squares[2][4 * point + z]
         near = np.flatnonzero(square < self.kernel.radius**2)
-        point, splat, weight = point[near], found[held[near]], self.kernel.value(np.sqrt(square[near]))
+        point, splat, weight = point[near], entries[held[near]], self.kernel.value(np.sqrt(square[near]))
         terms = (*self.emitted.T, self.depth)
         return np.stack([np.bincount(point, weight * term[splat], count) for term in terms], axis=-1)
 
 
 def distances(near: np.ndarray) -> np.ndarray:
-    """uint8: Chebyshev distance in cells to the nearest of `near`, at most LEAP."""
+    """uint8: Chebyshev distance in cells to the nearest True cell of `near`, at most LEAP."""
     free = np.where(near, 0, LEAP).astype(np.uint8)
     for away in range(1, LEAP):
         wider = spread(near, np.arange(-1, 2))
@@ -114,7 +114,7 @@ def distances(near: np.ndarray) -> np.ndarray:
 
 
 def spread(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Dilation: each occupied cell, shifted by each of the steps along each axis."""
+    """Dilation: occupied cells, shifted by all steps along all axes."""
     for axis in range(held.ndim):
         wider = np.zeros_like(held)
         to, of = np.moveaxis(wider, axis, 0), np.moveaxis(held, axis, 0)
@@ -147,8 +147,8 @@ def ray_integral(
     seconds = round(time.perf_counter() - started, 6)
     name = kernel_name(splats, settings)
     info = {"scene": splats.name, "kernel": name, "steps_per_voxel": steps_per_voxel, "samples": samples}
-    told = {**info, "blend": "composite", "renderer": "float64 ray integral", "seconds": seconds}
-    return Image(drawn.reshape(camera.size[1], camera.size[0], 4), told)
+    metadata = {**info, "blend": "composite", "renderer": "float64 ray integral", "seconds": seconds}
+    return Image(drawn.reshape(camera.size[1], camera.size[0], 4), metadata)
 
 
 def ray_integral_at(
@@ -162,7 +162,7 @@ def ray_integral_at(
     """float64 [P, 4]: pixels [P] of `ray_integral`, numbered row by row from the top."""
     settings = (settings or Settings()).but(**BEFORE)
     if settings.blend != "composite":
-        raise expected("blend", "composite, whose integral this is", settings.blend)
+        raise expected("blend", "composite, the only one that has a ray integral", settings.blend)
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
         if count < 1:
             raise expected(name, "a number of at least 1", count)
@@ -182,14 +182,14 @@ def ray_integral_at(
 
 
 def samples_of(pixels: np.ndarray, width: int, samples: int) -> np.ndarray:
-    """Numbers of samples × samples samples in each of the pixels [P] of a picture that wide, pixel by pixel."""
+    """Indices of the samples × samples samples of pixels [P], pixel by pixel. width: of the picture, in pixels."""
     y, x = np.divmod(pixels, width)
     row, column = np.divmod(np.arange(samples**2), samples)
     return np.asarray(((y[:, None] * samples + row) * (width * samples) + x[:, None] * samples + column).ravel())
 
 
 def _march(field: Field, view: GridView, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:
-    """float64 [P, 4]: the integral along the rays of those pixels, in slabs of equal length per ray."""
+    """float64 [P, 4]: the integral along the rays of pixels, in slabs of equal length per ray."""
     start, direction = _rays(view, camera, pixel)
     near, far = _through_box(field, start, direction, view)
     speed = np.sqrt((direction * direction).sum(axis=0))
@@ -199,29 +199,29 @@ def _march(field: Field, view: GridView, camera: Camera, pixel: np.ndarray, step
     length = step * np.sqrt(((view.eye_from_index @ direction) ** 2).sum(axis=0))
     across = step * np.abs(direction).max(axis=0)
     # colour, then optical depth
-    found = np.zeros((len(pixel), 4))
+    light = np.zeros((len(pixel), 4))
     slab = np.zeros(len(pixel), np.int64)
     on = np.flatnonzero(slabs)
     while len(on):
         places = start[:, on] + direction[:, on] * (near[on] + (slab[on] + 0.5) * step[on])
         free = field.free[tuple(field.cells(places))]
         some = np.flatnonzero(free == 0)
-        _add(found, on[some], field.at(places[:, some]), length)
-        # all within `free` cells is empty; the first of them may be left immediately
+        _add(light, on[some], field.at(places[:, some]), length)
+        # the next `free` cells are empty; the first of them may end immediately
         slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / across[on]), 1).astype(np.int64)
-        on = on[(slab[on] < slabs[on]) & (found[on, 3] < OPAQUE)]
-    found[:, 3] = -np.expm1(-found[:, 3])
-    return found
+        on = on[(slab[on] < slabs[on]) & (light[on, 3] < OPAQUE)]
+    light[:, 3] = -np.expm1(-light[:, 3])
+    return light
 
 
-def _add(found: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarray) -> None:
-    """Adds a slab to those rays, from the field's sums at its middle: emission attenuated by matter in front."""
+def _add(light: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarray) -> None:
+    """Adds a slab to the light of rays. sums: the field's, at its middle. Matter in front attenuates its emission."""
     full = np.flatnonzero(sums[:, 3] > 0)
     rays, sums = rays[full], sums[full]
     depth = sums[:, 3] * length[rays]
-    passed = np.exp(-found[rays, 3]) * -np.expm1(-depth) / sums[:, 3]
-    found[rays, :3] += passed[:, None] * sums[:, :3]
-    found[rays, 3] += depth
+    passed = np.exp(-light[rays, 3]) * -np.expm1(-depth) / sums[:, 3]
+    light[rays, :3] += passed[:, None] * sums[:, :3]
+    light[rays, 3] += depth
 
 
 def _rays(view: GridView, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -247,7 +247,7 @@ def _through_box(
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([(low - start) / direction, (high - start) / direction])
     inside = (start >= low) & (start <= high)
-    # along an axis without motion, a ray is always or never inside
+    # along an axis that a ray does not move along, it is always or never inside
     still = direction == 0
     first = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
     last = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)

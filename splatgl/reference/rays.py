@@ -1,8 +1,8 @@
 """Rays of pixels, pairs of splats and pixels, and extents of splats on the screen.
 
-Lengths are in mean spacings, in eye axes; boxes are of slopes (perspective) or of eye x, y (orthographic).
+Lengths are in mean spacings, in eye axes; extents are slopes (perspective) or eye x, y (orthographic).
 
-No loop over splats: boxes are unrolled into rows, rows into pixels.
+There is no loop over splats: boxes are unrolled into rows, rows into pixels.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from splatgl.splat.view import GridView, smallest_axis
 
 # relative enlargement of a box against rounding
 MARGIN = 1e-9
-# splats looked at together: their temporaries stay in the cache
+# splats processed together: their temporaries stay in the cache
 SOME = 1 << 16
 
 
@@ -39,16 +39,14 @@ class Boxes:
 
 
 def pixel_boxes(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
-    """The pixels of `camera` that voxels [3, N] can reach in that row of Table 1."""
+    """Pixels of `camera` that voxels [3, N] can reach in a row of Table 1."""
     left, right, top, bottom = pixel_ends(view, row, voxel, camera)
     empty = (right <= left) | (bottom <= top)
     return Boxes(left, np.where(empty, left, right), top, bottom)
 
 
 def pixel_ends(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, ...]:
-    """left, right, top and bottom separately: equal if no pixel centre lies between, right < left if the voxel is not
-    visible.
-    """
+    """left, right, top and bottom [N] of voxels; equal if no pixel centre is between, right < left if invisible."""
     low, high = _bounds(view, row, voxel, camera)
     width, height = camera.size
     grow = MARGIN * (high - low)
@@ -62,7 +60,7 @@ def pixel_ends(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> t
 
 
 def _bounds(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest slope, or x and y, [2, N] each; low > high if not visible."""
+    """Lowest and highest slopes, or x and y, [2, N] each; low > high if invisible."""
     z = voxel[2]
     if not view.perspective:
         half = _half_axes(view, view.widths[:, None] / view.shrink(z))
@@ -103,10 +101,10 @@ def _ellipsoid(view: GridView) -> Quadric:
 
 
 def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest slopes of ellipsoids around voxels seen from the eye, [2, N] each.
+    """Lowest and highest slopes, seen from the eye, of ellipsoids around voxels, [2, N] each.
 
-    A plane through the eye is tangent where (n·v)² = nᵀQn. An ellipsoid that crosses the eye plane counts as visible
-    everywhere, unless it is entirely outside of the image's sides or behind the eye.
+    A plane through the eye is tangent where (n·v)² = nᵀQn. An ellipsoid that crosses the eye's plane counts as visible
+    everywhere, unless it is entirely outside the image's sides or behind the eye.
     """
     z, zz = voxel[2], quadric[2]
     reach = np.sqrt(zz)
@@ -126,12 +124,12 @@ def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[n
 
 
 def _widened(view: GridView, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same for voxels widened by antialiasing: their lateral extent is the kernel's or a pixel's."""
+    """Lowest and highest slopes of voxels widened by antialiasing, as wide as the kernel or a pixel."""
     z = voxel[2]
     near = z - view.reach
     half = _half_axes(view, np.maximum(view.widths[:, None] / near, view.pixel_side(z) / z))
     if row in ("row2", "row3"):
-        # their slant to the plane at the voxel's depth, or to its own ray, is at most the image corner's
+        # the slant to the plane at the voxel's depth, or to the voxel's ray, is at most the image corner's
         length, radius = np.sqrt((voxel * voxel).sum(axis=0)), view.kernel.radius
         half = half * np.sqrt(1 + corner @ corner) * length / np.sqrt((length - radius) * (length + radius))
     ends = np.stack([voxel[:2] / near, voxel[:2] / (z + view.reach)])
@@ -139,9 +137,9 @@ def _widened(view: GridView, row: str, voxel: np.ndarray, corner: np.ndarray) ->
 
 
 def reaching(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
-    """Which splats may reach one of the windows of the picture, bool [N]: those near enough to all of its sides.
+    """bool [N]: whether splats at grid positions [N, 3] may reach one of the windows of the picture.
 
-    positions [N, 3]: grid indices; around: of any splats that far, in grid steps, from these.
+    around: also counts splats up to this many grid steps from the positions.
     """
     parts = (positions[start : start + SOME] for start in range(0, len(positions), SOME))
     return np.concatenate([np.zeros(0, bool), *(_reaching(part, view, windows, around) for part in parts)])
@@ -156,29 +154,29 @@ def _reaching(positions: np.ndarray, view: GridView, windows: Sequence[Window], 
     if view.perspective:
         depth = np.where(v[2] > 0, v[2], 1.0)
         steepest = float(np.abs(np.array(view.size) / 2 + 1).max()) * view.pitch
-        # from a plane through the eye to a point: the difference of slopes, times depth, over this
+        # distance from a plane through the eye to a point: difference of slopes times depth, divided by this
         reach, widest = reach * np.hypot(1.0, steepest), widest * np.hypot(1.0, steepest)
     half = np.maximum(reach / depth, widest)
-    found = np.zeros(len(positions), bool)
+    may_reach = np.zeros(len(positions), bool)
     places, half = v[:2] / depth / view.pitch, half / view.pitch
     for window in windows:
         x, y = window.x + (window.width - view.size[0]) / 2, window.y + (window.height - view.size[1]) / 2
         near = np.flatnonzero(np.abs(places[0] - x) <= half + (window.width / 2 + 1))
-        found[near[np.abs(places[1, near] - y) <= half[near] + (window.height / 2 + 1)]] = True
+        may_reach[near[np.abs(places[1, near] - y) <= half[near] + (window.height / 2 + 1)]] = True
     if view.perspective:
-        found = np.where(v[2] > 0, found, v[2] > -reach)
-    return found
+        may_reach = np.where(v[2] > 0, may_reach, v[2] > -reach)
+    return may_reach
 
 
 # pairs per chunk: temporaries of 2 MB stay in the cache
 PAIRS = 1 << 18
-# rows with one formula for every grid; the others are for cubic voxels
+# rows drawn as quads, with their alignment; their formula holds on every grid
 QUAD_ROWS = {"row4": "ray", "row5": "grid"}
 
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Pairs by splat, in drawing order. splat int [P], pixel int [P] (row-major in the window), integral [P]."""
+    """Pairs in drawing order: splat int [P], pixel int [P] (row-major in the window), integral [P]."""
 
     splat: np.ndarray
     pixel: np.ndarray
@@ -196,64 +194,64 @@ class Row:
 
     @classmethod
     def of(cls, view: GridView, name: str, voxel: np.ndarray, grid: Grid) -> Row:
-        """InputError for a row that does not exist, or not for this grid."""
+        """The named row. Raises InputError for an unknown row, or one that does not exist for the grid."""
         if name not in ROWS:
             raise expected("row", " or ".join(ROWS), repr(name))
         if name in ("row2", "row3") and not grid.cubic:
             raise expected("row", "row1, row4 or row5 for voxels that are not cubes", repr(name))
         # in orthographic projection, all rows are equal
-        own = name if view.perspective or name in QUAD_ROWS else "row1"
-        return cls(view, own, voxel, table_quad(view, voxel, QUAD_ROWS[own]) if own in QUAD_ROWS else None)
+        row = name if view.perspective or name in QUAD_ROWS else "row1"
+        return cls(view, row, voxel, table_quad(view, voxel, QUAD_ROWS[row]) if row in QUAD_ROWS else None)
 
     def coverage(self) -> np.ndarray:
-        """[N]: the fraction of each footprint that is filled without antialiasing."""
+        """[N]: share of the widened footprint that the unwidened one covers."""
         return self.quads.coverage if self.quads else self.view.coverage(self.voxel[2])
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
-        """The value of splats [P] on rays [2, P]."""
+        """Line integrals of splats [P] along rays [2, P]."""
         if self.quads:
             return on_quads(self.view, self.quads.take(splat), ray)
         voxel = self.voxel[:, splat]
-        found = row1(self.view, voxel, ray)
+        integral = row1(self.view, voxel, ray)
         if self.name != "row1":
             # rows 2 and 3 equal row 1 where nothing is widened
             some = np.flatnonzero(self.view.is_widened(voxel[2]))
             cubes = Splat(self.view.kernel, voxel[:, some].T, ray[:, some].T, 1 / self.view.pitch)
-            found.value[some] = ROWS[self.name](cubes)
-        return found
+            integral.value[some] = ROWS[self.name](cubes)
+        return integral
 
 
 class Footprints(Protocol):
-    """Splats on rays of a view."""
+    """Splats along rays of a view."""
 
     @property
     def view(self) -> GridView:
         """The view."""
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
-        """The value of splats [P] on rays [2, P]."""
+        """Line integrals of splats [P] along rays [2, P]."""
 
 
 def values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
-    """Pairs in a window of the image, splats in the given order, in chunks."""
+    """Yields the pairs in a window of the image, in chunks; splats in the given order."""
     across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
     top, bottom = np.maximum(boxes.top, window.y), np.minimum(boxes.bottom, window.y + window.height)
     left, right = np.maximum(boxes.left, window.x), np.minimum(boxes.right, window.x + window.width)
-    seen = order[((right > left) & (bottom > top))[order]]
-    count = (right - left)[seen] * (bottom - top)[seen]
-    for chunk in np.split(seen, _cuts(count)):
+    visible = order[((right > left) & (bottom > top))[order]]
+    count = (right - left)[visible] * (bottom - top)[visible]
+    for chunk in np.split(visible, _cuts(count)):
         lines, line = _unroll(top[chunk], bottom[chunk])
         owner = chunk[lines]
         spans, column = _unroll(left[owner], right[owner])
         splat, line = owner[spans], line[spans]
-        found = row.on(splat, np.stack([across[column], down[line]]))
-        hit = np.flatnonzero(found.value > 0)
+        integral = row.on(splat, np.stack([across[column], down[line]]))
+        hit = np.flatnonzero(integral.value > 0)
         pixel = (line[hit] - window.y) * window.width + column[hit] - window.x
-        yield Values(splat[hit], pixel, Integral(found.value[hit], found.peak[hit]))
+        yield Values(splat[hit], pixel, Integral(integral.value[hit], integral.peak[hit]))
 
 
 def _cuts(count: np.ndarray) -> np.ndarray:
-    """Chunk boundaries for splats with `count` pairs each, about PAIRS per chunk."""
+    """Chunk boundaries for splats with `count` [N] pairs, about PAIRS per chunk."""
     part = np.cumsum(count) // PAIRS
     return np.flatnonzero(np.diff(part)) + 1
 
@@ -268,12 +266,12 @@ def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
+    """Rays of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
 
-    near, far [P]: distances from the start between which a ray is in the box, equal if nowhere. stretch [P]: mean
-    spacings per index unit along the ray. toward [P, 3]: unit vectors along it in world axes. face [P, 3]: normal of
-    the plane that cuts its beginning off, world axes, 0 without one; None: no plane cuts any. entry [P]: distances at
-    which rays enter what planes leave, whatever parts of them are taken.
+    near, far [P]: distances between which a ray is in the box, equal if nowhere. stretch [P]: mean spacings per index
+    unit along the ray. toward [P, 3]: unit vectors, world axes. face [P, 3]: normal of the plane that clips the start
+    of the ray, world axes, else 0; None without planes. entry [P]: distances at which rays enter the clipped box, also
+    for parts of rays.
     """
 
     start: np.ndarray
@@ -294,7 +292,7 @@ class Rays:
     def of(
         cls, view: GridView, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray, clip: Clip | None = None
     ) -> Rays:
-        """Rays of `camera`'s pixels; the box holds the cells of `shape` voxels along x, y, z. clip: cuts them."""
+        """Rays of `camera`'s pixels in the box of the cells of `shape` voxels along x, y, z, clipped by `clip`."""
         row, column = np.divmod(pixel, camera.size[0])
         across = (column + 0.5 - camera.size[0] / 2) * view.pitch
         down = (row + 0.5 - camera.size[1] / 2) * view.pitch
@@ -310,11 +308,11 @@ class Rays:
         low, high = -0.5 - flush, np.array(shape)[:, None] - 0.5 + flush
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = np.stack([(low - start) / direction, (high - start) / direction])
-        # along an axis without motion, a ray is always or never inside
+        # along an axis that a ray does not move along, it is always or never inside
         still, inside = direction == 0, (start >= low) & (start <= high)
         near = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
         far = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)
-        # a parallel view begins at its eye's plane, too
+        # parallel rays begin at the eye's plane, too
         near = np.maximum(near, 0.0)
         toward = (camera.eye_from_world.T @ along).T
         toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)

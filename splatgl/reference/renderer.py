@@ -96,12 +96,11 @@ def render(
     row: str = "row1",
     progress: Progress | None = None,
 ) -> Image:
-    """The same image as `Renderer.render`, float64 [H, W, 4], linear premultiplied, row 0 at the top.
+    """The exact image of `Renderer.render`, float64 [H, W, 4], linear premultiplied, row 0 at the top.
 
-    row: "row1" (correct) or another of Table 1, "row2" … "row5", with its error; row4 is what `align="ray"`
-    draws, row5 `align="grid"`; for non-cubic voxels there are rows 1, 4 and 5. progress wraps the
-    iteration over bands of the image (bands, count). Raises InputError for an unknown row.
-    [M98 Table 1]
+    row: "row1" (correct) or an approximation of Table 1, "row2" … "row5": row4 is `align="ray"`, row5 `align="grid"`;
+    rows 2 and 3 exist for cubic voxels only. progress wraps the iteration over bands of the image (bands, count).
+    Raises InputError for an unknown row.  [M98 Table 1]
     """
     started = time.perf_counter()
     settings = settings or Settings()
@@ -126,38 +125,45 @@ def _render_layers(
     progress: Progress | None,
     meshes: Sequence[Mesh],
 ) -> Image:
-    """The same of several layers."""
+    """`render` for several layers."""
     started = time.perf_counter()
     if BLENDS[settings.blend].ordered:
-        resolved = casting([resolved_layer(each, camera, own) for each, own in layers], layers)
-        scene = _layered([(each, found) for (each, _), found in zip(layers, resolved, strict=True)], settings, meshes)
+        resolved = casting(
+            [resolved_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers
+        )
+        scene = _layered(
+            [(splats, layer) for (splats, _), layer in zip(layers, resolved, strict=True)], settings, meshes
+        )
         picture, first = _drawn_in_bands(scene, resolved[0], progress), resolved[0]
     else:
-        alone = [(each, own.but(background=None)) for each, own in layers]
-        picture = joined([render(each, camera, own, progress=progress).pixels for each, own in alone], settings)
+        alone = [(layer, layer_settings.but(background=None)) for layer, layer_settings in layers]
+        picture = joined(
+            [render(layer, camera, layer_settings, progress=progress).pixels for layer, layer_settings in alone],
+            settings,
+        )
         first = Resolved.of(layers[0][0], camera, settings)
-    told = _provenance(layers[0][0], camera, first, "row1", time.perf_counter() - started)
-    splats = [each for each, _ in layers]
-    return Image(picture, {**told, "layers": [each.name for each in splats], "splats": sum(map(len, splats))})
+    info = _provenance(layers[0][0], camera, first, "row1", time.perf_counter() - started)
+    splats = [layer for layer, _ in layers]
+    return Image(picture, {**info, "layers": [layer.name for layer in splats], "splats": sum(map(len, splats))})
 
 
 def _drawn_in_bands(
     scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, progress: Progress | None
 ) -> np.ndarray:
-    """The pixels, float64 [H, W, 4]."""
+    """Draws the picture in bands of rows: float64 [H, W, 4]."""
     fine = resolved.camera
-    # in bands; all samples of a pixel are in the same band
+    # all samples of a pixel are in the same band
     height = max(1, scene.band_height() // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
-    told = progress(iter(bands), len(bands)) if progress else bands
-    drawn = [scene.part(Window(0, top, fine.size[0], end - top)) for top, end in told]
+    remaining = progress(iter(bands), len(bands)) if progress else bands
+    drawn = [scene.part(Window(0, top, fine.size[0], end - top)) for top, end in remaining]
     return _mean(np.concatenate(drawn), resolved)
 
 
 def render_windows(
     splats: Splats | Scene, camera: Camera, settings: Settings, windows: Sequence[Window]
 ) -> list[np.ndarray]:
-    """Windows of pixels of the same image, float64 [h, w, 4]: enough to check another image of many splats."""
+    """Windows of pixels of the image, float64 [h, w, 4]: to check other images of many splats."""
     if isinstance(splats, Scene):
         drawn, meshes = layers_of(splats, camera, settings), splats.surfaces(settings)
         if len(drawn) > 1 or meshes:
@@ -175,23 +181,23 @@ def _layer_windows(
     windows: Sequence[Window],
     meshes: Sequence[Mesh],
 ) -> list[np.ndarray]:
-    """The same of several layers."""
+    """`render_windows` for several layers."""
     if not BLENDS[settings.blend].ordered:
-        alone = [(each, own.but(background=None)) for each, own in layers]
-        parts = [render_windows(each, camera, own, windows) for each, own in alone]
+        alone = [(splats, layer_settings.but(background=None)) for splats, layer_settings in layers]
+        parts = [render_windows(splats, camera, layer_settings, windows) for splats, layer_settings in alone]
         return [joined(part, settings) for part in zip(*parts, strict=True)]
-    resolved = casting([resolved_layer(each, camera, own) for each, own in layers], layers)
-    near = [_reaching(each, found, windows) for (each, _), found in zip(layers, resolved, strict=True)]
-    every = list(zip(near, resolved, strict=True))
-    some = [each for each in every if len(each[0])] or every[:1]
+    resolved = casting([resolved_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers)
+    near = [_reaching(splats, layer, windows) for (splats, _), layer in zip(layers, resolved, strict=True)]
+    pairs = list(zip(near, resolved, strict=True))
+    some = [pair for pair in pairs if len(pair[0])] or pairs[:1]
     return _windows(_layered(some, settings, meshes), resolved[0], windows)
 
 
 def _layered(
     layers: Sequence[tuple[Splats, Resolved]], settings: Settings, meshes: Sequence[Mesh]
 ) -> SheetScene | BoxScene | LayerScene | SurfaceScene:
-    """The scene of layers and meshes."""
-    scenes = [BoxScene(*each) if each[1].boxes else sheet_scene(*each) for each in layers]
+    """Scene of layers and meshes."""
+    scenes = [BoxScene(*layer) if layer[1].boxes else sheet_scene(*layer) for layer in layers]
     scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
     if not meshes:
         return scene
@@ -200,7 +206,7 @@ def _layered(
 
 
 def _reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> Splats:
-    """The splats that may reach windows of pixels."""
+    """Splats that may reach windows of pixels."""
     some = reaching(splats.records["position"], resolved.view, _drawn(windows, resolved))
     return splats.part(some, among_all=resolved.look.attenuation == "fill")
 
@@ -208,44 +214,44 @@ def _reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> 
 def render_windows_of(
     bricks: Bricks, camera: Camera, settings: Settings, windows: Sequence[Window]
 ) -> list[np.ndarray]:
-    """The same, of the splats of a volume in bricks: those bricks are extracted that may reach a window."""
+    """`render_windows` for a volume in bricks; extracts only bricks that may reach a window."""
     resolved = Resolved.of(bricks.whole, camera, settings)
     fine = _drawn(windows, resolved)
     half = (bricks.high - 1 - bricks.low) / 2
     around = float(np.linalg.norm(half, axis=1).max())
-    found = [np.zeros(0, record_type(bricks.volume.shape, post=True))]
+    parts = [np.zeros(0, record_type(bricks.volume.shape, post=True))]
     for brick in np.flatnonzero(reaching(bricks.low + half, resolved.view, fine, around)).tolist():
         records = bricks.records(brick)
-        found.append(records[reaching(records["position"], resolved.view, fine)])
-    records = np.concatenate(found)
+        parts.append(records[reaching(records["position"], resolved.view, fine)])
+    records = np.concatenate(parts)
     records = records[np.lexsort(records["position"].T)]
     splats = ahead(post_splats(bricks.volume, bricks.post, records), camera)
     return _windows(_scene(splats, resolved, "row1"), resolved, windows)
 
 
 def _drawn(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
-    """The windows as they are drawn, in samples if several are averaged."""
+    """The windows in samples, if several samples are averaged, else in pixels."""
     return [_samples(window, resolved) for window in windows] if resolved.averaged else list(windows)
 
 
 def _windows(
     scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, windows: Sequence[Window]
 ) -> list[np.ndarray]:
-    """Windows of the picture of a scene."""
+    """Draws windows of the picture of a scene, averages samples and adds the background."""
     fine, k = _drawn(windows, resolved), resolved.samples
     if not resolved.averaged:
         return [_mean(part, resolved) for part in scene.parts(fine)]
-    found = []
+    pictures = []
     for window, near, drawn in zip(windows, fine, scene.parts(fine), strict=True):
         left, top = (window.x - 1) * k, (window.y - 1) * k
         right, bottom = left + (window.width + 2) * k, top + (window.height + 2) * k
         beyond = ((near.y - top, bottom - near.y - near.height), (near.x - left, right - near.x - near.width), (0, 0))
-        found.append(_mean(np.pad(drawn, beyond, mode="edge"), resolved)[1:-1, 1:-1])
-    return found
+        pictures.append(_mean(np.pad(drawn, beyond, mode="edge"), resolved)[1:-1, 1:-1])
+    return pictures
 
 
 def _samples(window: Window, resolved: Resolved) -> Window:
-    """The samples of a window's pixels, and the nearest beside them, which their means read."""
+    """The samples of a window's pixels, and one more on each side for their means."""
     k, (width, height) = resolved.samples, resolved.camera.size
     left, top = max(window.x * k - 1, 0), max(window.y * k - 1, 0)
     right, bottom = (window.x + window.width) * k + 1, (window.y + window.height) * k + 1
@@ -287,25 +293,25 @@ class _Scene:
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
         gathered = Band.empty(window.height * window.width)
-        for found in values(self.row, self.boxes, self.order, window, self.camera):
-            if len(found.splat):
-                ADD[self.blend.join](gathered, self._part(found))
+        for pairs in values(self.row, self.boxes, self.order, window, self.camera):
+            if len(pairs.splat):
+                ADD[self.blend.join](gathered, self._part(pairs))
         return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
 
     def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
         """Windows of the picture."""
         return [self.part(window) for window in windows]
 
-    def _part(self, found: Values) -> Part:
-        value = found.integral.value
+    def _part(self, pairs: Values) -> Part:
+        value = pairs.integral.value
         if self.blend.peak:
-            value = value / found.integral.peak
-        splat = found.splat
-        return Part(found.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
+            value = value / pairs.integral.peak
+        splat = pairs.splat
+        return Part(pairs.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
 
 
 def sheet_scene(splats: Splats, resolved: Resolved) -> SheetScene:
-    """The scene of splats that add up within sheets."""
+    """Scene of splats that add up within sheets."""
     if splats.post is not None:
         return SheetScene(splats, resolved, None)
     depth = splats.records["optical_depth"].astype(np.float64)
@@ -317,7 +323,7 @@ def sheet_scene(splats: Splats, resolved: Resolved) -> SheetScene:
 
 
 def attenuated_depth(splats: Splats, view: GridView, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """Optical depth [N] of voxels [3, N], attenuated by the fraction of their pixel that their matter fills."""
+    """Optical depths [N] of voxels [3, N], attenuated by the share of their pixel that their matter fills."""
     ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
     length = np.sqrt((ray * ray).sum(axis=0))
     along = np.linalg.inv(view.eye_from_index) @ (ray / np.where(length > 0, length, 1.0))
@@ -328,7 +334,7 @@ def attenuated_depth(splats: Splats, view: GridView, voxel: np.ndarray, coverage
 
 
 def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:
-    """The mean of each pixel's samples, over the background."""
+    """Pixels: means of samples, over the background."""
     return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 
 

@@ -1,8 +1,8 @@
 """Sheets in float64: the twin of the shaders `sheet_*.glsl`.
 
 Classified before: extinction and extinction · colour add up within a sheet. Classified after: masses, and values and
-gradients by mass, add up within a sheet; a quadratic B-spline joins the sums of sheets, and their means are classified
-in parts, or joined to one value that is classified.
+gradients weighted by mass, add up within a sheet; a quadratic B-spline interpolates the sums of sheets, whose means are
+classified in parts, or joined to one value that is classified.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from splatgl.splat.sheets import (
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
-# opacity behind which light is less than rounding
+# opacity behind which the remaining light is less than rounding
 OPAQUE = 1 - 1e-15
 
 
@@ -61,20 +61,20 @@ class SheetField:
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: GridView, near: int = 0) -> SheetField:
-        """Of splats that are classified after. near: sheets from the eye on that are planes."""
+        """Classification of splats of values. near: number of sheets from the eye on that are planes."""
         assert splats.post is not None
         look = resolved.look
         shines = look.light.within(resolved.camera)
-        seen, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
-        found = cls(look.blend, splats.post, view, *seen, size, splats.unit, look.light, shines, cues, resolved.mask)
-        return replace(found, near=near)
+        lit, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
+        field = cls(look.blend, splats.post, view, *lit, size, splats.unit, look.light, shines, cues, resolved.mask)
+        return replace(field, near=near)
 
     def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
         light = np.zeros((len(sums), 4))
 
         def seen() -> np.ndarray:
-            # what is behind matter that hides everything is not seen
+            # opaque matter hides everything behind it
             return (light[:, 3] < OPAQUE) | self.blend.one_value | self.blend.unbounded
 
         for part in self.parts(sums, rays, first, sheets, seen):
@@ -93,10 +93,10 @@ class SheetField:
         return classified(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
 
     def parts(
-        self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, seen: Callable[[], np.ndarray]
+        self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
     ) -> Iterator[Part]:
-        """What lies around each sheet within the volume's box, in `steps` parts, nearest first. seen: tells in which
-        pixels anything more can be seen.
+        """Yields the matter around all sheets within the volume's box, in `steps` parts, nearest first. is_visible:
+        returns in which pixels further matter is visible.
         """
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
         entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
@@ -104,10 +104,10 @@ class SheetField:
         padded = np.pad(self.centered(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
         along = rays.toward * stretch[:, None]
         for n in range(1, padded.shape[1] - 1):
-            some = np.flatnonzero((padded[:, n - 1 : n + 2, 0] > 0).any(axis=1) & seen())
-            before, own, behind_ = (padded[some, n + k] for k in (-1, 0, 1))
-            around = unbent(np.stack([(before + own) / 2, own, (own + behind_) / 2]), along[some])
-            # half-way from the sheet before
+            some = np.flatnonzero((padded[:, n - 1 : n + 2, 0] > 0).any(axis=1) & is_visible())
+            before, at_sheet, behind_ = (padded[some, n + k] for k in (-1, 0, 1))
+            around = unbent(np.stack([(before + at_sheet) / 2, at_sheet, (at_sheet + behind_) / 2]), along[some])
+            # half-way from the previous sheet
             begin = first + n - 2 - 0.5
             # the part within the box
             low, high = (np.clip(end[some] - begin, 0.0, 1.0) for end in (near, far))
@@ -127,9 +127,9 @@ class SheetField:
                 yield Part(some, begin, between, first_, mean, last, stretch[some], faced, distance)
 
     def centered(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
-        """[P, sheets, 6]: sums [P, sheets, 5] as if even matter had the same mass everywhere, whose values are moved,
-        by their gradients, from its mean place to the sheets' own; and how much further than others, in sheets², they
-        spread it. Of one value unchanged, whose extremes are then those of means.
+        """[P, sheets, 6]: sums [P, sheets, 5] normalised to the mass of constant matter, with values moved along their
+        gradients from the matter's mean place to the sheet's place; and the additional spread, sheets². Unchanged for
+        blends of one value.
         """
         if self.blend.one_value:
             return np.concatenate([sums, np.zeros_like(sums[..., :1])], axis=-1)
@@ -137,7 +137,7 @@ class SheetField:
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))
         along = number * sheets.thickness - offset[:, None]
         places = rays.start[..., None] + rays.direction[..., None] * along
-        # near the first and last layer gradients are of faces
+        # near the first and last layer, gradients belong to faces
         last = np.array(self.post.shape)[:, None, None] - 1
         amid = np.minimum(places, last - places).min(axis=0) - AMID
         layers, half = sheets.layer_terms(rays.direction)[..., None]
@@ -153,26 +153,26 @@ class SheetField:
         slope = (sums[..., 2:] * rays.toward[:, None]).sum(axis=-1) * (rays.stretch * sheets.thickness)[:, None]
         moved = sums.copy()
         moved[..., 1] += share * lag * even * slope
-        # gradients of the sheets beside it count, too
+        # the additional spread also uses gradients of the sheets beside
         further *= share * np.clip(amid - 1, 0.0, 1.0)
         return np.concatenate([moved * even[..., None], further[..., None]], axis=-1)
 
     def _kept(
         self, ends: list[np.ndarray], sheet: float, some: np.ndarray, rays: Rays, sheets: Sheets
     ) -> list[np.ndarray]:
-        """What the mask keeps between ends, in sheets from a place in them, of some pixels."""
+        """Clips parts of rays to the mask. ends: in sheets, counted from `sheet`; some: pixels."""
         if self.mask is None:
             return ends
         at = [self.mask.at(self._points((sheet + end) * sheets.thickness, some, rays)) for end in ends]
         return list(kept_part((at[0], at[1]), (ends[0], ends[1])))
 
     def _points(self, distance: np.ndarray, some: np.ndarray, rays: Rays) -> np.ndarray:
-        """Grid positions [3, P] at distances, index units as sheets are counted, of some rays."""
+        """Grid positions [3, P] of some rays at distances, index units, measured as for sheets."""
         offset = np.broadcast_to(ray_offset(self.view, rays), len(rays.near))[some]
         return np.asarray(rays.start[:, some] + rays.direction[:, some] * (distance - offset))
 
     def places(self, rays: Rays, distance: np.ndarray, sheets: Sheets) -> np.ndarray:
-        """Distances [P] along rays, index units, in sheets from the eye, or from the plane through it."""
+        """Converts distances [P] along rays, index units, to sheets."""
         return np.asarray((distance + ray_offset(self.view, rays)) / sheets.thickness)
 
     def matter(self, part: Part, rays: Rays) -> np.ndarray:
@@ -184,17 +184,19 @@ class SheetField:
         return matter
 
     def light_of(self, part: Part, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
-        """Factors of colours [P] and highlights [P] of a part by its gradients; of the face of a cut by the plane."""
-        found = self._surface(part, part.gradient if self.shading else np.zeros((len(part.pixel), 3)), rays)
+        """Factors of colours [P] and highlights [P] of a part, by its gradients, the mask's face, and the clip plane's
+        face.
+        """
+        light = self._surface(part, part.gradient if self.shading else np.zeros((len(part.pixel), 3)), rays)
         if not self.shading:
-            return found
+            return light
         if self.mask is not None:
             face = self.mask.normals(self._points(part.middle, part.pixel, rays))
-            found = _mixed(found, self._surface(part, face, rays), face_share(part.gradient, face))
+            light = _mixed(light, self._surface(part, face, rays), face_share(part.gradient, face))
         if rays.face is not None:
             face = rays.face[part.pixel]
-            found = _mixed(found, self._surface(part, face, rays), part.faced * face.any(axis=1))
-        return found
+            light = _mixed(light, self._surface(part, face, rays), part.faced * face.any(axis=1))
+        return light
 
     def _surface(self, part: Part, normal: np.ndarray, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         toward, reached = rays.toward[part.pixel], None
@@ -216,10 +218,11 @@ class SheetField:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of what lies around a sheet, of pixels [P]. ends: where it begins and ends, in sheets from `sheet`.
+    """Part of the matter around a sheet, of pixels [P]. ends: its start and end, in sheets, counted from `sheet`.
 
-    begin, mean, end [P, 4]: values and gradients there and in its middle. stretch [P]: mean spacings per sheet. faced
-    [P]: its share within the face of a cut. middle [P]: distance of its middle, index units, as sheets are counted.
+    begin, mean, end [P, 4]: values and gradients at its start, middle and end. stretch [P]: mean spacings per sheet.
+    faced [P]: share within the face of a clip plane. middle [P]: distance of its middle, index units, measured as for
+    sheets.
     """
 
     pixel: np.ndarray
@@ -234,34 +237,34 @@ class Part:
 
     @property
     def gradient(self) -> np.ndarray:
-        """[P, 3]: in its middle."""
+        """[P, 3]: gradient in the middle."""
         return self.mean[:, 1:]
 
     @property
     def value(self) -> np.ndarray:
-        """[P]: in its middle."""
+        """[P]: value in the middle."""
         return self.mean[:, 0]
 
 
 def between_sheets(around: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """[P, 5]: sums at places u [P] from 0, half-way before a sheet, to 1, half-way behind. around [3, P, 5]: the sums
-    half-way before, of the sheet, and half-way behind.
+    """[P, 5]: sums at places u [P], from 0 (half-way before a sheet) to 1 (half-way behind). around [3, P, 5]: sums
+    half-way before, at the sheet, and half-way behind.
     """
     shares = np.stack([(1 - u) ** 2, 2 * u * (1 - u), u**2]) + EDGE
     return np.asarray((shares[..., None] * around).sum(axis=0))
 
 
 def unbent(around: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Sums `around` a sheet [3, P, 5], of which [3, P, 6] hold further spread, too: values are less by what that adds
+    """Sums [3, P, 5] of sums `around` a sheet [3, P, 6], without the error of values that the additional spread causes
     where gradients change along rays. along [P, 3]: unit directions times mean spacings per sheet.
     """
     further = around[..., 5]
     before, behind_ = np.diff((around[..., 2:5] * along).sum(axis=-1), axis=0)
     ends = before * further[0], behind_ * further[2]
     middle = (further[0] + 2 * further[1] + further[2]) / 4 * (before + behind_) - sum(ends) / 2
-    found = around[..., :5].copy()
-    found[..., 1] -= np.stack([ends[0], middle, ends[1]])
-    return found
+    straight = around[..., :5].copy()
+    straight[..., 1] -= np.stack([ends[0], middle, ends[1]])
+    return straight
 
 
 def means_of(sums: np.ndarray) -> np.ndarray:
@@ -270,22 +273,22 @@ def means_of(sums: np.ndarray) -> np.ndarray:
 
 
 def bulge(number: np.ndarray, sheets: Sheets) -> np.ndarray:
-    """How far, in sheets, a ray passes even matter of a sphere before the sphere's own place."""
+    """Distance, in sheets, by which a ray passes constant matter of a spherical sheet before the sheet's place."""
     return np.asarray(sheets.variance / sheets.thickness**2 / np.maximum(number, 1))
 
 
 Lit = tuple[np.ndarray, np.ndarray]
 
 
-def _mixed(found: Lit, other: Lit, share: np.ndarray) -> Lit:
-    """Factors and highlights, a share of which is of others."""
-    factor, highlight = (mine * (1 - share) + own * share for mine, own in zip(found, other, strict=True))
+def _mixed(first: Lit, other: Lit, share: np.ndarray) -> Lit:
+    """Mixes factors and highlights: `share` of the second."""
+    factor, highlight = (a * (1 - share) + b * share for a, b in zip(first, other, strict=True))
     return factor, highlight
 
 
 def ray_offset(view: GridView, rays: Rays) -> np.ndarray | float:
-    """What distances along rays are shorter than those by which sheets are counted: in parallel views these are from
-    the plane through the eye across the rays, in index space.
+    """Offset from distances along rays to distances by which sheets are counted: in parallel views, these start at the
+    plane through the eye across the rays, in index space.
     """
     if view.perspective:
         return 0.0
@@ -293,25 +296,25 @@ def ray_offset(view: GridView, rays: Rays) -> np.ndarray | float:
 
 
 def behind(light: np.ndarray, matter: np.ndarray) -> np.ndarray:
-    """Light [P, 4] that reaches the eye from behind `light`, through matter [P, 4]: emission and optical depth."""
+    """Light [P, 4] with matter [P, 4], emission and optical depth, added behind it."""
     depth = matter[:, 3]
     share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
     return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)
 
 
 def weighted(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Extinction of that share of an extinction's opacity, both per reference length."""
+    """Extinction whose opacity is `weight` times that of `extinction`, per reference length."""
     share = np.minimum(-np.expm1(-extinction) * weight, 1.0)
     with np.errstate(divide="ignore"):
         return np.where(weight < 1, -np.log1p(-share), extinction)
 
 
-# floats of the sums of a band of pixels
+# maximum number of floats in the sums of a band of pixels
 MOST_SUMS = 2**24
 
 
 class SheetScene:
-    """Data shared by all windows: positions, sheets and what each splat adds to them."""
+    """Data shared by all windows: positions, sheets, and the splats' terms in their sums."""
 
     def __init__(self, splats: Splats, resolved: Resolved, depth: np.ndarray | None, row: str = "row1") -> None:
         """depth [N]: attenuated optical depths of splats classified before; None: classified after."""
@@ -350,20 +353,20 @@ class SheetScene:
         return self.parts([window])[0]
 
     def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
-        """Windows of the picture, float64 [h, w, 4]; small ones together, as the sheets of all are passed in turn."""
+        """Windows of the picture, float64 [h, w, 4]; small ones together, to loop over sheets only once."""
         sizes = [w.width * w.height for w in windows]
         if len(windows) > 1 and sum(sizes) * self.many * self.terms.shape[1] > MOST_SUMS:
             return [self.part(window) for window in windows]
         sums = np.concatenate([self._sums(window) for window in windows])
-        found = composited(sums) if self.field is None else self._classified(sums, windows)
+        light = composited(sums) if self.field is None else self._classified(sums, windows)
         ends = np.cumsum(sizes)[:-1]
-        return [part.reshape(w.height, w.width, 4) for part, w in zip(np.split(found, ends), windows, strict=True)]
+        return [part.reshape(w.height, w.width, 4) for part, w in zip(np.split(light, ends), windows, strict=True)]
 
     def _sums(self, window: Window) -> np.ndarray:
-        """[P, sheets, terms] of a window's pixels."""
+        """Sums [P, sheets, terms] of a window's pixels."""
         sums = np.zeros((self.terms.shape[1], window.width * window.height * self.many))
-        for found in values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
-            self._add(sums, found)
+        for pairs in values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
+            self._add(sums, pairs)
         by_sheet = sums.T.reshape(-1, self.many, len(sums))
         if self.near is not None:
             rays = self._rays(window, None, None)
@@ -379,32 +382,32 @@ class SheetScene:
         return self.field.composited(sums, rays, self.first, self.sheets)
 
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-        """Light [P, 4] of what a window's pixels see between distances [P], world units."""
+        """Light [P, 4] of a window's pixels between distances [P], world units."""
         sums, rays = self._sums(window), self._rays(window, near, far)
         if self.field is None:
             return composited(sums * self._within(rays)[..., None])
         return self.field.composited(sums, rays, self.first, self.sheets)
 
     def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
-        """What a window's pixels see of the scene, or of it between distances [P], in pieces along their rays."""
+        """Pieces of matter along the rays of a window's pixels, or along their parts between distances [P]."""
         sums, rays = self._sums(window), self._rays(window, near, far)
         if self.field is None:
-            # a sheet lies in the middle of its matter
+            # a sheet's matter extends by half a sheet to both sides
             middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
             sums = sums if near is None else sums * self._within(rays)[..., None]
             return Pieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
-        every = np.ones(len(sums), bool)
+        all_pixels = np.ones(len(sums), bool)
         number = (self.many + 2) * self.sheets.steps
         ends, matter = np.zeros((len(sums), number, 2)), np.zeros((len(sums), number, 4))
-        for n, part in enumerate(self.field.parts(sums, rays, self.first, self.sheets, lambda: every)):
-            # a piece for each part, also where nothing is known
+        for n, part in enumerate(self.field.parts(sums, rays, self.first, self.sheets, lambda: all_pixels)):
+            # one piece for each part, also where there is no value
             ends[:, n] = part.sheet + (n % self.sheets.steps) / self.sheets.steps
             ends[part.pixel, n] = part.sheet + np.stack(part.ends, axis=1)
             matter[part.pixel, n] = self.field.matter(part, rays)
         return Pieces(self._depths(rays, ends), matter)
 
     def _rays(self, window: Window, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
-        """Rays of a window's pixels; of voxels all of each, before its limits."""
+        """Rays of a window's pixels, clipped to distances if given; endless for splats classified before."""
         shape = (1, 1, 1) if self.field is None else self.field.post.shape
         rays = Rays.of(self.view, self.camera, shape, _pixels(window, self.camera), self.resolved.clip)
         if self.field is None:
@@ -412,38 +415,38 @@ class SheetScene:
         return rays if near is None or far is None else rays.between(near / self.spacing, far / self.spacing)
 
     def _within(self, rays: Rays) -> np.ndarray:
-        """The shares [P, sheets] of the matter around sheets that lie within rays."""
+        """Shares [P, sheets] of the matter around sheets that are within the limits of rays."""
         middle = self.first + np.arange(self.many)
         offset = ray_offset(self.view, rays)
         ends = [((end + offset) / self.sheets.thickness)[:, None] - middle for end in (rays.near, rays.far)]
         return np.asarray(np.clip(ends[1], -0.5, 0.5) - np.clip(ends[0], -0.5, 0.5))
 
     def _depths(self, rays: Rays, places: np.ndarray) -> np.ndarray:
-        """Distances along rays, world units, of places [P, …] in sheets."""
+        """Distances along rays, world units, of places [P, …], in sheets."""
         around = (slice(None), *[None] * (places.ndim - 1))
         offset = np.broadcast_to(ray_offset(self.view, rays), len(places))[around]
         return np.asarray((places * self.sheets.thickness - offset) * (rays.stretch * self.spacing)[around])
 
-    def _add(self, sums: np.ndarray, found: Values) -> None:
-        value, splat = found.integral.value, found.splat
+    def _add(self, sums: np.ndarray, pairs: Values) -> None:
+        value, splat = pairs.integral.value, pairs.splat
         if self.field is not None:
-            value = value / found.integral.peak
-        entry = found.pixel * self.many + self.base[splat] - self.first
+            value = value / pairs.integral.peak
+        entry = pairs.pixel * self.many + self.base[splat] - self.first
         shares = [weight[splat] * value for weight in self.weights]
         for total, term in zip(sums, self.terms.T, strict=True):
-            own = term[splat]
+            values = term[splat]
             for j, share in enumerate(shares):
-                total += np.bincount(entry + j, share * own, len(total))
+                total += np.bincount(entry + j, share * values, len(total))
 
 
 def _pixels(window: Window, camera: Camera) -> np.ndarray:
-    """Numbers of a window's pixels, row by row."""
+    """Indices of a window's pixels, row by row."""
     rows = np.arange(window.y, window.y + window.height)[:, None] * camera.size[0]
     return np.asarray((rows + np.arange(window.x, window.x + window.width)).ravel())
 
 
 def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: Sheets) -> np.ndarray:
-    """[P, 5]: mass, value and gradient by mass, of a sheet around the eye, across each ray."""
+    """[P, 5]: mass, and value and gradient weighted by mass, of a plane sheet near the eye."""
     places = rays.start + rays.direction * (sheet * sheets.thickness)
     sums = np.zeros((places.shape[1], 5))
     first = np.floor(places).astype(np.int64)
@@ -452,18 +455,18 @@ def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: S
     for step in np.ndindex(*(2 * around,) * 3):
         cell = first + np.array(step)[:, None] - around + 1
         x, y, z = np.clip(cell - near.low[:, None], 0, size - 1)
-        found = near.cells[z, y, x].astype(np.float64)
+        cells = near.cells[z, y, x].astype(np.float64)
         apart = cell - places
         along = (apart * rays.direction).sum(axis=0)
         across = np.sqrt(np.maximum((apart**2).sum(axis=0) - along**2, 0.0))
-        weight = kernel.footprint(across) * sheets.shares(along / sheets.thickness) * (found[:, 3] < ABSENT)
-        sums += weight[:, None] * np.column_stack([np.ones(len(found)), found[:, 3], found[:, :3]])
+        weight = kernel.footprint(across) * sheets.shares(along / sheets.thickness) * (cells[:, 3] < ABSENT)
+        sums += weight[:, None] * np.column_stack([np.ones(len(cells)), cells[:, 3], cells[:, :3]])
     return np.asarray(sums / kernel.footprint(np.zeros(())))
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Even matter along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its plane.
+    """Constant matter along rays, nearest first. ends [P, N, 2]: world distances from the eye, or from its plane.
 
     matter [P, N, 4]: emission and optical depth.
     """

@@ -1,7 +1,7 @@
 """Streaks in float64: splats that move during the exposure.
 
-Compared with means of subframes, it measures the error of streaks: straight lines for curved
-paths, one width for a changing depth, and optical depth that is smeared before it occludes.
+Compared with means of subframes, it measures the error of streaks: straight lines for curved paths, one width for a
+changing depth, and optical depth that is blurred before it occludes.
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ class StreakRow(Row):
     motion: str
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
-        """value: the mean along the path; peak: the maximum."""
+        """Integrals of splats [P] along rays [2, P]. value: the mean along the path; peak: the maximum."""
         voxel, step = self.voxel[:, splat], self.step[:, splat]
-        found = row1(self.view, voxel, ray)
-        found.peak[:] = found.value
+        integral = row1(self.view, voxel, ray)
+        integral.peak[:] = integral.value
         # a kernel around the eye has no image position to move from
         moving = np.flatnonzero(step.any(axis=0) & (voxel[2] > self.view.reach))
         if len(moving):
             passed = passing(self.view, voxel[:, moving], ray[:, moving], step[:, moving])
-            found.value[moving] = passed.streak_shape(self.view, self.motion)
-            found.peak[moving] = passed.most(self.view)
-        return found
+            integral.value[moving] = passed.streak_shape(self.view, self.motion)
+            integral.peak[moving] = passed.most(self.view)
+        return integral
 
 
 @dataclass(frozen=True, eq=False)
 class Passing:
-    """Rays' closest passes of moving kernels, in the kernel's own units.
+    """Closest passes of rays and moving kernels, in the kernel's units.
 
-    along, across [P]: the offset along and across the path; length [P]: the path's; gain [P]: integral over F.
+    along, across [P]: offset along and across the path; length [P]: of the path; gain [P]: integral over F.
     """
 
     along: np.ndarray
@@ -75,12 +75,12 @@ class Passing:
         return np.asarray(weaken(kernel, self.length) * self.most(view))
 
     def most(self, view: GridView) -> np.ndarray:
-        """The maximum on the path: at the closest point."""
+        """The maximum along the path, at the closest point."""
         return np.asarray(self.gain * stretched(view.kernel, self.along, self.across, self.length))
 
 
 class Inner(NamedTuple):
-    """Maps offsets across the view to the kernel's own axes: axes [3, 2, N]; shrink: see View.shrink."""
+    """Maps offsets across the view to the kernel's axes: axes [3, 2, N]; shrink: see GridView.shrink."""
 
     axes: np.ndarray
     shrink: np.ndarray
@@ -89,12 +89,12 @@ class Inner(NamedTuple):
 def inner_of(view: GridView, z: np.ndarray) -> Inner:
     """The map of voxels at depth z [N], antialiasing included."""
     shrink = view.shrink(z)
-    own = view.index_from_eye[:, :2] @ view.axes
-    return Inner(np.einsum("ij,jn,kj->ikn", own, shrink, view.axes), shrink)
+    scaled = view.index_from_eye[:, :2] @ view.axes
+    return Inner(np.einsum("ij,jn,kj->ikn", scaled, shrink, view.axes), shrink)
 
 
 def passing(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray) -> Passing:
-    """How rays [2, N] pass voxels [3, N] that move by step [2, N].
+    """Passes of rays [2, N] by voxels [3, N] that move by step [2, N].
 
     Beyond z_k in perspective space, where the ray has the voxel's slope; first-order term of the trapezoid.
     """
@@ -107,7 +107,7 @@ def passing(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray
         slope = np.zeros_like(step)
         offset, seconds, depth = ray - voxel[:2], np.ones_like(z), np.full_like(z, np.inf)
 
-    # offset, slope and step in the kernel's own axes, scaled down where antialiasing widens
+    # offset, slope and step in the kernel's axes, scaled down where antialiasing widens
     o, line, move = (inner.axes[:, 0] * vector[0] + inner.axes[:, 1] * vector[1] for vector in (offset, slope, step))
     ahead = view.index_from_eye[:, 2:]
     line = line + ahead
@@ -151,8 +151,8 @@ def render(
 ) -> Image:
     """Image of moving splats, float64 [H, W, 4], linear premultiplied; shape: exact, energy or paper.
 
-    Blur attenuates the same quantity as antialiasing, opacity or optical depth, as `attenuation` says. Raises
-    InputError for another shape, and for maximum blending and supersampling, which are not supported.
+    Blur attenuates opacity or optical depth, as antialiasing does. Raises InputError for another shape, and for maximum
+    blending and supersampling, which are not supported.
     """
     if shape not in MOTIONS:
         raise expected("shape", " or ".join(MOTIONS), repr(shape))
@@ -173,8 +173,8 @@ def render(
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """Data shared by all bands: the streaks' row and boxes, and order, colour, depth, coverage (the remaining fraction
-    of opacity) and isolated (see motion_blur.py) of all splats.
+    """Data shared by all bands: the streaks' row and boxes, and order, colour, depth, coverage (the remaining share of
+    opacity) and isolation (see motion_blur.py) of all splats.
     """
 
     row: StreakRow
@@ -214,22 +214,22 @@ class _Drawn:
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
         gathered = Band.empty(window.height * window.width)
-        for found in values(self.row, self.boxes, self.order, window, self.camera):
-            s = found.splat
+        for pairs in values(self.row, self.boxes, self.order, window, self.camera):
+            s = pairs.splat
             if len(s):
-                depth = self.depth[s] * found.integral.value
+                depth = self.depth[s] * pairs.integral.value
                 if self.isolated.any():
-                    depth = dwelt_depth(depth, self.depth[s] * found.integral.peak, self.isolated[s])
-                ADD[self.blend.join](gathered, Part(found.pixel, depth, self.color[s], self.coverage[s]))
+                    depth = dwelt_depth(depth, self.depth[s] * pairs.integral.peak, self.isolated[s])
+                ADD[self.blend.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
         return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
 
 
 def length_of(view: GridView, paths: Streaks) -> np.ndarray:
-    """[N]: path lengths in units of their own, possibly widened, kernels."""
-    own = paths.middle[:2]
+    """[N]: path lengths in units of the possibly widened kernels."""
+    center = paths.middle[:2]
     if view.perspective:
-        own = own / np.where(np.abs(paths.middle[2]) > view.reach, paths.middle[2], view.reach)
-    return passing(view, paths.middle, own, paths.step).length
+        center = center / np.where(np.abs(paths.middle[2]) > view.reach, paths.middle[2], view.reach)
+    return passing(view, paths.middle, center, paths.step).length
 
 
 def _boxes(view: GridView, paths: Streaks) -> Boxes:

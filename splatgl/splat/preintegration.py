@@ -233,7 +233,7 @@ class ValueClassifier:
 
     @cached_property
     def seen(self) -> tuple[float, float]:
-        """Range of the table, in cells, outside of which all is transparent; infinite if values beyond an end are not."""
+        """Range of the table, in cells, outside which all is transparent; infinite at ends beyond which it is not."""
         some = np.flatnonzero((np.diff(self.table[0].astype(np.int64), axis=0) != 0).any(axis=1))
         before, behind = (self.integral.outside != 0).any(axis=1)
         low, high = (some[0], some[-1] + 1) if some.size else (CELLS, 0)

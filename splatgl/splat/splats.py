@@ -90,7 +90,7 @@ def checked_points(points: object, colors: object, extinctions: object) -> tuple
 
 
 def checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
-    """Spacing [3]. Raises InputError unless it is positive, within the lengths and proportions that float32 resolves."""
+    """Spacing [3]. Raises InputError unless it is positive and within the lengths and ratios that float32 resolves."""
     scale = np.asarray(spacing, dtype=np.float64)
     if scale.shape not in ((), (3,)) or not ((scale >= LEAST_LENGTH) & (scale <= MOST_LENGTH)).all():
         within = f"from {LEAST_LENGTH:g} to {MOST_LENGTH:g}"

@@ -40,7 +40,7 @@ class Ground:
 
 
 def ground_of(values: np.ndarray, least_share: float) -> Ground | None:
-    """Background of sorted finite values; None if less than `least_share` of them belong to it or nothing stands out."""
+    """Background of sorted finite values; None if it has less than `least_share` of them or nothing stands out."""
     if len(values) < LEAST or not np.isfinite(float(values[-1]) - float(values[0])):
         return None
     level, noise = _peak(values)

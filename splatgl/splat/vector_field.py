@@ -254,7 +254,7 @@ class VectorField:
         return float(np.linalg.norm(self.world_from_index @ size))
 
     def at(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vectors [N, 3] at grid positions [N, 3] (x, y, z), linear between samples; and whether positions are inside."""
+        """Vectors [N, 3] at grid positions [N, 3] (x, y, z), linear between samples; and whether these are inside."""
         last = np.array(self.speed.shape[::-1]) - 1
         inside = np.asarray(((index >= -1e-9) & (index <= last + 1e-9)).all(axis=1))
         place = np.clip(np.nan_to_num(index), 0, last)

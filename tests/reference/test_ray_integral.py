@@ -108,7 +108,7 @@ def test_what_it_refuses() -> None:
     with pytest.raises(sg.InputError, match="steps_per_voxel: expected a number of at least 1"):
         ray_integral(splats, camera, steps_per_voxel=0)
     loose = sg.Splats.from_points([(0, 0, 0.25)], [(1, 1, 1)], [1])
-    with pytest.raises(sg.InputError, match="splats: expected one at most at each point of a lattice"):
+    with pytest.raises(sg.InputError, match="splats: expected at most one at each point of a lattice"):
         ray_integral(loose, camera)
 
 
