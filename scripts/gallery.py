@@ -1,4 +1,7 @@
-"""The gallery: each picture by the one command that is printed under it, and its table in splatgl/cli/README.md."""
+"""The gallery: draws each picture by the one command that stands under it, and writes splatgl/docs/gallery.md.
+
+The volumes are public; SPLATGL_DATA names their folder, ../shared/data by default. SOURCES says where they come from.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +15,35 @@ from pathlib import Path
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
-PICTURES, README = ROOT / "scripts/pictures/gallery", ROOT / "splatgl/cli/README.md"
-DATA = "../shared/data"
-HEADING = "## Gallery"
-COLUMNS, SIDE = 3, 400
+DOCS = ROOT / "splatgl" / "docs"
+PICTURES, PAGE = DOCS / "pictures" / "gallery", DOCS / "gallery.md"
+DATA = Path(os.environ.get("SPLATGL_DATA", ROOT.parent / "shared" / "data"))
+SIDE = 400
 # bytes above which a picture is stored with a palette
 HEAVY = 140_000
+INTRODUCTION = """# Gallery
+
+**Task: see what splatgl draws, and by which command.**
+
+`scripts/gallery` draws these pictures and writes this page. The volumes are public; [their sources](#reference-sources)
+are at the end. Each command runs in the folder of the volumes."""
+SOURCES = {
+    "visible_male_128x256x256_uint8.raw": "CT of a head: NLM Visible Human Project, from ipyvolume (MIT)",
+    "head_mri_160x232x160.nii.gz": "T1 MRI of a head: Seg3D data, from neurolabusc/VolumeRenderingData (MIT)",
+    "lung_ct_115x157x129.mha": "CT of a chest: tests of elastix (Apache-2.0)",
+    "stent_ct_128x128x256.nrrd": "CT of an aortic stent graft: public domain, from three.js",
+    "neuron_a_409x415x119.tif": "a neuron, fluorescence microscopy: tests of rivuletpy (BSD-3)",
+    "terrain_asama": "heights and satellite picture of Mount Asama: data of vtk.js (BSD-3)",
+    "isabel": "Hurricane Isabel, WRF: courtesy of NCAR and NSF, from the data of TTK",
+    "tooth.nhdr": "CT of a tooth: Seg3D data (MIT)",
+    "carotid_76x49x45_scalar_and_velocity.vtk": "carotid arteries, MRA and velocity: data of VTK (BSD)",
+}
+"""Public volumes by file or folder: what they are, where they come from, and their licence."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """name: of the file; about: what it shows; command: arguments of `splatgl`, without size and output."""
+    """name: of the file; about: caption; command: arguments of `splatgl`, without size and output."""
 
     name: str
     about: str
@@ -30,18 +51,22 @@ class Picture:
 
     @property
     def line(self) -> str:
-        """The command, to be run in the repository's folder."""
+        """The command as a user types it."""
         return f"splatgl {self.command} --size {SIDE} -o {self.name}.png"
 
     @property
     def missing(self) -> str | None:
-        """A file of data that it needs and that is not there."""
-        files = [part.split(":")[0] for part in shlex.split(self.command) if DATA in part]
-        return next((file for file in files if not (ROOT / file).exists()), None)
+        """A volume that it needs and that is not there."""
+        return next((name for name in SOURCES if name in self.command and not (DATA / name).exists()), None)
+
+    @property
+    def section(self) -> str:
+        """Its part of the page."""
+        picture = f"![{self.about}](pictures/gallery/{self.name}.png)"
+        return f"## {self.about[0].upper()}{self.about[1:]}\n\n{picture}\n\n```sh\n{self.line}\n```"
 
 
-ASAMA = f"{DATA}/terrain_asama"
-MALE = f"{DATA}/visible_male_128x256x256_uint8.raw"
+ASAMA, MALE = "terrain_asama", "visible_male_128x256x256_uint8.raw"
 GALLERY = (
     Picture(
         "bone",
@@ -53,22 +78,22 @@ GALLERY = (
         "skin over bone: two layers",
         f"render {MALE} --points 60:0,120:0.03 --layer {MALE}:ct-bone --azimuth 40 --up 0,0,-1",
     ),
-    Picture("mri", "MRI, cut open", f"render {DATA}/head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 45"),
+    Picture("mri", "MRI, cut open", "render head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 45"),
     Picture(
         "lung",
         "vessels and airways of a lung, with its box",
-        f"render {DATA}/lung_ct_115x157x129.mha --preset ct-lung --annotate box,axes",
+        "render lung_ct_115x157x129.mha --preset ct-lung --annotate box,axes",
     ),
-    Picture("stent", "CT of an aortic stent, matte light", f"render {DATA}/stent_ct_128x128x256.nrrd --light matte"),
+    Picture("stent", "CT of an aortic stent, matte light", "render stent_ct_128x128x256.nrrd --light matte"),
     Picture(
         "neuron",
         "fluorescence, largest values, scale bar",
-        f"render {DATA}/neuron_a_409x415x119.tif --blend mip --colormap hot --annotate scale",
+        "render neuron_a_409x415x119.tif --blend mip --colormap hot --annotate scale",
     ),
     Picture(
         "xray",
         "a radiograph: attenuation grows with Hounsfield units",
-        f"render {DATA}/lung_ct_115x157x129.mha --blend xray --points=-1000:0,1000:0.05 --colormap gray --azimuth 0",
+        "render lung_ct_115x157x129.mha --blend xray --points=-1000:0,1000:0.05 --colormap gray --azimuth 0",
     ),
     Picture(
         "terrain",
@@ -78,13 +103,13 @@ GALLERY = (
     Picture(
         "hurricane",
         "wind speed, with colour bar and time",
-        f"render {DATA}/isabel/isabel_windspeed_t31.nrrd --colormap viridis --zoom 0.75"
+        "render isabel/isabel_windspeed_t31.nrrd --colormap viridis --zoom 0.75"
         " --annotate 'colorbar,title=Isabel,time=hour 31'",
     ),
     Picture(
         "tooth",
         "a tooth, cut to its pulp, with its box",
-        f"render {DATA}/tooth.nhdr --clip 'x+y>1' --light glossy --annotate box",
+        "render tooth.nhdr --clip 'x+y>1' --light glossy --annotate box",
     ),
     Picture(
         "tunnel", "the checkerboard tunnel, antialiased", "render tunnel --antialias supersample --samples 4 --check 0"
@@ -92,40 +117,40 @@ GALLERY = (
     Picture(
         "flow",
         "blood in the carotid arteries: streamlines by speed",
-        f"render {DATA}/carotid_76x49x45_scalar_and_velocity.vtk --streamlines 150"
+        "render carotid_76x49x45_scalar_and_velocity.vtk --streamlines 150"
         " --elevation 30 --zoom 1.2 --background black",
     ),
 )
 
 
 def main(names: list[str]) -> int:
-    """Draws the pictures, all or those named, and writes the table; returns 0, or 1 if a command failed."""
-    unknown = [name for name in names if name not in [each.name for each in GALLERY]]
+    """Draws the pictures, all or those named, and writes the page; returns 0, or 1 if a command failed."""
+    unknown = [name for name in names if name not in [picture.name for picture in GALLERY]]
     if unknown:
-        known = ", ".join(each.name for each in GALLERY)
+        known = ", ".join(picture.name for picture in GALLERY)
         print(f"gallery: expected names of pictures ({known}), got {unknown[0]}", file=sys.stderr)
         return 2
     PICTURES.mkdir(parents=True, exist_ok=True)
     failed = 0
-    for each in GALLERY:
-        if names and each.name not in names:
+    for picture in GALLERY:
+        if names and picture.name not in names:
             continue
-        if each.missing is not None:
-            print(f"{each.name}: left out: {each.missing} is not there")
+        if picture.missing is not None:
+            print(f"{picture.name}: left out: {picture.missing} is not in {DATA}")
             continue
-        print(each.line, flush=True)
-        failed += not draw(each)
-    write_table()
+        print(picture.line, flush=True)
+        failed += not draw(picture)
+    PAGE.write_text(page(), encoding="utf-8")
     return 1 if failed else 0
 
 
 def draw(picture: Picture) -> bool:
-    """Runs the printed command, but for its output's folder; whether it succeeded."""
+    """Runs the command, with its output among the pictures; True if it succeeded."""
     output = PICTURES / f"{picture.name}.png"
     arguments = shlex.split(picture.line)[1:-1]
     ended = subprocess.run(
         [sys.executable, "-m", "splatgl", *arguments, str(output), "--quiet"],
-        cwd=ROOT,
+        cwd=DATA if DATA.is_dir() else ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         check=False,
     )
@@ -138,26 +163,11 @@ def draw(picture: Picture) -> bool:
     return True
 
 
-def table() -> str:
-    """The table: a row of pictures, and a row of what they show and their commands."""
-    rows = [GALLERY[n : n + COLUMNS] for n in range(0, len(GALLERY), COLUMNS)]
-    lines = []
-    for number, row in enumerate(rows):
-        pictures = [f"![{each.about}](../../scripts/pictures/gallery/{each.name}.png)" for each in row]
-        lines.append("| " + " | ".join(pictures) + " |")
-        if number == 0:
-            lines.append("|" + "---|" * COLUMNS)
-        lines.append("| " + " | ".join(f"{each.about}<br>`{each.line}`" for each in row) + " |")
-    return "\n".join(lines)
-
-
-def write_table() -> None:
-    """Replaces the gallery of the README."""
-    text = README.read_text(encoding="utf-8")
-    before, _, after = text.partition(f"{HEADING}\n")
-    rest = after.partition("\n## ")[2]
-    told = "`scripts/gallery` draws these by the commands under them, which run in the repository's folder."
-    README.write_text(f"{before}{HEADING}\n\n{told}\n\n{table()}\n\n## {rest}", encoding="utf-8")
+def page() -> str:
+    """The page: a section for each picture, then the sources of the volumes."""
+    rows = [f"| `{name}` | {about} |" for name, about in SOURCES.items()]
+    sources = "\n".join(["## Reference: sources", "", "| volume | source and licence |", "|---|---|", *rows])
+    return "\n\n".join([INTRODUCTION, *(picture.section for picture in GALLERY), sources]) + "\n"
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[1]
 LIST = Path(__file__).with_suffix(".txt")
 # what tests read
-COPIED = ("splatgl", "shaders", "tests", "scripts", "pyproject.toml", "README.md", "LICENSE")
+COPIED = (".github", "splatgl", "shaders", "tests", "scripts", "pyproject.toml", "README.md", "LICENSE")
 # days until each mutant has had its turn
 TURNS = 12
 # longest time for the test of one mutant; one that never ends is noticed, too

@@ -1,18 +1,17 @@
-"""Renders the images of the README files into scripts/pictures; rerun after a visible change.
+"""Draws the pictures of the README and the guide into splatgl/docs/pictures; rerun after a visible change and look.
 
-.venv/bin/python scripts/pictures.py                  # the scenes
-.venv/bin/python scripts/pictures.py gallery visible_male_128x256x256_uint8.raw neuron.tif stent.nrrd  # real data
-.venv/bin/python scripts/pictures.py classification visible_male_128x256x256_uint8.raw
-.venv/bin/python scripts/pictures.py side-by-side     # real volumes, by VTK as well: for minutes
-.venv/bin/python scripts/pictures.py side-by-side "head, MRI"  # one of them, larger
-.venv/bin/python scripts/pictures.py window head.nii  # the viewer's window
-.venv/bin/python scripts/pictures.py report nerve     # error against run time, with VTK if it is there; for minutes
-.venv/bin/python scripts/pictures.py tables           # of methods in splatgl/reference/README.md, of techniques in gl's
+    .venv/bin/python scripts/pictures.py NAME…            # no name: those that need no file: BUILT_IN
+    .venv/bin/python scripts/pictures.py side-by-side "head, MRI"   # one of its volumes, larger: first.png
+
+Names: FUNCTIONS below. `front`, `classification`, `presets`, `light`, `side-by-side` and `window` need public volumes
+(their sources: splatgl/docs/gallery.md) in the folder SPLATGL_DATA. `side-by-side` and `report` take minutes, and draw
+with VTK if it is installed. scripts/gallery draws the gallery.
 """
 
 from __future__ import annotations
 
-import re
+import os
+import shlex
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,28 +20,23 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from benchmarks.side_by_side import side_by_side
 from PIL import Image as Pillow
-from splatgl.studies.accuracy.document import CONVERGENCE, registry
 
 import splatgl as sg
 from splatgl.cli.main import main as command
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.technique import TECHNIQUES, combinations
-from splatgl.studies.tables import Table
+from splatgl.studies.accuracy.content import CONVERGENCE
 
-FOLDER = Path(__file__).parent / "pictures"
-TRUTH = Path(__file__).parents[1] / "splatgl" / "reference" / "README.md"
-GL = Path(__file__).parents[1] / "splatgl" / "gl" / "README.md"
-# patterns of the tables that `tables` writes
-REFUSED = r"(?m)^\| setting \| tiles .*\n(\|.*\n)*"
-METHODS = r"(?s)<details><summary>all \d+ methods, by what is varied</summary>.*?</details>"
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = ROOT / "splatgl" / "docs" / "pictures"
+DATA = Path(os.environ.get("SPLATGL_DATA", ROOT.parent / "shared" / "data"))
 SIZE = (400, 400)
 # size of the viewer's window; a palette keeps its image small
 WINDOW, COLORS = (1240, 640), 128
-# options of the gallery: CT of the Visible Male (z runs downwards), a neuron, CT of a stent
-SKULL = "--preset ct-bone --spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5 --zoom 1.05"
-NEURON = "--zoom 1.2"
-STENT = "--points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.05"
+MALE = DATA / "visible_male_128x256x256_uint8.raw"
+# CT of the Visible Male: spacing of its slices; z runs downwards
+UPRIGHT = "--spacing 1.57774,0.995861,1.00797 --up 0,0,-1 --azimuth 40 --elevation -5"
+SKULL = f"{MALE} --preset ct-bone {UPRIGHT} --zoom 1.05"
 # page background, linear light
 PAPER = (1.0, 1.0, 1.0)
 BLACK = (0.0, 0.0, 0.0)
@@ -63,32 +57,112 @@ def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
     return sg.Image(np.concatenate(parts[:-1], axis=1)).over(PAPER)
 
 
-def rendered(*jobs: tuple[str, str]) -> Pillow.Image:
-    """Volumes side by side on black, as `splatgl render` draws them; jobs: sources and options."""
-    common = "--size 400 --background black --quiet"
+def rendered(name: str, *lines: str, size: str = "400", colors: int = COLORS) -> None:
+    """Saves pictures in a row on black, each by the arguments of `splatgl render`."""
     pictures = []
     with TemporaryDirectory() as folder:
-        drawn = f"{folder}/drawn.png"
-        for source, options in jobs:
-            if command(["render", source, "-o", drawn, *options.split(), *common.split()]):
-                sys.exit("no picture")
+        for line in lines:
+            drawn = f"{folder}/drawn.png"
+            options = ["--size", size, "--background", "black", "--check", "0", "--quiet", "-o", drawn]
+            if command(["render", *shlex.split(line), *options]):
+                sys.exit(f"{name}: no picture")
             pictures.append(np.asarray(Pillow.open(drawn).convert("RGB")))
-    return Pillow.fromarray(np.concatenate(pictures, axis=1)).quantize(COLORS)
+    row = Pillow.fromarray(np.concatenate(pictures, axis=1))
+    row.quantize(colors, dither=Pillow.Dither.FLOYDSTEINBERG).save(FOLDER / f"{name}.png", optimize=True)
 
 
-def gallery(*sources: str) -> None:
-    """A skull, a neuron and a stent, classified after reconstruction."""
-    rendered(*zip(sources, (SKULL, NEURON, STENT), strict=True)).save(FOLDER / "gallery.png", optimize=True)
-
-
-def classification(skull: str) -> None:
-    """A skull classified before reconstruction, and after."""
-    rendered((skull, f"{SKULL} --classification pre"), (skull, SKULL)).save(
-        FOLDER / "classification.png", optimize=True
+def front() -> None:
+    """Picture of the front page: a skull, a neuron, a stent, and a head that is cut open."""
+    rendered(
+        "front",
+        f"{SKULL} --light matte --ambient-occlusion 0.9",
+        f"{DATA}/neuron_a_409x415x119.tif --zoom 1.05 --azimuth 0 --elevation 0"
+        " --colormap '0:#102040,0.3:#1fa0c0,0.7:#7fffd0,1:#ffffff'",
+        f"{DATA}/stent_ct_128x128x256.nrrd --points 0.2:0,0.35:0.6 --azimuth 0 --zoom 1.3 --light glossy",
+        f"{DATA}/head_mri_160x232x160.nii.gz --clip 'z<0.62' --elevation 35 --azimuth 30 --zoom 0.97 --light matte"
+        " --ambient-occlusion 0.7",
+        size="400x480",
+        colors=255,
     )
 
 
-def window(source: str) -> None:
+def classification() -> None:
+    """A skull classified before reconstruction, and after."""
+    rendered("classification", f"{SKULL} --classification pre", SKULL)
+
+
+def light() -> None:
+    """A skull with the light at the eye, with a matte light, and with ambient occlusion and shadows."""
+    rendered("light", SKULL, f"{SKULL} --light matte", f"{SKULL} --light matte --ambient-occlusion 0.9 --shadows 0.7")
+
+
+def presets() -> None:
+    """Contact sheet of one volume by each preset."""
+    with TemporaryDirectory() as folder:
+        if command(["presets", f"{DATA}/tooth.nhdr", "-o", f"{folder}/sheet.png"]):
+            sys.exit("presets: no picture")
+        sheet = Pillow.open(f"{folder}/sheet.png").convert("RGB")
+    sheet.resize((sheet.width // 2, sheet.height // 2), Pillow.Resampling.LANCZOS).quantize(COLORS).save(
+        FOLDER / "presets.png", optimize=True
+    )
+
+
+def scenes() -> None:
+    """The built-in scenes of the paper."""
+    with sg.Renderer() as renderer:
+        pictures = [draw(renderer, name, sg.Settings(background=BLACK)) for name in ("tunnel", "terrain", "nerve")]
+    beside(*pictures).save(FOLDER / "scenes.png")
+
+
+def antialiasing() -> None:
+    """The paper's Fig. 5 at a size for which z_k lies inside the tunnel, without antialiasing and with it."""
+    old = sg.Settings.like("0.1", background=BLACK)
+    with sg.Renderer() as renderer:
+        kinds = [draw(renderer, "tunnel", old.but(antialias=kind), (160, 160)) for kind in ("off", "paper")]
+    beside(*(np.kron(kind, np.ones((3, 3, 1), np.float32)) for kind in kinds)).save(FOLDER / "antialiasing.png")
+
+
+def spinning() -> None:
+    """Fig. 13: a rotating landscape."""
+    command(["figure", "13", "-o", str(FOLDER / "spinning.png")])
+
+
+def depth() -> None:
+    """The terrain, and its depth map: near is bright."""
+    terrain, view = sg.scenes.terrain(), {"azimuth": 30, "elevation": 40, "size": (400, 300)}
+    picture = sg.render(terrain, background="white", **view)
+    depths = sg.depth_map(terrain, **view)
+    gray = 1 - 0.9 * (depths - np.nanmin(depths)) / np.ptp(depths[np.isfinite(depths)])
+    pixels = np.repeat(np.nan_to_num(gray, nan=0.0)[..., None], 4, axis=2).astype(np.float32)
+    pixels[..., 3] = 1
+    beside(picture.pixels, pixels).save(FOLDER / "depth.png")
+
+
+def turn() -> None:
+    """Frames of an orbit around the nerve."""
+    frames = [
+        sg.render("nerve", azimuth=angle, elevation=30, zoom=1.3, size=(200, 200), background="black").pixels
+        for angle in range(0, 360, 60)
+    ]
+    beside(*frames).save(FOLDER / "turn.png")
+
+
+def compare() -> None:
+    """The terrain, the same with a wrong rectangle and an offset, and their difference."""
+    with TemporaryDirectory() as folder:
+        new, old, diff = (f"{folder}/{name}.png" for name in ("new", "old", "diff"))
+        image = sg.render("terrain", elevation=40, zoom=1.3, size=(320, 240), background="white")
+        image.save(old)
+        wrong = image.pixels.copy()
+        wrong[80:140, 180:240] = wrong[80:140, 172:232]
+        wrong[110:160, 80:140, :3] *= 0.7
+        sg.Image(wrong, image.info).save(new)
+        command(["compare", new, old, "--diff", diff, "--quiet"])
+        pictures = [np.asarray(Pillow.open(name).convert("RGB").resize((320, 240))) for name in (old, new, diff)]
+    Pillow.fromarray(np.concatenate(pictures, axis=1)).quantize(COLORS).save(FOLDER / "compare.png", optimize=True)
+
+
+def window(source: str = str(MALE)) -> None:
     """The viewer with its panel and slices, showing a volume or a scene at full quality."""
     from splatgl.viewer.document import Document
     from splatgl.viewer.viewer import Options, Viewer
@@ -111,7 +185,7 @@ def window(source: str) -> None:
     Pillow.fromarray(shown).quantize(COLORS).save(FOLDER / "window.png", optimize=True)
 
 
-def report(source: str) -> None:
+def report(source: str = "nerve") -> None:
     """The diagram of error against run time of `splatgl report --full`, with fewer colours."""
     from splatgl.cli.main import main as splatgl
 
@@ -123,43 +197,33 @@ def report(source: str) -> None:
         Pillow.open(drawn).convert("RGB").quantize(COLORS).save(FOLDER / "report.png", optimize=True)
 
 
-def tables() -> None:
-    """The table of methods, from their registry, and of the settings that techniques do not support."""
-    refused = Table(("setting", *TECHNIQUES), tuple(combinations())).markdown()
-    for path, pattern, table in ((TRUTH, METHODS, registry().markdown()), (GL, REFUSED, refused + "\n")):
-        text = path.read_text(encoding="utf-8")
-        path.write_text(re.sub(pattern, lambda _, table=table: table, text), encoding="utf-8")
+def compared(*names: str) -> None:
+    """Real volumes by splats, VTK and their field; one of them alone is drawn larger."""
+    side_by_side(FOLDER / ("first.png" if len(names) == 1 else "side_by_side.png"), *names)
 
 
-def main() -> None:
-    asked = {"window": window, "report": report, "classification": classification}
-    if sys.argv[1:2] == ["gallery"]:
-        gallery(*sys.argv[2:])
-        return
-    if sys.argv[1:2] == ["side-by-side"]:
-        side_by_side(FOLDER / ("first.png" if len(sys.argv) == 3 else "side_by_side.png"), *sys.argv[2:])
-        return
-    if sys.argv[1:2] == ["tables"]:
-        tables()
-        return
-    if sys.argv[1:2] and sys.argv[1] in asked:
-        asked[sys.argv[1]](sys.argv[2] if len(sys.argv) > 2 else "nerve")
-        return
-    with sg.Renderer() as renderer:
-        scenes = [
-            draw(renderer, "tunnel", sg.Settings(background=BLACK)),
-            draw(renderer, "terrain", sg.Settings(background=PAPER)),
-            draw(renderer, "nerve", sg.Settings(background=BLACK)),
-        ]
-        beside(*scenes).save(FOLDER / "scenes.png")
-        # the paper's Fig. 5 at a size for which z_k lies inside the tunnel
-        small = (160, 160)
-        old = sg.Settings.like("0.1", background=BLACK)
-        kinds = [draw(renderer, "tunnel", old.but(antialias=each), small) for each in ("off", "paper")]
-        beside(*(np.kron(kind, np.ones((3, 3, 1), np.float32)) for kind in kinds)).save(FOLDER / "antialiasing.png")
-    # Fig. 13: a rotating landscape
-    command(["figure", "13", "-o", str(FOLDER / "spinning.png")])
+BUILT_IN = (scenes, antialiasing, spinning, depth, turn, compare)
+FUNCTIONS = {
+    **{function.__name__: function for function in (*BUILT_IN, front, classification, light, presets)},
+    "window": window,
+    "report": report,
+    "side-by-side": compared,
+}
+
+
+def main(arguments: list[str]) -> None:
+    """Draws the named pictures; the last three names take arguments of their own."""
+    if not arguments:
+        for function in BUILT_IN:
+            function()
+    elif arguments[0] in ("window", "report", "side-by-side"):
+        FUNCTIONS[arguments[0]](*arguments[1:])
+    else:
+        for name in arguments:
+            if name not in FUNCTIONS:
+                sys.exit(f"pictures: expected a name ({', '.join(FUNCTIONS)}), got {name}")
+            FUNCTIONS[name]()
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -1,4 +1,4 @@
-"""The window's table of its README: whole frames of drags, edits and openings, with panel and text on.
+"""The window's table of the guide: whole frames of drags, edits and openings, with panel and text on.
 
     xvfb-run -s "-screen 0 1280x1024x24" .venv/bin/python scripts/benchmarks/window.py [FILE …]
         [--size WxH] [--seconds S]

@@ -1,4 +1,4 @@
-"""Pictures by several processes and machines, through Dask: see README.md here."""
+"""Pictures by several processes and machines, through Dask."""
 
 from splatgl.distributed.cluster import connected
 from splatgl.distributed.render import over, render_frames, render_slabs

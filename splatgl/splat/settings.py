@@ -125,7 +125,7 @@ def _background(color: Any) -> Color:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a picture; `splatgl/splat/README.md` explains the values of each. Raises InputError for others.
+    """Settings of a picture; `splatgl/docs/settings.md` explains the values of each. Raises InputError for others.
 
     sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: None
     (transparent) or linear RGB. clip: planes (n_x, n_y, n_z, d); what lies at n · x ≥ d of each is drawn, world units.

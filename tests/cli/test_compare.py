@@ -254,10 +254,10 @@ def test_missing_flip_is_said_once(here: Path, capsys: Said, monkeypatch: pytest
         assert re.fullmatch(r"splatgl: flip: needs the library .*splatgl\[compare\]'\n", capsys.readouterr().err)
 
 
-def test_the_readmes_commands(here: Path) -> None:
-    """Each `splatgl compare` of the README, on the pictures that it names."""
+def test_the_guides_commands(here: Path) -> None:
+    """Each `splatgl compare` of the guide, on the pictures that it names."""
     pytest.importorskip("flip_evaluator", reason="flip-evaluator is in the extra compare")
-    text = (Path(__file__).parents[2] / "splatgl" / "cli" / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "splatgl" / "docs" / "comparing.md").read_text(encoding="utf-8")
     commands = [shlex.split(line, comments=True)[1:] for line in re.findall(r"^splatgl compare .*", text, re.MULTILINE)]
     assert len(commands) >= 3
     Path("new.png").write_bytes(Path("wrong.png").read_bytes())

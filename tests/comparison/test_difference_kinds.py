@@ -1,6 +1,6 @@
-"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; cli/README.md's table.
+"""Eight ways in which a picture goes wrong: each is caught, named, and to be seen in the report; the guide's table.
 
-SPLATGL_WRITE_README=1 pytest tests/comparison/test_difference_kinds.py     renews the table
+SPLATGL_WRITE_TABLE=1 pytest tests/comparison/test_difference_kinds.py     renews the table
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from splatgl.comparison.verdict import Tolerance, Verdict, judge, number
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
 BASELINES = Path(__file__).parent / "baselines" / "test_scenes"
-README = Path(__file__).parents[2] / "splatgl" / "cli" / "README.md"
+PAGE = Path(__file__).parents[2] / "splatgl" / "docs" / "comparing.md"
 RIGHT = sg.Image.load(BASELINES / "terrain-composite.png")
 # where the picture has a mountain
 ROW, COLUMN = 44, 45
@@ -54,7 +54,7 @@ def noise() -> np.ndarray:
     return np.random.default_rng(8).normal(0, 3, (*RIGHT.pixels.shape[:2], 3))
 
 
-# what went wrong, in the README's words: the picture, the name of the kind, and what the message says
+# what went wrong, in the guide's words: the picture, the name of the kind, and what the message says
 WRONG: dict[str, tuple[Callable[[], sg.Image], str, str]] = {
     "shifted by one pixel": (lambda: sg.Image(np.roll(RIGHT.pixels, 1, 1)), "shifted", "shifted by 1 pixel right"),
     "one wrong pixel": (one_pixel, "pixels", "one wrong pixel"),
@@ -262,7 +262,7 @@ def cell(name: str, verdict: Verdict) -> str:
 
 
 def table() -> str:
-    """The README's table: what each metric says of each kind."""
+    """The guide's table: what each metric says of each kind."""
     lines = [
         "| what went wrong | maximum | RMSE | PSNR, dB | bias | over | unmatched | SSIM | FLIP | named |",
         "|---|---|---|---|---|---|---|---|---|---|",
@@ -274,13 +274,13 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def test_the_readmes_table() -> None:
-    """SPLATGL_WRITE_README=1 renews it."""
+def test_the_guides_table() -> None:
+    """SPLATGL_WRITE_TABLE=1 renews it."""
     pytest.importorskip("flip_evaluator", reason="flip-evaluator is in the extra compare")
-    text = README.read_text(encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
     (old,) = re.findall(r"(?:^\| what went wrong \|.*\n)(?:^\|.*\n)+", text, re.MULTILINE)
     new = table() + "\n"
-    if os.environ.get("SPLATGL_WRITE_README"):
-        README.write_text(text.replace(old, new), encoding="utf-8")
+    if os.environ.get("SPLATGL_WRITE_TABLE"):
+        PAGE.write_text(text.replace(old, new), encoding="utf-8")
     else:
         assert old == new

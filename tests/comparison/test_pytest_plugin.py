@@ -229,9 +229,9 @@ def test_beside_pytest_regressions(pytester: pytest.Pytester) -> None:
     assert {"baselines/test_both/test_it.png", "test_both/test_theirs.png"} <= set(baselines(pytester))
 
 
-def test_the_readmes_five_lines(pytester: pytest.Pytester) -> None:
-    """What the README shows, as a user would try it."""
-    text = (Path(__file__).parents[2] / "splatgl" / "cli" / "README.md").read_text(encoding="utf-8")
+def test_the_guides_five_lines(pytester: pytest.Pytester) -> None:
+    """The snippet of the guide, as a user would try it."""
+    text = (Path(__file__).parents[2] / "splatgl" / "docs" / "comparing.md").read_text(encoding="utf-8")
     (snippet,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "splatgl_image" in block)
     assert len([line for line in snippet.splitlines() if line]) <= 6
     pytester.makepyfile(test_snippet=snippet)

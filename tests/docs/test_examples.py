@@ -1,8 +1,9 @@
-"""The examples run, and draw something."""
+"""The examples run, are short, and draw something."""
 
 from __future__ import annotations
 
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -14,42 +15,81 @@ import splatgl as sg
 from splatgl.splat.kernels import KERNELS
 
 FOLDER = Path(__file__).parents[2] / "scripts" / "examples"
+MOST_LINES = 30
+# arguments of each example, and the number of pictures that it draws
 ARGUMENTS = {
-    "render_a_file": ["v.npy", "out.png"],
-    "points": ["out.png"],
-    "own_kernel": ["out.png"],
-    "compare_settings": ["out.png"],
-    "turntable": ["v.npy", "frames", "2"],
+    "render_a_file": (["v.npy", "out.png"], 1),
+    "points": (["out.png"], 1),
+    "own_kernel": (["out.png"], 1),
+    "compare_settings": (["out.png"], 1),
+    "turntable": (["v.npy", "frames", "2"], 2),
+    "layers": (["out.png"], 1),
+    "segmentation": (["out.png", "out-2.png"], 2),
+    "mesh": (["out.png"], 1),
+    "clip": (["v.npy", "out.png", "out-2.png"], 2),
+    "movie": (["v.npy", "out.gif", "2"], 1),
+    "notebook": ([], 1),
+    "large_volume": (["v.npy", "out.png", "1GiB"], 1),
+    "dask_frames": (["v.npy", "frames", "2", "1"], 2),
+    "transfer_function": (["out.png"], 1),
 }
+# starts processes of its own, or pytest
+SPAWN = ("dask_frames", "test_picture")
 
 
-def test_every_example_is_run() -> None:
-    assert {path.stem for path in FOLDER.glob("*.py")} == ARGUMENTS.keys()
+def test_every_example_is_run_and_short() -> None:
+    assert {path.stem for path in FOLDER.glob("*.py")} == {*ARGUMENTS, "test_picture"}
+    lines = {path.stem: len(path.read_text(encoding="utf-8").splitlines()) for path in FOLDER.glob("*.py")}
+    assert {name: n for name, n in lines.items() if n > MOST_LINES} == {}
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("name", ARGUMENTS)
-def test_examples(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a small volume, and no display."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [name, *ARGUMENTS[name]])
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
     np.save("v.npy", sg.scenes.ball(8).samples)
+    return tmp_path
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("name", [name for name in ARGUMENTS if name not in SPAWN])
+def test_examples(name: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments, count = ARGUMENTS[name]
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
     kernels = dict(KERNELS)
     try:
         runpy.run_path(str(FOLDER / f"{name}.py"), run_name="__main__")
     finally:
         KERNELS.clear()
         KERNELS.update(kernels)
-    drawn = [*tmp_path.glob("out.png"), *tmp_path.glob("frames/*.png")]
-    assert len(drawn) == (2 if name == "turntable" else 1)
+    check_pictures(here, count)
+
+
+def check_pictures(folder: Path, count: int) -> None:
+    """There are that many pictures, and none is blank."""
+    drawn = [*folder.glob("out*"), *folder.glob("frames/*.png")]
+    assert len(drawn) == count
     for path in drawn:
-        assert np.asarray(Pillow.open(path)).std() > 10
+        assert np.asarray(Pillow.open(path).convert("RGBA")).std() > 10
 
 
-def test_the_documentation_has_every_public_name(tmp_path: Path) -> None:
-    pdoc = pytest.importorskip("pdoc", reason="scripts/docs needs pdoc; it is in the extra dev")
-    for name in sg.__all__:
-        getattr(sg, name)
-    pdoc.pdoc("splatgl", output_directory=tmp_path)
-    page = (tmp_path / "splatgl.html").read_text(encoding="utf-8")
-    modules = {"__version__", "distributed", "scenes", "reference"}
-    assert [name for name in sg.__all__ if f'id="{name}"' not in page and name not in modules] == []
+@pytest.mark.long
+def test_dask_example(here: Path) -> None:
+    pytest.importorskip("distributed", reason="distributed is in the extra scale")
+    arguments, count = ARGUMENTS["dask_frames"]
+    subprocess.run([sys.executable, FOLDER / "dask_frames.py", *arguments], check=True, capture_output=True)
+    check_pictures(here, count)
+
+
+@pytest.mark.long
+def test_pytest_example(here: Path) -> None:
+    (here / "test_picture.py").write_text((FOLDER / "test_picture.py").read_text(encoding="utf-8"))
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:napari", "test_picture.py"]
+    codes = [
+        subprocess.run([*command, *options], check=False, capture_output=True).returncode
+        for options in ([], ["--splatgl-update"], [])
+    ]
+    assert codes == [1, 0, 0]
+    assert len(list((here / "baselines" / "test_picture").glob("*.png"))) == 3

@@ -1,11 +1,14 @@
-"""Every README: its commands and snippets run, its links, paths, options and names exist, its tables are the code's."""
+"""README and guide: commands and snippets run; links, paths, options and names exist; tables agree with the code."""
 
 from __future__ import annotations
 
 import argparse
 import re
 import shlex
+import subprocess
+import sys
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib import import_module
@@ -14,6 +17,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import gallery
+import mkdocs_hooks
 import numpy as np
 import pytest
 from PIL import Image as Pillow
@@ -24,26 +29,29 @@ from splatgl.readers import FORMATS
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
+from splatgl.studies.accuracy.methods import methods
 from splatgl.studies.stress import CASES
-from splatgl.viewer.key_bindings import load_bindings
+from splatgl.viewer.key_bindings import BINDINGS, load_bindings
 
 ROOT = Path(__file__).parents[2]
-TOP = ROOT / "README.md"
-READMES = [TOP, *sorted((ROOT / "splatgl").rglob("README.md"))]
-IDS = [path.relative_to(ROOT).as_posix() for path in READMES]
-ROOMS = ("data", "splat", "gl", "reference", "distributed", "cli", "viewer")
-MOST_LINES = 170
+TOP, DOCS = ROOT / "README.md", ROOT / "splatgl" / "docs"
+GUIDE = sorted(DOCS.glob("*.md"))
+PAGES = [TOP, ROOT / ".github" / "CONTRIBUTING.md", ROOT / ".github" / "SECURITY.md", *GUIDE]
+IDS = [path.relative_to(ROOT).as_posix() for path in PAGES]
+MOST_LINES = 120
+# pages of the guide without a picture, or without a reference at the end
+NO_PICTURE, NO_REFERENCE = {"api", "changelog"}, {"api", "changelog", "index"}
 # of code blocks; text is output, and holds no command
-LANGUAGES = ("sh", "python", "toml", "text", "mermaid")
+LANGUAGES = ("sh", "python", "toml", "text")
 # what begins a command line
 PROGRAMS = ("splatgl ", "scripts/", "pip ", "pytest ")
 
-each_readme = pytest.mark.parametrize("path", READMES, ids=IDS)
+each_page = pytest.mark.parametrize("path", PAGES, ids=IDS)
 
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of a README."""
+    """A fenced block of a page."""
 
     path: Path
     language: str
@@ -52,7 +60,7 @@ class Block:
 
 @cache
 def blocks(path: Path) -> tuple[Block, ...]:
-    """All fenced blocks of a README, labelled or not."""
+    """All fenced blocks of a page, labelled or not."""
     found: list[Block] = []
     inside: tuple[str, list[str]] | None = None
     for line in path.read_text(encoding="utf-8").splitlines():
@@ -78,10 +86,10 @@ def inline(path: Path) -> list[str]:
 
 
 def of(language: str, path: Path | None = None) -> list[Block]:
-    return [block for each in READMES for block in blocks(each) if block.language == language and path in (None, each)]
+    return [block for each in PAGES for block in blocks(each) if block.language == language and path in (None, each)]
 
 
-ALL = [block for path in READMES for block in blocks(path)]
+ALL = [block for path in PAGES for block in blocks(path)]
 # once each, without their comments
 LINES = list(
     dict.fromkeys(
@@ -93,7 +101,9 @@ SPLATGL = [line for line in LINES if line.startswith(("splatgl ", "scripts/run "
 
 
 def arguments_of(line: str) -> list[str]:
-    return shlex.split(line)[1:]
+    """Arguments of a command line; a file alone stands for `view FILE`."""
+    arguments = shlex.split(line)[1:]
+    return arguments if line.startswith("scripts/") or arguments[0] in COMMANDS else ["view", *arguments]
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -103,15 +113,31 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 # --- blocks and their commands ---------------------------------------------------------------------------------------
 
 
-def test_every_room_has_a_readme() -> None:
-    assert set(READMES) == {TOP, *(ROOT / "splatgl" / room / "README.md" for room in ROOMS)}
-
-
-def test_the_top_readme_is_short() -> None:
+def test_the_readme_is_short_and_begins_with_two_commands() -> None:
     assert len(TOP.read_text(encoding="utf-8").splitlines()) <= MOST_LINES
+    scripts = [line for block in blocks(TOP) for line in block.text.splitlines() if line.startswith("scripts/")]
+    assert scripts == ["scripts/run render tunnel -o tunnel.png", "scripts/test"]
 
 
-@each_readme
+@pytest.mark.parametrize("path", GUIDE, ids=lambda path: path.stem)
+def test_every_page_opens_with_a_task_and_ends_with_its_reference(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    title, task, third = [part for part in text.split("\n\n") if part][:3]
+    assert title.startswith("# ") and "\n" not in title
+    assert task.startswith("**Task: ") or path.stem == "index"
+    assert third.startswith("![") or path.stem in NO_PICTURE | {"gallery"}
+    headings = re.findall(r"(?m)^## (.+)$", text)
+    assert path.stem in NO_REFERENCE or headings[-1].startswith("Reference")
+
+
+def test_every_page_is_in_the_site() -> None:
+    site = (ROOT / "scripts" / "mkdocs.yml").read_text(encoding="utf-8")
+    listed = re.findall(r"[\w-]+\.md", site.partition("\nnav:")[2])
+    generated = {"commands.md", *mkdocs_hooks.ELSEWHERE}
+    assert sorted(listed) == sorted({path.name for path in GUIDE} | generated)
+
+
+@each_page
 def test_every_block_says_what_it_is(path: Path) -> None:
     for block in blocks(path):
         assert block.language in LANGUAGES, f"a block labelled {block.language!r}: {block.text[:80]}"
@@ -132,14 +158,14 @@ def test_commands_have_the_options_they_use(command: str) -> None:
     parse(arguments_of(command))
 
 
-@each_readme
+@each_page
 def test_inline_commands_have_the_options_they_use(path: Path) -> None:
     """`splatgl report` stands for the command; with more behind it, it is one to be typed."""
     for code in inline(path):
         if code.startswith("splatgl "):
             arguments = arguments_of(code)
             assert arguments[0] in COMMANDS, code
-            if len(arguments) > 1 and arguments[1:] != ["--help"]:
+            if len(arguments) > 1 and arguments[1] not in ("--help", "--help-all", "--list-bindings"):
                 parse(arguments)
 
 
@@ -162,32 +188,68 @@ ELSEWHERE = {
     "compare": "tests/cli/test_compare.py runs them on pictures that differ",
 }
 # what takes long: other tests run these commands on less
-LONG = ("figure", "stress --case", "render terrain", "animate terrain", "animate tunnel")
-# a picture and a movie are smaller here than in the README
+LONG = ("figure", "stress --case", "render terrain", "animate terrain", "animate tunnel", "visible_male", "--workers")
+# a picture and a movie are smaller here than in the guide
 SMALL = {"render": ["--size", "64"], "animate": ["--size", "24", "--frames", "2"]}
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with what the READMEs speak of, small: a blob of each format, pictures, and the TOML files."""
-    nibabel, nrrd = pytest.importorskip("nibabel"), pytest.importorskip("nrrd")
-    trimesh = pytest.importorskip("trimesh")
-    monkeypatch.chdir(tmp_path)
-    x, y, z = np.meshgrid(*(np.linspace(-1, 1, 16),) * 3, indexing="ij")
-    samples = (300 * np.exp(-3 * (x * x + y * y + z * z))).astype(np.int16)
-    nibabel.save(nibabel.Nifti1Image(samples, np.diag([1, 0.9, 0.9, 1])), "head.nii.gz")
-    for name in ("t1.nrrd", "t2.nrrd"):
-        nrrd.write(name, samples)
-    pages = [Pillow.fromarray((plane / 2).astype(np.uint8)) for plane in samples]
-    pages[0].save("neuron.tif", save_all=True, append_images=pages[1:])
-    Pillow.fromarray((samples[8] / 2).astype(np.uint8)).save("height.png")
-    Pillow.new("RGB", (16, 16), (90, 120, 60)).save("photo.jpg")
-    nrrd.write("seg.nrrd", np.uint8(3 * (x < 0.3) + 4 * (y > 0.8)), {"spacings": [1, 0.9, 0.9]})
-    trimesh.creation.box((9, 4, 6)).export("implant.ply")
-    Path("surface.vtp").write_text(SURFACE)
-    for name, text in toml_files().items():
-        Path(name).write_text(text, encoding="utf-8")
-    return tmp_path
+def blob(*shape: int) -> np.ndarray:
+    """int16 [shape]: a soft ball, 300 in the middle."""
+    axes = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij", sparse=True)
+    return (300 * np.exp(-3 * sum(axis * axis for axis in axes))).astype(np.int16)
+
+
+def write_nifti(name: str) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.save(nibabel.Nifti1Image(blob(16, 16, 16), np.diag([1, 0.9, 0.9, 1])), name)
+
+
+def write_nrrd(name: str) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    Path(name).parent.mkdir(exist_ok=True)
+    samples, header = blob(16, 16, 16), {}
+    if name == "seg.nrrd":
+        x, y, _ = np.meshgrid(*(np.linspace(-1, 1, 16),) * 3, indexing="ij")
+        samples, header = np.uint8(3 * (x < 0.3) + 4 * (y > 0.8)), {"spacings": [1, 0.9, 0.9]}
+    nrrd.write(name, samples, header)
+
+
+def write_tiff(name: str) -> None:
+    pages = [Pillow.fromarray((plane / 2).astype(np.uint8)) for plane in blob(16, 16, 16)]
+    pages[0].save(name, save_all=True, append_images=pages[1:])
+
+
+def write_picture(name: str) -> None:
+    Path(name).parent.mkdir(exist_ok=True)
+    photo = name.endswith(".jpg")
+    picture = Pillow.new("RGB", (16, 16), (90, 120, 60)) if photo else Pillow.fromarray(np.uint8(blob(16, 16) / 2))
+    picture.save(name)
+
+
+def write_raw(name: str) -> None:
+    (blob(256, 256, 128) / 2).astype(np.uint8).tofile(name)
+
+
+def write_metaimage(name: str) -> None:
+    head = "NDims = 3\nDimSize = 16 16 16\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+    Path(name).write_bytes(head.encode() + (blob(16, 16, 16) * 4 - 1000).astype("<i2").tobytes())
+
+
+def write_flow(name: str) -> None:
+    """A flow that turns about z, and its speed."""
+    z, y, x = np.indices((9, 9, 9)) - 4
+    flow = np.stack([-y, x, 1 + 0 * z], axis=-1).reshape(-1, 3)
+    scalars = "\n".join(str(value) for value in np.hypot(x, y).ravel())
+    vectors = "\n".join(" ".join(map(str, vector)) for vector in flow)
+    Path(name).write_text(
+        "# vtk DataFile Version 3.0\nflow\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 9 9 9\nORIGIN 0 0 0\n"
+        f"SPACING 1 1 1\nPOINT_DATA 729\nSCALARS speed float\nLOOKUP_TABLE default\n{scalars}\n"
+        f"VECTORS velocity float\n{vectors}\n"
+    )
+
+
+def write_mesh(name: str) -> None:
+    pytest.importorskip("trimesh").creation.box((9, 4, 6)).export(name)
 
 
 # a tetrahedron with numbers
@@ -197,6 +259,45 @@ SURFACE = """<VTKFile type="PolyData" byte_order="LittleEndian"><PolyData><Piece
 <Points><DataArray type="Float32" NumberOfComponents="3" format="ascii">2 2 2 13 4 3 8 8 11 5 12 3</DataArray></Points>
 <Polys><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 0 2 3 0 3 1 1 3 2</DataArray>
 <DataArray type="Int64" Name="offsets" format="ascii">3 6 9 12</DataArray></Polys></Piece></PolyData></VTKFile>"""
+
+
+def write_surface(name: str) -> None:
+    Path(name).write_text(SURFACE)
+
+
+# files that pages name, small, by what writes them
+FILES: dict[str, Callable[[str], None]] = {
+    **dict.fromkeys(("head.nii.gz", "head_mri_160x232x160.nii.gz"), write_nifti),
+    **dict.fromkeys(("t1.nrrd", "t2.nrrd", "seg.nrrd", "stent_ct_128x128x256.nrrd", "tooth.nhdr"), write_nrrd),
+    "isabel/isabel_windspeed_t31.nrrd": write_nrrd,
+    **dict.fromkeys(("neuron.tif", "neuron_a_409x415x119.tif"), write_tiff),
+    **dict.fromkeys(("height.png", "photo.jpg"), write_picture),
+    **dict.fromkeys(("terrain_asama/height_u16_256.png", "terrain_asama/satellite_2048.jpg"), write_picture),
+    "visible_male_128x256x256_uint8.raw": write_raw,
+    "lung_ct_115x157x129.mha": write_metaimage,
+    "carotid_76x49x45_scalar_and_velocity.vtk": write_flow,
+    "implant.ply": write_mesh,
+    "surface.vtp": write_surface,
+}
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder without a display, with the TOML files of the guide."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    for name, text in toml_files().items():
+        Path(name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def write_files(text: str) -> None:
+    """Writes the files that a command or a snippet names, and that of the scene.toml."""
+    series = {"t1.nrrd", "t2.nrrd"} if '"t*.nrrd"' in text else set()
+    for name, write in FILES.items():
+        if name in text or name in series or (name == "head.nii.gz" and "scene.toml" in text):
+            write(name)
 
 
 def toml_files() -> dict[str, str]:
@@ -212,6 +313,7 @@ def toml_files() -> dict[str, str]:
     "command", [pytest.param(c, marks=pytest.mark.long if any(word in c for word in LONG) else ()) for c in SPLATGL]
 )
 def test_commands(command: str, here: Path) -> None:
+    write_files(command)
     name, *arguments = arguments_of(command)
     if name in ELSEWHERE and not any(option.startswith("--list") for option in arguments):
         pytest.skip(ELSEWHERE[name])
@@ -235,8 +337,9 @@ def test_commands(command: str, here: Path) -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("block", of("python"), ids=lambda block: block.path.parent.name)
+@pytest.mark.parametrize("block", of("python"), ids=lambda block: block.path.stem)
 def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_files(block.text)
     # what they register is gone with them
     monkeypatch.setattr(kernels, "KERNELS", dict(kernels.KERNELS))
     monkeypatch.setattr("splatgl.splat.settings.KERNELS", kernels.KERNELS)
@@ -244,15 +347,16 @@ def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     exec(compile(block.text, str(block.path), "exec"), names)
     # one that defines a test is run by test_pytest_plugin.py
     if block.path == TOP:
-        assert (here / "out.png").exists() and names["image"].info["classification"] == "post"
+        assert (here / "head.png").exists() and names["image"].info["classification"] == "post"
 
 
-def test_the_first_snippet_is_ten_lines() -> None:
+def test_the_readmes_snippet_is_five_lines() -> None:
     (block,) = of("python", TOP)
-    assert len([line for line in block.text.splitlines() if line]) <= 10
+    assert len([line for line in block.text.splitlines() if line]) == 5
 
 
 def test_scene_file(here: Path) -> None:
+    write_nifti("head.nii.gz")
     scene = SceneFile.from_toml(Path("scene.toml"))
     assert scene.settings.antialias == "supersample" and scene.view.size == (400, 300)
     assert main(["render", "scene.toml", "--size", "20"]) == 0
@@ -274,7 +378,7 @@ def anchors(path: Path) -> set[str]:
 
 
 def broken_links(path: Path) -> list[str]:
-    """Relative links and images of a README that lead nowhere."""
+    """Relative links and images of a page that lead nowhere."""
     broken = []
     for link in re.findall(r"\]\(([^)\s]+)\)", prose(path)):
         if link.startswith(("http://", "https://")):
@@ -287,7 +391,7 @@ def broken_links(path: Path) -> list[str]:
     return broken
 
 
-@each_readme
+@each_page
 def test_links(path: Path) -> None:
     assert broken_links(path) == []
 
@@ -301,22 +405,23 @@ def test_broken_links_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert broken_links(path) == ["#c", "none.png", "/etc", "../x.png"]
 
 
-def test_every_room_is_linked_from_the_top() -> None:
-    for room in ROOMS:
-        assert f"(splatgl/{room}/README.md)" in TOP.read_text(encoding="utf-8")
+def test_every_page_is_linked_from_the_index() -> None:
+    text = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert [path.name for path in GUIDE if f"({path.name})" not in text] == ["api.md", "index.md"]
 
 
-def test_every_picture_is_shown_once() -> None:
-    shown = [
-        (path.parent / link).resolve()
-        for path in READMES
-        for link in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", prose(path))
-    ]
-    kept = (p for p in (ROOT / "scripts" / "pictures").rglob("*") if p.is_file())
-    assert sorted(shown) == sorted(p.resolve() for p in kept)
+def test_every_picture_is_shown() -> None:
+    shown = {
+        (path.parent / link).resolve() for path in PAGES for link in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", prose(path))
+    }
+    assert shown == {path.resolve() for path in (DOCS / "pictures").rglob("*") if path.is_file()}
 
 
-@each_readme
+def test_the_gallery_is_what_its_script_writes() -> None:
+    assert (DOCS / "gallery.md").read_text(encoding="utf-8") == gallery.page()
+
+
+@each_page
 def test_paths_exist(path: Path) -> None:
     """Inline code that begins with a folder of the repository names a file in it."""
     for code in inline(path):
@@ -324,7 +429,7 @@ def test_paths_exist(path: Path) -> None:
             assert (ROOT / code.split()[0]).exists(), code
 
 
-@each_readme
+@each_page
 def test_names_exist(path: Path) -> None:
     """Inline `sg.…` is public; dotted `splatgl.…` is a name in a module."""
     for code in inline(path):
@@ -347,7 +452,7 @@ def known_options() -> frozenset[str]:
     return frozenset(known)
 
 
-@each_readme
+@each_page
 def test_options_exist(path: Path) -> None:
     named = {option for code in inline(path) for option in re.findall(r"(?<![\w-])--[a-z][\w-]*", code)}
     assert named <= known_options()
@@ -356,43 +461,56 @@ def test_options_exist(path: Path) -> None:
 # --- tables ----------------------------------------------------------------------------------------------------------
 
 
-def settings_rows() -> dict[str, list[str]]:
-    """The cells of each row of the settings table, by its option."""
-    text = (ROOT / "splatgl" / "splat" / "README.md").read_text(encoding="utf-8")
-    (table,) = re.findall(r"(?m)^\| option \| values, default first.*\n((?:\|.*\n)+)", text)
-    rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table.splitlines()[1:]]
-    return {cells[0].strip("`"): cells for cells in rows}
-
-
-def test_every_setting_is_in_the_table() -> None:
-    names = {f"--{field.name.replace('_', '-')}" for field in fields(Settings)}
-    assert names | {"--paper", "--like"} == set(settings_rows())
-
-
-def test_settings_table_is_the_code() -> None:
-    """The values of each choice are those of its row, the default first."""
-    rows = settings_rows()
-    for name, allowed in choices().items():
-        values = rows[f"--{name}"][1].split(", ")
-        assert sorted(values) == sorted(allowed), name
-        assert values[0] == getattr(Settings(), name), name
-    for name in ("samples", "table_bits", "shutter"):
-        (first,) = re.findall(r"^[\d.]+", rows[f"--{name.replace('_', '-')}"][1])
-        assert float(first) == getattr(Settings(), name)
-    assert Settings().tolerance == 1 / 255 and rows["--tolerance"][1] == "1/255"
-
-
 def test_every_format_is_in_the_table() -> None:
-    (table,) = re.findall(r"(?m)^\| format \|.*\n((?:\|.*\n)+)", TOP.read_text(encoding="utf-8"))
+    (table,) = re.findall(r"(?m)^\| format \|.*\n((?:\|.*\n)+)", (DOCS / "formats.md").read_text(encoding="utf-8"))
     named = {suffix for line in table.splitlines() for suffix in re.findall(r"`(\.[\w.]+)`", line.split("|")[1])}
     assert named == {suffix for form in FORMATS for suffix in form.suffixes}
 
 
 def test_every_stress_case_is_in_the_table() -> None:
-    text = (ROOT / "splatgl" / "reference" / "README.md").read_text(encoding="utf-8")
+    text = (DOCS / "accuracy.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"(?m)^\| `([\w.-]+)` \| (.+?) \| [^|]+ \| [^|]+ \|[^|]*\|$", text))
     assert list(rows) == list(CASES)
     for name, case in CASES.items():
         # one case says beside it what its numbers are
         assert rows[name].startswith(case.stresses.replace("|", "\\|")), name
     assert f"draws {len(CASES)} cases" in text and f"all {len(CASES)} are within" in text
+
+
+# --- the site --------------------------------------------------------------------------------------------------------
+
+
+def test_generated_tables_have_all_rows() -> None:
+    markers = [name for path in GUIDE for name in re.findall(r"<!-- table: (\w+) -->", path.read_text())]
+    assert sorted(markers) == sorted(mkdocs_hooks.TABLES)
+    page = mkdocs_hooks.site_page("<!-- table: keys --> <!-- table: methods -->")
+    assert all(f"`{row.action}`" in page for row in BINDINGS)
+    table = mkdocs_hooks.site_page("<!-- table: settings -->")
+    assert all(f"`--{field.name.replace('_', '-')}`" in table for field in fields(Settings))
+    assert all(value in table for values in choices().values() for value in values)
+    assert all(name in page for name in methods())
+
+
+def test_the_page_of_commands_has_all_options() -> None:
+    page = mkdocs_hooks.command_reference()
+    for name, parser in mkdocs_hooks.command_parsers().items():
+        section = page.partition(f"## splatgl {name}\n")[2].partition("\n## ")[0]
+        hidden = {
+            option for action in parser._actions if action.help == argparse.SUPPRESS for option in action.option_strings
+        }
+        assert [o for o in parser._option_string_actions if o not in section and o not in hidden] == []
+
+
+def test_the_api_has_every_public_name() -> None:
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"(?m)^::: splatgl\.(\w+)$", text)) == sorted(set(sg.__all__) - {"__version__"})
+
+
+@pytest.mark.long
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    for module in ("mkdocs", "material", "mkdocstrings"):
+        pytest.importorskip(module, reason="scripts/docs needs the extra docs")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", "scripts/mkdocs.yml", "-d", str(tmp_path)]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    assert (tmp_path / "api.html").is_file() and "splatgl.Renderer" in (tmp_path / "api.html").read_text()

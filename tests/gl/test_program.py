@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from splatgl.gl.shader import declared_switches
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.plan import Program
 from splatgl.splat.settings import BLENDS, choices
-from splatgl.splat.technique import TECHNIQUES, combinations
-from splatgl.studies.tables import Table
 from tests.helpers.noise import GRIDS as PLACED
 from tests.helpers.noise import noise
 from tests.helpers.splatting import SPLATS
@@ -23,13 +20,6 @@ from tests.helpers.splatting import SPLATS
 # what a program depends on
 COMPILED = ("blend", "align", "attenuation", "footprint", "shading")
 GRIDS = ("cubes", "sheared")
-
-
-def test_the_readme_tells_what_techniques_refuse() -> None:
-    readme = (Path(__file__).parents[2] / "splatgl" / "gl" / "README.md").read_text(encoding="utf-8")
-    assert Table(("setting", *TECHNIQUES), tuple(combinations())).markdown().strip() in readme, (
-        "run scripts/pictures.py tables"
-    )
 
 
 def cameras_of(splats: sg.Splats) -> list[sg.Camera]:

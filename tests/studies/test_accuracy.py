@@ -196,11 +196,6 @@ def test_a_new_method_is_one_entry(
     assert found.ok and f"{mine}: error/bound" in {each.what for each in found.checks}
 
 
-def test_the_readme_tells_all_methods() -> None:
-    readme = (Path(__file__).parents[2] / "splatgl" / "reference" / "README.md").read_text(encoding="utf-8")
-    assert content.registry().markdown() in readme, "run scripts/pictures.py tables"
-
-
 @pytest.mark.few(6)
 @pytest.mark.parametrize("name", [name for name, method in methods.methods().items() if not method.peer])
 def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) -> None:

@@ -266,7 +266,7 @@ def _orders(results: Results) -> Table:
 
 
 def registry() -> Table:
-    """Every method, by what is varied; also in splatgl/reference/README.md."""
+    """Every method, by what is varied; also in the guide."""
     rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
     title = f"all {len(methods())} methods, by what is varied"
     return Table(("axis", "what it is", "methods"), rows, title, folded=True)

@@ -1,0 +1,113 @@
+"""Hooks of MkDocs: tables that come from the code, the page of all commands, and pages from .github."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from splatgl.cli.main import COMMANDS, _parser
+from splatgl.options import declared
+from splatgl.splat.settings import Settings
+from splatgl.splat.technique import TECHNIQUES, combinations
+from splatgl.studies.accuracy.content import registry
+from splatgl.studies.tables import Table
+from splatgl.viewer.key_bindings import BINDINGS
+
+ROOT = Path(__file__).resolve().parents[1]
+# pages of the site that are kept elsewhere, because code hosts look for them there
+ELSEWHERE = {"contributing.md": ".github/CONTRIBUTING.md", "security.md": ".github/SECURITY.md"}
+HEAD = ("option", "values", "meaning")
+STYLE = """
+.md-grid { max-width: 72rem; }
+.md-typeset table:not([class]) { font-size: .62rem; }
+.md-typeset table:not([class]) th { min-width: 3rem; }
+.md-typeset table code { overflow-wrap: anywhere; }
+.md-typeset details { font-size: inherit; }
+"""
+
+
+def keys() -> str:
+    """Table of the default keys of the window."""
+    rows = ((" or ".join(f"`{key}`" for key in row.keys), row.about, f"`{row.action}`") for row in BINDINGS)
+    return Table(("keys", "action", "name"), tuple(rows)).markdown()
+
+
+def settings() -> str:
+    """Tables of all settings, one for each group of the command line."""
+    groups: dict[str, list[tuple[str, str, str]]] = {}
+    for name, option in declared(Settings).items():
+        values = ", ".join(option.choices) or (option.metavar or option.kind.metavar).replace("|", ", ")
+        row = (f"`--{(option.flag or name).replace('_', '-')}`", values, _escaped(option.help))
+        groups.setdefault(option.group, []).append(row)
+    tables = (f"**{name.capitalize()}**\n\n{Table(HEAD, tuple(rows)).markdown()}" for name, rows in groups.items())
+    return "\n\n".join(tables)
+
+
+TABLES = {
+    "settings": settings,
+    "keys": keys,
+    "methods": lambda: registry().markdown(),
+    "techniques": lambda: Table(("setting", *TECHNIQUES), tuple(combinations())).markdown(),
+}
+"""Tables by the name that a page gives in `<!-- table: NAME -->`."""
+
+
+def command_parsers() -> dict[str, argparse.ArgumentParser]:
+    """The parser of each command, with all of its options."""
+    parsers = {}
+    for name in COMMANDS:
+        parser = _parser([name])
+        (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+        parsers[name] = commands.choices[name]
+    return parsers
+
+
+def command_reference() -> str:
+    """The page of all commands: usage, and a table of options for each group of each command."""
+    parts = ["# Commands", "All commands with their options. `splatgl COMMAND --help` prints the same."]
+    for name, parser in command_parsers().items():
+        parts += [f"## splatgl {name}", parser.description or "", f"```text\n{parser.format_usage().strip()}\n```"]
+        for group in parser._action_groups:
+            rows = [_row(parser, action) for action in group._group_actions if action.help != argparse.SUPPRESS]
+            if rows:
+                parts.append(f"**{(group.title or 'options').capitalize()}**")
+                parts.append(Table(("option", "meaning"), tuple(rows)).markdown())
+    return "\n\n".join(parts) + "\n"
+
+
+def _row(parser: argparse.ArgumentParser, action: argparse.Action) -> tuple[str, str]:
+    """Cells of an option: how it is written, and its help."""
+    formatter = parser._get_formatter()
+    written = formatter._format_action_invocation(action)
+    text = formatter._expand_help(action) if action.help else ""
+    return f"`{written}`", _escaped(text)
+
+
+def _escaped(text: str) -> str:
+    """Help text as Markdown: signs that would be markup stay as they are."""
+    return re.sub(r"([*_<\[])", r"\\\1", text)
+
+
+def site_page(text: str) -> str:
+    """Markdown of a page for the site: generated tables in place, and tables inside of <details> rendered."""
+    text = re.sub(r"<!-- table: (\w+) -->", lambda match: TABLES[match[1]](), text)
+    return text.replace("<details>", '<details markdown="1">')
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Adds the generated pages and the style sheet."""
+    from mkdocs.structure.files import File
+
+    for name, source in ELSEWHERE.items():
+        text = (ROOT / source).read_text(encoding="utf-8")
+        files.append(File.generated(config, name, content=text.replace("../splatgl/docs/", "")))
+    files.append(File.generated(config, "commands.md", content=command_reference()))
+    files.append(File.generated(config, "site.css", content=STYLE))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Called by MkDocs for each page."""
+    return site_page(markdown)
