@@ -28,7 +28,7 @@ import numpy as np
 import splatgl as sg
 from splatgl.cli.doctor import check_line
 from splatgl.errors import InputError
-from splatgl.fileio import check_output, write_whole
+from splatgl.fileio import check_output, write_file
 from splatgl.gl.buffers import DrawOrder, Instances, Textured
 from splatgl.gl.context import current
 from splatgl.gl.selfcheck import run_checks
@@ -266,7 +266,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check_output(Path(args.output), (".json",))
         with sg.Renderer(require_gpu=not args.software) as renderer:
             told = measured(renderer, args.short, until)
-        write_whole(Path(args.output), json.dumps(told, indent=1).encode())
+        write_file(Path(args.output), json.dumps(told, indent=1).encode())
     except InputError as error:
         print(f"gpu_check: {error}", file=sys.stderr)
         return 2

@@ -25,10 +25,10 @@ class Choice(InputError):
 
 
 # what is said in a line, and ends nothing that could go on
-TOLD = (InputError, MemoryError)
+USER_ERRORS = (InputError, MemoryError)
 
 
-def told(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """What one of TOLD says."""
     return str(error) or "not enough memory"
 

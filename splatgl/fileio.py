@@ -53,7 +53,7 @@ def check_source(path: Path, *sources: str | None) -> None:
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
 
 
-WHOLE = 2**28
+WHOLE_BYTES = 2**28
 
 
 def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
@@ -64,12 +64,12 @@ def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
 # share of what is available now that is used unless a budget is given
 SHARE = 0.5
 # free bytes where the system tells none
-ASSUMED = 4 << 30
+ASSUMED_FREE = 4 << 30
 # the budget that was given, if any
-_given: list[int] = []
+_budget: list[int] = []
 
 
-def bytes_of(text: str) -> int:
+def parse_bytes(text: str) -> int:
     """Parses a number of bytes: 4GiB, 500MB, 1e9. Raises InputError for other text."""
     found = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *(?:([kmgt])(i?)b?|b?)", text.strip().lower())
     try:
@@ -80,7 +80,7 @@ def bytes_of(text: str) -> int:
         raise expected("memory", "a number of bytes, such as 4GiB or 500MB", repr(text)) from None
 
 
-def size_of(count: int) -> str:
+def format_bytes(count: int) -> str:
     """A number of bytes as text, such as 3.7 GiB."""
     size, units = float(count), ["bytes", "KiB", "MiB", "GiB", "TiB"]
     while size >= 1024 and len(units) > 1:
@@ -88,9 +88,9 @@ def size_of(count: int) -> str:
     return f"{size:.0f} {units[0]}" if units[0] == "bytes" else f"{size:.1f} {units[0]}"
 
 
-def limit(memory: int | None) -> None:
+def set_budget(memory: int | None) -> None:
     """Sets the budget of this process, bytes; None: what is free."""
-    _given[:] = [] if memory is None else [memory]
+    _budget[:] = [] if memory is None else [memory]
 
 
 def require_memory(
@@ -99,17 +99,17 @@ def require_memory(
     """Raises InputError for what takes `needed` bytes, in `there` packed ones, if memory is too small for it."""
     most = budget()
     if needed > most:
-        got = f"{size_of(needed)}, packed in {size_of(max(there, 0))}"
-        raise expected(what, f"at most {size_of(most)} in memory", got, fix)
+        got = f"{format_bytes(needed)}, packed in {format_bytes(max(there, 0))}"
+        raise expected(what, f"at most {format_bytes(most)} in memory", got, fix)
 
 
 def budget() -> int:
     """The bytes that were given; else SHARE of those that this process may still take, by the system and by its control
     group.
     """
-    if _given:
-        return _given[0]
-    free = [_available(), *(limit - used for limit, used in _groups())]
+    if _budget:
+        return _budget[0]
+    free = [_available(), *(limit - used for limit, used in _group_limits())]
     return int(SHARE * max(min(free), 0))
 
 
@@ -130,10 +130,10 @@ def _available() -> int:
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
-        return ASSUMED
+        return ASSUMED_FREE
 
 
-def _groups() -> list[tuple[int, int]]:
+def _group_limits() -> list[tuple[int, int]]:
     """Limit and use of the control group's memory, of either version."""
     found = []
     root = Path("/sys/fs/cgroup")
@@ -199,17 +199,17 @@ def toml_value(what: str, value: Any) -> str:
 LONGEST = 200
 
 
-def write_whole(target: Path, data: bytes) -> None:
+def write_file(target: Path, data: bytes) -> None:
     """Writes a file atomically: to a temporary name, then renamed. Makes the folders that are missing.
 
     Raises InputError if it cannot be written; no new folder is left then.
     """
-    with replaced(target) as temporary:
+    with atomic_write(target) as temporary:
         temporary.write_bytes(data)
 
 
 @contextmanager
-def replaced(target: Path) -> Iterator[Path]:
+def atomic_write(target: Path) -> Iterator[Path]:
     """A file beside `target` to write into, which takes its place and its mode at the end, or goes if the work fails.
     Links are followed: what they lead to is replaced. Makes the folders that are missing.
 
@@ -218,11 +218,11 @@ def replaced(target: Path) -> Iterator[Path]:
     try:
         real = Path(os.path.realpath(target))
         mode = _mode(real)
-        with made(real.parent):
+        with new_folder(real.parent):
             temporary = ""
             try:
                 with tempfile.NamedTemporaryFile(
-                    dir=real.parent, prefix=f".{shortened(real.name)}.", delete=False
+                    dir=real.parent, prefix=f".{shorten_name(real.name)}.", delete=False
                 ) as file:
                     temporary = file.name
                 yield Path(temporary)
@@ -235,7 +235,7 @@ def replaced(target: Path) -> Iterator[Path]:
         raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
 
 
-def shortened(name: str) -> str:
+def shorten_name(name: str) -> str:
     """A file's name, to which an ending can be added: its beginning, if it is long."""
     return name.encode(errors="surrogateescape")[:LONGEST].decode(errors="ignore")
 
@@ -256,7 +256,7 @@ def _mode(real: Path) -> int:
 
 
 @contextmanager
-def made(folder: Path) -> Iterator[None]:
+def new_folder(folder: Path) -> Iterator[None]:
     """Makes a folder, and those above it that are missing; they are removed if the work in it fails and left none."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:

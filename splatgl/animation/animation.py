@@ -25,7 +25,7 @@ from splatgl.annotations.canvas import Scale, Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import expected
-from splatgl.fileio import budget, check_output, shortened, size_of, write_whole
+from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.scene.background import backed
 from splatgl.scene.draw import (
     PATIENCE,
@@ -301,7 +301,7 @@ def _bands(volume: Volume, transfer: Transfer, scene: SceneFile, flow: float | N
         if wanted.bytes <= most:
             return 0
         fix = "leave the flow and the motion out, or choose a coarser --level"
-        raise expected(scene.volume, f"a volume that fits into {size_of(most)}", size_of(wanted.bytes), fix)
+        raise expected(scene.volume, f"a volume that fits into {format_bytes(most)}", format_bytes(wanted.bytes), fix)
     return wanted.bands(most)
 
 
@@ -439,7 +439,7 @@ class Frames:
         path = Path(output)
         if path.suffix.lower() in MOVIES:
             check_output(path, MOVIES)
-            folder = path.with_name(f"{shortened(path.name)}.frames")
+            folder = path.with_name(f"{shorten_name(path.name)}.frames")
             frames = cls(str(folder / "{frame:06d}.png"), mark, path)
         else:
             _check_template(output)
@@ -461,7 +461,7 @@ class Frames:
 
     def write(self, frame: int, data: bytes) -> None:
         """Writes a frame's file atomically."""
-        write_whole(self.path(frame), data)
+        write_file(self.path(frame), data)
 
     def done(self, frame: int) -> bool:
         """Whether the frame exists. InputError if the file belongs to another animation."""
@@ -476,7 +476,7 @@ class Frames:
 
     def sweep(self, numbers: Sequence[int]) -> None:
         """Removes temporary files of these frames left by a killed run."""
-        names = {f".{shortened(self.path(n).name)}" for n in numbers}
+        names = {f".{shorten_name(self.path(n).name)}" for n in numbers}
         # a temporary file is named .<frame file>.<random letters>
         for path in self.path(0).parent.glob(".*"):
             if path.name.rpartition(".")[0] in names and path.is_file():

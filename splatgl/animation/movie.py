@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, missing_extra
-from splatgl.fileio import replaced
+from splatgl.fileio import atomic_write
 from splatgl.scene.scene_file import SceneFile
 
 # codec and its options; a smaller crf gives a larger file: these values are visually lossless
@@ -41,7 +41,7 @@ def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[
 
     Raises InputError if it cannot be written.
     """
-    with replaced(path) as part:
+    with atomic_write(path) as part:
         if path.suffix.lower() == ".gif":
             _write_gif(part, pictures, fps, ground)
         else:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.comparison.compare import Picture, alike, pairs, read, read_mask
-from splatgl.comparison.metrics import need_flip
+from splatgl.comparison.compare import Picture, find_pairs, match_formats, read, read_mask
+from splatgl.comparison.metrics import require_flip
 from splatgl.comparison.verdict import Tolerance, Verdict, judge
 from splatgl.data.image import Image, encode_png
 from splatgl.errors import InputError, expected
-from splatgl.fileio import check_output, write_whole
+from splatgl.fileio import check_output, write_file
 
 if TYPE_CHECKING:
     from splatgl.comparison.html_report import Case
@@ -102,7 +102,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """0 if all are the same, 1 if any differ, 2 if any pair is unusable."""
     actual, right = Path(args.actual), Path(args.expected)
-    listed = pairs(actual, right)
+    listed = find_pairs(actual, right)
     if args.diff and actual.is_dir():
         raise expected("--diff", "two files", "two folders", "use --report for folders")
     for path, suffixes in ((args.diff, (".png",)), (args.report, (".html",))):
@@ -115,9 +115,9 @@ def run(args: argparse.Namespace) -> int:
     # print the verdict first, in case a file cannot be written
     print(_json(outcomes) if args.json else _text(outcomes, args), end="", flush=True)
     if args.diff and outcomes[0].images and outcomes[0].verdict:
-        write_whole(Path(args.diff), _diff(*outcomes[0].images, asked))
+        write_file(Path(args.diff), _diff(*outcomes[0].images, asked))
     if args.report:
-        write_whole(Path(args.report), _page(outcomes, asked, f"{actual} against {right}").encode())
+        write_file(Path(args.report), _page(outcomes, asked, f"{actual} against {right}").encode())
     return max(outcome.code for outcome in outcomes)
 
 
@@ -146,7 +146,7 @@ def _images(actual: Path, right: Path, asked: Asked) -> tuple[Image, Image]:
     """Both images, read in parallel if large: decoding releases the GIL."""
     with ThreadPoolExecutor(2) as threads:
         pictures = list(threads.map(read, (actual, right)))
-    return alike(pictures[0], pictures[1], asked.any_mode)
+    return match_formats(pictures[0], pictures[1], asked.any_mode)
 
 
 def _judge(first: Image, second: Image, names: tuple[str, str], asked: Asked) -> Verdict:
@@ -160,7 +160,7 @@ def check_against(
     drawn = Picture(str(output), image)
     if reference.bits is not None:
         drawn = replace(drawn, image=image.rounded(reference.bits, background), bits=reference.bits)
-    first, second = alike(drawn, reference)
+    first, second = match_formats(drawn, reference)
     return _judge(first, second, (str(output), reference.name), Asked(Tolerance()))
 
 
@@ -173,40 +173,40 @@ def _asked(args: argparse.Namespace) -> Asked:
     mask = read_mask(args.mask) if args.mask else None
     extra = frozenset(args.metric) & {"ssim", "flip"}
     if "flip" in extra | tolerance.extra:
-        need_flip()
+        require_flip()
     return Asked(tolerance, extra, mask, args.any_mode)
 
 
 def _diff(actual: Image, right: Image, asked: Asked) -> bytes:
     from splatgl.comparison import html_report
 
-    difference = html_report.largest(actual, right, asked.mask)
-    return encode_png(html_report.heat(difference), html_report.COMPRESSION)
+    difference = html_report.largest_difference(actual, right, asked.mask)
+    return encode_png(html_report.heat_map(difference), html_report.COMPRESSION)
 
 
 def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:
     """HTML report: unusable pairs first, then the largest differences; only pairs shown with images are read again."""
-    from splatgl.comparison.html_report import PICTURED, page
+    from splatgl.comparison.html_report import MOST_PICTURED, build_page
 
     ranked = sorted(outcomes, key=lambda o: -o.verdict.comparison.rmse if o.verdict else -math.inf)
-    return page([_case(outcome, asked, i < PICTURED) for i, outcome in enumerate(ranked)], title)
+    return build_page([_case(outcome, asked, i < MOST_PICTURED) for i, outcome in enumerate(ranked)], title)
 
 
 def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
-    from splatgl.comparison.html_report import case, case_alone, case_of_sizes
+    from splatgl.comparison.html_report import build_case, build_single_case, build_size_case
 
     if outcome.of_sizes and pictured:
         images = outcome.images or _images(outcome.actual, outcome.right, asked)
-        return case_of_sizes(outcome.name, outcome.error, *images)
+        return build_size_case(outcome.name, outcome.error, *images)
     if outcome.of_sizes:
-        return case_alone(outcome.name, "different", outcome.error)
+        return build_single_case(outcome.name, "different", outcome.error)
     if outcome.verdict is None:
-        return case_alone(outcome.name, "unusable", outcome.error)
+        return build_single_case(outcome.name, "unusable", outcome.error)
     if outcome.verdict.same or not pictured:
-        return case_alone(outcome.name, "same" if outcome.verdict.same else "different", outcome.verdict.line)
+        return build_single_case(outcome.name, "same" if outcome.verdict.same else "different", outcome.verdict.line)
     verdict = replace(outcome.verdict, name=outcome.name)
     first, second = outcome.images or _images(outcome.actual, outcome.right, asked)
-    return case(verdict, first, second, asked.mask)
+    return build_case(verdict, first, second, asked.mask)
 
 
 def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:

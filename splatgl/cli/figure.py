@@ -8,7 +8,7 @@ from textwrap import fill
 
 from splatgl import __version__
 from splatgl.errors import expected
-from splatgl.fileio import check_output, write_whole
+from splatgl.fileio import check_output, write_file
 from splatgl.studies.claims import page
 from splatgl.studies.figures import FIGURES, Figure
 from splatgl.studies.figures.rendered import PICTURES, add_pictures, refuse, run_picture
@@ -50,10 +50,10 @@ def run(args: argparse.Namespace) -> int:
         check_output(output, (".png", ".svg"))
     if args.csv:
         check_output(Path(args.csv), (".csv",))
-        write_whole(Path(args.csv), figure.table().csv().encode())
+        write_file(Path(args.csv), figure.table().csv().encode())
         print(f"{args.csv}: the numbers of figure {figure.number}")
     if drawn:
-        write_whole(output, figure.picture(output.suffix.lower(), f"splatgl {__version__}"))
+        write_file(output, figure.picture(output.suffix.lower(), f"splatgl {__version__}"))
         print(f"{output}:", fill(f"Figure {figure.number}. {figure.caption}", PAGE), sep="\n")
     if args.text:
         print(text(figure))

@@ -27,11 +27,11 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 
 def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     from splatgl.cli.options import scene_from_source
-    from splatgl.readers import listed
+    from splatgl.readers import list_volumes
     from splatgl.scene.draw import tell
 
     scene = scene_from_source(args)
-    listed_ = [] if "array" in scene.load else listed(scene.volume)
+    listed_ = [] if "array" in scene.load else list_volumes(scene.volume)
     if len(listed_) > 1:
         print("\n".join([*listed_, ""]))
     try:

@@ -13,7 +13,7 @@ from typing import NoReturn
 from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, nearest, one_line, options_of, worded
 from splatgl.errors import InputError, expected
-from splatgl.fileio import limit
+from splatgl.fileio import set_budget
 
 # exit code of a program interrupted by Ctrl-C
 INTERRUPTED = 130
@@ -49,7 +49,7 @@ def _run(arguments: list[str]) -> int:
         if rest:
             _refuse_rest(command, rest)
         _refuse_empty(args)
-        limit(getattr(args, "memory", None))
+        set_budget(getattr(args, "memory", None))
         return int(args.run(args))
     except InputError as error:
         print(f"splatgl: {one_line(worded(str(error), options, args))}", file=sys.stderr)

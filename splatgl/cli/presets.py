@@ -60,13 +60,13 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     scene, volume = scene.cut(volume), smaller(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
-    from splatgl.fileio import write_whole
+    from splatgl.fileio import write_file
     from splatgl.scene.draw import DrawOptions
 
     camera = scene.view.camera(volume, volume)
     with DrawOptions(args.backend, args.device, args.gpu).renderer() as renderer:
         pictures = {name: drawn(renderer, scene, volume, camera, look) for name, look in looks.items()}
-    write_whole(output, sheet(pictures))
+    write_file(output, sheet(pictures))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")
     return 0
 

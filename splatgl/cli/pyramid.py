@@ -23,7 +23,7 @@ from splatgl.cli.options import add_source, add_transfer, scene_from_transfer
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import FEWEST, Places, Volume
 from splatgl.errors import InputError, expected, missing_extra
-from splatgl.fileio import check_folder, made, shortened
+from splatgl.fileio import check_folder, new_folder, shorten_name
 from splatgl.scene.draw import tell
 from splatgl.splat.extract import extract
 from splatgl.splat.grid import Grid
@@ -51,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
     tell(volume, args.quiet)
     if scene.threshold:
         raise expected("--threshold", "none: of a pyramid all voxels are kept", scene.threshold)
-    part = output.with_name(f".{shortened(output.name)}.{os.getpid()}.part")
+    part = output.with_name(f".{shorten_name(output.name)}.{os.getpid()}.part")
     try:
-        with made(output.parent):
+        with new_folder(output.parent):
             try:
                 shapes = write(part, volume, scene.transfer_for(volume))
                 part.rename(output)

@@ -15,10 +15,10 @@ from splatgl import __version__
 from splatgl.cli.options import add_drawing, add_layers, add_source, add_workers, asked, scene_from
 from splatgl.cli.output import summary
 from splatgl.data.image import MAPS, SAVED, Image, save_map
-from splatgl.data.image_files import need
+from splatgl.data.image_files import require_library
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
-from splatgl.fileio import bytes_of, check_output, check_source
+from splatgl.fileio import check_output, check_source, parse_bytes
 from splatgl.scene.background import as_drawn, backed
 from splatgl.scene.draw import (
     OF_BLENDS,
@@ -68,7 +68,7 @@ def check_depth(args: argparse.Namespace, scene: SceneFile) -> None:
         return
     path = Path(args.depth)
     check_output(path, MAPS)
-    need(path.suffix.lower())
+    require_library(path.suffix.lower())
     check_source(path, args.source, *scene.files, args.output, args.ref)
     if args.output is not None and path.absolute() == Path(args.output).absolute():
         raise expected("--depth", "another file than -o", str(path))
@@ -148,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
     scene = scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     check_output(output, SAVED)
-    need(output.suffix.lower())
+    require_library(output.suffix.lower())
     check_source(output, args.source, *scene.files)
     check_depth(args, scene)
     annotate = asked_for(args.annotate, args.ref, scene)
@@ -214,7 +214,7 @@ def _on_workers(args: argparse.Namespace, scene: SceneFile, volume: Volume, tran
 
 def _bytes(text: str) -> int:
     try:
-        return bytes_of(text)
+        return parse_bytes(text)
     except InputError as error:
         raise argparse.ArgumentTypeError(str(error).removeprefix("memory: ")) from None
 

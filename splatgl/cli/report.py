@@ -16,9 +16,9 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.cli.options import add_backend, add_workers, asked, drawing_of
-from splatgl.comparison.metrics import need_flip
+from splatgl.comparison.metrics import require_flip
 from splatgl.data.scenes import FORMULAS
-from splatgl.data.volume import Volume, coarser
+from splatgl.data.volume import Volume, halve_volume
 from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import InputError, expected
 from splatgl.scene.scene_file import SceneFile
@@ -184,7 +184,7 @@ def _forget(kept: Path) -> None:
 
 def _has_flip() -> bool:
     try:
-        need_flip()
+        require_flip()
     except InputError:
         return False
     return True
@@ -247,7 +247,7 @@ def subject(source: str, level: Level) -> Subject:
     joined = 0
     # joined voxels would not be samples of the formula
     while formula is None and level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
-        joint = coarser(volume, bool(transfer.labels))
+        joint = halve_volume(volume, bool(transfer.labels))
         fewer = extract(joint, transfer, scene.threshold, classification="pre")
         # thin structures may vanish when averaged with empty voxels
         if not len(fewer):
@@ -268,7 +268,7 @@ class _Build:
     def __call__(self, threshold: float, coarse: int, post: str) -> Splats:
         volume = self.volume
         for _ in range(coarse):
-            volume = coarser(volume, bool(self.transfer.labels))
+            volume = halve_volume(volume, bool(self.transfer.labels))
         least = max(threshold, self.threshold)
         how = "post" if post else "pre"
         return extract(volume, self.transfer, least, classification=how, kernel=post)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from splatgl.cli.options import add_workers, asked, drawing_of
 from splatgl.errors import expected
-from splatgl.fileio import check_folder, check_output, write_whole
+from splatgl.fileio import check_folder, check_output, write_file
 from splatgl.studies.stress import CASES, run_case
 from splatgl.studies.stress.case import Bench, Case, Check, Result
 from splatgl.studies.stress.report import PAGES, about, as_csv, as_json, as_markdown, heading, line, lines, verdict
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
                 print(tell(results[-1]), flush=True)
     print(verdict(results))
     for kind, path in files.items():
-        write_whole(path, _text(kind, results, drawn_by).encode())
+        write_file(path, _text(kind, results, drawn_by).encode())
     return 0 if all(result.ok for result in results) else BROKEN
 
 

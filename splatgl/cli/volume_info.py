@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.cli.parser import one_line
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
-from splatgl.fileio import budget, size_of
+from splatgl.fileio import budget, format_bytes
 from splatgl.readers.common import is_mapped
 from splatgl.splat.bricks import bricks_of, fits, need
 from splatgl.splat.presets import default_transfer
@@ -168,7 +168,7 @@ def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
     where = "read in parts" + (f", chunks {_times(chunks[::-1])}" if chunks else "")
     if isinstance(volume.samples, np.ndarray):
         where = "mapped from the file" if is_mapped(volume.samples) else "in memory"
-    lines = [_line("samples", f"{dtype.name}{order}   {size_of(volume.count * dtype.itemsize)}, {where}")]
+    lines = [_line("samples", f"{dtype.name}{order}   {format_bytes(volume.count * dtype.itemsize)}, {where}")]
     if statistics.finite:
         span = f"{_number(statistics.low)} … {_number(statistics.high)}"
         lines.append(_line("range", f"{span}   mean {_number(statistics.mean)}"))
@@ -195,7 +195,7 @@ def _drawing_lines(volume: Volume) -> list[str]:
     many = fits(bricks, SIZE, most)
     how = "whole" if many is None else f"{len(bricks.low):,} bricks"
     level = "level 0; render takes the coarsest level that is right"
-    told = wrap(f"{wanted}, of {size_of(most)}: {how}", WIDTH - _LABEL - 2)
+    told = wrap(f"{wanted}, of {format_bytes(most)}: {how}", WIDTH - _LABEL - 2)
     lines = [_line("to render" * (not n), text) for n, text in enumerate(told)]
     return [*lines, *([_line("", level)] if volume.coarser else [])]
 

@@ -10,9 +10,9 @@ from tokenize import TokenError
 
 import numpy as np
 
-from splatgl.comparison.metrics import differ, flip, over_channels, ssim, unmatched
+from splatgl.comparison.metrics import count_unmatched, exceeds_threshold, flip, over_channels, ssim
 from splatgl.data.image import PNG_SIGNATURE, Image
-from splatgl.data.image_files import EXR, TIFF, holds_floats
+from splatgl.data.image_files import EXR, TIFF, is_float_tiff
 from splatgl.errors import InputError, expected
 
 # number of 8-bit levels
@@ -94,10 +94,10 @@ def compare(
     first, second = _pixels(names[0], a), _pixels(names[1], b)
     if first.shape != second.shape:
         what = "pictures" if names == NAMES else names[0]
-        raise expected(what, f"one size, {_size(second)}", _size(first), "draw both at the same size")
+        raise expected(what, f"one size, {_format_size(second)}", _format_size(first), "draw both at the same size")
     if mask is not None:
         _check_mask(mask, first)
-        first, second = masked(first, mask), masked(second, mask)
+        first, second = apply_mask(first, mask), apply_mask(second, mask)
     found = _differences(first, second)
     if not np.isfinite(found.squares):
         _check_finite(names[0], first)
@@ -105,7 +105,7 @@ def compare(
     peak = (float(second[..., 3].max()) or 1.0) if b.info.get("blend") == "xray" else 1.0
     count = first.shape[0] * first.shape[1] if mask is None else int(np.count_nonzero(mask))
     rmse = float(np.sqrt(found.squares / (4 * count)))
-    over = differ(first, second, found.worst, threshold, peak)
+    over = exceeds_threshold(first, second, found.worst, threshold, peak)
     row, column = np.unravel_index(int(found.worst.argmax()), over.shape)
     bias = found.sums / count
     return Comparison(
@@ -119,25 +119,27 @@ def compare(
         peak=peak,
         threshold=threshold,
         bias=float(bias[np.abs(bias).argmax()]),
-        share_unmatched=unmatched(first, second, over, threshold, peak) / count,
+        share_unmatched=count_unmatched(first, second, over, threshold, peak) / count,
         ssim=ssim(first, second, peak, mask) if "ssim" in extra else None,
         flip=flip(first, second, peak, mask) if "flip" in extra else None,
         pixels=count,
     )
 
 
-def masked(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+def apply_mask(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
     """The image with zeros where `mask` is False."""
     return pixels if mask is None else np.where(mask[..., None], pixels, np.float32(0))
 
 
-def _size(pixels: np.ndarray) -> str:
+def _format_size(pixels: np.ndarray) -> str:
     return f"{pixels.shape[1]}×{pixels.shape[0]}"
 
 
 def _check_mask(mask: np.ndarray, pixels: np.ndarray) -> None:
     if mask.shape != pixels.shape[:2]:
-        raise expected("mask", f"the pictures' size, {_size(pixels)}", _size(mask) if mask.ndim == 2 else mask.shape)
+        raise expected(
+            "mask", f"the pictures' size, {_format_size(pixels)}", _format_size(mask) if mask.ndim == 2 else mask.shape
+        )
     if not mask.any():
         raise expected("mask", "pixels that count (light ones)", "none")
 
@@ -206,9 +208,9 @@ class Picture:
 def read(path: str | Path) -> Picture:
     """Reads a PNG, NPY, EXR, TIFF or JPEG file. Raises InputError for missing, truncated and invalid files."""
     source = Path(path)
-    image = _loaded(source)
+    image = _load_image(source)
     suffix = source.suffix.lower()
-    if suffix in (".npy", *EXR) or (suffix in TIFF and holds_floats(source)):
+    if suffix in (".npy", *EXR) or (suffix in TIFF and is_float_tiff(source)):
         return Picture(str(path), image)
     with open(source, "rb") as file:
         header = file.read(HEADER_BYTES)
@@ -220,7 +222,7 @@ def read(path: str | Path) -> Picture:
     return Picture(str(path), image, mode, 16 if header[DEPTH_AT] == 16 else 8)
 
 
-def _loaded(source: Path) -> Image:
+def _load_image(source: Path) -> Image:
     """The image; the exceptions that NumPy and Pillow raise for two kinds of faults become InputError."""
     from PIL.Image import DecompressionBombError
 
@@ -230,7 +232,7 @@ def _loaded(source: Path) -> Image:
         raise InputError(f"{source}: cannot be read as a picture: {error}") from error
 
 
-def alike(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Image, Image]:
+def match_formats(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Image, Image]:
     """Both images made comparable: the finer rounded to the coarser's bits, X-rays restored to sums.
 
     Raises InputError for different modes, such as RGB and RGBA, unless any_mode; and for NaN before rounding.
@@ -241,11 +243,11 @@ def alike(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Imag
     bits = min((picture.bits for picture in (actual, right) if picture.bits), default=None)
     # a float file does not record that it holds sums: the other one may
     xray = any(picture.image.info.get("blend") == "xray" for picture in (actual, right))
-    first, second = (_sums(_rounded(picture, bits, xray)) for picture in (actual, right))
+    first, second = (_restore_xray(_round_image(picture, bits, xray)) for picture in (actual, right))
     return first, second
 
 
-def _rounded(picture: Picture, bits: int | None, xray: bool) -> Image:
+def _round_image(picture: Picture, bits: int | None, xray: bool) -> Image:
     image = picture.image
     if xray:
         image = replace(image, info={**image.info, "blend": "xray"})
@@ -255,7 +257,7 @@ def _rounded(picture: Picture, bits: int | None, xray: bool) -> Image:
     return image.rounded(bits)
 
 
-def _sums(image: Image) -> Image:
+def _restore_xray(image: Image) -> Image:
     """An X-ray from a PNG, normalized to its maximum, restored to its original scale."""
     scale = image.info.get("scale")
     if image.info.get("blend") != "xray" or not isinstance(scale, (int, float)) or not scale > 0:
@@ -268,7 +270,7 @@ def read_mask(path: str | Path) -> np.ndarray:
     return np.asarray(read(path).image.pixels[..., :3].max(axis=-1) > 0)
 
 
-def pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
+def find_pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
     """(name, actual, right) of one pair of files, or of every PNG and NPY in two folders, by their relative path.
 
     A file in only one folder is listed too: reading it fails. Raises InputError for a file against a folder,
@@ -282,13 +284,13 @@ def pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
         raise expected(file, f"a folder like {folder}", "a file", "give two files or two folders")
     if not actual.is_dir():
         return [(str(actual), actual, right)]
-    found = {folder: _names(folder) for folder in (actual, right)}
+    found = {folder: _list_pictures(folder) for folder in (actual, right)}
     for folder, names in found.items():
         if not names:
             raise expected(folder, f"pictures ({', '.join(SUFFIXES)})", "none")
     return [(name, actual / name, right / name) for name in sorted({*found[actual], *found[right]})]
 
 
-def _names(folder: Path) -> list[str]:
+def _list_pictures(folder: Path) -> list[str]:
     files = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     return [path.relative_to(folder).as_posix() for path in files]

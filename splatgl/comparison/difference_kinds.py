@@ -14,7 +14,7 @@ from splatgl.comparison.compare import Comparison
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
 # pixels examined along the longer side: more add no information on the kind of change
-LOOKED_AT = 512
+EXAMINED = 512
 # a change explains the difference if at most this fraction of its RMS remains
 EXPLAINED = 0.25
 # up to this many differing pixels are only counted, not classified
@@ -39,7 +39,7 @@ class Kind:
 
 # squares of the largest floats overflow to infinity, and then explain nothing
 @np.errstate(over="ignore", invalid="ignore")
-def kind_of(actual: np.ndarray, right: np.ndarray, found: Comparison) -> Kind:
+def classify_difference(actual: np.ndarray, right: np.ndarray, found: Comparison) -> Kind:
     """Kind of the change between two differing images, linear premultiplied [H, W, 4] of one size."""
     a, b = (np.asarray(p, np.float32) for p in (actual, right))
     if found.peak != 1:
@@ -48,7 +48,7 @@ def kind_of(actual: np.ndarray, right: np.ndarray, found: Comparison) -> Kind:
         _empty(a, b)
         or _few_pixels(a, b, found)
         or _offset(a, b)
-        or _transformed(a, b)
+        or _global_change(a, b)
         or _noise(a, b)
         or _region(a, b, found)
         or Kind("changed", "changed in no way that has a name")
@@ -80,7 +80,7 @@ def _squares(d: np.ndarray) -> float:
 
 def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
     """A constant small offset, in sRGB samples or in linear light."""
-    a, b = _thinned(a), _thinned(b)
+    a, b = _thin(a), _thin(b)
     seen = (b[..., 3] > 0) & (a[..., 3] > 0)
     if not seen.any():
         return None
@@ -95,16 +95,16 @@ def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
     return None
 
 
-def _thinned(p: np.ndarray) -> np.ndarray:
-    step = max(1, -(-max(p.shape[:2]) // LOOKED_AT))
+def _thin(p: np.ndarray) -> np.ndarray:
+    step = max(1, -(-max(p.shape[:2]) // EXAMINED))
     return p[::step, ::step]
 
 
-def _transformed(a: np.ndarray, b: np.ndarray) -> Kind | None:
+def _global_change(a: np.ndarray, b: np.ndarray) -> Kind | None:
     """The best of the global changes, if it explains the difference."""
-    thin = _thinned(a)
-    whole = _squares(thin - _thinned(b))
-    left = [(_squares(thin - _thinned(changed)) / whole, kind) for kind, changed in _changes(a, b)] if whole else []
+    thin = _thin(a)
+    whole = _squares(thin - _thin(b))
+    left = [(_squares(thin - _thin(changed)) / whole, kind) for kind, changed in _changes(a, b)] if whole else []
     shift = _shift(a, b)
     ratio, kind = min([*left, *([shift] if shift else [])], key=lambda pair: pair[0], default=(1.0, None))
     return kind if ratio <= EXPLAINED**2 else None
@@ -118,9 +118,9 @@ def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
     if b.shape[0] == b.shape[1]:
         yield Kind("flipped", "rows and columns swapped"), b.transpose(1, 0, 2)
     # pointwise changes commute with thinning; already thinned images are unchanged
-    a, b = _thinned(a), _thinned(b)
+    a, b = _thin(a), _thin(b)
     alpha = b[..., 3:]
-    color = _over(b[..., :3], alpha)
+    color = _divide_alpha(b[..., :3], alpha)
     encoded = srgb_from_linear(color)
     for text, changed in (
         ("gamma: sRGB applied twice, or linear light taken for sRGB's (too light)", encoded * alpha),
@@ -131,7 +131,7 @@ def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
         ("premultiplication: colour multiplied by alpha twice", b[..., :3] * alpha),
         ("premultiplication: colour not multiplied by alpha", color),
         ("premultiplication: sRGB samples multiplied by alpha", linear_from_srgb(encoded * alpha) * alpha),
-        ("premultiplication: sRGB samples divided by alpha", linear_from_srgb(_over(encoded, alpha)) * alpha),
+        ("premultiplication: sRGB samples divided by alpha", linear_from_srgb(_divide_alpha(encoded, alpha)) * alpha),
     ):
         yield Kind("premultiplication", text), _with_alpha(changed, alpha)
     yield Kind("alpha", "alpha is lost: over black"), _with_alpha(b[..., :3], np.ones_like(alpha))
@@ -141,7 +141,7 @@ def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
     yield Kind("brightness", f"colours times {factor:.3g}"), _with_alpha(b[..., :3] * factor, alpha)
 
 
-def _over(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+def _divide_alpha(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Colour divided by alpha, 0 for zero alpha, clamped to [0, 1]."""
     return np.clip(np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0), 0, 1)
 
@@ -153,8 +153,8 @@ def _with_alpha(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, Kind] | None:
     """A shift by whole pixels, from the peak of the phase correlation in the image centre."""
     height, width = a.shape[:2]
-    top, left = max(0, (height - LOOKED_AT) // 2), max(0, (width - LOOKED_AT) // 2)
-    middle = slice(top, top + LOOKED_AT), slice(left, left + LOOKED_AT)
+    top, left = max(0, (height - EXAMINED) // 2), max(0, (width - EXAMINED) // 2)
+    middle = slice(top, top + EXAMINED), slice(left, left + EXAMINED)
     x, y = (p[middle].sum(axis=-1) for p in (a, b))
     spectrum = np.fft.rfft2(x - x.mean()) * np.conj(np.fft.rfft2(y - y.mean()))
     peak = np.fft.irfft2(spectrum / np.maximum(np.abs(spectrum), np.finfo(np.float32).tiny), x.shape)
@@ -227,7 +227,7 @@ def _detail(p: np.ndarray) -> float:
 
 def _noise(a: np.ndarray, b: np.ndarray) -> Kind | None:
     """Many differences, uncorrelated with their neighbours."""
-    middle = slice(0, LOOKED_AT), slice(0, LOOKED_AT)
+    middle = slice(0, EXAMINED), slice(0, EXAMINED)
     d = (a[middle] - b[middle])[..., :3]
     squares = _squares(d)
     changed = float((np.abs(d).max(axis=-1) > 0).mean())

@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.comparison.compare import BAND_ROWS, Comparison
 from splatgl.comparison.metrics import over_channels
-from splatgl.comparison.verdict import Verdict, number
+from splatgl.comparison.verdict import Verdict, format_metric
 from splatgl.data.image import Image, encode_png
 
 # pixels along the longer side of an image in a report, and of the enlarged detail
@@ -31,13 +31,13 @@ COMPRESSION = 4
 Box = tuple[int, int, int, int]
 
 
-def shown(image: Image, peak: float = 1.0) -> np.ndarray:
+def to_display(image: Image, peak: float = 1.0) -> np.ndarray:
     """The image for display: sRGB, straight alpha, uint8 [H, W, 4]; X-rays relative to their peak."""
-    pixels = shrunk(image.pixels, np.mean)
+    pixels = shrink(image.pixels, np.mean)
     return np.rint(Image(pixels / np.float32(peak)).straight() * 255).astype(np.uint8)
 
 
-def largest(actual: Image, right: Image, mask: np.ndarray | None = None) -> np.ndarray:
+def largest_difference(actual: Image, right: Image, mask: np.ndarray | None = None) -> np.ndarray:
     """Maximum |difference| over the channels, float32 [H, W]; 0 where `mask` is False."""
     a, b = actual.pixels, right.pixels
     worst = np.empty(a.shape[:2], np.float32)
@@ -50,7 +50,7 @@ def largest(actual: Image, right: Image, mask: np.ndarray | None = None) -> np.n
     return worst if mask is None else np.where(mask, worst, np.float32(0))
 
 
-def heat(difference: np.ndarray) -> np.ndarray:
+def heat_map(difference: np.ndarray) -> np.ndarray:
     """Heat map of the difference from 0 to its maximum, sRGB uint8 [H, W, 3]."""
     at = np.linspace(0, len(HEAT) - 1, SHADES)
     shades = np.stack([np.interp(at, np.arange(len(HEAT)), channel) for channel in HEAT.T], axis=-1)
@@ -59,7 +59,7 @@ def heat(difference: np.ndarray) -> np.ndarray:
     return np.take(np.rint(shades).astype(np.uint8), place, axis=0, mode="clip")
 
 
-def shrunk(pixels: np.ndarray, choose: Callable[..., np.ndarray]) -> np.ndarray:
+def shrink(pixels: np.ndarray, choose: Callable[..., np.ndarray]) -> np.ndarray:
     """Downsamples to at most LARGEST along the longer side: k×k blocks by np.mean, or by np.max to keep every peak."""
     height, width = pixels.shape[:2]
     k = -(-max(height, width) // LARGEST)
@@ -71,7 +71,7 @@ def shrunk(pixels: np.ndarray, choose: Callable[..., np.ndarray]) -> np.ndarray:
     return choose(rows.reshape(len(rows), -1, k, *pixels.shape[2:]), axis=2)
 
 
-def detail(found: Comparison, shape: tuple[int, ...]) -> Box:
+def detail_box(found: Comparison, shape: tuple[int, ...]) -> Box:
     """The region to enlarge: the box of the difference if small, else a region around the worst pixel."""
     height, width = shape[:2]
     left, top, right, bottom = found.box or (0, 0, width, height)
@@ -90,7 +90,7 @@ def data_uri(samples: np.ndarray) -> str:
 
 
 # maximum number of cases with images: a larger page is too big to open
-PICTURED = 100
+MOST_PICTURED = 100
 # states of a case, worst first
 STATES = ("unusable", "different", "missing", "same")
 # the page's styles and script, beside this file
@@ -121,22 +121,22 @@ class Case:
         return asdict(self)
 
 
-def case(verdict: Verdict, actual: Image, right: Image, mask: np.ndarray | None = None) -> Case:
+def build_case(verdict: Verdict, actual: Image, right: Image, mask: np.ndarray | None = None) -> Case:
     """A verdict with its images; without them if the images are the same."""
     if verdict.same:
         return Case(verdict.name, "same", verdict.line)
-    difference = largest(actual, right, mask)
+    difference = largest_difference(actual, right, mask)
     return Case(verdict.name, "different", verdict.line, _panels(verdict, actual, right, difference) + _table(verdict))
 
 
-def case_alone(name: str, state: str, line: str, image: Image | None = None) -> Case:
+def build_single_case(name: str, state: str, line: str, image: Image | None = None) -> Case:
     """A case without a counterpart: only the image, if there is a displayable one."""
     if image is None or not np.isfinite(image.pixels).all():
         return Case(name, state, line)
     return Case(name, state, line, _side_by_side(actual=image))
 
 
-def case_of_sizes(name: str, line: str, first: Image, second: Image) -> Case:
+def build_size_case(name: str, line: str, first: Image, second: Image) -> Case:
     """A case of two pictures of different sizes, which are shown side by side."""
     return Case(name, "different", line, _side_by_side(actual=first, expected=second))
 
@@ -147,11 +147,11 @@ def _side_by_side(**images: Image) -> str:
     for title, image in images.items():
         finite = Image(np.nan_to_num(image.pixels, posinf=0.0, neginf=0.0), image.info)
         peak = float(finite.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
-        panels.append(_panel(title, _image(shown(finite, peak))))
+        panels.append(_panel(title, _image(to_display(finite, peak))))
     return f'<div class="row">{"".join(panels)}</div>'
 
 
-def page(cases: Sequence[Case], title: str) -> str:
+def build_page(cases: Sequence[Case], title: str) -> str:
     """The HTML page: counts, then differing cases with images, then a line for each equal case."""
     ranked = sorted(cases, key=lambda c: STATES.index(c.state))
     counts = {state: sum(c.state == state for c in cases) for state in STATES}
@@ -161,8 +161,8 @@ def page(cases: Sequence[Case], title: str) -> str:
         f'<header><h1>{escape(title)}</h1><p class="counts">{_counts(counts)}</p>',
         f"{_controls() if wrong else ''}</header>",
         "<main>",
-        *(_section(c, pictured=i < PICTURED) for i, c in enumerate(wrong)),
-        _sames([c for c in ranked if c.state == "same"]),
+        *(_section(c, pictured=i < MOST_PICTURED) for i, c in enumerate(wrong)),
+        _same_cases([c for c in ranked if c.state == "same"]),
         f"</main><script>{js}</script>",
     ]
     return html_page(title, css, parts)
@@ -206,14 +206,14 @@ def _controls() -> str:
 
 
 def _section(c: Case, pictured: bool) -> str:
-    body = c.html if pictured else f"<p>Only the first {PICTURED} are shown with pictures.</p>" if c.html else ""
+    body = c.html if pictured else f"<p>Only the first {MOST_PICTURED} are shown with pictures.</p>" if c.html else ""
     what, mark, rest = c.line.partition(";")
     line = f'<p class="line"><strong>{escape(what)}</strong>{mark}{escape(rest)}</p>'
     head = f'<h2><b class="{c.state}">{c.state}</b> {escape(c.name)}</h2>{line}'
     return f'<section class="case">{head}{body}</section>'
 
 
-def _sames(cases: Sequence[Case]) -> str:
+def _same_cases(cases: Sequence[Case]) -> str:
     if not cases:
         return ""
     rows = "".join(f"<tr><td>{escape(c.name)}<td>{escape(c.line)}" for c in cases)
@@ -223,19 +223,19 @@ def _sames(cases: Sequence[Case]) -> str:
 def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarray) -> str:
     """Two rows: the images with the box of the difference, and the enlarged detail."""
     found, both = verdict.comparison, (actual, right)
-    rows = [_row(both, heat(shrunk(difference, np.max)), found, _mark(verdict))]
-    left, top, end, bottom = detail(found, difference.shape)
+    rows = [_row(both, heat_map(shrink(difference, np.max)), found, _mark(verdict))]
+    left, top, end, bottom = detail_box(found, difference.shape)
     if (end - left, bottom - top) != verdict.size:
         part = slice(top, bottom), slice(left, end)
         cut = [Image(image.pixels[part]) for image in both]
         rows.append(f'<p class="part">columns {left}–{end - 1}, rows {top}–{bottom - 1}, enlarged</p>')
-        rows.append(_row(cut, heat(difference[part]), found, "", "detail"))
+        rows.append(_row(cut, heat_map(difference[part]), found, "", "detail"))
     return "".join(rows)
 
 
 def _row(both: Sequence[Image], difference: np.ndarray, found: Comparison, mark: str, kind: str = "") -> str:
-    first, second = (_image(shown(image, found.peak)) + mark for image in both)
-    gain = f"difference, from black to {number('maximum', found.maximum)}"
+    first, second = (_image(to_display(image, found.peak)) + mark for image in both)
+    gain = f"difference, from black to {format_metric('maximum', found.maximum)}"
     panels = [
         _panel("actual", first),
         _panel("expected", second),
@@ -270,7 +270,9 @@ def _table(verdict: Verdict) -> str:
     """Every metric against its limit."""
     rows, states = [], []
     for check in verdict.checks:
-        limit = "" if check.limit is None else ("≥ " if check.at_least else "≤ ") + number(check.name, check.limit)
+        limit = (
+            "" if check.limit is None else ("≥ " if check.at_least else "≤ ") + format_metric(check.name, check.limit)
+        )
         states.append("" if check.limit is None else ("ok" if check.ok else "broken"))
-        rows.append((check.name, number(check.name, check.value), limit, HINTS.get(check.name, "")))
+        rows.append((check.name, format_metric(check.name, check.value), limit, HINTS.get(check.name, "")))
     return html_table(("metric", "found", "allowed", ""), rows, states, "metrics")

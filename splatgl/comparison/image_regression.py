@@ -22,8 +22,8 @@ import numpy as np
 import pytest
 from PIL.Image import Image as PillowImage
 
-from splatgl.comparison.compare import Picture, alike, read
-from splatgl.comparison.html_report import Case, case, case_alone
+from splatgl.comparison.compare import Picture, match_formats, read
+from splatgl.comparison.html_report import Case, build_case, build_single_case
 from splatgl.comparison.verdict import Tolerance, Verdict, judge
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
@@ -100,7 +100,7 @@ def renderer_class(image: Image) -> str | None:
     return next((name for name, pattern in CLASSES if re.search(pattern, renderer, re.IGNORECASE)), None)
 
 
-def stem_of(name: str) -> str:
+def file_stem(name: str) -> str:
     """A name as a file stem of Latin letters, digits, _ and -; a digest keeps names with replaced characters unique."""
     plain = re.sub(r"\[(.*)\]$", r"-\1", name)
     safe = re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:LONGEST]
@@ -156,14 +156,14 @@ class ImageRegression:
             counts = None if mask is None else np.asarray(mask, bool)
             outcome = self._outcome(picture, baselines, Tolerance.of(tolerance), bits, counts)
         except InputError as error:
-            self._keep(case_alone(f"{self.test}: {name or self.default_name}", "unusable", str(error)))
+            self._keep(build_single_case(f"{self.test}: {name or self.default_name}", "unusable", str(error)))
             outcome = str(error)
         if outcome:
             pytest.fail(outcome, pytrace=False)
 
     def _baselines(self, picture: Image, name: str | None, bits: int | None) -> Baselines:
         """Baselines by name; a test's second unnamed image gets the suffix -2, and so on."""
-        stem = stem_of(name or self.default_name)
+        stem = file_stem(name or self.default_name)
         if name is None and stem in self.used:
             stem = next(f"{stem}-{i}" for i in range(2, len(self.used) + 3) if f"{stem}-{i}" not in self.used)
         self.used.add(stem)
@@ -192,13 +192,13 @@ class ImageRegression:
     ) -> tuple[Verdict | None, Case]:
         """Verdict and case for one baseline; no verdict if it cannot be compared."""
         try:
-            actual, right = alike(Picture(path.stem, picture), replace(read(path), mode=None))
-            verdict = judge(actual, right, tolerance, names=(path.stem, shown_path(path)), mask=mask)
+            actual, right = match_formats(Picture(path.stem, picture), replace(read(path), mode=None))
+            verdict = judge(actual, right, tolerance, names=(path.stem, relative_path(path)), mask=mask)
         except InputError as error:
-            return None, case_alone(path.stem, "unusable", str(error), picture if self.report else None)
+            return None, build_single_case(path.stem, "unusable", str(error), picture if self.report else None)
         if verdict.same or not self.report:
             return verdict, Case(path.stem, "same" if verdict.same else "different", verdict.line)
-        return verdict, case(verdict, actual, right, mask)
+        return verdict, build_case(verdict, actual, right, mask)
 
     def _target(self, baselines: Baselines) -> Path:
         if self.mode is Mode.ADD:
@@ -212,14 +212,14 @@ class ImageRegression:
             raise expected(title, "finite numbers to write as a baseline", "NaN or infinity")
         target.parent.mkdir(parents=True, exist_ok=True)
         picture.save(target, bits or 8)
-        self._keep(Case(title, "same", f"written to {shown_path(target)}"), shown_path(target))
+        self._keep(Case(title, "same", f"written to {relative_path(target)}"), relative_path(target))
         return ""
 
     def _missing(self, title: str, picture: Image, baselines: Baselines) -> str:
         others = ", ".join(path.name for path in baselines.others())
         whose = f" for {baselines.key or 'any renderer'}, only {others}" if others else ""
-        line = f"no baseline{whose}: expected {shown_path(baselines.portable)}"
-        self._keep(case_alone(title, "missing", line, picture if self.report else None))
+        line = f"no baseline{whose}: expected {relative_path(baselines.portable)}"
+        self._keep(build_single_case(title, "missing", line, picture if self.report else None))
         return f"{line}\n  look at the picture: {self._look()}\n  then make it with: {self._command()}"
 
     def _different(self, title: str, found: list[tuple[Verdict | None, Case]], baselines: Baselines) -> str:
@@ -257,9 +257,9 @@ def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Im
     if isinstance(value, (str, Path)):
         return read(value).image
     if isinstance(value, PillowImage):
-        value = _as_png(value)
+        value = _encode_pillow(value)
     if isinstance(value, (bytes, bytearray, memoryview)):
-        return _from_bytes(bytes(value))
+        return _decode_bytes(bytes(value))
     samples = np.asarray(value)
     shape_ok = samples.ndim == 3 and samples.shape[2] in (3, 4)
     if samples.dtype == np.uint8 and shape_ok:
@@ -271,7 +271,7 @@ def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Im
     raise expected("image", "an Image, a file, its bytes, uint8 [H, W, 3 or 4] or float [H, W, 4]", got, fix)
 
 
-def _as_png(image: PillowImage) -> bytes:
+def _encode_pillow(image: PillowImage) -> bytes:
     """The bytes of a PNG of Pillow's image. Raises InputError for modes that PNG has not."""
     file = BytesIO()
     try:
@@ -281,7 +281,7 @@ def _as_png(image: PillowImage) -> bytes:
     return file.getvalue()
 
 
-def _from_bytes(content: bytes) -> Image:
+def _decode_bytes(content: bytes) -> Image:
     """The image of a PNG's or JPEG's bytes. Raises InputError for others."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "image"
@@ -292,6 +292,6 @@ def _from_bytes(content: bytes) -> Image:
             raise InputError(str(error).replace(str(path), f"image of {len(content)} bytes")) from error
 
 
-def shown_path(path: Path) -> str:
+def relative_path(path: Path) -> str:
     """The path, relative to the working folder if inside it."""
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

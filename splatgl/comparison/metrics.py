@@ -71,7 +71,7 @@ def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None 
     over black and over white; the larger counts. mask: bool [H, W], the pixels whose errors count. Raises InputError
     if flip-evaluator is not installed.
     """
-    flip_evaluator = need_flip()
+    flip_evaluator = require_flip()
     first, second = np.asarray(a, np.float32) / np.float32(peak), np.asarray(b, np.float32) / np.float32(peak)
     opaque = min(first[..., 3].min(), second[..., 3].min()) >= 1
     means = []
@@ -82,12 +82,14 @@ def flip(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None 
     return float(max(means))
 
 
-def need_flip() -> Any:
+def require_flip() -> Any:
     """flip-evaluator's module. Raises InputError if it is not installed."""
     return import_extra("flip_evaluator", "flip", "flip-evaluator", "compare")
 
 
-def unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float | None = None, peak: float = 1.0) -> int:
+def count_unmatched(
+    a: np.ndarray, b: np.ndarray, over: np.ndarray, threshold: float | None = None, peak: float = 1.0
+) -> int:
     """Number of `over` pixels that no neighbour explains.
 
     A pixel is explained if each channel of `a` lies within the range of `b` in the 3×3 neighbourhood, and `b` within
@@ -114,7 +116,7 @@ def _outside(x: np.ndarray, y: np.ndarray, threshold: float | None, peak: float)
     nearest = np.clip(x, _spread(y, np.minimum), _spread(y, np.maximum))
     worst = np.empty(x.shape[:2], x.dtype)
     over_channels(x - nearest, worst)
-    return differ(x, nearest, worst, threshold, peak)
+    return exceeds_threshold(x, nearest, worst, threshold, peak)
 
 
 def _spread(x: np.ndarray, choose: np.ufunc) -> np.ndarray:
@@ -149,12 +151,14 @@ def over_channels(d: np.ndarray, out: np.ndarray) -> None:
         np.maximum(out, d[..., channel], out=out)
 
 
-def differ(a: np.ndarray, b: np.ndarray, worst: np.ndarray, threshold: float | None, peak: float) -> np.ndarray:
+def exceeds_threshold(
+    a: np.ndarray, b: np.ndarray, worst: np.ndarray, threshold: float | None, peak: float
+) -> np.ndarray:
     """Where `worst`, the largest |a − b| of a pixel, exceeds threshold·peak; None: one step. bool [H, W]."""
-    return over_a_step(a, b, worst, peak) if threshold is None else worst > threshold * peak
+    return exceeds_step(a, b, worst, peak) if threshold is None else worst > threshold * peak
 
 
-def over_a_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) -> np.ndarray:
+def exceeds_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) -> np.ndarray:
     """Where a and b, linear premultiplied [H, W, 4], differ by more than one step of 8-bit samples, bool [H, W].
 
     worst: [H, W], the largest |a − b| over the channels. peak: full scale.
@@ -164,11 +168,11 @@ def over_a_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) ->
         band = slice(top, top + STEP_BAND_ROWS)
         if over[band].any():
             scaled = (a[band], b[band]) if peak == 1 else (a[band] / peak, b[band] / peak)
-            over[band] &= _more_than_a_step(*scaled)
+            over[band] &= _exceeds_unit_step(*scaled)
     return over
 
 
-def _more_than_a_step(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _exceeds_unit_step(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The same for images of full scale 1.
 
     A colour is α l: a step of its sRGB changes it by α dl, at most the step times √(α l · α), and one of alpha by l dα.

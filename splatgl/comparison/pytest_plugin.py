@@ -24,9 +24,9 @@ UPDATE, UPDATE_CLASS, ADD, REPORT = (
     "--splatgl-report",
 )
 # attribute of a test report with the compared cases
-CARRIED = "splatgl_cases"
+CASES_ATTRIBUTE = "splatgl_cases"
 # the fixture's former name, which pytest-regressions has for its own
-FORMER = "image_regression"
+FORMER_NAME = "image_regression"
 CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
 
 
@@ -57,7 +57,7 @@ def pytest_configure(config: pytest.Config) -> None:
             raise pytest.UsageError(f"{REPORT}: expected a folder to write to, got {got}") from error
     manager = config.pluginmanager
     manager.register(Collector(), "splatgl-collector")
-    if not any(hasattr(plugin, FORMER) for plugin in manager.get_plugins()):
+    if not any(hasattr(plugin, FORMER_NAME) for plugin in manager.get_plugins()):
         manager.register(Former(), "splatgl-former")
 
 
@@ -100,7 +100,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     report = yield
     # each case once: a fixture may also compare, before or after the test
     if cases := item.stash.get(CASES, []):
-        setattr(report, CARRIED, list(cases))
+        setattr(report, CASES_ATTRIBUTE, list(cases))
         cases.clear()
     return report
 
@@ -113,7 +113,7 @@ class Collector:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Collects the cases attached to a test's report."""
-        self.cases += getattr(report, CARRIED, [])
+        self.cases += getattr(report, CASES_ATTRIBUTE, [])
 
     def pytest_terminal_summary(self, terminalreporter: Any, config: pytest.Config) -> None:
         """Writes the HTML report if --splatgl-report is given, and lists the files written."""
@@ -129,10 +129,10 @@ class Collector:
 
     def _report(self, folder: Path) -> str:
         """Writes the report and returns a message with its path."""
-        from splatgl.comparison.html_report import Case, page
-        from splatgl.fileio import write_whole
+        from splatgl.comparison.html_report import Case, build_page
+        from splatgl.fileio import write_file
 
         cases = [Case(*(case[key] for key in ("name", "state", "line", "html"))) for case in self.cases]
         wrong = sum(case.state != "same" for case in cases)
-        write_whole(folder / "index.html", page(cases, "Image regression").encode())
+        write_file(folder / "index.html", build_page(cases, "Image regression").encode())
         return f"{wrong} of {len(cases)} pictures differ, are missing or unusable: {folder / 'index.html'}"

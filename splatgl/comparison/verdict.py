@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.comparison.compare import NAMES, Comparison, compare, masked
-from splatgl.comparison.difference_kinds import Kind, kind_of
+from splatgl.comparison.compare import NAMES, Comparison, apply_mask, compare
+from splatgl.comparison.difference_kinds import Kind, classify_difference
 from splatgl.data.image import Image
 from splatgl.errors import expected
 
@@ -71,11 +71,11 @@ class Check:
     at_least: bool = False
 
     def __str__(self) -> str:
-        found = f"{self.name} {number(self.name, self.value)}"
+        found = f"{self.name} {format_metric(self.name, self.value)}"
         if self.limit is None:
             return found
         sign = ("≥" if self.ok else "<") if self.at_least else ("≤" if self.ok else ">")
-        return f"{found} {sign} {number(self.name, self.limit)}"
+        return f"{found} {sign} {format_metric(self.name, self.limit)}"
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def judge(
     checks = _checks(found, limits)
     kind = None
     if not all(check.ok for check in checks):
-        kind = kind_of(masked(actual.pixels, mask), masked(right.pixels, mask), found)
+        kind = classify_difference(apply_mask(actual.pixels, mask), apply_mask(right.pixels, mask), found)
     size = (right.pixels.shape[1], right.pixels.shape[0])
     return Verdict(names[0], names[1], size, found, limits, checks, kind)
 
@@ -172,7 +172,7 @@ def _checks(found: Comparison, limits: Tolerance) -> tuple[Check, ...]:
     return tuple(checks)
 
 
-def number(name: str, value: float) -> str:
+def format_metric(name: str, value: float) -> str:
     """Formats a metric's value: fractions in per cent, PSNR in decibels."""
     if name in ("share", "unmatched"):
         return f"{100 * value:.3g} %"

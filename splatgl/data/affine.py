@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.data.volume import Triple, triple
 from splatgl.errors import expected
-from splatgl.fileio import WHOLE, byte_count
+from splatgl.fileio import WHOLE_BYTES, byte_count
 
 # deviation from even steps, in steps: coordinates are often written with few digits
 _MOST_UNEVEN = 1e-3
@@ -61,7 +61,7 @@ class Coordinate:
         unit = _DEGREES if unit.lower().startswith("degree") or unit.lower() in ("deg", _DEGREES) else unit
         positive, standard = (str(told.get(key) or "").strip().lower() for key in ("positive", "standard_name"))
         is_down = positive == "down"
-        if positive not in ("up", "down") and kind_of(name, told) == "z":
+        if positive not in ("up", "down") and axis_kind(name, told) == "z":
             heights = ("atmosphere_sigma", "atmosphere_hybrid_sigma")
             down = standard == "depth" or "pressure" in standard or standard.startswith(heights)
             short = name.lower()
@@ -86,10 +86,10 @@ class Lattice:
         if all(places is None for places in self.between):
             return samples
         found = Resampled(samples, self.between)
-        return found if byte_count(found.shape, found.dtype) > WHOLE else found[()]
+        return found if byte_count(found.shape, found.dtype) > WHOLE_BYTES else found[()]
 
 
-def kind_of(name: str, told: Mapping[str, Any]) -> str:
+def axis_kind(name: str, told: Mapping[str, Any]) -> str:
     """What an axis is: x, y, z, time, c or "", by CF's attributes, else by its name."""
     axis, units = str(told.get("axis") or "").strip().lower(), str(told.get("units") or "").strip().lower()
     standard = str(told.get("standard_name") or "").strip().lower()
@@ -114,17 +114,17 @@ def even_steps(places: np.ndarray, what: str, fix: str) -> tuple[float, float]:
     Raises InputError, which ends with `fix`, unless each lies within _MOST_UNEVEN steps, or a rounding of float32, of
     its even place.
     """
-    found = _checked(places, what)
+    found = _check_finite(places, what)
     if found.size == 1:
         return float(found[0]), float("nan")
     step = (found[-1] - found[0]) / (found.size - 1)
-    if step == 0 or _off(found) > max(_MOST_UNEVEN * abs(step), 1e-6 * np.abs(found).max()):
+    if step == 0 or _unevenness(found) > max(_MOST_UNEVEN * abs(step), 1e-6 * np.abs(found).max()):
         steps = np.diff(found)
         raise expected(what, "even steps", f"steps from {steps.min():.6g} to {steps.max():.6g}", fix)
     return float(found[0]), float(step)
 
 
-def lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lattice:
+def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lattice:
     """The grid of axes z, y, x: what points down runs down, uneven places are resampled at their least step, and axes
     whose units are unlike get an aspect. of: the name of the samples. even: places are taken for even, of step 1.
 
@@ -135,7 +135,7 @@ def lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lat
     for axis in axes:
         what = f"{axis.name} of {of}" if of else f"coordinate {axis.name}"
         places = np.arange(axis.size) if axis.places is None else np.asarray(axis.places, np.float64)
-        start, step, planes, note = _even(places, what, axis, even)
+        start, step, planes, note = _regular_steps(places, what, axis, even)
         sign = -1.0 if axis.is_down else 1.0
         starts.append(sign * start)
         steps.append(sign * step)
@@ -144,7 +144,9 @@ def lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lat
     factors, unit = [1.0] * 3, ""
     if not even:
         counts = [axis.size if planes is None else len(planes) for axis, planes in zip(axes, between, strict=True)]
-        factors, unit, told = _factors(axes, [abs(step) * count for step, count in zip(steps, counts, strict=True)])
+        factors, unit, told = _unit_factors(
+            axes, [abs(step) * count for step, count in zip(steps, counts, strict=True)]
+        )
         notes += told
     drawn = [step * factor for step, factor in zip(steps, factors, strict=True)]
     known = [abs(step) for step in drawn if np.isfinite(step)] or [1.0]
@@ -153,11 +155,13 @@ def lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lat
     return Lattice(np.diag(drawn[::-1]), origin[::-1], unit, tuple(between), tuple(notes))
 
 
-def _even(places: np.ndarray, what: str, axis: Coordinate, even: bool) -> tuple[float, float, np.ndarray | None, str]:
+def _regular_steps(
+    places: np.ndarray, what: str, axis: Coordinate, even: bool
+) -> tuple[float, float, np.ndarray | None, str]:
     """First place, step, planes among the places where these are uneven, and what is told of it."""
     if even and not (np.isfinite(places).all() and _is_monotonic(places)):
         return 0.0, 1.0, None, ""
-    places = _checked(places, what)
+    places = _check_finite(places, what)
     if len(places) == 1:
         return float(places[0]), 1.0 if even else float("nan"), None, ""
     apart = np.diff(places)
@@ -165,7 +169,7 @@ def _even(places: np.ndarray, what: str, axis: Coordinate, even: bool) -> tuple[
         got = f"steps from {apart.min():.6g} to {apart.max():.6g}"
         raise expected(what, "coordinates that rise or fall throughout", got, "give spacing=(x, y, z)")
     step = float((places[-1] - places[0]) / (len(places) - 1))
-    is_even = _off(places) <= max(_NEARLY_EVEN * abs(step), 1e-6 * float(np.abs(places).max()))
+    is_even = _unevenness(places) <= max(_NEARLY_EVEN * abs(step), 1e-6 * float(np.abs(places).max()))
     sizes = f"{np.abs(apart).min():.4g} to {np.abs(apart).max():.4g} {axis.unit}".strip()
     if even:
         return 0.0, float(np.sign(step)), None, "" if is_even else f"{axis.name}: steps of {sizes} are drawn as even"
@@ -180,7 +184,7 @@ def _even(places: np.ndarray, what: str, axis: Coordinate, even: bool) -> tuple[
     return float(places[0]), step, planes, note.strip()
 
 
-def _factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple[list[float], str, list[str]]:
+def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple[list[float], str, list[str]]:
     """World lengths per unit along z, y, x, the world's unit, and what is told: lengths are converted to that along x,
     and where units are unlike, y is drawn as long as x, and z half as high.
     """
@@ -211,7 +215,7 @@ def _factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple[list
     return factors, axes[2].unit if is_known else "", notes
 
 
-def _checked(places: np.ndarray, what: str) -> np.ndarray:
+def _check_finite(places: np.ndarray, what: str) -> np.ndarray:
     found = np.asarray(places, np.float64).ravel()
     if not found.size or not np.isfinite(found).all():
         raise expected(what, "finite coordinates", "none" if not found.size else "others")
@@ -223,12 +227,12 @@ def _is_monotonic(places: np.ndarray) -> bool:
     return bool((apart > 0).all() or (apart < 0).all())
 
 
-def _off(places: np.ndarray) -> float:
+def _unevenness(places: np.ndarray) -> float:
     """How far places are from even ones between the same ends."""
     return float(np.abs(places - np.linspace(places[0], places[-1], len(places))).max())
 
 
-def at_places(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
+def interpolate_planes(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Planes [D, …] at places among the given ones, linear between two; NaN where the place is, which makes float32.
 
     Beside a value that is not there, the nearer plane's.
@@ -268,7 +272,7 @@ class Resampled:
         found = np.asarray(self.samples[tuple(box)])
         for axis, places in enumerate(within):
             if len(places) != found.shape[axis] or (places != np.arange(len(places))).any():
-                found = np.moveaxis(at_places(np.moveaxis(found, axis, 0), places), 0, axis)
+                found = np.moveaxis(interpolate_planes(np.moveaxis(found, axis, 0), places), 0, axis)
         return found[tuple(0 if np.ndim(each) == 0 else slice(None) for each in asked)]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
@@ -303,13 +307,13 @@ def unit_name(text: str) -> str:
     return _SHORT.get(text.lower(), text)
 
 
-def stated(unit: object) -> str:
+def value_unit_name(unit: object) -> str:
     """The unit of values that a file states, "" for none: a short text, and no pure number."""
     text = str(unit or "").strip()
     return text if 0 < len(text) <= 24 and text.lower() not in NO_UNITS and text.isprintable() else ""
 
 
-def axes_of(matrix: np.ndarray, what: str) -> tuple[Triple, np.ndarray]:
+def spacing_and_direction(matrix: np.ndarray, what: str) -> tuple[Triple, np.ndarray]:
     """Spacing and direction [3, 3] of world-from-index [3, 3], whose columns are the steps along x, y, z."""
     spacing = np.linalg.norm(matrix, axis=0)
     if not np.isfinite(spacing).all() or spacing.min() <= 0:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, axes_of, kind_of, lattice, stated, unit_name
+from splatgl.data.affine import Coordinate, axis_kind, make_lattice, spacing_and_direction, unit_name, value_unit_name
 from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import InputError, expected
 
@@ -62,7 +62,7 @@ def volume_of(x: Any, **options: Any) -> Volume:
     if unknown:
         raise expected("options", f"some of {', '.join(f.name for f in fields(ArrayOptions))}", ", ".join(unknown))
     asked = ArrayOptions(**options)
-    found = x if isinstance(x, Volume) else _source(x)(x, asked)
+    found = x if isinstance(x, Volume) else _find_converter(x)(x, asked)
     # an array that does not know its spacing does not know that of its levels
     levels = {"coarser": ()} if asked.spacing is not None or asked.origin is not None else {}
     found = replace(found, **asked.given, **levels)
@@ -71,7 +71,7 @@ def volume_of(x: Any, **options: Any) -> Volume:
     return found if asked.values is None else found.of_values(asked.values)
 
 
-def _source(x: Any) -> Any:
+def _find_converter(x: Any) -> Any:
     """The function that makes volumes of what is like `x`."""
     for base in type(x).__mro__:
         place = _SOURCES.get(base.__module__.partition(".")[0])
@@ -85,23 +85,25 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
     """The volume of a DataArray, or of one variable of a Dataset, which `array` names."""
     array = _variable(x, options).squeeze(drop=True) if len(x.dims) > 3 else _variable(x, options)
     if array.ndim > 3:
-        extra = next((name for name in array.dims if _axis(array, name) not in tuple("xyz")), array.dims[0])
+        extra = next(
+            (name for name in array.dims if _kind_of_dimension(array, name) not in tuple("xyz")), array.dims[0]
+        )
         fix = f"pick one by x.isel({extra}=0)"
         raise expected("DataArray", "3 dimensions", f"{array.ndim} ({', '.join(map(str, array.dims))})", fix)
-    checked(array, "DataArray")
-    axes = _order([_axis(array, name) for name in array.dims])
+    check_samples(array, "DataArray")
+    axes = _order_axes([_kind_of_dimension(array, name) for name in array.dims])
     names = [array.dims[axis] for axis in axes]
     # 1. samples: views in memory and of dask; what is still in a file is read in parts
     if getattr(array.variable, "_in_memory", False) or array.chunks is not None:
         samples = array.transpose(*names).data
-        samples = samples if array.chunks is not None else checked(samples, "DataArray")
+        samples = samples if array.chunks is not None else check_samples(samples, "DataArray")
     else:
         samples = Transposed(array, axes)
     # 2. the grid
-    grid = lattice([_coordinate(array, name, options) for name in names], even=options.spacing is not None)
-    spacing, direction = axes_of(grid.matrix, "coordinates")
+    grid = make_lattice([_coordinate(array, name, options) for name in names], even=options.spacing is not None)
+    spacing, direction = spacing_and_direction(grid.matrix, "coordinates")
     title = str(array.name or array.attrs.get("long_name", ""))
-    unit = stated(array.attrs.get("units"))
+    unit = value_unit_name(array.attrs.get("units"))
     return Volume(
         grid.resampled(samples),
         spacing,
@@ -129,11 +131,11 @@ def _variable(x: Any, options: ArrayOptions) -> Any:
     return x[options.array]
 
 
-def _axis(array: Any, name: Any) -> str:
-    return kind_of(str(name), array.coords[name].attrs if name in array.coords else {})
+def _kind_of_dimension(array: Any, name: Any) -> str:
+    return axis_kind(str(name), array.coords[name].attrs if name in array.coords else {})
 
 
-def _order(kinds: list[str]) -> list[int]:
+def _order_axes(kinds: list[str]) -> list[int]:
     """For z, y, x, the dimension that it is; those of unknown or doubtful kinds fill the rest in order."""
     sure = {axis: kinds.index(axis) for axis in "zyx" if kinds.count(axis) == 1}
     rest = iter(i for i in range(len(kinds)) if i not in sure.values())
@@ -153,7 +155,10 @@ def _coordinate(array: Any, name: Any, options: ArrayOptions) -> Coordinate:
 
 
 # colour maps that are there without a library, and those that napari shares with cmap and matplotlib
-OWN, SHARED = ("gray", "viridis"), ("magma", "inferno", "plasma", "turbo", "twilight", "twilight_shifted", "hsv")
+BUILTIN_MAPS, SHARED_MAPS = (
+    ("gray", "viridis"),
+    ("magma", "inferno", "plasma", "turbo", "twilight", "twilight_shifted", "hsv"),
+)
 
 
 def of_napari(x: Any, options: ArrayOptions) -> Volume:
@@ -168,7 +173,7 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
         raise expected("layer", "one number per voxel", "colours (rgb)", "pick a channel: x.data[..., 0]")
     levels = list(x.data) if x.multiscale else [x.data]
     finest = tuple(levels[0].shape)
-    lead = _lead(finest, options)
+    lead = _lead_index(finest, options)
     # napari's world, as its own function places the first voxel and its neighbours
     corners = np.vstack([np.zeros(3), np.eye(3)])
     world = np.array([x.data_to_world((*lead, *corner))[-3:] for corner in corners])
@@ -179,11 +184,13 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
     for data in levels:
         factor = np.array(finest[-3:]) / data.shape[-3:]
         scaled = matrix * factor[::-1]
-        spacing, direction = axes_of(scaled, "the layer's transform")
+        spacing, direction = spacing_and_direction(scaled, "the layer's transform")
         # levels fill the same box
         start = origin + (scaled - matrix) @ np.full(3, 0.5)
         # zarr's and HDF5's arrays would be read whole
-        samples = checked(data if not lead else data[lead] if _is_view(data) else Transposed(data, lead=lead), "layer")
+        samples = check_samples(
+            data if not lead else data[lead] if _is_view(data) else Transposed(data, lead=lead), "layer"
+        )
         made.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
     if kind == "Labels":
         made = [replace(each, labels=()) for each in made]
@@ -192,7 +199,7 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
     return first
 
 
-def _lead(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...]:
+def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...]:
     """The place along the axes before z, y, x."""
     count = len(shape) - 3
     if count <= 0:
@@ -219,7 +226,7 @@ def _hints(x: Any) -> Hints:
         return Hints()
     low, high = (float(limit) for limit in x.contrast_limits)
     name = str(x.colormap.name)
-    known = name in OWN or (name in SHARED and any(find_spec(each) for each in ("cmap", "matplotlib")))
+    known = name in BUILTIN_MAPS or (name in SHARED_MAPS and any(find_spec(each) for each in ("cmap", "matplotlib")))
     return Hints(window=(low, high) if low < high else None, colormap=name if known else None)
 
 
@@ -243,7 +250,7 @@ def of_simpleitk(x: Any, options: ArrayOptions) -> Volume:
     if count > 1:
         fix = f"pick one of 0 … {count - 1} by SimpleITK.VectorIndexSelectionCast(x, 0)"
         raise expected("image", "one number per voxel", f"{count} channels", fix)
-    samples = checked(kept(SimpleITK.GetArrayViewFromImage(x), x), "image")
+    samples = check_samples(keep_owner(SimpleITK.GetArrayViewFromImage(x), x), "image")
     direction = np.array(x.GetDirection()).reshape(3, 3)
     spacing, origin = triple(x.GetSpacing(), "spacing"), triple(x.GetOrigin(), "origin")
     return Volume(samples, spacing, origin, direction, "mm", frame="LPS")
@@ -253,11 +260,11 @@ def of_nibabel(x: Any, options: ArrayOptions) -> Volume:
     """The volume of a nibabel image, as `load` reads its file; `array` picks the time point of a 4-D one."""
     if not hasattr(x, "dataobj") or not hasattr(x, "affine"):
         raise expected("array", "a volume image of nibabel", f"a {type(x).__name__}")
-    from splatgl.readers.nifti import of_image
+    from splatgl.readers.nifti import volume_of_image
     from splatgl.readers.options import LoadOptions
 
     if "sform_code" in x.header:
-        return of_image(x, LoadOptions(array=options.array))
+        return volume_of_image(x, LoadOptions(array=options.array))
     # MGH and others, in mm: nibabel gives their affines to RAS
     options.no_array("an image")
     if len(x.shape) != 3:
@@ -265,8 +272,10 @@ def of_nibabel(x: Any, options: ArrayOptions) -> Volume:
         raise expected("image", "3 axes [x, y, z]", f"{len(x.shape)} ({'×'.join(map(str, x.shape))})", fix)
     data = x.dataobj
     samples = data.T if isinstance(data, np.ndarray) else Transposed(data, (2, 1, 0))
-    spacing, direction = axes_of(x.affine[:3, :3], "affine")
-    return Volume(checked(samples, "image"), spacing, triple(x.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
+    spacing, direction = spacing_and_direction(x.affine[:3, :3], "affine")
+    return Volume(
+        check_samples(samples, "image"), spacing, triple(x.affine[:3, 3], "affine"), direction, "mm", frame="RAS"
+    )
 
 
 Key = int | slice | tuple[int | slice, ...]
@@ -302,12 +311,12 @@ class Transposed:
         return np.expand_dims(part, free.index(None)) if None in free else part
 
 
-def kept(view: np.ndarray, owner: Any) -> np.ndarray:
+def keep_owner(view: np.ndarray, owner: Any) -> np.ndarray:
     """The same memory as an array that keeps `owner`, whose memory it is, alive."""
-    return np.asarray(_Kept(view, owner))
+    return np.asarray(_OwnedView(view, owner))
 
 
-class _Kept:
+class _OwnedView:
     def __init__(self, view: np.ndarray, owner: Any) -> None:
         self.__array_interface__ = view.__array_interface__
         self.held = (view, owner)
@@ -316,20 +325,20 @@ class _Kept:
 # most entries of a first or last axis that are taken for channels
 CHANNELS = 8
 # most names of a group's members that are told
-TOLD = 8
+MAX_NAMES = 8
 
 
 def of_array(x: Any, options: ArrayOptions) -> Volume:
     """The volume of an array [z, y, x] on a grid of unit spacing."""
     options.no_array("an array")
-    return Volume(checked(x), name=_name(x))
+    return Volume(check_samples(x), name=_name(x))
 
 
-def checked(x: Any, what: str = "array") -> Any:
+def check_samples(x: Any, what: str = "array") -> Any:
     """`x` as 3-D samples of real numbers: itself or a view, a copy only of what is no array. InputError otherwise."""
-    samples = _masked(x) if isinstance(x, np.ma.MaskedArray) else _as_array(x, what)
+    samples = _fill_masked(x) if isinstance(x, np.ma.MaskedArray) else _as_array(x, what)
     if samples.dtype.kind not in "buif":
-        raise expected(what, "real numbers", f"samples of type {samples.dtype}", _real(samples.dtype))
+        raise expected(what, "real numbers", f"samples of type {samples.dtype}", _real_fix(samples.dtype))
     check_axes(samples.shape, what)
     if not all(isinstance(size, int | np.integer) for size in samples.shape):
         raise expected(what, "sizes that are known", samples.shape, "call x.compute_chunk_sizes()")
@@ -357,8 +366,8 @@ def _as_array(x: Any, what: str) -> Any:
         raise expected(what, "an array or image", f"the text {str(x)[:80]!r}", "read a file by sg.load(path)")
     if hasattr(x, "keys"):
         # zarr's and h5py's groups, npz files, dictionaries
-        names = [str(name) for name in list(x.keys())[: TOLD + 1]]
-        listed = ", ".join(names[:TOLD]) + ", …" * (len(names) > TOLD)
+        names = [str(name) for name in list(x.keys())[: MAX_NAMES + 1]]
+        listed = ", ".join(names[:MAX_NAMES]) + ", …" * (len(names) > MAX_NAMES)
         raise expected(what, "an array", f"a {type(x).__name__} of {listed or 'nothing'}", "pick one: x[name]")
     try:
         dtype = getattr(x, "dtype", None)
@@ -377,7 +386,7 @@ def _as_array(x: Any, what: str) -> Any:
     return found
 
 
-def _masked(x: Any) -> np.ndarray:
+def _fill_masked(x: Any) -> np.ndarray:
     """A masked array with NaN where it is masked, which is not drawn."""
     if not np.ma.is_masked(x) or x.dtype.kind not in "buif":
         return np.asarray(x.data)
@@ -385,7 +394,7 @@ def _masked(x: Any) -> np.ndarray:
     return np.asarray(x.astype(wide).filled(np.nan))
 
 
-def _real(dtype: np.dtype) -> str:
+def _real_fix(dtype: np.dtype) -> str:
     """How to convert samples of that type."""
     return "take abs(x), x.real or x.imag" if dtype.kind == "c" else "convert it by x.astype(…)"
 

@@ -25,11 +25,11 @@ from splatgl.data.image_files import (
     encode_tiff,
     load_exr,
     load_tiff,
-    need,
     provenance,
+    require_library,
 )
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import require_memory, write_whole
+from splatgl.fileio import require_memory, write_file
 
 # endings of the files that are written
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR)
@@ -54,7 +54,7 @@ class Image:
         is scaled to its maximum in both; the factor is in the file's text. Raises InputError for
         another suffix, and if the file cannot be written.
         """
-        write_whole(Path(path), self.encoded(Path(path), bits, background))
+        write_file(Path(path), self.encoded(Path(path), bits, background))
 
     def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:
         """What `save` writes into a file of that name."""
@@ -86,7 +86,7 @@ class Image:
             if (found := load_tiff(source)) is not None:
                 return cls(*found)
         samples, info = _load_png(source)
-        return cls(_from_samples(samples), info)
+        return cls(_linear_pixels(samples), info)
 
     @classmethod
     def from_samples(cls, samples: np.ndarray) -> Image:
@@ -96,12 +96,12 @@ class Image:
         if samples.shape[2] == 3:
             opaque = np.full_like(samples[..., :1], np.iinfo(samples.dtype).max)
             samples = np.concatenate([samples, opaque], axis=-1)
-        return cls(_from_samples(samples))
+        return cls(_linear_pixels(samples))
 
     def rounded(self, bits: int = 8, background: tuple[float, float, float] | None = None) -> Image:
         """The image after a round trip through a PNG of `bits` (8 or 16) on `background`, without writing one."""
         info = dict(self.info)
-        return Image(_from_samples(self._samples(info, bits, background)), info)
+        return Image(_linear_pixels(self._samples(info, bits, background)), info)
 
     def straight(self) -> np.ndarray:
         """Pixels in sRGB with straight alpha, float64 [H, W, 4] in [0, 1]."""
@@ -149,7 +149,7 @@ class Image:
     def _png(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> bytes:
         # the samples first: this adds the X-ray scale to `info`
         samples = self._samples(info, bits, background)
-        return _with_text(encode_png(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
+        return _insert_text(encode_png(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
 
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:
         """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is stored in `info`."""
@@ -184,7 +184,7 @@ def encode_png(samples: np.ndarray, level: int = 4) -> bytes:
     return bytes(imagecodecs.png_encode(samples, level=level))
 
 
-def _with_text(png: bytes, keyword: str, text: str) -> bytes:
+def _insert_text(png: bytes, keyword: str, text: str) -> bytes:
     """The PNG with a tEXt chunk after its header chunk (PNG specification §11.3.4.3)."""
     body = b"tEXt" + keyword.encode("latin-1") + b"\0" + text.encode("latin-1")
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
@@ -198,7 +198,7 @@ def _linear_table(levels: int) -> np.ndarray:
     return linear_from_srgb(np.arange(levels) / (levels - 1)).astype(np.float32)
 
 
-def _from_samples(samples: np.ndarray) -> np.ndarray:
+def _linear_pixels(samples: np.ndarray) -> np.ndarray:
     """Linear premultiplied float32 of straight sRGB samples, uint8 or uint16 [H, W, 4]."""
     top = np.iinfo(samples.dtype).max
     table = _linear_table(top + 1)
@@ -282,18 +282,18 @@ def save_map(values: np.ndarray, path: str | Path, info: Mapping[str, object] | 
     ending, told = name.suffix.lower(), dict(info or {})
     if ending not in MAPS:
         raise expected(name, f"a name that ends in {' or '.join(MAPS)}", repr(name.suffix))
-    need(ending)
+    require_library(ending)
     if ending == ".png":
-        write_whole(name, _grey(values, told).encoded(name, bits=16))
+        write_file(name, _grey_image(values, told).encoded(name, bits=16))
         return
     found = np.ascontiguousarray(values, np.float32)
     if ending == ".npy":
-        write_whole(name, _npy(found))
+        write_file(name, _npy(found))
     else:
-        write_whole(name, encode_tiff(found, told) if ending in TIFF else encode_exr(found, told))
+        write_file(name, encode_tiff(found, told) if ending in TIFF else encode_exr(found, told))
 
 
-def _grey(values: np.ndarray, info: dict[str, object]) -> Image:
+def _grey_image(values: np.ndarray, info: dict[str, object]) -> Image:
     known = np.isfinite(values)
     low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
     share = (np.where(known, values, low) - low) / (high - low or 1.0)

@@ -20,7 +20,7 @@ QUALITY = 95
 Info = Mapping[str, object]
 
 
-def need(suffix: str) -> None:
+def require_library(suffix: str) -> None:
     """InputError, before any work, if the library of a suffix is missing."""
     if suffix in TIFF:
         tiff_library()
@@ -60,7 +60,7 @@ def encode_jpeg(samples: np.ndarray, info: Info) -> bytes:
     return buffer.getvalue()
 
 
-def holds_floats(source: Path) -> bool:
+def is_float_tiff(source: Path) -> bool:
     """Whether a TIFF holds float32 RGBA with associated alpha, as splatgl writes."""
     try:
         library = tiff_library()
@@ -69,12 +69,12 @@ def holds_floats(source: Path) -> bool:
 
     def read() -> bool:
         with library.TiffFile(source) as tiff:
-            return _is_ours(tiff.pages[0])
+            return _is_float_rgba(tiff.pages[0])
 
-    return bool(_read(source, read))
+    return bool(_read_with(source, read))
 
 
-def _is_ours(page: Any) -> bool:
+def _is_float_rgba(page: Any) -> bool:
     four = len(page.shape) == 3 and page.shape[2] == 4
     return bool(page.dtype == np.float32 and four and tuple(page.extrasamples) == (1,))
 
@@ -91,9 +91,9 @@ def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
     def read() -> tuple[np.ndarray, str] | None:
         with library.TiffFile(source) as tiff:
             page = tiff.pages[0]
-            return (page.asarray(), page.description) if _is_ours(page) else None
+            return (page.asarray(), page.description) if _is_float_rgba(page) else None
 
-    found = _read(source, read)
+    found = _read_with(source, read)
     return None if found is None else (found[0], provenance(found[1]))
 
 
@@ -105,7 +105,7 @@ def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
         part = library.File(str(source)).parts[0]
         return {name: channel.pixels for name, channel in part.channels.items()}, str(part.header.get(KEYWORD, ""))
 
-    channels, text = _read(source, read)
+    channels, text = _read_with(source, read)
     if "RGBA" not in channels and "RGB" not in channels:
         raise expected(source, "the channels RGBA or RGB", ", ".join(channels) or "none")
     pixels = np.asarray(channels.get("RGBA", channels.get("RGB")), np.float32)
@@ -114,7 +114,7 @@ def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     return pixels, provenance(text)
 
 
-def _read(source: Path, read: Callable[[], Any]) -> Any:
+def _read_with(source: Path, read: Callable[[], Any]) -> Any:
     """What a library reads; any of its exceptions as InputError."""
     try:
         return read()

@@ -17,7 +17,7 @@ from splatgl.errors import InputError, expected
 LABELS = re.compile(r"-?\d+(,-?\d+)*")
 OUTSIDE = "outside"
 # steps by which rows of a mask may leave those of a volume, at their ends, and still be alike
-ALIKE = 1e-3
+ROW_TOLERANCE = 1e-3
 # what rounding may take from a place between two voxels
 SLACK = 1e-6
 # numbers that a message names
@@ -66,7 +66,7 @@ class Mask:
         step = into @ turn @ volume.world_from_index
         start = into @ (turn @ np.asarray(volume.origin) - np.asarray(self.grid.origin))
         across = step - np.diag(np.diag(step))
-        if (np.abs(across) * max(volume.shape)).max() < ALIKE:
+        if (np.abs(across) * max(volume.shape)).max() < ROW_TOLERANCE:
             found = self._along(np.diag(step), start, low, high)
         else:
             # plane by plane
@@ -98,14 +98,14 @@ class Mask:
         return np.asarray(there & self.inside[z_, y, x])
 
 
-def mask_of(given: Any, volume: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
+def make_mask(given: Any, volume: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
     """The mask of a volume, of an array [D, H, W] on the grid of `volume`, or of FILE[:N,N…][:outside]."""
     from splatgl.readers import load
 
     if isinstance(given, Mask):
         return given
     if isinstance(given, str | Path):
-        file, numbers, beyond = named(str(given))
+        file, numbers, beyond = parse_mask(str(given))
         if not file:
             raise expected("mask", "FILE[:N,N…][:outside]", repr(str(given)))
         try:
@@ -124,7 +124,7 @@ def mask_of(given: Any, volume: Volume, labels: Sequence[int] = (), outside: boo
     return Mask.of(grid, labels, outside)
 
 
-def named(text: str) -> tuple[str, tuple[int, ...], bool]:
+def parse_mask(text: str) -> tuple[str, tuple[int, ...], bool]:
     """File, labels and whether the outside is kept, of FILE[:N,N…][:outside]."""
     head, colon, last = text.rpartition(":")
     outside = bool(colon) and last == OUTSIDE
@@ -135,7 +135,7 @@ def named(text: str) -> tuple[str, tuple[int, ...], bool]:
     return text, (), outside
 
 
-def masked(volume: Volume, mask: Mask) -> Volume:
+def apply_mask(volume: Volume, mask: Mask) -> Volume:
     """The volume, its channels and levels, cut by one more mask, with a note on how much is left. Raises InputError if
     nothing is.
     """
@@ -143,7 +143,7 @@ def masked(volume: Volume, mask: Mask) -> Volume:
     left = sum(int(found.kept((z, 0, 0), (z + 1, *volume.shape[1:])).sum()) for z in range(volume.shape[0]))
     what = f"mask {mask.grid.name}".strip()
     if not left:
-        ours, theirs = (_span(each, turned) for each, turned in ((mask.grid, volume.frame), (volume, None)))
+        ours, theirs = (_describe_box(each, turned) for each, turned in ((mask.grid, volume.frame), (volume, None)))
         places = f"voxels of {volume.name or 'the volume'}, which lies at {theirs}"
         raise expected(what, places, f"none: it lies at {ours}" if not mask.outside else "none outside of it")
     share = "all" if left == volume.count else f"{left / volume.count:.3g}" if left * 1000 < volume.count else ""
@@ -156,7 +156,7 @@ def masked(volume: Volume, mask: Mask) -> Volume:
     return made
 
 
-def _span(volume: Volume, frame: str | None) -> str:
+def _describe_box(volume: Volume, frame: str | None) -> str:
     """The ends of a volume's box, for a message, in a frame."""
     corners = volume.corners * ((-1, -1, 1) if {volume.frame, frame} == {"LPS", "RAS"} else (1, 1, 1))
     ends = zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=True)

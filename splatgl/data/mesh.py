@@ -91,11 +91,11 @@ class Mesh:
         mean = np.zeros_like(self.vertices)
         for n, corner in enumerate(self.faces.T):
             # weighted by the angle there, so that how a side is cut into triangles does not matter
-            here = _unit(np.roll(corners, -n, axis=1)[:, 1:] - corners[:, n, None])
+            here = _normalize(np.roll(corners, -n, axis=1)[:, 1:] - corners[:, n, None])
             angle = np.arccos(np.clip((here[:, 0] * here[:, 1]).sum(axis=1), -1.0, 1.0))
             for axis in range(3):
-                mean[:, axis] += np.bincount(corner, _unit(across)[:, axis] * angle, len(mean))
-        flat, smooth = _unit(across)[:, None], _unit(mean)[self.faces]
+                mean[:, axis] += np.bincount(corner, _normalize(across)[:, axis] * angle, len(mean))
+        flat, smooth = _normalize(across)[:, None], _normalize(mean)[self.faces]
         return np.where((flat * smooth).sum(axis=2, keepdims=True) > SMOOTH, smooth, flat)
 
     @property
@@ -140,7 +140,7 @@ class Mesh:
     @classmethod
     def of_points(cls, points: Any, radius: float, **look: Any) -> Mesh:
         """Spheres around points [N, 3], world units. look: color, opacity, name."""
-        centers, (ball, faces) = _array("points", points, np.float64), _ball()
+        centers, (ball, faces) = _array("points", points, np.float64), _icosphere()
         vertices = centers[:, None] + ball * _radius(radius)
         offsets = np.arange(len(centers))[:, None, None] * len(ball)
         return cls(vertices.reshape(-1, 3), (faces + offsets).reshape(-1, 3), **look)
@@ -152,7 +152,7 @@ class Mesh:
         tubes = [tube for tube in tubes if len(tube)]
         rings = [np.arange(len(tube) // SIDES) for tube in tubes]
         first = np.cumsum([0, *map(len, tubes)])
-        quads = [_between(ring[:-1]) + start for ring, start in zip(rings, first[:-1], strict=True)]
+        quads = [_ring_triangles(ring[:-1]) + start for ring, start in zip(rings, first[:-1], strict=True)]
         vertices = np.concatenate([np.zeros((0, 3)), *tubes])
         return cls(vertices, np.concatenate([np.zeros((0, 3), np.int64), *quads]), **look)
 
@@ -210,16 +210,16 @@ def _radius(radius: float) -> float:
     return float(radius)
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _normalize(vectors: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(size > 0, size, 1.0))
 
 
-def _ball() -> tuple[np.ndarray, np.ndarray]:
+def _icosphere() -> tuple[np.ndarray, np.ndarray]:
     """Vertices [162, 3] and faces [320, 3] of an icosahedron whose faces are divided twice, on the unit sphere."""
     golden = (1 + 5**0.5) / 2
     sides = [(0, a, b * golden) for a in (-1, 1) for b in (-1, 1)]
-    vertices = _unit(np.array([np.roll(side, n) for n in range(3) for side in sides], np.float64))
+    vertices = _normalize(np.array([np.roll(side, n) for n in range(3) for side in sides], np.float64))
     near = np.linalg.norm(vertices[:, None] - vertices, axis=2) < 1.1
     faces = np.array([three for three in combinations(range(12), 3) if near[np.ix_(three, three)].sum() == 9])
     # all round the same way
@@ -229,7 +229,7 @@ def _ball() -> tuple[np.ndarray, np.ndarray]:
         edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         every, number = np.unique(edges, axis=0, return_inverse=True)
         middle = number.reshape(-1, 3) + len(vertices)
-        vertices = np.concatenate([vertices, _unit(vertices[every].sum(axis=1))])
+        vertices = np.concatenate([vertices, _normalize(vertices[every].sum(axis=1))])
         a, b, c = faces.T
         ab, bc, ca = middle.T
         parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
@@ -237,7 +237,7 @@ def _ball() -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces
 
 
-def ringed(line: np.ndarray) -> np.ndarray:
+def ring_points(line: np.ndarray) -> np.ndarray:
     """The points of a line [N, 3] around which its tube has SIDES vertices each; none of fewer than two that differ."""
     moves = np.flatnonzero(np.append(True, (np.diff(line, axis=0) != 0).any(axis=1))) if len(line) else np.zeros(0, int)
     return moves if len(moves) > 1 else moves[:0]
@@ -245,22 +245,22 @@ def ringed(line: np.ndarray) -> np.ndarray:
 
 def _tube(line: np.ndarray, radius: float) -> np.ndarray:
     """Rings [n · SIDES, 3] around a line's points; none of fewer than two that differ."""
-    line = line[ringed(line)]
+    line = line[ring_points(line)]
     if len(line) < 2:
         return np.zeros((0, 3))
-    along = _unit(np.gradient(line, axis=0))
+    along = _normalize(np.gradient(line, axis=0))
     turn = 2 * np.pi * np.arange(SIDES) / SIDES
     side = np.eye(3)[np.abs(along[0]).argmin()]
     rings = []
     for point, forward in zip(line, along, strict=True):
         # each ring is turned as little as can be from the one before
-        side = _unit(side - (side @ forward) * forward)
+        side = _normalize(side - (side @ forward) * forward)
         other = np.cross(forward, side)
         rings.append(point + radius * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * other))
     return np.concatenate(rings)
 
 
-def _between(rings: np.ndarray) -> np.ndarray:
+def _ring_triangles(rings: np.ndarray) -> np.ndarray:
     """Triangles [2 · SIDES · R, 3] between each of R rings and the next."""
     a = (rings[:, None] * SIDES + np.arange(SIDES)).ravel()
     b = (rings[:, None] * SIDES + (np.arange(SIDES) + 1) % SIDES).ravel()
@@ -280,7 +280,7 @@ def clip_mesh(mesh: Mesh, planes: Sequence[Sequence[float]]) -> Mesh:
         parts.append(mesh.values[mesh.faces][..., None])
     corners = np.concatenate(parts, axis=2)
     for *normal, place in rows:
-        corners = _behind(corners, corners[..., :3] @ np.array(normal) - place)
+        corners = _clip_triangles(corners, corners[..., :3] @ np.array(normal) - place)
     normals = corners[..., 3:6]
     size = np.linalg.norm(normals, axis=2, keepdims=True)
     flat = corners.reshape(-1, corners.shape[2])
@@ -298,20 +298,20 @@ def clip_mesh(mesh: Mesh, planes: Sequence[Sequence[float]]) -> Mesh:
     )
 
 
-def _behind(corners: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+def _clip_triangles(corners: np.ndarray, beyond: np.ndarray) -> np.ndarray:
     """Triangles [M, 3, K] of the parts of others where `beyond` [M, 3], linear between corners, is at least 0."""
     inside = beyond >= 0
     count = inside.sum(axis=1)
     whole = corners[count == 3]
     # one corner inside: a triangle; one outside: two; turned so that this corner is the first
-    tips, stumps = (_turned(corners, beyond, count == n, inside if n == 1 else ~inside) for n in (1, 2))
+    tips, stumps = (_rotate_corners(corners, beyond, count == n, inside if n == 1 else ~inside) for n in (1, 2))
     (a, *_), (ab, ac) = tips
     (_, e, f), (de, df) = stumps
     found = [whole, np.stack([a, ab, ac], axis=1), np.stack([de, e, f], axis=1), np.stack([de, f, df], axis=1)]
     return np.concatenate(found)
 
 
-def _turned(
+def _rotate_corners(
     corners: np.ndarray, beyond: np.ndarray, some: np.ndarray, first: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Of some triangles: their corners [m, K], from the one that is `first` on; and where the plane crosses the sides

@@ -21,7 +21,7 @@ Places = tuple[int, int, int]
 # limits in world units: float64 holds the fourth powers of these and of far larger distances
 LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
 # most voxels that masks are looked up for once, and kept, 1 byte each
-MOST_LOOKED_UP = 2**28
+MAX_CACHED = 2**28
 # maximum ratio of a voxel's sides: float32 holds its square, and distances in either
 MOST_OBLONG = 1e9
 
@@ -161,9 +161,9 @@ class Volume:
         "FILE:3,7:outside" as on the command line. Voxels are kept whose centres lie in voxels of the mask that are.
         outside: keeps the others instead. Masks of masks keep what all do. Raises InputError where nothing is left.
         """
-        from splatgl.data.mask import mask_of, masked
+        from splatgl.data.mask import apply_mask, make_mask
 
-        return masked(self, mask_of(mask, self, labels, outside))
+        return apply_mask(self, make_mask(mask, self, labels, outside))
 
     def placed(self, frame: str | None) -> Volume:
         """The volume in another frame, its channels and levels with it; as it is, if either is not known."""
@@ -177,7 +177,7 @@ class Volume:
 
     def kept(self, low: Places, high: Places) -> np.ndarray:
         """bool: which voxels low ≤ (z, y, x) < high all masks keep; all, if there are none."""
-        if self.masks and self.count <= MOST_LOOKED_UP:
+        if self.masks and self.count <= MAX_CACHED:
             return np.asarray(self._kept[tuple(map(slice, low, high))])
         return self._looked_up(low, high)
 
@@ -280,7 +280,7 @@ def with_parts(volume: Volume, change: Callable[[Volume], Volume]) -> Volume:
     return replace(volume, channels=channels, coarser=coarser)
 
 
-def places(index: np.ndarray) -> Places:
+def zyx_index(index: np.ndarray) -> Places:
     """(z, y, x) of a grid index (x, y, z)."""
     x, y, z = index.tolist()
     return z, y, x
@@ -316,7 +316,7 @@ def _direction(value: object) -> np.ndarray:
 FEWEST = 4
 
 
-def coarser(volume: Volume, labels: bool = False) -> Volume:
+def halve_volume(volume: Volume, labels: bool = False) -> Volume:
     """The volume of means over 2×2×2 voxels, float32; short axes stay. A block with a non-finite voxel is non-finite.
 
     labels: whether samples number segments, as a volume's own table says, too: then the numbers that most voxels of
@@ -336,7 +336,7 @@ def coarser(volume: Volume, labels: bool = False) -> Volume:
         lowest = min(float(np.nanmin(slab.samples)) for slab in volume.slabs(8, halo=0))
     for z in range(depth):
         planes = np.asarray(volume.samples[z * steps[0] : (z + 1) * steps[0]])
-        samples[z] = _most(planes, steps) if labels else _mean(planes.astype(np.float32, copy=False), steps)
+        samples[z] = _majority(planes, steps) if labels else _mean(planes.astype(np.float32, copy=False), steps)
         if colors is not None and volume.color is not None:
             weight = planes.astype(np.float32) - (lowest - 1e-3)
             shade = volume.color[z * steps[0] : (z + 1) * steps[0]].astype(np.float32)
@@ -372,7 +372,7 @@ def _mean(planes: np.ndarray, steps: list[int]) -> np.ndarray:
     return np.asarray(total)
 
 
-def _most(planes: np.ndarray, steps: list[int]) -> np.ndarray:
+def _majority(planes: np.ndarray, steps: list[int]) -> np.ndarray:
     """[H', W'] numbers that most voxels of blocks of planes [d, H, W] have; the last of an odd count counts twice."""
     odd = [(0, -count % step) for count, step in zip(planes.shape[1:], steps[1:], strict=True)]
     padded = np.pad(planes, [(0, 0), *odd], mode="edge")

@@ -17,7 +17,7 @@ from splatgl.data.volume import Volume
 from splatgl.distributed.cluster import spread
 from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
 from splatgl.errors import InputError, expected
-from splatgl.fileio import bytes_of
+from splatgl.fileio import parse_bytes
 from splatgl.readers import load
 from splatgl.splat.bricks import Bricks, Shell, required_bricks
 from splatgl.splat.camera import Camera
@@ -174,7 +174,7 @@ def render_slabs(
     the file themselves, a Volume is sent to them. progress: called with the bricks, or with a client the parts, that
     are done, and their number. Raises InputError for pictures in bricks that take voxels classified before.
     """
-    memory = bytes_of(memory) if isinstance(memory, str) else memory
+    memory = parse_bytes(memory) if isinstance(memory, str) else memory
     if client is None:
         from splatgl.gl.large_volumes import render_slabs as alone
 

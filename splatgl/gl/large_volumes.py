@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.data.volume import Volume, places
+from splatgl.data.volume import Volume, zyx_index
 from splatgl.errors import expected
 from splatgl.fileio import budget
 from splatgl.gl.renderer import Renderer
@@ -141,9 +141,9 @@ def _boxes(
     side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step, size)
     most, found = MOST_READ // (int(side.prod()) * volume.samples.dtype.itemsize), 0
     lows = np.unique(spread(size - side, min(max(most, BOXES), PLACES)) // step * step, axis=0)
-    lost = [_lost(volume.part(places(low), places(low + side)), step, transfer) for low in lows]
+    lost = [_lost(volume.part(zyx_index(low), zyx_index(low + side)), step, transfer) for low in lows]
     for low in lows[np.argsort(lost)[::-1]]:
-        part = volume.part(places(low), places(low + side))
+        part = volume.part(zyx_index(low), zyx_index(low + side))
         ends = np.stack([low - 0.5, low + side - 0.5]) @ volume.world_from_index.T + volume.origin
         near = _toward(camera, part)
         if near is None:
@@ -204,7 +204,7 @@ def _cut(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
     ends = (np.stack([low, high]) - volume.origin) @ np.linalg.inv(volume.world_from_index).T + 0.5
     first, last = np.clip(np.rint(np.sort(ends, axis=0)), 0, volume.shape[::-1]).astype(np.int64)
     first = np.minimum(first, np.array(volume.shape[::-1]) - 1)
-    return volume.part(places(first), places(np.maximum(last, first + 1)))
+    return volume.part(zyx_index(first), zyx_index(np.maximum(last, first + 1)))
 
 
 def _drawn(part: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer) -> Image:

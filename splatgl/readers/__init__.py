@@ -10,12 +10,12 @@ from typing import Any
 
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, expected
-from splatgl.readers.common import quiet
+from splatgl.readers.common import silence_libraries
 from splatgl.readers.heightmap import terrain_from_heights
 from splatgl.readers.options import HDF5, LoadOptions, converter, inside
-from splatgl.readers.remote import Remote, is_address, name_of
+from splatgl.readers.remote import Remote, address_name, is_address
 
-__all__ = ["FORMATS", "Format", "LoadOptions", "contents", "load", "terrain_from_heights"]
+__all__ = ["FORMATS", "Format", "LoadOptions", "list_volumes", "load", "terrain_from_heights"]
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Format:
 
     def read(self, path: Path, options: LoadOptions) -> Volume:
         """Reads a volume."""
-        found: Volume = _function(self.reader)(path, options)
+        found: Volume = _import_function(self.reader)(path, options)
         return found
 
 
-def _function(name: str) -> Any:
+def _import_function(name: str) -> Any:
     """A reader's function; only now is its module imported, so that one format does not wait for all."""
     module, function = name.split(".")
     return getattr(import_module(f"{__name__}.{module}"), function)
@@ -61,7 +61,7 @@ FORMATS = (
     Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",)),
     Format("MGH", (".mgh",), "nifti.read_mgh", ("array",)),
     Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
-    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), ("TIFF",), lists="tiff.contents"),
+    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), ("TIFF",), lists="tiff.list_images"),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere")),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
@@ -69,7 +69,7 @@ FORMATS = (
     Format("VTK collection", (".pvd", ".vtm"), "vtk_xml.read_series", ("array", "channel", "anywhere"), ("XML",)),
     Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",)),
     Format("MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip",)),
-    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), ("HDF5",), lists="hdf5.contents"),
+    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), ("HDF5",), lists="hdf5.list_datasets"),
     Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
     Format(
         "Zarr",
@@ -78,7 +78,7 @@ FORMATS = (
         ("array", "channel", "level", "time"),
         kinds=("folder",),
         tells="ome_zarr.is_store",
-        lists="ome_zarr.contents",
+        lists="ome_zarr.list_images",
     ),
     Format(
         "DICOM",
@@ -89,7 +89,7 @@ FORMATS = (
         ("ZIP", "TIFF"),
         ("file", "folder"),
         "dicom_headers.is_dicom",
-        "dicom.lines",
+        "dicom.list_series",
     ),
     Format("picture slices", (), "image_stack.read", kinds=("folder",), tells="image_stack.is_slices"),
     Format("height picture", (".png", ".jpg", ".jpeg"), "heightmap.read_picture", _TERRAIN, ("PNG", "JPEG")),
@@ -134,36 +134,36 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
     source, array = inside(str(path))
     path = source if is_address(source) else Path(source)
     try:
-        with quiet():
+        with silence_libraries():
             asked = _options(options, given if array is None else {"array": array, **given})
             return _load_remote(str(path), asked) if is_address(path) else _load(Path(path), asked)
     except InputError as error:
-        raise _one_line(path, error) from error.__cause__
+        raise _with_path(path, error) from error.__cause__
     except OSError as error:
-        raise _one_line(path, InputError(f"cannot be read: {error.strerror or error}")) from error
+        raise _with_path(path, InputError(f"cannot be read: {error.strerror or error}")) from error
     except MemoryError as error:
-        raise _one_line(path, InputError("needs more memory than there is; use a smaller volume")) from error
+        raise _with_path(path, InputError("needs more memory than there is; use a smaller volume")) from error
 
 
-def listed(path: str | Path) -> list[str]:
+def list_volumes(path: str | Path) -> list[str]:
     """A line for each volume in a file or folder that holds several (series of DICOM, datasets of HDF5); none of other
     formats, and of what cannot be read.
     """
     try:
-        with quiet():
-            form = None if is_address(path) else _format(Path(path))
-            return _function(form.lists)(Path(path)) if form and form.lists else []
+        with silence_libraries():
+            form = None if is_address(path) else _find_format(Path(path))
+            return _import_function(form.lists)(Path(path)) if form and form.lists else []
     except (InputError, OSError, MemoryError):
         return []
 
 
 def _load(path: Path, options: LoadOptions) -> Volume:
-    form = _format(path)
-    _check(path, form, options)
-    volume = _named(form.read(path, options), path.name, form, options)
+    form = _find_format(path)
+    _check_file(path, form, options)
+    volume = _apply_name(form.read(path, options), path.name, form, options)
     if volume.labels or volume.samples.dtype.kind not in "bui" or options.values == "amounts":
         return volume
-    table = table_beside(path, path.name[: len(path.name) - len(_suffix(path, form))])
+    table = load_label_table(path, path.name[: len(path.name) - len(_suffix(path, form))])
     return volume if table is None else replace(volume, labels=table)
 
 
@@ -171,16 +171,16 @@ def _load_remote(address: str, options: LoadOptions) -> Volume:
     """The volume behind an address: a copy of the file, or of the parts of a Zarr store that are needed."""
     from splatgl.readers import ome_zarr
 
-    name, remote = name_of(address), Remote(address)
+    name, remote = address_name(address), Remote(address)
     if any(_suffix(Path(name), form) for form in FORMATS if "file" in form.kinds):
         return _load(remote.file(), options)
     form = next(form for form in FORMATS if form.reader == "ome_zarr.read")
-    _refuse(form, options)
+    _refuse_options(form, options)
     volume = ome_zarr.read(remote.store(), options, remote)
-    return _named(volume, name, form, options)
+    return _apply_name(volume, name, form, options)
 
 
-def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Volume:
+def _apply_name(volume: Volume, name: str, form: Format, options: LoadOptions) -> Volume:
     """The volume as the file's name and the options have it."""
     if options.spacing is not None:
         # a file that does not know its spacing does not know that of its levels
@@ -192,7 +192,7 @@ def _named(volume: Volume, name: str, form: Format, options: LoadOptions) -> Vol
     return replace(volume, name=(name[: -len(suffix)] if suffix else name).removesuffix(".ome"))
 
 
-def _one_line(path: Path | str, error: InputError) -> InputError:
+def _with_path(path: Path | str, error: InputError) -> InputError:
     """The error as one line that begins with the path; text from a damaged header is shortened and sanitized."""
     message = str(error)
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
@@ -208,14 +208,14 @@ def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptio
     return replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
 
 
-def _format(path: Path) -> Format:
+def _find_format(path: Path) -> Format:
     """The format of a name; of a folder, or of a file without such a name, the one that its contents tell."""
     kind = "folder" if path.is_dir() else "file"
     zipped = path.name.lower().endswith(ZIPPED)
     named = next((form for form in FORMATS if _suffix(path, form) and not zipped), None)
     told = [form for form in FORMATS if form.tells and kind in form.kinds]
     if kind == "folder" or (named is None and path.is_file() and not zipped):
-        named = next((form for form in told if _function(form.tells)(path)), named)
+        named = next((form for form in told if _import_function(form.tells)(path)), named)
     if named:
         return named
     if kind == "folder":
@@ -230,7 +230,7 @@ def _suffix(path: Path, form: Format) -> str:
     return next((suffix for suffix in form.suffixes if path.name.lower().endswith(suffix)), "")
 
 
-def _check(path: Path, form: Format, options: LoadOptions) -> None:
+def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
     """Checks before any reader runs: InputError for no file, no bytes, another format, unsupported options."""
     kind = "folder" if path.is_dir() else "file" if path.is_file() else "pipe or device"
     if not path.exists():
@@ -239,14 +239,14 @@ def _check(path: Path, form: Format, options: LoadOptions) -> None:
         raise expected("path", f"a {form.title} folder" if "file" not in form.kinds else "a file", f"a {kind}")
     if kind == "file" and path.stat().st_size == 0:
         raise expected("file", "data", "0 bytes", "the file is empty")
-    _refuse(form, options)
-    start = None if kind == "folder" or "*" in form.starts else _start(path)
+    _refuse_options(form, options)
+    start = None if kind == "folder" or "*" in form.starts else _detect_format(path)
     if start and start not in (*form.starts, form.title):
         fix = "convert it with: nccopy -k nc4 OLD NEW" if start == "NetCDF-3" else "rename or convert the file"
         raise expected("contents", f"{form.title}, as the name says", start, fix)
 
 
-def _refuse(form: Format, options: LoadOptions) -> None:
+def _refuse_options(form: Format, options: LoadOptions) -> None:
     """InputError for options that the format doesn't support."""
     if options.values == "heights" and "relief" not in form.takes:
         raise expected("values", f"labels or amounts for {form.title}", "heights")
@@ -256,7 +256,7 @@ def _refuse(form: Format, options: LoadOptions) -> None:
         raise expected("options", f"some of {known} for {form.title}", ", ".join(refused))
 
 
-def _start(path: Path) -> str | None:
+def _detect_format(path: Path) -> str | None:
     with path.open("rb") as file:
         first = file.read(8)
     return next((title for mark, title in _STARTS.items() if first.startswith(mark)), None)
@@ -271,7 +271,7 @@ NUMBER_AND_COLOR = r"\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+"
 ROW = re.compile(NUMBER_AND_COLOR + r'(\d+\.?\d*|\.\d+)\s+(\d{1,9})\s+\d+\s+"([^"]*)"\s*')
 
 
-def table_beside(path: Path, stem: str) -> tuple[Label, ...] | None:
+def load_label_table(path: Path, stem: str) -> tuple[Label, ...] | None:
     """The labels of stem.label, stem.lbl or stem.txt beside `path`, but 0; None without such a table of ITK-SNAP.
 
     Raises InputError for a table with other lines, or without labels.
@@ -283,11 +283,11 @@ def table_beside(path: Path, stem: str) -> tuple[Label, ...] | None:
         with table.open(encoding="utf-8", errors="replace") as file:
             text = file.read(FIRST)
             if MARK.lower() in text.lower():
-                return _labels(name, text + file.read(MOST))
+                return _parse_labels(name, text + file.read(MOST))
     return None
 
 
-def _labels(name: str, text: str) -> tuple[Label, ...]:
+def _parse_labels(name: str, text: str) -> tuple[Label, ...]:
     found: dict[int, Label] = {}
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.startswith("#"):

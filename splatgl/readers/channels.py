@@ -27,7 +27,7 @@ MOST_CHANNELS = 4096
 # most channels that a message names
 MOST_SHOWN = 8
 # the end of a note on the time point that is read if none is asked for
-PICKED = "--time picks another"
+TIME_HINT = "--time picks another"
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Several:
+class ChannelSet:
     """channels: of a file, none if it has one only. together: whether the file says that they are one picture.
     times: number of time points; step: seconds between two, None if not told. components: of a voxel without channels,
     such as those of a colour, of which a number picks one.
@@ -89,7 +89,7 @@ class Several:
         made = [self._named(read(number), number) for number in numbers]
         notes = made[0].notes
         if self.times > 1 and options.time is None and options.array is None:
-            notes = (*notes, f"time 0 of {self.times}: {PICKED}")
+            notes = (*notes, f"time 0 of {self.times}: {TIME_HINT}")
         first = replace(made[0], times=self.times, time_step=self.step, notes=notes)
         return replace(first, channels=tuple(made)) if len(made) > 1 else first
 
@@ -101,17 +101,17 @@ class Several:
         return replace(volume, name=told.name or str(number), hints=hints)
 
 
-def as_microscope(volume: Volume) -> Volume:
+def mark_microscope(volume: Volume) -> Volume:
     """The volume, marked as planes of a microscope."""
     return replace(volume, hints=replace(volume.hints, stack=True))
 
 
-def rgb_of(color: Sequence[int]) -> str:
+def hex_color(color: Sequence[int]) -> str:
     """Three numbers from 0 to 255 as "#rrggbb"."""
     return "#{:02x}{:02x}{:02x}".format(*(int(part) & 255 for part in color[:3]))
 
 
-def window_of(low: object, high: object) -> tuple[float, float] | None:
+def parse_window(low: object, high: object) -> tuple[float, float] | None:
     """A window of values, if both are numbers and the first is below the second."""
     try:
         found = float(str(low)), float(str(high))
@@ -120,7 +120,7 @@ def window_of(low: object, high: object) -> tuple[float, float] | None:
     return found if -1e300 < found[0] < found[1] < 1e300 else None
 
 
-def components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+def split_components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """(samples [D, H, W], colours or None, vectors or None) out of [D, H, W, components]: luma, or lengths."""
     if is_color:
         if values.dtype != np.uint8:

@@ -21,11 +21,11 @@ import numpy as np
 
 from splatgl.data.arrays import Key, Transposed
 from splatgl.errors import InputError
-from splatgl.readers.common import library
+from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
 # bytes of decoded chunks that are kept
-KEPT_BYTES = 2**27
+CACHE_BYTES = 2**27
 
 
 class Files(Protocol):
@@ -120,7 +120,7 @@ class Chunked:
         free = iter(map(slice, low, high))
         part = tuple(next(free) if isinstance(at, slice) else at for at in self.index)
         try:
-            with library(f"{self.form}, chunk {', '.join(map(str, place))}"):
+            with decoder_errors(f"{self.form}, chunk {', '.join(map(str, place))}"):
                 if not self.files.holds(self._begin(place)):
                     empty = np.asarray(self.array.fill_value or 0, self.dtype)
                     chunk = np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
@@ -134,7 +134,7 @@ class Chunked:
             if self.extents:
                 self.extents.add(place, chunk)
             self.kept[place] = chunk
-            most = max(KEPT_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
+            most = max(CACHE_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
             while len(self.kept) > most:
                 self.kept.popitem(last=False)
         return chunk
@@ -198,7 +198,7 @@ class Extents:
             pass
 
 
-def tag_of(folder: Path) -> str:
+def folder_tag(folder: Path) -> str:
     """The path, sizes and times of all files of an array: whatever is written into it changes the tag."""
     found = []
     folders = [str(folder.resolve())]

@@ -38,7 +38,7 @@ def is_field(name: str, array: bool = False) -> bool:
     return named or (array and lower in LETTERS)
 
 
-def is_whole(values: np.ndarray) -> bool:
+def has_whole_numbers(values: np.ndarray) -> bool:
     """Whether all finite values are whole numbers."""
     if values.dtype.kind != "f":
         return True
@@ -46,7 +46,7 @@ def is_whole(values: np.ndarray) -> bool:
     return bool((finite == np.rint(finite)).all())
 
 
-def hints_of(array: str, vectors: bool) -> Hints:
+def field_hints(array: str, vectors: bool) -> Hints:
     """What a file's array says of how it is drawn. vectors: the samples are lengths of vectors."""
     return Hints(preset=FIELD) if vectors or is_field(array, array=True) else Hints()
 
@@ -73,9 +73,9 @@ Shape = tuple[int, int, int]
 def grid_shape(sizes: Sequence[int], what: str = "dimensions") -> Shape:
     """(D, H, W) from a header's sizes (x, y, z). Raises InputError unless all are positive."""
     if len(sizes) != 3:
-        raise expected(what, "three axes", f"{len(sizes)} ({_times(sizes)})")
+        raise expected(what, "three axes", f"{len(sizes)} ({_join_sizes(sizes)})")
     if min(sizes) < 1:
-        raise expected(what, "at least one voxel along each axis", _times(sizes), "the header is damaged")
+        raise expected(what, "at least one voxel along each axis", _join_sizes(sizes), "the header is damaged")
     x, y, z = (int(size) for size in sizes)
     return z, y, x
 
@@ -103,7 +103,7 @@ def map_array(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) ->
     if offset < 0:
         raise expected("data", "a place in the file", f"byte {offset}", "the header is damaged")
     require_bytes(byte_count(shape, dtype), path.stat().st_size - offset)
-    with library("mapped samples"):
+    with decoder_errors("mapped samples"):
         return np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=tuple(int(size) for size in shape))
 
 
@@ -125,7 +125,7 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     require_memory(needed, there)
     # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, told by the header) + 15 (window bits)
     engine, out, filled = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0
-    with path.open("rb") as file, library("zlib data"):
+    with path.open("rb") as file, decoder_errors("zlib data"):
         file.seek(offset)
         while not engine.eof:
             piece = engine.unconsumed_tail or file.read(CHUNK_BYTES)
@@ -140,7 +140,7 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     return out.view(dtype).reshape(tuple(shape))
 
 
-def data_file(header: Path, name: str, anywhere: bool) -> Path:
+def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
     """The data file `name` in the folder of `header` or below; InputError for any other place, if not `anywhere`."""
     path = header.parent / name.replace("\0", "?")
     if not anywhere:
@@ -188,7 +188,7 @@ def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]])
 
 
 @contextmanager
-def library(title: str) -> Iterator[None]:
+def decoder_errors(title: str) -> Iterator[None]:
     """Converts any exception of a decoder into one InputError.
 
     Decoders raise many types (IndexError, AssertionError, struct.error, …), so the context encloses only the
@@ -206,7 +206,7 @@ def library(title: str) -> Iterator[None]:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silence_libraries() -> Iterator[None]:
     """Suppresses warnings and logs of libraries: a rejected file gives one line."""
     loggers = [logging.getLogger(name) for name in LOGGERS]
     disabled = [logger.disabled for logger in loggers]
@@ -221,7 +221,7 @@ def quiet() -> Iterator[None]:
                 logger.disabled = before
 
 
-def _times(sizes: Sequence[int]) -> str:
+def _join_sizes(sizes: Sequence[int]) -> str:
     return "x".join(str(size) for size in sizes)
 
 
@@ -251,7 +251,7 @@ def read_numbers(file: BinaryIO, count: int, dtype: np.dtype, there: int) -> np.
         if filled + len(words) > count or (not block and filled + len(words) < count):
             fix = "the file is cut short or damaged"
             raise expected("data", f"{count} numbers", filled + len(words), fix)
-        with library("numbers"):
+        with decoder_errors("numbers"):
             numbers[filled : filled + len(words)] = np.array(words or np.empty(0, "S1")).astype(numbers.dtype)
         filled += len(words)
     if cut:
@@ -274,7 +274,7 @@ def bunzip(path: Path, offset: int, needed: int) -> np.ndarray:
     there = path.stat().st_size - offset
     require_plausible(needed, there, bounded=False)
     require_memory(needed, there)
-    with path.open("rb") as file, library("bzip2 data"):
+    with path.open("rb") as file, decoder_errors("bzip2 data"):
         file.seek(offset)
         data = np.frombuffer(bz2.BZ2File(file).read(needed + 1), np.uint8)
     require_bytes(needed, data.size, "inflated data")

@@ -15,13 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.affine import at_places
+from splatgl.data.affine import interpolate_planes
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers import dicom_segments
-from splatgl.readers.dicom_headers import TIMES, Frame, Header, Source, frames, header, normal_of, sources
-from splatgl.readers.dicom_pixels import check_header, decoded, is_color
+from splatgl.readers.dicom_headers import (
+    TIMES,
+    Frame,
+    Header,
+    Source,
+    find_sources,
+    list_frames,
+    read_header,
+    slice_normal,
+)
+from splatgl.readers.dicom_pixels import check_header, decode_frames, is_color
 from splatgl.readers.options import LoadOptions
 
 
@@ -32,12 +41,12 @@ def read(path: Path, options: LoadOptions) -> Volume:
     unless a scale, padding or a missing slice makes them float32, where NaN stands for what is not there.
     """
     # 1. which images
-    found = contents(path)
+    found = find_series(path)
     if not found.series:
-        return _segments(found, options)
+        return _read_segments(found, options)
     if options.channel is not None:
         raise expected("channel", "none, for images", options.channel)
-    series = chosen(found.series, options)
+    series = select_series(found.series, options)
     notes = [f"{found.damaged} damaged file{'s are' if found.damaged > 1 else ' is'} left out"] if found.damaged else []
     if len(found.series) > 1 and options.series is None:
         notes.append(f"series {series.number} of {len(found.series)} is read, the largest; series=N picks another")
@@ -48,15 +57,15 @@ def read(path: Path, options: LoadOptions) -> Volume:
         )
     group, left = largest_group(series.frames)
     for head in {id(frame.header): frame.header for frame in group}.values():
-        with _of(head, group):
+        with _with_file_name(head, group):
             check_header(head)
     notes += dict.fromkeys(note for frame in group for note in frame.header.notes)
     # 2. where they lie, and their samples
-    grid = grid_of(group, options)
-    samples, color = _samples(grid)
+    grid = make_grid(group, options)
+    samples, color = _read_samples(grid)
     if grid.between is not None:
-        samples = at_places(samples, grid.between)
-        color = None if color is None else at_places(color, np.rint(np.nan_to_num(grid.between)))
+        samples = interpolate_planes(samples, grid.between)
+        color = None if color is None else interpolate_planes(color, np.rint(np.nan_to_num(grid.between)))
     return Volume(
         samples,
         grid.spacing,
@@ -70,7 +79,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     )
 
 
-def _segments(found: Contents, options: LoadOptions) -> Volume:
+def _read_segments(found: Contents, options: LoadOptions) -> Volume:
     """The labels of the only segmentation, or the only contours, that there are."""
     several = found.segments
     if len(several) > 1:
@@ -80,7 +89,7 @@ def _segments(found: Contents, options: LoadOptions) -> Volume:
 
 
 @contextmanager
-def _of(head: Header, group: Sequence[Frame]) -> Iterator[None]:
+def _with_file_name(head: Header, group: Sequence[Frame]) -> Iterator[None]:
     """Puts the file's name before an error, where there are several."""
     try:
         yield
@@ -90,12 +99,12 @@ def _of(head: Header, group: Sequence[Frame]) -> Iterator[None]:
         raise InputError(f"{head.source.name}: {error}") from error
 
 
-def _samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
+def _read_samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
     """Samples [D, H, W], and colours uint8 [D, H, W, 3] if the frames have some."""
     planes = [(plane, frame) for plane, frame in enumerate(grid.planes) if frame is not None]
     group = [frame for _, frame in planes]
     shape = (len(grid.planes), *group[0].header.size)
-    dtype = _dtype(group, len(planes) < len(grid.planes))
+    dtype = _choose_dtype(group, len(planes) < len(grid.planes))
     headers = {id(frame.header): frame.header for frame in group}.values()
     voxel = dtype.itemsize + 3 * is_color(group[0].header)
     require_memory(byte_count(shape, np.dtype(np.uint8)) * voxel, sum(header.room for header in headers))
@@ -106,18 +115,18 @@ def _samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
     for frame in group:
         files.setdefault(id(frame.header), []).append(frame)
     for each in files.values():
-        with _of(each[0].header, group):
-            for frame, stored, colors in decoded(each[0].header, each):
+        with _with_file_name(each[0].header, group):
+            for frame, stored, colors in decode_frames(each[0].header, each):
                 plane = places[id(frame)]
-                values = _values(frame, stored, samples.dtype)
-                samples = _widened(samples, values)
+                values = _rescale(frame, stored, samples.dtype)
+                samples = _widen(samples, values)
                 samples[plane] = values
                 if color is not None and colors is not None:
                     color[plane] = colors
     return samples, color
 
 
-def _dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:
+def _choose_dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:
     """The type of rescaled values: the stored one, int16 where 16 bits are shifted, int32, or float32."""
     heads = [frame.header for frame in group]
     real = any(head.stored[0] == 0 or head.padding or head.lut is not None for head in heads)
@@ -138,7 +147,7 @@ def _dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:
     return np.dtype(np.int16) if found == np.int32 and max(head.allocated for head in heads) <= 16 else found
 
 
-def _widened(samples: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _widen(samples: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The samples, as int32 if they are whole numbers that don't hold these values."""
     if samples.dtype.kind == "f" or np.can_cast(values.dtype, samples.dtype):
         return samples
@@ -147,7 +156,7 @@ def _widened(samples: np.ndarray, values: np.ndarray) -> np.ndarray:
     return samples if fits else samples.astype(np.int32)
 
 
-def _values(frame: Frame, stored: np.ndarray, dtype: np.dtype) -> np.ndarray:
+def _rescale(frame: Frame, stored: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Values of a frame: rescaled, MONOCHROME1 turned so that more is brighter, NaN for padding."""
     head, (slope, shift) = frame.header, frame.scale
     if is_color(head):
@@ -220,39 +229,39 @@ def rank(frames: Sequence[Frame]) -> tuple[bool, int]:
     return len(frames) > 1, sum(frame.header.size[0] * frame.header.size[1] for frame in frames)
 
 
-def grid_of(frames: Sequence[Frame], options: LoadOptions) -> Grid:
+def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     """The grid of frames of the same size and orientation. Raises InputError for slices that make no grid."""
     first = frames[0]
     across = first.spacing or (1.0, 1.0)
     unsized = () if first.spacing or first.position is None else ("no size of pixels: 1 mm is assumed",)
     unit = "mm" if first.spacing else ""
     if first.position is None or first.orientation is None:
-        return _stacked(frames, options, across, unit)
+        return _stack_by_number(frames, options, across, unit)
     # 1. the images of each place, along the normal
     axes = np.array(first.orientation).reshape(2, 3)
-    normal = normal_of(first.orientation)
+    normal = slice_normal(first.orientation)
     places = np.array([frame.position for frame in frames])
     along = places @ normal
     order = np.argsort(along, kind="stable")
-    same = np.cumsum(np.append(0, np.diff(along[order]) > _least(along, abs(first.step or 0.0))))
+    same = np.cumsum(np.append(0, np.diff(along[order]) > _least_distance(along, abs(first.step or 0.0))))
     by_place = [[frames[order[n]] for n in group] for _, group in groupby(range(len(order)), lambda n: same[n])]
-    chosen, notes = _one_each(by_place, options)
+    chosen, notes = _select_images(by_place, options)
     notes += unsized
     # 2. the planes that they are, and the even step between them
     positions = np.array([frame.position for frame in chosen])
     between = None
-    indices = np.zeros(1, np.int64) if len(chosen) == 1 else _indices(positions @ normal, chosen)
+    indices = np.zeros(1, np.int64) if len(chosen) == 1 else _plane_numbers(positions @ normal, chosen)
     if len(chosen) == 1:
         origin, step = positions[0], normal * abs(first.step or across[0])
     elif indices is None:
-        origin, step, between, told = _resampled(positions, positions @ normal, chosen)
+        origin, step, between, told = _resample_planes(positions, positions @ normal, chosen)
         notes += told
     else:
         # the even positions nearest to those of the planes, by least squares
         n = indices - indices.mean()
         step = n @ (positions - positions.mean(axis=0)) / (n @ n)
         origin = positions.mean(axis=0) - indices.mean() * step
-        notes += _told(indices, positions, origin, step)
+        notes += _check_line(indices, positions, origin, step)
     indices = np.arange(len(chosen)) if indices is None else indices
     planes: list[Frame | None] = [None] * (int(indices[-1]) + 1)
     for index, frame in zip(indices.tolist(), chosen, strict=True):
@@ -263,7 +272,7 @@ def grid_of(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     return Grid(tuple(planes), (*across, length), (x, y, z), direction, unit or "mm", "LPS", notes, between)
 
 
-def _stacked(frames: Sequence[Frame], options: LoadOptions, across: tuple[float, float], unit: str) -> Grid:
+def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tuple[float, float], unit: str) -> Grid:
     """Frames without positions, in the order of their numbers."""
     if options.array is not None:
         raise expected("array", "none, for images without positions", repr(options.array))
@@ -275,13 +284,13 @@ def _stacked(frames: Sequence[Frame], options: LoadOptions, across: tuple[float,
     return Grid(tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes)
 
 
-def _least(along: np.ndarray, step: float) -> float:
+def _least_distance(along: np.ndarray, step: float) -> float:
     """Distance below which two images are at the same place; step: from slice to slice, as the header has it, or 0."""
     widest = float(np.diff(np.sort(along)).max(initial=0))
     return max(min(SAME * widest, SAME * (step or np.inf)), 1e-4)
 
 
-def _one_each(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[Frame], tuple[str, ...]]:
+def _select_images(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[Frame], tuple[str, ...]]:
     """One image of each place: the one of that number in the order of TIMES, else the first; what is told of it."""
     each = [sorted(images, key=lambda frame: (*frame.order, frame.number)) for images in by_place]
     most, least = max(map(len, each)), min(map(len, each))
@@ -298,12 +307,12 @@ def _one_each(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[F
     return [images[number or 0] for images in each], () if number is not None else (told,)
 
 
-def _indices(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | None:
+def _plane_numbers(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | None:
     """Plane numbers of sorted places: multiples of the usual distance, where all others lack slices; consecutive ones
     where distances are about even; None of other slices, which are resampled.
     """
     apart = np.diff(along)
-    lacking = _lacking(apart, frames)
+    lacking = _find_gaps(apart, frames)
     for step in (float(np.median(apart)), float(apart.min())):
         steps = np.rint(apart / step)
         if (steps >= 1).all() and (np.abs(apart - steps * step) <= EVEN * step * np.maximum(steps, 2)).all():
@@ -319,7 +328,7 @@ def _indices(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | None:
     return indices if np.abs(off).max() <= UNEVEN * apart.mean() else None
 
 
-def _lacking(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
+def _find_gaps(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
     """bool: between which slices, so far apart, others are missing.
 
     Where slices at the least distance touch, by their thickness, those that don't lack some. Of others, those whose
@@ -338,7 +347,7 @@ def _lacking(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
     return np.asarray(multiple & (np.abs(before - after) <= EVEN * before))
 
 
-def _resampled(
+def _resample_planes(
     positions: np.ndarray, along: np.ndarray, frames: Sequence[Frame]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
     """Origin [3] and step [3] of planes at the least distance of uneven slices, their places among the slices, and what
@@ -354,7 +363,7 @@ def _resampled(
         raise expected("slices", "distances of one volume", got, "pick another series, or resample them")
     at = along[0] + least * np.arange(count)
     between = np.interp(at, along, np.arange(len(along)))
-    lacking = _lacking(apart, frames)
+    lacking = _find_gaps(apart, frames)
     inside = lacking[np.minimum(between.astype(np.int64), len(apart) - 1)]
     # half a plane belongs to the slice on either side
     near = np.abs(at - along[np.rint(between).astype(np.int64)]) <= least / 2
@@ -365,7 +374,7 @@ def _resampled(
     return start, slope * least, between, tuple(notes)
 
 
-def _told(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, step: np.ndarray) -> tuple[str, ...]:
+def _check_line(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, step: np.ndarray) -> tuple[str, ...]:
     """What is told of missing slices and uneven distances. Raises InputError for slices that leave a line."""
     length = float(np.linalg.norm(step))
     off = float(np.linalg.norm(positions - origin - indices[:, None] * step, axis=1).max()) / length
@@ -431,9 +440,9 @@ class Contents:
         return [head for head in self.others if head.modality in SEGMENTS]
 
 
-def contents(path: Path) -> Contents:
+def find_series(path: Path) -> Contents:
     """The series of a path. Raises InputError if there are none, nor segments, which says what is there instead."""
-    found = sources(path)
+    found = find_sources(path)
     if not found:
         raise expected("DICOM", "files of slices", "none", "name the folder or file that holds them")
     members: dict[str, list[Frame]] = {}
@@ -441,7 +450,7 @@ def contents(path: Path) -> Contents:
     failed: list[InputError] = []
     for source in found:
         try:
-            head, each = _frames(source)
+            head, each = _read_frames(source)
         except InputError as error:
             if len(found) == 1 or "splatgl[" in str(error):
                 raise
@@ -452,7 +461,7 @@ def contents(path: Path) -> Contents:
         else:
             others.append(head)
     if not members and not any(head.modality in SEGMENTS for head in others):
-        raise _no_images(others, failed)
+        raise _no_images_error(others, failed)
     ordered = sorted(members.values(), key=lambda each: (each[0].header.number, each[0].header.series))
     heads = [each[0].header for each in ordered]
     series = (
@@ -462,17 +471,17 @@ def contents(path: Path) -> Contents:
     return Contents(tuple(series), len(failed), tuple(others))
 
 
-def _frames(source: Source) -> tuple[Header, list[Frame]]:
+def _read_frames(source: Source) -> tuple[Header, list[Frame]]:
     """A file's header and frames, none if it is no image. Raises InputError for a damaged one."""
-    head, told = header(source)
+    head, told = read_header(source)
     if min(head.size) < 1 or head.modality in OTHERS:
         return head, []
     if not head.pixels:
         raise expected("file", "pixels behind its header", "none", "it is cut short, or holds no image")
-    return head, frames(head, told)
+    return head, list_frames(head, told)
 
 
-def _no_images(others: Sequence[Header], failed: Sequence[InputError]) -> InputError:
+def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> InputError:
     """What is there instead of images: the kind that can be converted, if there is one."""
     if not others and failed:
         return InputError(f"none of {len(failed)} DICOM files can be read: {failed[0]}")
@@ -480,7 +489,7 @@ def _no_images(others: Sequence[Header], failed: Sequence[InputError]) -> InputE
     return expected("DICOM", "images", next((OTHERS[kind] for kind in OTHERS if kind in kinds), "files without pixels"))
 
 
-def chosen(found: Sequence[Series], options: LoadOptions) -> Series:
+def select_series(found: Sequence[Series], options: LoadOptions) -> Series:
     """The series of that number, UID or end of a UID; without one, the largest. InputError for none and several."""
     if options.series is None:
         return max(found, key=lambda series: series.rank)
@@ -500,6 +509,6 @@ def chosen(found: Sequence[Series], options: LoadOptions) -> Series:
 LISTED = 5
 
 
-def lines(path: Path) -> list[str]:
+def list_series(path: Path) -> list[str]:
     """A heading, and a line for each series."""
-    return ["series", *(f"  {series}" for series in contents(path).series)]
+    return ["series", *(f"  {series}" for series in find_series(path).series)]

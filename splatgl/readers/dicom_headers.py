@@ -42,7 +42,7 @@ class Source:
             with self.path.open("rb") as file:
                 yield Bounded(file, self.path.stat().st_size)
             return
-        with zip_file(self.path) as archive, archive.open(self.member) as packed:
+        with open_zip(self.path) as archive, archive.open(self.member) as packed:
             yield Bounded(packed, archive.getinfo(self.member).file_size)
 
 
@@ -70,7 +70,7 @@ class Bounded:
 
 
 @contextmanager
-def zip_file(path: Path) -> Iterator[zipfile.ZipFile]:
+def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
     """An opened zip; its own failures, also of members that are read meanwhile, as InputError."""
     try:
         with zipfile.ZipFile(path) as archive:
@@ -84,7 +84,7 @@ def zip_file(path: Path) -> Iterator[zipfile.ZipFile]:
         raise InputError("cannot be read as zip: the file is cut short or damaged") from error
 
 
-def looks_like(head: bytes, name: str) -> bool:
+def is_dicom_start(head: bytes, name: str) -> bool:
     """Whether a file is DICOM: the magic after the preamble, or a DICOM name and the first group of a bare one."""
     return head[MAGIC_AT:] == MAGIC or (name.lower().endswith(SUFFIXES) and head.startswith(BARE))
 
@@ -92,22 +92,22 @@ def looks_like(head: bytes, name: str) -> bool:
 def is_dicom(path: Path) -> bool:
     """Whether a file is one, or a folder holds one among its first files."""
     files = islice(_files(path), MOST_TRIED) if path.is_dir() else iter([path])
-    return any(looks_like(_head(file), file.name) for file in files)
+    return any(is_dicom_start(_first_bytes(file), file.name) for file in files)
 
 
-def sources(path: Path) -> list[Source]:
+def find_sources(path: Path) -> list[Source]:
     """All DICOM files of a path, by name. Raises InputError for too many, and for a bad zip."""
     if path.is_dir():
         files = list(islice(_files(path), MOST_FILES + 1))
         found = [Source(file, file.relative_to(path).as_posix()) for file in files]
-        found = [source for source in _few(found) if looks_like(_head(source.path), source.name)]
+        found = [source for source in _limit_files(found) if is_dicom_start(_first_bytes(source.path), source.name)]
         return sorted(found, key=lambda source: source.name)
     if is_dicom(path):
         return [Source(path, path.name)]
-    return _members(path) if zipfile.is_zipfile(path) else []
+    return _zip_members(path) if zipfile.is_zipfile(path) else []
 
 
-def _few(found: list[Source]) -> list[Source]:
+def _limit_files(found: list[Source]) -> list[Source]:
     if len(found) > MOST_FILES:
         raise expected("folder", f"at most {MOST_FILES} files", "more", "name the folder of one study")
     return found
@@ -126,7 +126,7 @@ def _files(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
             yield from _files(Path(entry.path), depth - 1)
 
 
-def _head(path: Path) -> bytes:
+def _first_bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             return file.read(MAGIC_AT + len(MAGIC))
@@ -134,23 +134,23 @@ def _head(path: Path) -> bytes:
         return b""
 
 
-def _members(path: Path) -> list[Source]:
+def _zip_members(path: Path) -> list[Source]:
     """Members of a zip that are DICOM."""
-    with zip_file(path) as archive:
+    with open_zip(path) as archive:
         infos = [info for info in archive.infolist() if not info.is_dir()]
         if sum(info.compress_size for info in infos) > path.stat().st_size:
             raise expected("zip", "members beside each other", "members that overlap", "the file is damaged")
         for info in infos:
             require_plausible(info.file_size, info.compress_size)
         found = []
-        for source in _few([Source(path, info.filename, info.filename) for info in infos]):
+        for source in _limit_files([Source(path, info.filename, info.filename) for info in infos]):
             with archive.open(source.name) as file:
-                if looks_like(file.read(MAGIC_AT + len(MAGIC)), source.name):
+                if is_dicom_start(file.read(MAGIC_AT + len(MAGIC)), source.name):
                     found.append(source)
     return sorted(found, key=lambda source: source.name)
 
 
-Six = tuple[float, ...]
+Numbers = tuple[float, ...]
 
 # (0028,xxxx) and the pixels' own tags go to the decoder; the others tell the grid, the order and the list of series
 TAGS = """
@@ -217,16 +217,16 @@ class Frame:
 
     header: Header
     number: int
-    position: Six | None
-    orientation: Six | None
+    position: Numbers | None
+    orientation: Numbers | None
     spacing: tuple[float, float] | None
     step: float | None
     thickness: float | None
     scale: tuple[float, float]
-    times: Six
+    times: Numbers
 
     @property
-    def order(self) -> Six:
+    def order(self) -> Numbers:
         """Key that sorts images at one place: `times`, where NaN comes first."""
         return tuple(-math.inf if math.isnan(time) else time for time in self.times)
 
@@ -270,7 +270,7 @@ class Header:
 
 
 @contextmanager
-def reading() -> Iterator[None]:
+def dicom_errors() -> Iterator[None]:
     """Any failure of pydicom as one InputError, which never quotes it: it may quote the file, names included."""
     try:
         yield
@@ -280,10 +280,10 @@ def reading() -> Iterator[None]:
         raise InputError(f"cannot be read as DICOM ({type(error).__name__}); the file is damaged") from error
 
 
-def dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
+def read_dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
     """The tags of TAGS, and more; the file is at the element of the pixels afterwards, or at its end."""
     pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
-    with reading():
+    with dicom_errors():
         tags: list[Any] = [*TAGS.split(), *more, OVERLAY]
         found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=tags)
         if "TransferSyntaxUID" not in found.file_meta:
@@ -294,44 +294,44 @@ def dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
         return found
 
 
-def header(source: Source) -> tuple[Header, Any]:
+def read_header(source: Source) -> tuple[Header, Any]:
     """The header of a file, and its data set. Raises InputError for a damaged one."""
     with source.open() as file:
-        told = dataset(file)
+        told = read_dataset(file)
         at = file.tell()
         pixels = file.read(6)
     # an element in explicit VR, whatever the syntax says, has 12 bytes before its value, in implicit VR 8
     at += 12 if pixels[4:] in LONG_VRS else 8
-    with reading():
+    with dicom_errors():
         palette = str(told.get("PhotometricInterpretation") or "MONOCHROME2")
-        rows, columns, count = (whole(told.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
-        allocated, stored = whole(told.get("BitsAllocated"), 0), whole(told.get("BitsStored"), 0)
+        rows, columns, count = (whole_number(told.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
+        allocated, stored = whole_number(told.get("BitsAllocated"), 0), whole_number(told.get("BitsStored"), 0)
         keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
         return Header(
             source,
             series=str(told.get("SeriesInstanceUID") or ""),
-            number=whole(_lenient(told, "SeriesNumber"), -(2**31)),
+            number=whole_number(_optional(told, "SeriesNumber"), -(2**31)),
             modality=plain_text(told.get("Modality")) or "?",
-            description=plain_text(_lenient(told, "SeriesDescription")),
+            description=plain_text(_optional(told, "SeriesDescription")),
             size=(rows, columns),
             frames=max(count, 1),
             photometric=palette,
-            samples=max(whole(told.get("SamplesPerPixel"), 0), 1),
+            samples=max(whole_number(told.get("SamplesPerPixel"), 0), 1),
             allocated=allocated,
             stored=(0 if "Float" in keyword else stored or allocated, told.get("PixelRepresentation") == 1),
-            padding=_padding(told, "" if keyword == "PixelData" else keyword.removesuffix("PixelData")),
-            lut=_lut(told),
+            padding=_read_padding(told, "" if keyword == "PixelData" else keyword.removesuffix("PixelData")),
+            lut=_read_lut(told),
             syntax=str(told.file_meta.TransferSyntaxUID),
             sop=str(told.get("SOPClassUID") or told.file_meta.get("MediaStorageSOPClassUID") or ""),
             pixels=keyword,
             offset=at,
             room=max(file.size - at, 0),
             value_unit=_value_unit(told),
-            notes=_ignored(told, max(count, 1)),
+            notes=_ignored_notes(told, max(count, 1)),
         ), told
 
 
-def _ignored(told: Any, count: int) -> tuple[str, ...]:
+def _ignored_notes(told: Any, count: int) -> tuple[str, ...]:
     """Lines on what a header of so many frames states that its volume has not."""
     views = [str(each) for each in told.get("ImageType") or ()][2:3]
     found = {
@@ -343,7 +343,7 @@ def _ignored(told: Any, count: int) -> tuple[str, ...]:
         and views in (["TOMO"], ["GATED TOMO"]),
         "a negative SpacingBetweenSlices has no meaning but in nuclear medicine: taken as positive": count > 1
         and told.get("Modality") != "NM"
-        and (numbers([told.get("SpacingBetweenSlices")], 1) or (0.0,))[0] < 0
+        and (finite_numbers([told.get("SpacingBetweenSlices")], 1) or (0.0,))[0] < 0
         and "PerFrameFunctionalGroupsSequence" not in told,
     }
     return tuple(note for note, is_there in found.items() if is_there)
@@ -351,27 +351,27 @@ def _ignored(told: Any, count: int) -> tuple[str, ...]:
 
 def _value_unit(told: Any) -> str:
     """The unit of rescaled values: Hounsfield's of a CT, unless it says otherwise; of a PET its own."""
-    kind = plain_text(_lenient(told, "RescaleType")) or plain_text(_lenient(told, "Units"))
+    kind = plain_text(_optional(told, "RescaleType")) or plain_text(_optional(told, "Units"))
     if not kind and plain_text(told.get("Modality")) == "CT":
         return "HU"
     return UNITS.get(kind, "")
 
 
-def frames(of: Header, told: Any) -> list[Frame]:
+def list_frames(of: Header, told: Any) -> list[Frame]:
     """All frames of a file. Raises InputError for a damaged header, and for more frames than it has bytes."""
     if of.frames > min(of.room, MOST_FRAMES):
         this = f"at most {min(of.room, MOST_FRAMES)} frames, in {of.room} bytes"
         raise expected("pixels", this, of.frames, "the header is damaged")
-    with reading():
+    with dicom_errors():
         shared = next(iter(told.get("SharedFunctionalGroupsSequence") or ()), None)
         each = told.get("PerFrameFunctionalGroupsSequence")
         if each is not None and len(each) != of.frames:
             raise expected("frames", f"{of.frames}, as the header says", len(each), "the file is damaged")
         if each is None:
-            (first,) = [_frame(of, 0, _Groups(told, ()))]
-            return _classic(told, first) if of.frames > 1 else [first]
+            (first,) = [_read_frame(of, 0, _Groups(told, ()))]
+            return _multiframe(told, first) if of.frames > 1 else [first]
         places = (tuple(group for group in (own, shared) if group is not None) for own in each)
-        return [_frame(of, number, _Groups(told, groups)) for number, groups in enumerate(places)]
+        return [_read_frame(of, number, _Groups(told, groups)) for number, groups in enumerate(places)]
 
 
 @dataclass(frozen=True)
@@ -390,22 +390,24 @@ class _Groups:
         return self.told.get(tag)
 
 
-def _frame(of: Header, number: int, groups: _Groups) -> Frame:
+def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
     """A frame's own header."""
-    position = numbers(groups.get("ImagePositionPatient", "PlanePositionSequence"), 3)
-    orientation = numbers(groups.get("ImageOrientationPatient", "PlaneOrientationSequence"), 6)
+    position = finite_numbers(groups.get("ImagePositionPatient", "PlanePositionSequence"), 3)
+    orientation = finite_numbers(groups.get("ImageOrientationPatient", "PlaneOrientationSequence"), 6)
     detector = next(iter(groups.told.get("DetectorInformationSequence") or ()), None)
     if detector is not None and position is None:
-        position = numbers(detector.get("ImagePositionPatient"), 3)
-        orientation = orientation or numbers(detector.get("ImageOrientationPatient"), 6)
-    (thickness,) = numbers([groups.get("SliceThickness", "PixelMeasuresSequence")], 1) or (0.0,)
-    (gap,) = numbers([groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")], 1) or (0.0,)
+        position = finite_numbers(detector.get("ImagePositionPatient"), 3)
+        orientation = orientation or finite_numbers(detector.get("ImageOrientationPatient"), 6)
+    (thickness,) = finite_numbers([groups.get("SliceThickness", "PixelMeasuresSequence")], 1) or (0.0,)
+    (gap,) = finite_numbers([groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")], 1) or (0.0,)
     step = (gap if of.sop in NUCLEAR or of.modality == "NM" else abs(gap)) or abs(thickness)
-    pixel = numbers(groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.told.get("ImagerPixelSpacing"), 2)
-    dose = numbers([groups.told.get("DoseGridScaling")], 1)
-    slope = dose or numbers([groups.get("RescaleSlope", "PixelValueTransformationSequence")], 1)
-    shift = numbers([groups.get("RescaleIntercept", "PixelValueTransformationSequence")], 1)
-    times = [_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
+    pixel = finite_numbers(
+        groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.told.get("ImagerPixelSpacing"), 2
+    )
+    dose = finite_numbers([groups.told.get("DoseGridScaling")], 1)
+    slope = dose or finite_numbers([groups.get("RescaleSlope", "PixelValueTransformationSequence")], 1)
+    shift = finite_numbers([groups.get("RescaleIntercept", "PixelValueTransformationSequence")], 1)
+    times = [_read_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
     return Frame(
         of,
         number,
@@ -419,7 +421,7 @@ def _frame(of: Header, number: int, groups: _Groups) -> Frame:
     )
 
 
-def _time(groups: _Groups, tag: str, sequence: str) -> float:
+def _read_time(groups: _Groups, tag: str, sequence: str) -> float:
     """A number that orders images, NaN if there is none. A time of day HHMMSS.F is ordered as a number, too."""
     try:
         return float(str(groups.get(tag, sequence)))
@@ -427,25 +429,25 @@ def _time(groups: _Groups, tag: str, sequence: str) -> float:
         return math.nan
 
 
-def _classic(told: Any, first: Frame) -> list[Frame]:
+def _multiframe(told: Any, first: Frame) -> list[Frame]:
     """The frames of a multi-frame file without functional groups: along the normal, by what steps there are.
 
     Frames of nuclear medicine say which slice they are, and which of several images of it.
     """
     count = first.header.frames
     given = told.get("GridFrameOffsetVector")
-    offsets = numbers(given, count)
+    offsets = finite_numbers(given, count)
     if given is None and first.step:
-        slices = numbers(told.get("SliceVector"), count) or tuple(range(1, count + 1))
+        slices = finite_numbers(told.get("SliceVector"), count) or tuple(range(1, count + 1))
         offsets = tuple(first.step * (number - 1) for number in slices)
-    vectors = [numbers(told.get(tag), count) if tag.endswith("Vector") else None for tag, _, _ in TIMES]
+    vectors = [finite_numbers(told.get(tag), count) if tag.endswith("Vector") else None for tag, _, _ in TIMES]
     times = [
         tuple(found[n] if found else time for found, time in zip(vectors, first.times, strict=True))
         for n in range(count)
     ]
     if first.position is None or first.orientation is None or offsets is None:
         return [replace(first, number=number, position=None, times=times[number]) for number in range(count)]
-    normal, start = normal_of(first.orientation), np.array(first.position)
+    normal, start = slice_normal(first.orientation), np.array(first.position)
     if given is not None and offsets[0] and abs(offsets[0] - start[2]) < 1e-3:
         # of a dose, offsets that begin with the position's z are places along z (PS3.3 C.8.8.3.2)
         normal = np.array([0.0, 0.0, 1.0])
@@ -453,13 +455,13 @@ def _classic(told: Any, first: Frame) -> list[Frame]:
     return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
 
 
-def normal_of(orientation: Six) -> np.ndarray:
+def slice_normal(orientation: Numbers) -> np.ndarray:
     """The unit normal [3] of an image: rows' direction × columns' direction."""
     normal = np.cross(orientation[:3], orientation[3:])
     return np.asarray(normal / np.linalg.norm(normal))
 
 
-def _unit_axes(orientation: Six | None) -> Six | None:
+def _unit_axes(orientation: Numbers | None) -> Numbers | None:
     """Both directions with length 1; None if they are no directions."""
     if orientation is None:
         return None
@@ -470,7 +472,7 @@ def _unit_axes(orientation: Six | None) -> Six | None:
     return tuple((axes / lengths).ravel().tolist())
 
 
-def _lenient(told: Any, tag: str) -> Any:
+def _optional(told: Any, tag: str) -> Any:
     """The value of a tag that can be done without: None if it is damaged."""
     try:
         return told.get(tag)
@@ -478,37 +480,37 @@ def _lenient(told: Any, tag: str) -> Any:
         return None
 
 
-def _padding(told: Any, pixels: str) -> tuple[float, float] | None:
+def _read_padding(told: Any, pixels: str) -> tuple[float, float] | None:
     """The range of stored values that stand for nothing. Zero is no such value: MRI pads with its background.
 
     pixels: "Float" or "DoubleFloat" of floating-point pixels, else "".
     """
     tags = (f"{pixels}PixelPadding{name}" for name in ("Value", "RangeLimit"))
-    found = [_as_stored(told, tag) if not pixels else numbers([told.get(tag)], 1) for tag in tags]
+    found = [_stored_number(told, tag) if not pixels else finite_numbers([told.get(tag)], 1) for tag in tags]
     first, last = found[0], found[1] or found[0]
     if not first or not last or first[0] == 0:
         return None
     return min(first[0], last[0]), max(first[0], last[0])
 
 
-def _as_stored(told: Any, tag: str) -> Six | None:
+def _stored_number(told: Any, tag: str) -> Numbers | None:
     """The number of a tag that is of the pixels' type (US or SS), whatever the file writes: its bits as pixels."""
     value = told.get(tag)
     if isinstance(value, bytes) and len(value) == 2:
         value = int.from_bytes(value, "little" if told.original_encoding[1] else "big")
-    found = numbers([value], 1)
-    return None if found is None else (_wrapped(told, found[0]),)
+    found = finite_numbers([value], 1)
+    return None if found is None else (_wrap_sign(told, found[0]),)
 
 
-def _wrapped(told: Any, value: float) -> float:
+def _wrap_sign(told: Any, value: float) -> float:
     """A number of 16 bits as the type of the pixels has it: 63536 is −2000 of signed ones, and the reverse."""
-    signed, bits = told.get("PixelRepresentation") == 1, whole(told.get("BitsAllocated"), 16)
+    signed, bits = told.get("PixelRepresentation") == 1, whole_number(told.get("BitsAllocated"), 16)
     if bits > 16 or not -(2**15) <= value < 2**16:
         return value
     return value - 2**16 if signed and value >= 2**15 else value + 2**16 if not signed and value < 0 else value
 
 
-def _lut(told: Any) -> tuple[int, np.ndarray] | None:
+def _read_lut(told: Any) -> tuple[int, np.ndarray] | None:
     """First stored value and entries of the modality LUT; None without one. Raises for a damaged one."""
     items = told.get("ModalityLUTSequence")
     if not items:
@@ -523,10 +525,10 @@ def _lut(told: Any) -> tuple[int, np.ndarray] | None:
         or not 8 <= bits <= 16
     ):
         raise expected("modality LUT", "as many entries as its descriptor says", len(wide), "the header is damaged")
-    return int(_wrapped(told, first)), wide.astype(np.int64)
+    return int(_wrap_sign(told, first)), wide.astype(np.int64)
 
 
-def numbers(value: Any, count: int) -> Six | None:
+def finite_numbers(value: Any, count: int) -> Numbers | None:
     """That many finite numbers; None for anything else."""
     try:
         found = tuple(float(each) for each in value)
@@ -535,7 +537,7 @@ def numbers(value: Any, count: int) -> Six | None:
     return found if len(found) == count and all(map(math.isfinite, found)) else None
 
 
-def whole(value: Any, least: int) -> int:
+def whole_number(value: Any, least: int) -> int:
     """A whole number; `least` for none and for less."""
     try:
         return max(int(value), least)

@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.data.color import LUMA
 from splatgl.errors import expected, missing_extra
 from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, require_bytes
-from splatgl.readers.dicom_headers import Bounded, Frame, Header, dataset, reading
+from splatgl.readers.dicom_headers import Bounded, Frame, Header, dicom_errors, read_dataset
 
 # most tiles of a JPEG 2000 picture: its decoder allocates all of them at once
 MOST_TILES = 4096
@@ -20,7 +20,7 @@ MOST_TILES = 4096
 JP2 = b"\0\0\0\x0cjP  "
 
 
-def stream_size(data: bytes) -> tuple[tuple[int, ...], int]:
+def picture_size(data: bytes) -> tuple[tuple[int, ...], int]:
     """((rows, columns), tiles) of a JPEG, JPEG-LS or JPEG 2000 picture; ((), 0) without a header."""
     at = data.find(b"\xff\x4f\xff\x51") if data.startswith(JP2) else 0
     if data[at : at + 4] == b"\xff\x4f\xff\x51" and len(data) >= at + 42:
@@ -58,12 +58,14 @@ def is_color(header: Header) -> bool:
 
 def check_header(header: Header) -> None:
     """InputError for pixels that are not read, and for sizes that the file cannot hold."""
-    uid = decoder_of(header.syntax)
+    uid = find_decoder(header.syntax)
     rows, columns = header.size
     fine = header.photometric in GREYS if header.samples == 1 else header.samples == 3 and is_color(header)
     if not fine and not (header.samples == 1 and header.photometric == PALETTE):
         this = "grey, RGB, YBR or palette pixels"
-        raise expected("pixels", this, f"{header.samples} × {printable(header.photometric)}", "convert the file")
+        raise expected(
+            "pixels", this, f"{header.samples} × {known_photometric(header.photometric)}", "convert the file"
+        )
     if header.allocated not in (8, 16, 32, 64) or (is_color(header) and header.allocated > 16):
         raise expected("pixels", "8 to 32 bits each, colours 8 or 16", f"{header.allocated} bits", "convert the file")
     if not 0 <= header.stored[0] <= header.allocated:
@@ -82,14 +84,14 @@ def frame_bytes(header: Header) -> int:
     """Bytes of a frame as it is stored without compression."""
     rows, columns = header.size
     pixels = rows * columns * header.samples * header.allocated // 8
-    return pixels * 2 // 3 if header.photometric == "YBR_FULL_422" and decoder_of(header.syntax).is_native else pixels
+    return pixels * 2 // 3 if header.photometric == "YBR_FULL_422" and find_decoder(header.syntax).is_native else pixels
 
 
-def decoder_of(syntax: str) -> Any:
+def find_decoder(syntax: str) -> Any:
     """pydicom's decoder. Raises InputError where there is none, or what it needs is not installed."""
     from pydicom.pixels.decoders.base import get_decoder
 
-    with reading():
+    with dicom_errors():
         try:
             found = get_decoder(syntax)
         except NotImplementedError:
@@ -109,16 +111,16 @@ def decoder_of(syntax: str) -> Any:
 UID_NAMES = {"1.2.840.10008.1.2.4.50": "JPEG Baseline", "1.2.840.10008.1.2.4.70": "JPEG Lossless"}
 
 
-def decoded(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray, np.ndarray | None]]:
+def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray, np.ndarray | None]]:
     """(frame, stored values [H, W], colours uint8 [H, W, 3] or None) of frames of one file, by their numbers."""
-    decoder = decoder_of(header.syntax)
+    decoder = find_decoder(header.syntax)
     with header.source.open() as file:
-        told = dataset(file)
+        told = read_dataset(file)
         wanted = {frame.number: frame for frame in frames}
-        for number, data in _stored(file, header, sorted(wanted)):
-            with reading():
+        for number, data in _read_stored(file, header, sorted(wanted)):
+            with dicom_errors():
                 array = _decode(decoder, header, data, told)
-                color = _colors(array, header, told) if is_color(header) else None
+                color = _to_rgb(array, header, told) if is_color(header) else None
             if array.shape[:2] != header.size:
                 raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
             if color is not None:
@@ -126,9 +128,9 @@ def decoded(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Frame, np
             yield wanted[number], array, color
 
 
-def _stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tuple[int, bytes]]:
+def _read_stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tuple[int, bytes]]:
     """(number, bytes) of the frames as they are in the file."""
-    decoder = decoder_of(header.syntax)
+    decoder = find_decoder(header.syntax)
     file.seek(header.offset)
     if not decoder.is_encapsulated:
         size = frame_bytes(header)
@@ -140,7 +142,7 @@ def _stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tu
         return
     from pydicom.encaps import generate_frames
 
-    with reading():
+    with dicom_errors():
         found = generate_frames(file, number_of_frames=header.frames)
         last = -1
         for number in wanted:
@@ -169,14 +171,14 @@ def _decode(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
 
 def _check_stream(data: bytes, header: Header) -> None:
     """InputError if a JPEG or JPEG 2000 picture has another size than the header says, or too many tiles."""
-    size, tiles = stream_size(data)
+    size, tiles = picture_size(data)
     if size != header.size or not 1 <= tiles <= MOST_TILES:
         rows, columns = header.size
         got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
         raise expected("compressed picture", f"{columns} × {rows} pixels", got, "the file is damaged")
 
 
-def _colors(array: np.ndarray, header: Header, told: Any) -> np.ndarray:
+def _to_rgb(array: np.ndarray, header: Header, told: Any) -> np.ndarray:
     """RGB, uint8 [H, W, 3]."""
     if header.photometric == PALETTE:
         from pydicom.pixels.processing import apply_color_lut
@@ -188,6 +190,6 @@ def _colors(array: np.ndarray, header: Header, told: Any) -> np.ndarray:
     return np.clip(array, 0, 255).astype(np.uint8)
 
 
-def printable(text: str) -> str:
+def known_photometric(text: str) -> str:
     """A code word of DICOM; anything else, which a damaged file may hold, is not shown."""
     return text if text in (*COLORS, *GREYS, PALETTE, "ARGB", "CMYK", "HSV") else "unknown"

@@ -15,21 +15,21 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
-from splatgl.readers.channels import Channel, Several, rgb_of
+from splatgl.readers.channels import Channel, ChannelSet, hex_color
 from splatgl.readers.common import require_bytes
 from splatgl.readers.dicom_headers import (
     Frame,
     Header,
     Source,
-    dataset,
-    frames,
-    header,
-    normal_of,
-    numbers,
+    dicom_errors,
+    finite_numbers,
+    list_frames,
     plain_text,
-    reading,
+    read_dataset,
+    read_header,
+    slice_normal,
 )
-from splatgl.readers.dicom_pixels import check_header, decoded, decoder_of
+from splatgl.readers.dicom_pixels import check_header, decode_frames, find_decoder
 from splatgl.readers.options import LoadOptions
 
 # kinds of files that are read here, and their tags beside those of images
@@ -67,16 +67,16 @@ def read(source: Source, kind: str, options: LoadOptions) -> Volume:
     if options.array is not None or options.series is not None:
         raise expected("array and series", "none, for segments", "one of them", "pick segments by --only-labels")
     with source.open() as file:
-        told = dataset(file, TAGS[kind])
-    head, _ = header(source)
-    with reading():
-        table = _segments(told) if kind == "SEG" else _regions(told)
-        grid, masks, notes = (_of_frames if kind == "SEG" else _of_contours)(head, told, table)
-        layers, left = _packed(grid, table, masks)
-    return _volume(grid, layers, (*notes, *left), options)
+        told = read_dataset(file, TAGS[kind])
+    head, _ = read_header(source)
+    with dicom_errors():
+        table = _segment_labels(told) if kind == "SEG" else _region_labels(told)
+        grid, masks, notes = (_frame_masks if kind == "SEG" else _contour_masks)(head, told, table)
+        layers, left = _pack_layers(grid, table, masks)
+    return _join_layers(grid, layers, (*notes, *left), options)
 
 
-def _volume(
+def _join_layers(
     grid: Grid, layers: Sequence[tuple[np.ndarray, tuple[Label, ...]]], notes: tuple[str, ...], options: LoadOptions
 ) -> Volume:
     """The volume of layers: samples [D, H, W] and what their numbers mean."""
@@ -84,7 +84,7 @@ def _volume(
         ", ".join(label.name for label in labels) if len(labels) < 4 else f"segments {n}"
         for n, (_, labels) in enumerate(layers)
     ]
-    told = Several(tuple(map(Channel, names)) if len(layers) > 1 else (), together=True)
+    told = ChannelSet(tuple(map(Channel, names)) if len(layers) > 1 else (), together=True)
 
     def one(channel: int | None) -> Volume:
         samples, labels = layers[channel or 0]
@@ -96,7 +96,7 @@ def _volume(
     return replace(volume, labels=tuple(sorted(every, key=lambda label: label.number))) if every else volume
 
 
-def _packed(
+def _pack_layers(
     grid: Grid, table: Sequence[Label], masks: Callable[[int], Iterator[tuple[int, np.ndarray]]]
 ) -> tuple[list[tuple[np.ndarray, tuple[Label, ...]]], tuple[str, ...]]:
     """Each segment in the first layer where it overlaps no other; what is told of those that are left out."""
@@ -132,17 +132,17 @@ def _packed(
 # --- segmentations ----------------------------------------------------------------------------------------------------
 
 
-def _segments(told: Any) -> tuple[Label, ...]:
+def _segment_labels(told: Any) -> tuple[Label, ...]:
     """Number, name and colour of each segment."""
     items = list(told.get("SegmentSequence") or ())
     if not 1 <= len(items) <= MOST_SEGMENTS:
         raise expected("segments", f"1 to {MOST_SEGMENTS}", len(items), "the file is damaged")
     found = {}
     for item in items:
-        lab = numbers(item.get("RecommendedDisplayCIELabValue"), 3)
+        lab = finite_numbers(item.get("RecommendedDisplayCIELabValue"), 3)
         number = int(item.SegmentNumber)
         if 0 < number < 2**16:
-            found[number] = Label(number, plain_text(item.get("SegmentLabel")), rgb_of(_srgb(lab)) if lab else None)
+            found[number] = Label(number, plain_text(item.get("SegmentLabel")), hex_color(_srgb(lab)) if lab else None)
     return tuple(found.values())
 
 
@@ -157,31 +157,31 @@ def _srgb(lab: Sequence[float]) -> list[int]:
     return [round(part * 255) for part in srgb_from_linear(np.clip(linear, 0.0, 1.0)).tolist()]
 
 
-def _of_frames(
+def _frame_masks(
     head: Header, told: Any, table: Sequence[Label]
 ) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
     """The grid of a segmentation's frames, its planes of a segment, and what is told."""
     rows, columns = head.size
     kind = str(told.get("SegmentationType") or "BINARY").upper()
     if head.allocated == 1:
-        if decoder_of(head.syntax).is_encapsulated or head.samples != 1:
+        if find_decoder(head.syntax).is_encapsulated or head.samples != 1:
             raise expected("pixels", "plain ones of 1 bit", "others", "convert the file")
         require_bytes(-(-rows * columns * head.frames // 8), head.room, "pixels")
     else:
         check_header(head)
-    each = frames(head, told)
+    each = list_frames(head, told)
     if any(frame.position is None or frame.orientation is None or frame.spacing is None for frame in each):
         raise expected(
             "segments", "slices with positions, orientations and sizes of pixels", "none", "convert the file"
         )
-    grid, planes = _placed(each, (rows, columns))
-    owners = [0] * len(each) if kind == "LABELMAP" else _owners(told, len(each))
-    most = float((numbers([told.get("MaximumFractionalValue")], 1) or (255.0,))[0])
+    grid, planes = _place_frames(each, (rows, columns))
+    owners = [0] * len(each) if kind == "LABELMAP" else _frame_segments(told, len(each))
+    most = float((finite_numbers([told.get("MaximumFractionalValue")], 1) or (255.0,))[0])
 
     def masks(number: int) -> Iterator[tuple[int, np.ndarray]]:
         mine = [frame for frame, owner in zip(each, owners, strict=True) if owner == number or kind == "LABELMAP"]
         found: dict[int, np.ndarray] = {}
-        for frame, values in _pixels(head, mine):
+        for frame, values in _frame_values(head, mine):
             mask = (
                 values == number if kind == "LABELMAP" else values * 2.0 >= most if kind == "FRACTIONAL" else values > 0
             )
@@ -192,7 +192,7 @@ def _of_frames(
     return grid, masks, ("fractions of segments are drawn from a half on",) * (kind == "FRACTIONAL")
 
 
-def _owners(told: Any, count: int) -> list[int]:
+def _frame_segments(told: Any, count: int) -> list[int]:
     """The number of the segment that each frame is of."""
     shared = next(iter(told.get("SharedFunctionalGroupsSequence") or ()), None)
     own = list(told.get("PerFrameFunctionalGroupsSequence") or [None] * count)
@@ -205,10 +205,10 @@ def _owners(told: Any, count: int) -> list[int]:
     return found
 
 
-def _pixels(head: Header, mine: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray]]:
+def _frame_values(head: Header, mine: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray]]:
     """Frames and their stored values [H, W]."""
     if head.allocated != 1:
-        yield from ((frame, stored) for frame, stored, _ in decoded(head, mine))
+        yield from ((frame, stored) for frame, stored, _ in decode_frames(head, mine))
         return
     size = head.size[0] * head.size[1]
     with head.source.open() as file:
@@ -222,14 +222,14 @@ def _pixels(head: Header, mine: Sequence[Frame]) -> Iterator[tuple[Frame, np.nda
             yield frame, bits.reshape(head.size)
 
 
-def _placed(each: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:
+def _place_frames(each: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:
     """The grid of frames, and the planes that each frame, by its number, is in: one, or those that its thickness spans
     where places are no multiples of a step.
     """
     first = each[0]
     assert first.orientation is not None and first.spacing is not None
     axes = np.array(first.orientation).reshape(2, 3)
-    normal = normal_of(first.orientation)
+    normal = slice_normal(first.orientation)
     positions = np.array([frame.position for frame in each])
     if np.abs(np.array([frame.orientation for frame in each]) - first.orientation).max() > 2e-3:
         raise expected("segments", "frames of one orientation", "several", "convert the file")
@@ -268,20 +268,20 @@ def _is_multiple(apart: np.ndarray, step: float) -> bool:
 # --- contours ---------------------------------------------------------------------------------------------------------
 
 
-def _regions(told: Any) -> tuple[Label, ...]:
+def _region_labels(told: Any) -> tuple[Label, ...]:
     """Number, name and colour of each region of interest that has contours."""
     names = {int(item.ROINumber): plain_text(item.get("ROIName")) for item in told.get("StructureSetROISequence") or ()}
     found = {}
     for item in list(told.get("ROIContourSequence") or ())[:MOST_SEGMENTS]:
-        number, color = int(item.ReferencedROINumber), numbers(item.get("ROIDisplayColor"), 3)
+        number, color = int(item.ReferencedROINumber), finite_numbers(item.get("ROIDisplayColor"), 3)
         if item.get("ContourSequence") and 0 < number < 2**16:
-            found[number] = Label(number, names.get(number, ""), rgb_of([int(c) for c in color]) if color else None)
+            found[number] = Label(number, names.get(number, ""), hex_color([int(c) for c in color]) if color else None)
     if not found:
         raise expected("contours", "some", "none")
     return tuple(found.values())
 
 
-def _of_contours(
+def _contour_masks(
     head: Header, told: Any, table: Sequence[Label]
 ) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
     """A grid that holds all contours, its planes inside those of a region, and what is told."""
@@ -305,7 +305,7 @@ def _of_contours(
     every = [points for mine in regions.values() for some in mine.values() for points in some]
     if not every:
         raise expected("contours", "closed ones in axial planes", "others", "convert the file")
-    grid = _grid_of(every, np.unique([z for mine in regions.values() for z in mine]))
+    grid = _contour_grid(every, np.unique([z for mine in regions.values() for z in mine]))
     at = grid.origin[2] + grid.spacing[2] * np.arange(grid.shape[0])
     told_of = (
         f"contours are filled on a grid of {grid.spacing[0]:.3g} × {grid.spacing[1]:.3g} × {grid.spacing[2]:.3g} mm"
@@ -319,12 +319,12 @@ def _of_contours(
         for n, z in enumerate(at):
             k = int(np.abs(places - z).argmin())
             if abs(places[k] - z) <= thick / 2 * (1 + 1e-6):
-                yield n, _filled(mine[float(places[k])], grid)
+                yield n, _fill_contours(mine[float(places[k])], grid)
 
     return grid, masks, (told_of, *notes)
 
 
-def _grid_of(every: Sequence[np.ndarray], places: np.ndarray) -> Grid:
+def _contour_grid(every: Sequence[np.ndarray], places: np.ndarray) -> Grid:
     """Axial planes at the contours' distance, as fine as MOST_VOXELS permits."""
     low, high = (np.array([pick(points, axis=0) for points in every]) for pick in (np.min, np.max))
     low, high = low.min(axis=0), high.max(axis=0)
@@ -343,7 +343,7 @@ def _grid_of(every: Sequence[np.ndarray], places: np.ndarray) -> Grid:
     return Grid((count, rows, columns), (size, size, step), (x, y, float(places[0])), np.eye(3))
 
 
-def _filled(contours: Sequence[np.ndarray], grid: Grid) -> np.ndarray:
+def _fill_contours(contours: Sequence[np.ndarray], grid: Grid) -> np.ndarray:
     """bool [H, W]: which centres of voxels an odd number of contours [N, 2] go around, so that inner ones are holes."""
     _, rows, columns = grid.shape
     crossed = np.zeros((rows, columns + 1), np.int32)

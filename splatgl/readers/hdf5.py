@@ -24,17 +24,26 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, Lattice, axes_of, kind_of, lattice, stated, unit_name
+from splatgl.data.affine import (
+    METRES,
+    Coordinate,
+    Lattice,
+    axis_kind,
+    make_lattice,
+    spacing_and_direction,
+    unit_name,
+    value_unit_name,
+)
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import Choice, InputError, expected, import_extra
-from splatgl.fileio import WHOLE, byte_count
-from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several
+from splatgl.fileio import WHOLE_BYTES, byte_count
+from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, ChannelSet
 from splatgl.readers.chunked import Chunked, Packing
 from splatgl.readers.common import (
     CHUNK_BYTES,
     DEFLATE_RATIO,
     MAX_BYTES,
-    library,
+    decoder_errors,
     map_array,
     require_bytes,
     require_plausible,
@@ -68,17 +77,19 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """
     file = open_hdf5(path)
     # all that a file says is untrusted: any failure is attributed to it
-    with library("HDF5"):
-        dataset = _chosen(file, options)
-        kinds = _kinds(dataset)
-        axes = _axes(dataset.shape, kinds)
+    with decoder_errors("HDF5"):
+        dataset = _select_dataset(file, options)
+        kinds = _axis_kinds(dataset)
+        axes = _find_axes(dataset.shape, kinds)
         if axes is None:
             this = "three axes, and a first or last one of few channels"
-            raise expected(dataset.name, this, _size(dataset.shape), "label its dimensions, or save one part of it")
+            raise expected(
+                dataset.name, this, _join_shape(dataset.shape), "label its dimensions, or save one part of it"
+            )
         time = next((axis for axis in axes.others if kinds[axis] == "time"), None)
-        told = _several(path, dataset, axes, time, options)
+        told = _find_channels(path, dataset, axes, time, options)
         grid = _grid(path, dataset, axes, options)
-        spacing, direction = axes_of(grid.matrix, "spacing")
+        spacing, direction = spacing_and_direction(grid.matrix, "spacing")
 
         def one(channel: int | None) -> Volume:
             extra: dict[int, tuple[str, int | None]] = {
@@ -89,9 +100,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
             if time is not None:
                 extra[time] = ("time", options.time or 0)
             index = selection(dataset.shape, extra)
-            samples: Any = samples_of(path, dataset, index, options.anywhere, _packed(dataset))
+            samples: Any = read_samples(path, dataset, index, options.anywhere, _read_packing(dataset))
             return Volume(
-                grid.resampled(_turned(samples, axes)),
+                grid.resampled(_transpose(samples, axes)),
                 spacing,
                 triple(grid.origin, "origin"),
                 direction,
@@ -104,89 +115,91 @@ def read(path: Path, options: LoadOptions) -> Volume:
         return told.volume(replace(options, array=None), one)
 
 
-def _several(path: Path, dataset: Any, axes: _Axes, time: int | None, options: LoadOptions) -> Several:
+def _find_channels(path: Path, dataset: Any, axes: _Axes, time: int | None, options: LoadOptions) -> ChannelSet:
     """The time points, and the channels by their numbers, if one axis beside them is left."""
     others = [axis for axis in axes.others if axis != time]
     count = dataset.shape[others[0]] if len(others) == 1 else 1
     channels = tuple(Channel(str(n)) for n in range(count)) if 1 < count <= MOST_CHANNELS else ()
     components = 1 if count == 1 and not others else MOST_CHANNELS**2
     if time is None:
-        return Several(channels, components=components)
+        return ChannelSet(channels, components=components)
     step = _time_step(path, dataset, time, options)
-    return Several(channels, False, dataset.shape[time], step, components)
+    return ChannelSet(channels, False, dataset.shape[time], step, components)
 
 
-def contents(path: Path) -> list[str]:
+def list_datasets(path: Path) -> list[str]:
     """A line per dataset: name, type and shape; those that may be volumes begin with a star."""
-    with library("HDF5"), open_hdf5(path) as file:
-        found = datasets(file)
-        return [f"{'*' if _may_be(node) else ' '} {name}   {_told(node)}" for name, node in found.items()]
+    with decoder_errors("HDF5"), open_hdf5(path) as file:
+        found = find_datasets(file)
+        return [
+            f"{'*' if _is_volume(node) else ' '} {name}   {_describe_dataset(node)}" for name, node in found.items()
+        ]
 
 
-def _told(node: Any) -> str:
-    return f"{node.dtype if is_numbers(node) else 'no numbers'} {_size(node.shape or ())}"
+def _describe_dataset(node: Any) -> str:
+    return f"{node.dtype if has_real_numbers(node) else 'no numbers'} {_join_shape(node.shape or ())}"
 
 
-def _size(shape: tuple[int, ...]) -> str:
+def _join_shape(shape: tuple[int, ...]) -> str:
     return "×".join(map(str, shape)) or "one value"
 
 
-def _chosen(file: Any, options: LoadOptions) -> Any:
+def _select_dataset(file: Any, options: LoadOptions) -> Any:
     """The dataset that is asked for, else the only one that may be a volume."""
     if options.array is not None:
-        node = node_at(file, str(options.array), options.anywhere)
-        if not hasattr(node, "shape") or not is_numbers(node):
-            every = datasets(file)
-            names = [name for name, each in every.items() if _may_be(each)] or list(every)
+        node = find_node(file, str(options.array), options.anywhere)
+        if not hasattr(node, "shape") or not has_real_numbers(node):
+            every = find_datasets(file)
+            names = [name for name, each in every.items() if _is_volume(each)] or list(every)
             got = f"the group {options.array!r}" if hasattr(node, "keys") else repr(options.array)
             raise expected("array", f"a dataset of real numbers: {', '.join(names) or 'the file has no dataset'}", got)
         return node
-    found = datasets(file)
-    volumes = [node for node in found.values() if _may_be(node)]
+    found = find_datasets(file)
+    volumes = [node for node in found.values() if _is_volume(node)]
     if len(volumes) != 1:
-        listed = ", ".join(f"{name} {_size(node.shape or ())}" for name, node in found.items()) or "nothing"
+        listed = ", ".join(f"{name} {_join_shape(node.shape or ())}" for name, node in found.items()) or "nothing"
         told = f"{len(volumes) or 'none'} in {listed}"
         error = expected("datasets", "one volume", told, "pick one with array=/NAME, or FILE:/NAME")
         raise Choice(str(error), "array", []) if volumes else error
     return volumes[0]
 
 
-def _may_be(node: Any) -> bool:
+def _is_volume(node: Any) -> bool:
     """Whether a dataset is plausibly a volume: of real numbers, with three axes of space that are longer than one."""
-    if not is_numbers(node):
+    if not has_real_numbers(node):
         return False
-    axes = _axes(node.shape, _kinds(node))
+    axes = _find_axes(node.shape, _axis_kinds(node))
     return axes is not None and min(node.shape[axis] for axis in axes.space) > 1
 
 
-def _kinds(dataset: Any) -> list[str]:
+def _axis_kinds(dataset: Any) -> list[str]:
     """What each axis is, see `kind_of`: by labels, by "axistags", or by dimension scales."""
-    scales = scales_of(dataset) or [None] * len(dataset.shape)
-    names = [text.lower() for text in texts_of(dataset, "DIMENSION_LABELS")]
+    scales = dimension_scales(dataset) or [None] * len(dataset.shape)
+    names = [text.lower() for text in attribute_texts(dataset, "DIMENSION_LABELS")]
     if not any(names) and "axistags" in dataset.attrs:
         try:
-            names = [str(axis["key"]).lower() for axis in json.loads(text_of(dataset, "axistags"))["axes"]]
+            names = [str(axis["key"]).lower() for axis in json.loads(attribute_text(dataset, "axistags"))["axes"]]
         except (ValueError, KeyError, TypeError, RecursionError):
             names = []
     if not any(names):
-        names = ["" if scale is None else _name(scale) for scale in scales]
+        names = ["" if scale is None else _last_name(scale) for scale in scales]
     if len(names) != len(dataset.shape):
         return [""] * len(dataset.shape)
     return [
-        kind_of(name, {} if scale is None else _attributes(scale)) for name, scale in zip(names, scales, strict=True)
+        axis_kind(name, {} if scale is None else _attributes(scale)) for name, scale in zip(names, scales, strict=True)
     ]
 
 
-def _name(node: Any) -> str:
+def _last_name(node: Any) -> str:
     return str(node.name).rsplit("/", 1)[-1]
 
 
 def _attributes(scale: Any) -> dict[str, str]:
     """What a dimension scale tells of its axis."""
-    return {name: text_of(scale, name) for name in ("units", "unit", "positive", "standard_name", "axis")}
+    return {name: attribute_text(scale, name) for name in ("units", "unit", "positive", "standard_name", "axis")}
 
 
-def _axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
+def _find_axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
     """The axes of space: those that are told, else three of them without those of one entry, and without a short first
     or last one of four; None if they are not clear.
     """
@@ -209,7 +222,7 @@ def _axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
     return _Axes((z, y, x), tuple(axis for axis in long if axis not in free))
 
 
-def _turned(samples: Any, axes: _Axes) -> Any:
+def _transpose(samples: Any, axes: _Axes) -> Any:
     """Samples in the order z, y, x."""
     order = np.argsort(axes.space).tolist()
     if order == [0, 1, 2]:
@@ -219,47 +232,51 @@ def _turned(samples: Any, axes: _Axes) -> Any:
     return samples.transpose(np.argsort(order).tolist())
 
 
-def _packed(dataset: Any) -> Packing | None:
+def _read_packing(dataset: Any) -> Packing | None:
     """How NetCDF packs the numbers, None if they are values."""
-    told = {name: numbers_of(dataset, name) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")}
+    told = {
+        name: attribute_numbers(dataset, name) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
+    }
     scale, offset, *fills = (None if found is None or found.size != 1 else float(found[0]) for found in told.values())
     return Packing.of(scale, offset, next((fill for fill in fills if fill is not None and np.isfinite(fill)), None))
 
 
 def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattice:
     """The grid of the axes of space."""
-    scales = _coordinates(dataset, axes)
+    scales = _find_scales(dataset, axes)
     sizes = [dataset.shape[axis] for axis in axes.space]
     plain = [Coordinate(name, size) for name, size in zip("zyx", sizes, strict=True)]
     for name in () if all(scale is not None for scale in scales) else _SPACINGS:
-        given = _steps(numbers_of(dataset, name), len(dataset.shape), axes)
+        given = _steps(attribute_numbers(dataset, name), len(dataset.shape), axes)
         if given is not None:
             unit = "um" if name == "element_size_um" else _unit(dataset)
-            return replace(lattice(plain), matrix=np.diag(given[::-1]), unit=unit)
+            return replace(make_lattice(plain), matrix=np.diag(given[::-1]), unit=unit)
     told = [
-        known if scale is None else Coordinate.of(_name(scale), _places(path, scale, options), _attributes(scale))
+        known
+        if scale is None
+        else Coordinate.of(_last_name(scale), _read_scale(path, scale, options), _attributes(scale))
         for known, scale in zip(plain, scales, strict=True)
     ]
-    grid = lattice(told, dataset.name, even=options.spacing is not None)
-    named = text_of(dataset, "coordinates").split()
+    grid = make_lattice(told, dataset.name, even=options.spacing is not None)
+    named = attribute_text(dataset, "coordinates").split()
     # coordinates along two axes at once, of curved grids
-    curved = [name for name in named if kind_of(name, {}) in ("x", "y")] if None in scales[1:] else []
+    curved = [name for name in named if axis_kind(name, {}) in ("x", "y")] if None in scales[1:] else []
     note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
     return replace(grid, notes=(*grid.notes, *[note] * bool(curved)))
 
 
-def _places(path: Path, scale: Any, options: LoadOptions) -> np.ndarray:
-    return np.asarray(samples_of(path, scale, [slice(None)], options.anywhere)[:], np.float64)
+def _read_scale(path: Path, scale: Any, options: LoadOptions) -> np.ndarray:
+    return np.asarray(read_samples(path, scale, [slice(None)], options.anywhere)[:], np.float64)
 
 
 def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
     """Seconds between two time points, if the scale of their axis says so: CF's "hours since …" too."""
-    scales = scales_of(dataset)
+    scales = dimension_scales(dataset)
     scale = scales[axis] if axis < len(scales) else None
     if not _is_scale(scale, dataset.shape[axis]):
         return None
-    unit = SECONDS.get((text_of(scale, "units") or text_of(scale, "unit")).split(" ")[0].lower())
-    places = _places(path, scale, options)
+    unit = SECONDS.get((attribute_text(scale, "units") or attribute_text(scale, "unit")).split(" ")[0].lower())
+    places = _read_scale(path, scale, options)
     steps = np.diff(places)
     even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
     return float(steps[0]) * unit if unit and even and steps[0] > 0 else None
@@ -267,19 +284,19 @@ def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> flo
 
 def _unit(node: Any) -> str:
     """The unit of length that is stated, "" for none; NetCDF's is mostly that of the values."""
-    found = {unit_name(text_of(node, name)) for name in ("unit", "units")} & set(METRES)
+    found = {unit_name(attribute_text(node, name)) for name in ("unit", "units")} & set(METRES)
     return found.pop() if len(found) == 1 else ""
 
 
 def _value_unit(dataset: Any) -> str:
     """The unit of values; a length may as well be that of the grid."""
-    told = text_of(dataset, "units") or text_of(dataset, "unit")
-    return "" if unit_name(told) in METRES else stated(told)
+    told = attribute_text(dataset, "units") or attribute_text(dataset, "unit")
+    return "" if unit_name(told) in METRES else value_unit_name(told)
 
 
-def _coordinates(dataset: Any, axes: _Axes) -> list[Any]:
+def _find_scales(dataset: Any, axes: _Axes) -> list[Any]:
     """The dimension scales of the axes of space, None for one without a number per sample."""
-    found = scales_of(dataset)
+    found = dimension_scales(dataset)
     return [
         found[axis] if axis < len(found) and _is_scale(found[axis], dataset.shape[axis]) else None
         for axis in axes.space
@@ -289,8 +306,8 @@ def _coordinates(dataset: Any, axes: _Axes) -> list[Any]:
 def _is_scale(scale: Any, size: int) -> bool:
     # of a dimension without coordinates NetCDF writes a scale that says so
     none = "This is a netCDF dimension but not"
-    plain = scale is not None and is_numbers(scale) and scale.shape == (size,) and size <= MOST_VALUES
-    return plain and not text_of(scale, "NAME").startswith(none)
+    plain = scale is not None and has_real_numbers(scale) and scale.shape == (size,) and size <= MOST_VALUES
+    return plain and not attribute_text(scale, "NAME").startswith(none)
 
 
 def _steps(numbers: np.ndarray | None, count: int, axes: _Axes) -> list[float] | None:
@@ -315,16 +332,16 @@ _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
 _PROBE = Path(__file__).with_name("hdf5_probe.py")
 
 # seconds after which a process that looks at a file is ended, where none can end itself by its processor time
-_PATIENCE = None if importlib.util.find_spec("resource") else 60.0
+_PROBE_TIMEOUT = None if importlib.util.find_spec("resource") else 60.0
 # files that a process of its own has looked at: path, bytes, time
-_SOUND: set[tuple[str, int, int]] = set()
+_PROBED: set[tuple[str, int, int]] = set()
 
 
 def open_hdf5(path: Path) -> Any:
     """The file in h5py, for reading."""
     h5py = import_extra("h5py", "HDF5 files", "h5py", "readers")
     _probe(path)
-    with library("HDF5"):
+    with decoder_errors("HDF5"):
         return h5py.File(path, "r", locking=False)
 
 
@@ -332,13 +349,13 @@ def _probe(path: Path) -> None:
     """InputError if HDF5's C library crashes or loops on the file: found in a process of its own, once a file."""
     told = path.stat()
     key = (str(path.resolve()), told.st_size, told.st_mtime_ns)
-    if key in _SOUND:
+    if key in _PROBED:
         return
     # -P: the folder of the script holds modules with common names
     run = [sys.executable, "-P", str(_PROBE), str(path)]
     none, out = subprocess.DEVNULL, subprocess.PIPE
     try:
-        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PATIENCE)
+        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PROBE_TIMEOUT)
         # a process that did not get as far says nothing about the file
         failed = ended.returncode != 0 and bool(ended.stdout)
     except subprocess.TimeoutExpired:
@@ -348,10 +365,10 @@ def _probe(path: Path) -> None:
         failed = False
     if failed:
         raise InputError("cannot be read as HDF5: its library fails on the file, which may be damaged")
-    _SOUND.add(key)
+    _PROBED.add(key)
 
 
-def datasets(file: Any) -> dict[str, Any]:
+def find_datasets(file: Any) -> dict[str, Any]:
     """All datasets by name that lie in the file itself. Raises InputError for very many objects."""
     import h5py
 
@@ -369,7 +386,7 @@ def datasets(file: Any) -> dict[str, Any]:
     return found
 
 
-def node_at(file: Any, name: str, anywhere: bool) -> Any:
+def find_node(file: Any, name: str, anywhere: bool) -> Any:
     """The group or dataset of that name, None if there is none. InputError for another file's, if not `anywhere`."""
     import h5py
 
@@ -380,7 +397,7 @@ def node_at(file: Any, name: str, anywhere: bool) -> Any:
         part = parts.pop(0)
         link = node.get(part, getlink=True)
         if isinstance(link, h5py.ExternalLink) and not anywhere:
-            raise _elsewhere(name, link.filename)
+            raise _external_error(name, link.filename)
         if isinstance(link, h5py.SoftLink):
             links += 1
             if links > _MOST_LINKS:
@@ -392,7 +409,7 @@ def node_at(file: Any, name: str, anywhere: bool) -> Any:
     return node
 
 
-def numbers_of(node: Any, name: str) -> np.ndarray | None:
+def attribute_numbers(node: Any, name: str) -> np.ndarray | None:
     """An attribute's real numbers, or those that its text has, flat; None if it has none."""
     if name not in node.attrs:
         return None
@@ -403,12 +420,12 @@ def numbers_of(node: Any, name: str) -> np.ndarray | None:
     if values.dtype.kind in "buif":
         return values.astype(np.float64).ravel()
     try:
-        return np.array(text_of(node, name).replace(",", " ").split(), np.float64)
+        return np.array(attribute_text(node, name).replace(",", " ").split(), np.float64)
     except ValueError:
         return None
 
 
-def scales_of(dataset: Any) -> list[Any]:
+def dimension_scales(dataset: Any) -> list[Any]:
     """The first dimension scale of each axis, None where there is none; [] if none has.
 
     Read from the attribute that names them: HDF5's own functions loop on damaged ones.
@@ -422,7 +439,7 @@ def scales_of(dataset: Any) -> list[Any]:
     return [node if isinstance(node, h5py.Dataset) else None for node in nodes]
 
 
-def texts_of(node: Any, name: str) -> list[str]:
+def attribute_texts(node: Any, name: str) -> list[str]:
     """An attribute's texts, [] if there are none."""
     if name not in node.attrs or math.prod(node.attrs.get_id(name).shape or ()) > MOST_VALUES:
         return []
@@ -430,17 +447,17 @@ def texts_of(node: Any, name: str) -> list[str]:
     return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in values]
 
 
-def text_of(node: Any, name: str) -> str:
+def attribute_text(node: Any, name: str) -> str:
     """An attribute's text, also where it is an array of letters; "" if there is none."""
     if name not in node.attrs:
         return ""
     told = node.attrs.get_id(name)
     if math.prod(told.shape or ()) > MOST_VALUES:
         raise expected(name, f"at most {MOST_VALUES} letters", told.shape)
-    return "".join(texts_of(node, name))
+    return "".join(attribute_texts(node, name))
 
 
-def is_numbers(dataset: Any) -> bool:
+def has_real_numbers(dataset: Any) -> bool:
     """Whether a dataset has real numbers; types that numpy does not know are none."""
     try:
         return dataset.dtype.kind in "buif" and dataset.shape is not None
@@ -448,32 +465,32 @@ def is_numbers(dataset: Any) -> bool:
         return False
 
 
-def samples_of(
+def read_samples(
     path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: Packing | None = None
 ) -> np.ndarray | Chunked:
     """What `index` picks of a dataset, as [D, H, W]: mapped, read, or of over WHOLE bytes read in parts.
 
     Slices of the index begin at 0. Raises InputError for what must not be decoded.
     """
-    _check(dataset, anywhere)
+    _check_storage(dataset, anywhere)
     if anywhere:
         # links may lead to another file
         path = Path(dataset.file.filename)
     offset = None if dataset.external or dataset.chunks else dataset.id.get_offset()
     if offset is not None and packed is None:
         return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
-    part = _Part(path, dataset, index, packed)
-    if byte_count(part.free, part.dtype) > WHOLE:
+    part = _DatasetPart(path, dataset, index, packed)
+    if byte_count(part.free, part.dtype) > WHOLE_BYTES:
         return Chunked(str(path), part, part.index, part, "HDF5")
     if not anywhere:
         require_plausible(byte_count(part.free, dataset.dtype), dataset.id.get_storage_size(), bounded=False)
     return part[part.index]
 
 
-def _check(dataset: Any, anywhere: bool) -> None:
+def _check_storage(dataset: Any, anywhere: bool) -> None:
     """InputError for data in other files, for filters without a bound, and for very large chunks."""
     if not anywhere and (dataset.external or dataset.is_virtual):
-        raise _elsewhere(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
+        raise _external_error(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
     stated = dataset.id.get_create_plist()
     codes = [stated.get_filter(number)[0] for number in range(stated.get_nfilters())]
     unknown = [str(code) for code in codes if code not in _FILTERS]
@@ -487,12 +504,12 @@ def _check(dataset: Any, anywhere: bool) -> None:
         raise expected("chunks", f"at most {MAX_BYTES} bytes each", chunk, fix)
 
 
-def _elsewhere(name: str, where: str) -> InputError:
+def _external_error(name: str, where: str) -> InputError:
     fix = "copy it there with h5repack, or say --anywhere if you trust it"
     return expected(name, "data in this file", f"data elsewhere ({where})", fix)
 
 
-class _Part:
+class _DatasetPart:
     """A dataset as `Chunked` reads it, and the file behind it; each chunk is checked before HDF5 decodes it."""
 
     def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
@@ -505,7 +522,7 @@ class _Part:
         self.chunks = self._joined()
         self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
         self.checked = dataset.compression == "gzip"
-        with library("HDF5"):
+        with decoder_errors("HDF5"):
             self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
 
     def _joined(self) -> tuple[int, ...]:
@@ -526,7 +543,7 @@ class _Part:
         return stored if self.packed is None else self.packed.values(stored)
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
-        with library("HDF5"):
+        with decoder_errors("HDF5"):
             for place in self._touched(key) if self.checked else ():
                 self._check_chunk(place)
             return self._values(np.asarray(self.dataset[key]))

@@ -23,7 +23,7 @@ STARTED = "looking"
 
 
 # attributes that the readers look at by name, whether or not the list of all can be read
-ASKED = (
+ATTRIBUTES = (
     *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
     *(
@@ -47,17 +47,17 @@ ASKED = (
 )
 
 
-def names(node: object) -> list[str]:
+def attribute_names(node: object) -> list[str]:
     """The names of all attributes; of a damaged list those that the readers ask for."""
     try:
         return list(node.attrs)  # type: ignore[attr-defined]
     except Exception:
-        return list(ASKED)
+        return list(ATTRIBUTES)
 
 
-def look(_name: str, node: object) -> None:
+def read_node(_name: str, node: object) -> None:
     """Reads what describes a group or a dataset, and for the latter one value."""
-    for name in names(node):
+    for name in attribute_names(node):
         try:
             told = node.attrs.get_id(name)  # type: ignore[attr-defined]
             if told.get_storage_size() < 1 << 20:
@@ -83,7 +83,7 @@ if __name__ == "__main__":
     print(STARTED, flush=True)
     try:
         with h5py.File(sys.argv[1], "r", locking=False) as opened:
-            opened.visititems(look)
+            opened.visititems(read_node)
     except Exception:
         # what raises is told where it is read
         sys.exit(0)

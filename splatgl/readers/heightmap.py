@@ -16,8 +16,8 @@ from splatgl.data.color import luma
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
 from splatgl.fileio import require_memory
-from splatgl.readers.channels import as_microscope
-from splatgl.readers.common import library, require_plausible
+from splatgl.readers.channels import mark_microscope
+from splatgl.readers.common import decoder_errors, require_plausible
 from splatgl.readers.options import DEFAULT_LEVELS, LoadOptions
 
 # most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels
@@ -39,9 +39,9 @@ _TINTS = np.array([[64, 104, 60], [122, 143, 79], [176, 158, 106], [142, 112, 86
 # metres of a degree of latitude on a sphere
 DEGREE = 6_371_000 * np.pi / 180
 # heights that stand for none in files that do not say so (ESRI's, SRTM's), where they lie far below all others
-CUSTOM = (-9999.0, -99999.0, -32768.0, -32767.0)
+CUSTOM_NODATA = (-9999.0, -99999.0, -32768.0, -32767.0)
 # sizes that stand for no height: the ends of float32 and float64, Surfer's and NetCDF's, and round ones
-ENDLESS = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969209968386869e36, 1e20, 1e30)
+LARGE_NODATA = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969209968386869e36, 1e20, 1e30)
 
 HEIGHTS = re.compile(
     r"(?<![a-z])(dem|dtm|dsm|srtm|aster|lidar|heights?|heightmap|elev(ation)?|terrain|relief|topo(graphy)?|bathy(metry)?)"
@@ -89,14 +89,14 @@ def terrain_from_heights(
     if heights.ndim != 2 or min(heights.shape) < 1 or heights.dtype.kind not in "buif":
         raise expected("heights", "a 2-D map of real numbers", f"{heights.dtype} {heights.shape}")
     _check_voxels(heights.shape[1], heights.shape[0], levels)
-    parts = _parts(np.asarray(heights, dtype=np.float64))
+    parts = _normalize_heights(np.asarray(heights, dtype=np.float64))
     tops = np.where(np.isfinite(parts), np.rint(parts * (levels - 1)), -1).astype(np.int32)
     # 2. the ground's shell, level by level; one colour per column, shared by its voxels
     samples = np.empty((levels, *heights.shape), np.uint8)
-    floor = _floor(tops)
+    floor = _lowest_levels(tops)
     for level in range(levels):
         np.multiply((tops >= level) & (floor <= level), np.uint8(SOLID), out=samples[level])
-    ground = _tints(parts) if color is None else _fit(color, heights.shape)
+    ground = _tint_heights(parts) if color is None else _resize_color(color, heights.shape)
     # 3. the grid
     relief = relief or RELIEF * max(heights.shape)
     return Volume(
@@ -126,10 +126,8 @@ def read_picture(path: Path, options: LoadOptions) -> Volume:
     flat = options.values in ("labels", "amounts") or (options.values is None and PLANES.search(path.name.lower()))
     # before it is decoded: a small file may hold a large map
     pixels = open_picture(path, 1 if flat else options.levels)
-    is_map, told = kind_of_picture(path, pixels, options)
-    volume = (
-        terrain_of_picture(path, grey_heights(pixels), options) if is_map else as_microscope(plane_of_picture(pixels))
-    )
+    is_map, told = classify_picture(path, pixels, options)
+    volume = make_terrain(path, grey_heights(pixels), options) if is_map else mark_microscope(make_plane(pixels))
     return replace(volume, notes=(*volume.notes, *([told] if told else [])))
 
 
@@ -137,18 +135,18 @@ def read_csv(path: Path, options: LoadOptions) -> Volume:
     """The terrain of a table of heights: comma-separated numbers, the first line the southern edge (y = 0); cells that
     are empty or no number are holes.
     """
-    with library("a CSV table of heights"):
+    with decoder_errors("a CSV table of heights"):
         try:
             with path.open(encoding="latin-1") as file:
                 heights = np.loadtxt(file, delimiter=",", ndmin=2, dtype=np.float64)
         except ValueError:
-            heights = _with_holes(path)
+            heights = _parse_rows(path)
     if options.values in ("labels", "amounts"):
         return Volume(heights[None])
-    return _surveyed(heights, _color(path, options), options, Survey())
+    return _make_terrain(heights, _load_color(path, options), options, Survey())
 
 
-def _with_holes(path: Path) -> np.ndarray:
+def _parse_rows(path: Path) -> np.ndarray:
     """The numbers of a table with empty cells, NaN there."""
     with path.open(encoding="latin-1") as file:
         rows = [[cell.strip().lower() for cell in line.split(",")] for line in file if line.strip()]
@@ -156,17 +154,17 @@ def _with_holes(path: Path) -> np.ndarray:
     return np.array([[np.nan if cell in none else float(cell) for cell in row] for row in rows])
 
 
-def terrain_of_picture(path: Path, rows: np.ndarray, options: LoadOptions, survey: Survey | None = None) -> Volume:
+def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Survey | None = None) -> Volume:
     """The terrain of heights in picture order [H, W], row 0 the northern edge."""
     _check_columns(path, rows.shape[1], rows.shape[0], options.levels)
-    return _surveyed(rows[::-1], _color(path, options), options, survey or Survey())
+    return _make_terrain(rows[::-1], _load_color(path, options), options, survey or Survey())
 
 
-def _surveyed(heights: np.ndarray, color: np.ndarray | None, options: LoadOptions, survey: Survey) -> Volume:
+def _make_terrain(heights: np.ndarray, color: np.ndarray | None, options: LoadOptions, survey: Survey) -> Volume:
     """The terrain of heights, row 0 at y = 0, with holes where there are none, as high and wide as the survey says."""
     if options.relief is not None and options.spacing is not None:
         raise expected("relief", "none beside spacing, whose z is the height of a level", options.relief)
-    found, told = _without_missing(heights, survey.missing)
+    found, told = _mask_missing(heights, survey.missing)
     found = found * survey.slope + survey.offset
     volume = terrain_from_heights(found, color, options.levels, options.relief)
     notes = (*survey.notes, *told)
@@ -177,7 +175,7 @@ def _surveyed(heights: np.ndarray, color: np.ndarray | None, options: LoadOption
     return replace(volume, spacing=spacing, unit=survey.unit, notes=notes)
 
 
-def _without_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarray, list[str]]:
+def _mask_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarray, list[str]]:
     """Heights in float64, NaN where there are none; what is told of these."""
     found = np.asarray(heights, np.float64)
     kind = heights.dtype
@@ -186,11 +184,11 @@ def _without_missing(heights: np.ndarray, missing: float | None) -> tuple[np.nda
         same = np.float64(np.float32(missing)) if kind == np.float32 else missing
         holes, why = np.isin(found, (missing, same)), f"no data ({missing:g})"
     else:
-        holes = np.any([np.isclose(np.abs(found), size, rtol=1e-5, atol=0) for size in ENDLESS], axis=0)
+        holes = np.any([np.isclose(np.abs(found), size, rtol=1e-5, atol=0) for size in LARGE_NODATA], axis=0)
         finite = found[np.isfinite(found) & ~holes]
         least = float(finite.min()) if finite.size else 0.0
         rest = finite[finite > least]
-        custom = least in CUSTOM and rest.size and rest.min() - least > np.ptp(rest)
+        custom = least in CUSTOM_NODATA and rest.size and rest.min() - least > np.ptp(rest)
         holes |= (found == least) if custom and kind.kind in "if" else False
         why = f"{least:g}, which by custom means no data," if custom else "beyond any height"
     holes &= np.isfinite(found)
@@ -200,7 +198,7 @@ def _without_missing(heights: np.ndarray, missing: float | None) -> tuple[np.nda
     return found, told
 
 
-def plane_of_picture(pixels: np.ndarray) -> Volume:
+def make_plane(pixels: np.ndarray) -> Volume:
     """One plane of a picture [H, W] or of colours [H, W, 3…4], row 0 at y = 0, as thick as a pixel is wide."""
     if pixels.ndim == 2:
         return Volume(pixels[None])
@@ -212,7 +210,7 @@ def plane_of_picture(pixels: np.ndarray) -> Volume:
     return Volume(luma(color), color=np.ascontiguousarray(color))
 
 
-def kind_of_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surveyed: bool = False) -> tuple[bool, str]:
+def classify_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surveyed: bool = False) -> tuple[bool, str]:
     """Whether a single picture is a map of heights, else a plane; and what is told of the choice, "" if it was asked.
 
     A survey and options of terrains speak for heights, then the file's name, then a dark and noisy ground for a plane.
@@ -257,7 +255,7 @@ def grey_heights(pixels: np.ndarray) -> np.ndarray:
     return colors[..., 0]
 
 
-def _color(path: Path, options: LoadOptions) -> np.ndarray | None:
+def _load_color(path: Path, options: LoadOptions) -> np.ndarray | None:
     """The colour picture uint8 [H, W, 3], turned so that row 0 is at y = 0."""
     if options.color is None:
         return None
@@ -273,14 +271,14 @@ def open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
 
     # from memory: Pillow allocates any chunk length stated in a file
     data = io.BytesIO(path.read_bytes())
-    with library(f"a picture ({path.name})"), Image.open(data, formats=PICTURES) as picture:
+    with decoder_errors(f"a picture ({path.name})"), Image.open(data, formats=PICTURES) as picture:
         _check_columns(path, picture.width, picture.height, levels)
         if as_color or picture.mode in ("P", "PA", "CMYK", "YCbCr", "LAB", "HSV"):
             return np.asarray(picture.convert("RGB"))
         return np.asarray(picture)
 
 
-def _floor(tops: np.ndarray) -> np.ndarray:
+def _lowest_levels(tops: np.ndarray) -> np.ndarray:
     """int32 [H, W]: the lowest level of each column that anything above the ground can see, less SHELL."""
     padded = np.pad(tops, 1, constant_values=-1)
     height, width = tops.shape
@@ -288,7 +286,7 @@ def _floor(tops: np.ndarray) -> np.ndarray:
     return np.asarray(np.minimum.reduce(around)) - SHELL
 
 
-def _parts(heights: np.ndarray) -> np.ndarray:
+def _normalize_heights(heights: np.ndarray) -> np.ndarray:
     """Heights as parts of the range, 0 lowest and 1 highest; NaN where there is none."""
     finite = heights[np.isfinite(heights)]
     if finite.size == 0:
@@ -298,14 +296,14 @@ def _parts(heights: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(heights), (heights / 2 - low) / ((high - low) or 1.0), np.nan)
 
 
-def _tints(parts: np.ndarray) -> np.ndarray:
+def _tint_heights(parts: np.ndarray) -> np.ndarray:
     """uint8 [H, W, 3] by height."""
     stops = np.linspace(0, 1, len(_TINTS))
     channels = [np.interp(np.nan_to_num(parts), stops, _TINTS[:, channel]) for channel in range(3)]
     return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
-def _fit(color: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _resize_color(color: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """A picture resampled to [H, W, 3]: area averages where it shrinks, Lanczos where it grows."""
     from PIL import Image
 

@@ -11,12 +11,12 @@ from splatgl.data.color import luma
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.common import library
+from splatgl.readers.common import decoder_errors
 from splatgl.readers.heightmap import open_picture
-from splatgl.readers.ome_zarr import by_numbers
+from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff import open_tiff
-from splatgl.readers.tiff_validation import check_chain, guard
+from splatgl.readers.tiff_validation import check_before_decoding, check_chain
 
 # formats of slices by ending
 KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
@@ -24,7 +24,7 @@ KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": 
 
 def is_slices(path: Path) -> bool:
     """Whether a folder holds two pictures or more."""
-    return len(_pictures(path)) > 1
+    return len(_find_pictures(path)) > 1
 
 
 def read(path: Path, _options: LoadOptions) -> Volume:
@@ -32,12 +32,12 @@ def read(path: Path, _options: LoadOptions) -> Volume:
 
     Raises InputError for a picture of another size or type than the first.
     """
-    files = _pictures(path)
-    first = _plane(files[0])
+    files = _find_pictures(path)
+    first = _read_plane(files[0])
     require_memory(byte_count((len(files), *first.shape), first.dtype), sum(file.stat().st_size for file in files))
     samples = np.empty((len(files), *first.shape), first.dtype)
     for n, file in enumerate(files):
-        plane = _plane(file)
+        plane = _read_plane(file)
         if plane.shape != first.shape or plane.dtype != first.dtype:
             this = f"{first.shape[1]}×{first.shape[0]} {first.dtype}, as {files[0].name}"
             raise expected(file.name, this, f"{plane.shape[1]}×{plane.shape[0]} {plane.dtype}", "move it elsewhere")
@@ -54,24 +54,24 @@ def read(path: Path, _options: LoadOptions) -> Volume:
     return Volume(luma(color), color=color, notes=tuple(notes))
 
 
-def _pictures(path: Path) -> list[Path]:
+def _find_pictures(path: Path) -> list[Path]:
     """The pictures of the commonest format, in the order of the numbers in their names."""
     found = [each for each in path.iterdir() if each.suffix.lower() in KINDS and each.is_file()]
     kinds = Counter(KINDS[each.suffix.lower()] for each in found)
     most = max(sorted(kinds), key=lambda kind: kinds[kind], default="")
     return sorted(
-        (each for each in found if KINDS[each.suffix.lower()] == most), key=lambda each: by_numbers(each.name)
+        (each for each in found if KINDS[each.suffix.lower()] == most), key=lambda each: natural_key(each.name)
     )
 
 
-def _plane(file: Path) -> np.ndarray:
+def _read_plane(file: Path) -> np.ndarray:
     """The samples [H, W] or [H, W, channels] of a picture."""
     if KINDS[file.suffix.lower()] != "TIFF":
         return open_picture(file, 1)
     check_chain(file)
-    with open_tiff(file) as tiff, library(f"TIFF ({file.name})"):
+    with open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
         if len(tiff.pages) != 1:
             raise expected(file.name, "one page a slice", f"{len(tiff.pages)} pages", "load the file alone")
-        guard(tiff.pages)
+        check_before_decoding(tiff.pages)
         require_memory(byte_count(tiff.pages[0].shape, tiff.pages[0].dtype), file.stat().st_size)
         return np.asarray(tiff.pages[0].asarray())

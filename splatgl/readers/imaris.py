@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, unit_name
+from splatgl.data.affine import spacing_and_direction, unit_name
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
-from splatgl.readers.channels import Channel, Several, as_microscope, rgb_of, window_of
-from splatgl.readers.common import grid_shape, library
-from splatgl.readers.hdf5 import is_numbers, node_at, open_hdf5, samples_of, text_of
+from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, parse_window
+from splatgl.readers.common import decoder_errors, grid_shape
+from splatgl.readers.hdf5 import attribute_text, find_node, has_real_numbers, open_hdf5, read_samples
 from splatgl.readers.options import LoadOptions
 
 # most levels; each has half the voxels of the one before, or fewer
@@ -34,53 +34,55 @@ def read(path: Path, options: LoadOptions) -> Volume:
     read in parts.
     """
     file = open_hdf5(path)
-    with library("Imaris"):
+    with decoder_errors("Imaris"):
         # 1. which of its images
-        finest = _group(file, "DataSet/ResolutionLevel 0")
-        times = _count(finest, "TimePoint")
-        channels = _count(_group(finest, "TimePoint 0"), "Channel")
+        finest = _find_group(file, "DataSet/ResolutionLevel 0")
+        times = _count_groups(finest, "TimePoint")
+        channels = _count_groups(_find_group(finest, "TimePoint 0"), "Channel")
         time = options.time_number(times)
         # 2. at which levels
-        levels = _count(_group(file, "DataSet"), "ResolutionLevel", _MOST)
+        levels = _count_groups(_find_group(file, "DataSet"), "ResolutionLevel", _MOST)
         if options.level is not None and options.level >= levels:
             raise expected("level", f"a number from 0 to {levels - 1}", options.level)
         wanted = range(levels) if options.level is None else range(options.level, options.level + 1)
         # 3. the samples, and the box that all have
-        image = _group(file, "DataSetInfo/Image")
-        told = Several(tuple(_channel(file, n) for n in range(channels)), channels > 1, times)
+        image = _find_group(file, "DataSetInfo/Image")
+        told = ChannelSet(tuple(_read_channel(file, n) for n in range(channels)), channels > 1, times)
 
         def read_one(channel: int | None) -> Volume:
             names = [f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {channel or 0}" for level in wanted]
-            found = [_volume(path, _group(file, name), image, options) for name in names]
+            found = [_read_volume(path, _find_group(file, name), image, options) for name in names]
             return replace(found[0], coarser=tuple(found[1:]))
 
-        return as_microscope(told.volume(options, read_one))
+        return mark_microscope(told.volume(options, read_one))
 
 
-def _channel(file: Any, number: int) -> Channel:
+def _read_channel(file: Any, number: int) -> Channel:
     """Its name, colour ("r g b" from 0 to 1) and range of values, as far as they are told."""
-    node = node_at(file, f"DataSetInfo/Channel {number}", anywhere=False)
+    node = find_node(file, f"DataSetInfo/Channel {number}", anywhere=False)
     if node is None:
         return Channel(str(number))
-    color, ends = (text_of(node, name).split() for name in ("Color", "ColorRange"))
+    color, ends = (attribute_text(node, name).split() for name in ("Color", "ColorRange"))
     try:
         parts = [float(part) for part in color]
     except ValueError:
         parts = []
     shown = (
-        rgb_of([round(part * 255) for part in parts]) if len(parts) == 3 and all(0 <= p <= 1 for p in parts) else None
+        hex_color([round(part * 255) for part in parts])
+        if len(parts) == 3 and all(0 <= p <= 1 for p in parts)
+        else None
     )
-    return Channel(text_of(node, "Name") or str(number), shown, window_of(*ends) if len(ends) == 2 else None)
+    return Channel(attribute_text(node, "Name") or str(number), shown, parse_window(*ends) if len(ends) == 2 else None)
 
 
-def _group(file: Any, name: str) -> Any:
-    node = node_at(file, name, anywhere=False)
+def _find_group(file: Any, name: str) -> Any:
+    node = find_node(file, name, anywhere=False)
     if node is None or not hasattr(node, "keys"):
         raise expected("file", f"a group {name!r}", "none", "is this an Imaris file?")
     return node
 
 
-def _count(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
+def _count_groups(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
     """How many groups "NAME 0", "NAME 1", … there are."""
     count = 0
     while count < most and f"{name} {count}" in group:
@@ -90,34 +92,34 @@ def _count(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
     return count
 
 
-def _volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> Volume:
-    data = node_at(channel, "Data", options.anywhere)
-    if not hasattr(data, "shape") or not is_numbers(data) or len(data.shape) != 3:
+def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> Volume:
+    data = find_node(channel, "Data", options.anywhere)
+    if not hasattr(data, "shape") or not has_real_numbers(data) or len(data.shape) != 3:
         raise expected(f"{channel.name}/Data", "a dataset of real numbers with three axes", "none")
     # 1. the image's part of the dataset
     padded = data.shape[::-1]
-    sizes = [int(_number(channel, f"ImageSize{axis}", size)) for axis, size in zip("XYZ", padded, strict=True)]
+    sizes = [int(_read_number(channel, f"ImageSize{axis}", size)) for axis, size in zip("XYZ", padded, strict=True)]
     shape = grid_shape(sizes, "ImageSize")
     if any(size > room for size, room in zip(shape, data.shape, strict=True)):
         raise expected("ImageSize", f"at most the dataset's {padded}", sizes, "the file is damaged")
-    samples = samples_of(path, data, [slice(0, size) for size in shape], options.anywhere)
+    samples = read_samples(path, data, [slice(0, size) for size in shape], options.anywhere)
     # 2. its box
-    low, high = _ends(image, "ExtMin", [0, 0, 0]), _ends(image, "ExtMax", sizes)
+    low, high = _read_corner(image, "ExtMin", [0, 0, 0]), _read_corner(image, "ExtMax", sizes)
     matrix = np.diag((high - low) / sizes)
-    spacing, direction = axes_of(matrix, "ExtMin and ExtMax")
+    spacing, direction = spacing_and_direction(matrix, "ExtMin and ExtMax")
     origin = low + matrix @ (0.5, 0.5, 0.5)
-    return Volume(samples, spacing, triple(origin, "ExtMin"), direction, unit_name(text_of(image, "Unit")))
+    return Volume(samples, spacing, triple(origin, "ExtMin"), direction, unit_name(attribute_text(image, "Unit")))
 
 
-def _ends(image: Any, name: str, default: Sequence[float]) -> np.ndarray:
-    return np.array([_number(image, f"{name}{axis}", value) for axis, value in enumerate(default)])
+def _read_corner(image: Any, name: str, default: Sequence[float]) -> np.ndarray:
+    return np.array([_read_number(image, f"{name}{axis}", value) for axis, value in enumerate(default)])
 
 
-def _number(node: Any, name: str, default: float) -> float:
+def _read_number(node: Any, name: str, default: float) -> float:
     """The number that the letters of an attribute form."""
     if name not in node.attrs:
         return default
-    text = text_of(node, name)
+    text = attribute_text(node, name)
     try:
         return float(text)
     except ValueError:

@@ -11,11 +11,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.mesh import SIDES, Mesh, ringed
+from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.readers.common import library, quiet
+from splatgl.readers.common import decoder_errors, silence_libraries
 from splatgl.readers.vtk_legacy import PointArray
-from splatgl.readers.vtk_xml import VtkXml, arrays_of, numbers_in, parse_vtk
+from splatgl.readers.vtk_xml import VtkXml, parse_numbers, parse_vtk, read_arrays
 
 # a line's radius, where none is given: a share of the diagonal of all
 THIN = 1 / 400
@@ -54,17 +54,17 @@ def load_mesh(
         if not place.is_file():
             raise InputError("expected a file, got " + ("a folder" if place.is_dir() else "nothing of that name"))
         # all that a file says is untrusted: any failure is attributed to it
-        with quiet(), library("a mesh"):
+        with silence_libraries(), decoder_errors("a mesh"):
             found = read(place, radius, array)
         if not len(found):
             raise expected("mesh", "at least one triangle or line", "none")
     except (InputError, OSError) as error:
         raise InputError(f"{path}: {error}") from error
     found = replace(found, opacity=opacity, name=place.name, window=window)
-    return dressed(found, color)
+    return color_mesh(found, color)
 
 
-def dressed(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Mesh:
+def color_mesh(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Mesh:
     """The mesh in a colour, or with its values in a colour map. Raises InputError for a map without any values."""
     if color is None:
         return mesh
@@ -76,33 +76,33 @@ def dressed(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Mesh:
     return replace(mesh, colormap=color, colors=None)
 
 
-def _triangles(path: Path, radius: float | None, array: str | None) -> Mesh:
+def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh:
     """Triangles; of points without any, balls."""
     trimesh = import_extra("trimesh", "meshes", "trimesh", "mesh")
-    with library("a mesh"):
+    with decoder_errors("a mesh"):
         plain = path.suffix.lower() == ".ply"
         found: Any = trimesh.load_mesh(path, process=not plain)
         # of several parts, all
         joint: Any = found.to_mesh() if hasattr(found, "to_mesh") else found
-        numbers = of_ply(joint.metadata.get("_ply_raw"), array)
+        numbers = select_ply_numbers(joint.metadata.get("_ply_raw"), array)
         if numbers is not None and len(joint.faces) and numbers.values is not None:
             joint.vertex_attributes["values"] = numbers.values
         if plain:
             joint.process(validate=False)
         vertices, faces = np.asarray(joint.vertices), np.asarray(joint.faces)
         if not len(faces) and isinstance(cloud := trimesh.load(path), trimesh.PointCloud):
-            points, numbers = np.asarray(cloud.vertices), of_ply(cloud.metadata.get("_ply_raw"), array)
-            balls = _balls(points, cloud.colors, radius, _frame(path))
+            points, numbers = np.asarray(cloud.vertices), select_ply_numbers(cloud.metadata.get("_ply_raw"), array)
+            balls = _make_balls(points, cloud.colors, radius, _find_frame(path))
             each = np.repeat(np.arange(len(points)), len(balls.vertices) // max(len(points), 1))
-            return replace(colored(balls, numbers, each), colors=balls.colors if array is None else None)
-        mesh = Mesh(vertices, faces, colors=_colors(joint), frame=_frame(path))
+            return replace(assign_numbers(balls, numbers, each), colors=balls.colors if array is None else None)
+        mesh = Mesh(vertices, faces, colors=_vertex_colors(joint), frame=_find_frame(path))
         if numbers is None:
             return mesh
         values = np.asarray(joint.vertex_attributes["values"])
     return replace(mesh, values=values, quantity=numbers.name, colors=mesh.colors if array is None else None)
 
 
-def _balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, frame: str | None) -> Mesh:
+def _make_balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, frame: str | None) -> Mesh:
     """A ball at each of points [N, 3]. colors: sRGB [N, 3 or 4] of these, or None."""
     size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     found = Mesh.of_points(points, radius or size * THICK or 1.0)
@@ -112,105 +112,105 @@ def _balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, 
     return Mesh(found.vertices, found.faces, colors=shown, frame=frame)
 
 
-def _colors(found: Any) -> np.ndarray | None:
+def _vertex_colors(found: Any) -> np.ndarray | None:
     """sRGB [N, 3] of vertices, if the file has any."""
     if getattr(found.visual, "kind", None) not in ("vertex", "face"):
         return None
-    with library("colours of a mesh"):
+    with decoder_errors("colours of a mesh"):
         return np.asarray(found.visual.vertex_colors)[:, :3]
 
 
-def _frame(path: Path) -> str | None:
+def _find_frame(path: Path) -> str | None:
     with path.open("rb") as file:
         found = SPACE.search(file.read(HEADER))
     return found[1].decode() if found else None
 
 
-def _tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
+def _read_tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
     if array is not None:
         raise expected("array", "none, of tracks", repr(array))
     nibabel = import_extra("nibabel", "tracks", "nibabel", "readers")
-    with library("tracks"):
+    with decoder_errors("tracks"):
         lines = [np.asarray(line, np.float64) for line in nibabel.streamlines.load(path).streamlines]
-    mesh = _tubes(lines, radius)
+    mesh = _make_tubes(lines, radius)
     # nibabel gives them in RAS, millimetres
     return Mesh(mesh.vertices, mesh.faces, frame="RAS")
 
 
-def _tubes(lines: list[np.ndarray], radius: float | None) -> Mesh:
+def _make_tubes(lines: list[np.ndarray], radius: float | None) -> Mesh:
     points = np.concatenate([np.zeros((0, 3)), *lines])
     size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     return Mesh.of_lines(lines, radius or size * THIN or 1.0)
 
 
-def _vtp(path: Path, radius: float | None, array: str | None) -> Mesh:
+def _read_vtp(path: Path, radius: float | None, array: str | None) -> Mesh:
     """All pieces of PolyData: polygons and strips as triangles, lines as tubes; vertices alone are left out."""
     file = parse_vtk(path, ("PolyData",))
-    return together([part for piece in file.root.iter("Piece") for part in _piece(file, piece, radius, array)])
+    return join_meshes([part for piece in file.root.iter("Piece") for part in _read_piece(file, piece, radius, array)])
 
 
-def _piece(file: VtkXml, piece: Element, radius: float | None, array: str | None) -> list[Mesh]:
+def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str | None) -> list[Mesh]:
     """Triangles and tubes of a piece, with their numbers or colours."""
-    points = _points(file, piece)
-    kinds = {name: _cells(file, piece, name, len(points)) for name in ("Verts", "Lines", "Polys", "Strips")}
+    points = _read_points(file, piece)
+    kinds = {name: _read_cells(file, piece, name, len(points)) for name in ("Verts", "Lines", "Polys", "Strips")}
     # as VTK counts cells
     starts = dict(zip(kinds, np.cumsum([0, *(len(ends) for _, ends in kinds.values())]).tolist(), strict=False))
-    numbers = numbers_of(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
-    fans, owners = _fans(*kinds["Polys"])
-    strips = [_strip(cell) for cell in np.split(*kinds["Strips"])]
+    numbers = select_numbers(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
+    fans, owners = _fan_polygons(*kinds["Polys"])
+    strips = [_strip_triangles(cell) for cell in np.split(*kinds["Strips"])]
     cells = [each + starts["Polys"] for each in owners]
     cells += [np.full(len(each), starts["Strips"] + n) for n, each in enumerate(strips)]
     surface = Mesh(points, np.concatenate([np.zeros((0, 3), np.int64), *fans, *strips]))
     lines = np.split(*kinds["Lines"])
-    tubes = _tubes([points[cell] for cell in lines], radius)
+    tubes = _make_tubes([points[cell] for cell in lines], radius)
     if numbers is not None and numbers.of_cells:
-        surface = by_cells(surface, numbers, np.concatenate([np.zeros(0, np.int64), *cells]))
-        rings = [np.full(len(ringed(points[cell])), starts["Lines"] + n) for n, cell in enumerate(lines)]
+        surface = assign_cell_numbers(surface, numbers, np.concatenate([np.zeros(0, np.int64), *cells]))
+        rings = [np.full(len(ring_points(points[cell])), starts["Lines"] + n) for n, cell in enumerate(lines)]
     else:
-        surface = colored(surface, numbers, np.arange(len(points)))
-        rings = [cell[ringed(points[cell])] for cell in lines]
-    return [surface, colored(tubes, numbers, np.repeat(np.concatenate([np.zeros(0, np.int64), *rings]), SIDES))]
+        surface = assign_numbers(surface, numbers, np.arange(len(points)))
+        rings = [cell[ring_points(points[cell])] for cell in lines]
+    return [surface, assign_numbers(tubes, numbers, np.repeat(np.concatenate([np.zeros(0, np.int64), *rings]), SIDES))]
 
 
-def _points(file: VtkXml, piece: Element) -> np.ndarray:
+def _read_points(file: VtkXml, piece: Element) -> np.ndarray:
     """float64 [N, 3]."""
-    count, owner = _count(piece, "NumberOfPoints"), piece.find("Points")
-    found = [] if owner is None or not count else arrays_of(file, owner, (1, 1, count))
+    count, owner = _read_count(piece, "NumberOfPoints"), piece.find("Points")
+    found = [] if owner is None or not count else read_arrays(file, owner, (1, 1, count))
     if count and not (found and found[0].components == 3):
         raise expected("Points", "an array of three numbers a point", "none")
     return found[0].read().reshape(-1, 3).astype(np.float64) if found else np.zeros((0, 3))
 
 
-def _cells(file: VtkXml, piece: Element, name: str, points: int) -> tuple[np.ndarray, np.ndarray]:
+def _read_cells(file: VtkXml, piece: Element, name: str, points: int) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of the points of all cells, int64, and the ends of all cells."""
-    count, owner = _count(piece, f"NumberOf{name}"), piece.find(name)
+    count, owner = _read_count(piece, f"NumberOf{name}"), piece.find(name)
     nothing = np.zeros(0, np.int64)
     if not count or owner is None:
         return nothing, nothing
     nodes = {node.get("Name"): node for node in owner.findall("DataArray")}
     if not nodes.keys() >= {"offsets", "connectivity"}:
         raise expected(name, "the arrays offsets and connectivity", ", ".join(map(str, nodes)) or "none")
-    (ends,) = (array for array in arrays_of(file, owner, (1, 1, count)) if array.name == "offsets")
+    (ends,) = (array for array in read_arrays(file, owner, (1, 1, count)) if array.name == "offsets")
     offsets = ends.read().ravel().astype(np.int64)
     if (np.diff(offsets, prepend=0) < 0).any() or offsets[-1] > 2**40:
         raise expected(name, "offsets that do not fall", "others")
     if not offsets[-1]:
         return nothing, nothing
-    (each,) = (array for array in arrays_of(file, owner, (1, 1, int(offsets[-1]))) if array.name == "connectivity")
+    (each,) = (array for array in read_arrays(file, owner, (1, 1, int(offsets[-1]))) if array.name == "connectivity")
     numbers = each.read().ravel().astype(np.int64)
     if not (numbers.min() >= 0 and numbers.max() < points):
         raise expected(name, f"numbers of {points} points", f"{numbers.min()} to {numbers.max()}")
     return numbers, offsets
 
 
-def _count(piece: Element, name: str) -> int:
-    count = int(numbers_in(piece, name, "0", 1)[0])
+def _read_count(piece: Element, name: str) -> int:
+    count = int(parse_numbers(piece, name, "0", 1)[0])
     if count < 0:
         raise expected(name, "zero or more", count)
     return count
 
 
-def _fans(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _fan_polygons(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Triangles [N, 3] of polygons, those of as many corners together, and the numbers [N] of these."""
     sizes, found, owners = np.diff(ends, prepend=0), [], []
     for size in np.unique(sizes[sizes > 2]).tolist():
@@ -222,27 +222,27 @@ def _fans(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarray], list
     return found, owners
 
 
-def _strip(cell: np.ndarray) -> np.ndarray:
+def _strip_triangles(cell: np.ndarray) -> np.ndarray:
     """Triangles [n − 2, 3] of a strip."""
     return np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1)
 
 
 # endings and their readers
 MESHES: dict[str, Read] = {
-    **dict.fromkeys((".ply", ".stl", ".obj", ".off", ".glb"), _triangles),
-    **dict.fromkeys((".trk", ".tck"), _tracks),
-    ".vtp": _vtp,
+    **dict.fromkeys((".ply", ".stl", ".obj", ".off", ".glb"), _read_triangles),
+    **dict.fromkeys((".trk", ".tck"), _read_tracks),
+    ".vtp": _read_vtp,
 }
 
 
 # of PLY: coordinates and looks, which are no numbers of points; and names that come first, in this order
-LOOKS = ("x", "y", "z", "nx", "ny", "nz", "s", "t", "u", "v", "texture_u", "texture_v", "flags")
+COORDINATES = ("x", "y", "z", "nx", "ny", "nz", "s", "t", "u", "v", "texture_u", "texture_v", "flags")
 COLORS = ("red", "green", "blue", "alpha", "r", "g", "b", "a")
-FIRST = ("quality", "scalar", "value", "intensity")
+PREFERRED = ("quality", "scalar", "value", "intensity")
 # attributes of arrays of VTK that are no numbers of points
 DIRECTIONS = ("Normals", "TCoords", "Tangents")
 # beginning of the names of VTK's own, such as vtkGhostType
-OWN = "vtk"
+VTK_PREFIX = "vtk"
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +255,7 @@ class Numbers:
     of_cells: bool = False
 
 
-def numbers_of(file: VtkXml, piece: Element, counts: tuple[int, int], array: str | None) -> Numbers | None:
+def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array: str | None) -> Numbers | None:
     """What a piece of VTK's PolyData is coloured by: the array of that name, else what the file says is active, else
     the first with a number each, of points before cells; None if there is none. counts: of points and cells.
 
@@ -267,7 +267,7 @@ def numbers_of(file: VtkXml, piece: Element, counts: tuple[int, int], array: str
     for name, count in zip(("PointData", "CellData"), counts, strict=True):
         owner = piece.find(name)
         if owner is not None and count:
-            found += [(each, name == "CellData") for each in arrays_of(file, owner, (1, 1, count))]
+            found += [(each, name == "CellData") for each in read_arrays(file, owner, (1, 1, count))]
             active.append(owner.get("Scalars"))
             apart += [owner.get(attribute) for attribute in DIRECTIONS]
     if array is not None:
@@ -275,16 +275,16 @@ def numbers_of(file: VtkXml, piece: Element, counts: tuple[int, int], array: str
         if chosen is None:
             raise expected("array", f"one of {', '.join(each.name for each, _ in found) or 'none'}", repr(array))
     else:
-        shown = [each for each in found if each[0].name not in apart and not each[0].name.startswith(OWN)]
+        shown = [each for each in found if each[0].name not in apart and not each[0].name.startswith(VTK_PREFIX)]
         order = [
             *(each for name in active if name for each in shown if each[0].name == name),
             *(each for each in shown if each[0].components == 1),
         ]
         chosen = next(iter(order), None)
-    return None if chosen is None else _read(*chosen)
+    return None if chosen is None else _read_numbers(*chosen)
 
 
-def _read(array: PointArray, of_cells: bool) -> Numbers:
+def _read_numbers(array: PointArray, of_cells: bool) -> Numbers:
     rows = array.read().reshape(-1, array.components)
     if array.dtype == np.uint8 and array.components in (3, 4):
         return Numbers(array.name, None, rows[:, :3], of_cells)
@@ -292,23 +292,25 @@ def _read(array: PointArray, of_cells: bool) -> Numbers:
     return Numbers(array.name, values.astype(np.float64), None, of_cells)
 
 
-def of_ply(raw: Any, array: str | None) -> Numbers | None:
+def select_ply_numbers(raw: Any, array: str | None) -> Numbers | None:
     """What a PLY file is coloured by: the property of its vertices of that name, or `quality`, `scalar…`, `value` or
     `intensity`, or the first that is none of a place, a normal or a colour. raw: as trimesh has them.
     """
     table: Any = raw.get("vertex", {}).get("data") if isinstance(raw, dict) else None
     names = table if isinstance(table, dict) else getattr(getattr(table, "dtype", None), "names", None) or ()
     known = {name: np.asarray(table[name]) for name in names}
-    shown = [name for name, each in known.items() if name.lower() not in (*LOOKS, *COLORS) and each.dtype.kind in "iuf"]
+    shown = [
+        name for name, each in known.items() if name.lower() not in (*COORDINATES, *COLORS) and each.dtype.kind in "iuf"
+    ]
     if array is not None:
         if array not in known:
             raise expected("array", f"one of {', '.join(shown) or 'none'}", repr(array))
         return Numbers(array, known[array].reshape(-1).astype(np.float64))
-    ranked = sorted(shown, key=lambda name: next((n for n, each in enumerate(FIRST) if name.startswith(each)), 9))
+    ranked = sorted(shown, key=lambda name: next((n for n, each in enumerate(PREFERRED) if name.startswith(each)), 9))
     return Numbers(ranked[0], known[ranked[0]].reshape(-1).astype(np.float64)) if ranked else None
 
 
-def colored(mesh: Mesh, numbers: Numbers | None, points: np.ndarray) -> Mesh:
+def assign_numbers(mesh: Mesh, numbers: Numbers | None, points: np.ndarray) -> Mesh:
     """A mesh with the numbers of points; of each vertex those of the point `points` [N]."""
     if numbers is None:
         return mesh
@@ -316,7 +318,7 @@ def colored(mesh: Mesh, numbers: Numbers | None, points: np.ndarray) -> Mesh:
     return replace(mesh, values=values, colors=colors, quantity=numbers.name)
 
 
-def by_cells(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh:
+def assign_cell_numbers(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh:
     """A mesh with the numbers of cells, of each triangle those of the cell `cells` [M]: triangles share no vertices."""
     apart = replace(
         mesh,
@@ -324,10 +326,10 @@ def by_cells(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh:
         faces=np.arange(3 * len(mesh)).reshape(-1, 3),
         corner_normals=mesh.normals,
     )
-    return colored(apart, numbers, np.repeat(cells, 3))
+    return assign_numbers(apart, numbers, np.repeat(cells, 3))
 
 
-def together(meshes: Sequence[Mesh]) -> Mesh:
+def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Meshes as one; what has no value or colour is drawn as the file's default."""
     some = [each for each in meshes if len(each)]
     if len(some) < 2:

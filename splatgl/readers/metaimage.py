@@ -18,8 +18,8 @@ from splatgl.data.affine import unit_name
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
-from splatgl.readers.channels import Several, components
-from splatgl.readers.common import data_file, grid_shape, inflate, library, map_array, read_text, selection
+from splatgl.readers.channels import ChannelSet, split_components
+from splatgl.readers.common import decoder_errors, find_data_file, grid_shape, inflate, map_array, read_text, selection
 from splatgl.readers.options import LoadOptions
 
 # numpy codes by ElementType; MetaIO's LONG has four bytes on every machine
@@ -66,10 +66,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
     shape = (*sizes[::-1], channels)
     times = sizes[3] if len(sizes) > 3 else 1
     step = _numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 4)[3:4]
-    told = Several(times=times, step=step[0] if times > 1 and step and 0 < step[0] < np.inf else None)
+    told = ChannelSet(times=times, step=step[0] if times > 1 and step and 0 < step[0] < np.inf else None)
 
     def one(_: int | None) -> Volume:
-        samples = _data(path, fields, (files, start), shape, options.anywhere)
+        samples = _read_data(path, fields, (files, start), shape, options.anywhere)
         samples = samples[options.time or 0] if len(sizes) > 3 else samples
         return _volume(samples, fields, options)
 
@@ -82,7 +82,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
     is_color = samples.dtype == np.uint8 and channels in (3, 4)
     color = vectors = None
     if options.channel is None and (is_color or (kind in "if" and channels == 3)):
-        samples, color, vectors = components(samples, is_color)
+        samples, color, vectors = split_components(samples, is_color)
     else:
         samples = samples[selection(samples.shape, {3: ("channel", options.channel_number)})]
     direction, frame, notes = _direction(fields)
@@ -95,7 +95,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
         frame=frame,
         color=color,
         vectors=vectors,
-        notes=(*notes, *_ignored(fields)),
+        notes=(*notes, *_ignored_notes(fields)),
     )
 
 
@@ -125,7 +125,7 @@ def _direction(fields: Fields) -> tuple[np.ndarray, str | None, tuple[str, ...]]
     return stated, "LPS", () if agrees else (note,)
 
 
-def _ignored(fields: Fields) -> tuple[str, ...]:
+def _ignored_notes(fields: Fields) -> tuple[str, ...]:
     """What a header states that is not read."""
     scale = [_numbers(fields, (f"ElementToIntensityFunction{name}",), []) for name in ("Slope", "Offset")]
     scaled = scale[0] not in ([], [1.0]) or scale[1] not in ([], [0.0])
@@ -158,7 +158,7 @@ def _header(path: Path) -> tuple[Fields, list[str], int]:
     return fields, names, start
 
 
-def _listed(name: str, names: list[str], shape: tuple[int, ...]) -> tuple[list[str], int]:
+def _list_files(name: str, names: list[str], shape: tuple[int, ...]) -> tuple[list[str], int]:
     """Names of the files of slices, none of a file that has its data in one; and the axes that each of them has.
 
     "LIST" or "LIST 2D" with names behind it, or a pattern with the first and the last number, and the step.
@@ -176,7 +176,7 @@ def _listed(name: str, names: list[str], shape: tuple[int, ...]) -> tuple[list[s
     return [words[0] % number for number in range(first, last + 1, max(step, 1))[: _LINES_LIMIT + 1]], len(shape) - 2
 
 
-def _slices(
+def _read_slices(
     path: Path, fields: Fields, of: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
 ) -> np.ndarray:
     """Samples [shape] out of files that hold so many axes each, without counting channels."""
@@ -188,7 +188,7 @@ def _slices(
     skip, binary = _integer(fields, "HeaderSize", 0), _flag(fields, "BinaryData", True)
     if skip < -1 or not binary or _flag(fields, "CompressedData", False):
         raise expected("files of slices", "plain binary ones", "others", "join them in one file")
-    files = [data_file(path, name, anywhere) for name in names]
+    files = [find_data_file(path, name, anywhere) for name in names]
     size = byte_count(inner, dtype)
     # all are there, before any is read
     starts = [max(file.stat().st_size - size, 0) if skip == -1 else skip for file in files]
@@ -196,7 +196,7 @@ def _slices(
     return np.stack(parts).reshape(shape)
 
 
-def _data(
+def _read_data(
     path: Path, fields: Fields, behind: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
 ) -> np.ndarray:
     """Samples [shape]. behind: what `_header` found behind the fields."""
@@ -204,14 +204,14 @@ def _data(
     # 1. where: here, in one file beside, or in several
     if not name:
         raise expected("ElementDataFile", "LOCAL, LIST or a name", "none")
-    of = _listed(name, behind[0], shape)
+    of = _list_files(name, behind[0], shape)
     if of[1]:
-        return _slices(path, fields, of, shape, anywhere)
+        return _read_slices(path, fields, of, shape, anywhere)
     if name.upper() != "LOCAL":
-        path, start = data_file(path, name, anywhere), 0
+        path, start = find_data_file(path, name, anywhere), 0
     # 2. how: text, zlib, or as it is; HeaderSize -1 counts from the end
     if not _flag(fields, "BinaryData", True):
-        return _text(path, start, dtype, shape)
+        return _read_text(path, start, dtype, shape)
     skip = _integer(fields, "HeaderSize", 0)
     if skip < -1:
         raise expected("HeaderSize", "-1 (from the end), 0 or more", skip)
@@ -230,8 +230,8 @@ def _dtype(fields: Fields) -> np.dtype:
     return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
 
 
-def _text(path: Path, start: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
-    with path.open("rb") as file, library("MetaImage text data"):
+def _read_text(path: Path, start: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
+    with path.open("rb") as file, decoder_errors("MetaImage text data"):
         file.seek(start)
         return read_text(file, dtype, shape, path.stat().st_size - start)
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of
+from splatgl.data.affine import spacing_and_direction
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count
-from splatgl.readers.common import bunzip, grid_shape, inflate, library, map_array, require_bytes, selection
+from splatgl.readers.common import bunzip, decoder_errors, grid_shape, inflate, map_array, require_bytes, selection
 from splatgl.readers.options import LoadOptions
 
 # bytes of the header; an extended one of `nsymbt` bytes follows
@@ -30,32 +30,32 @@ _REAL = (0, 1, 2, 6, 12)
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of an MRC file in ångström; `array` picks one of a stack of volumes."""
-    header = _header(path)
+    header = _read_header(path)
     # 1. the samples, in the order of the file
     sizes = [int(header[name]) for name in ("nx", "ny", "nz")]
     columns = grid_shape(sizes)
     skip = int(header["nsymbt"])
     if skip < 0:
         raise expected("nsymbt", "zero or more bytes", skip, "the header is damaged")
-    samples = _data(path, _HEADER + skip, _dtype(header), columns)
+    samples = _read_data(path, _HEADER + skip, _dtype(header), columns)
     # 2. one volume of a stack
-    volumes = _volumes(header, columns[0])
+    volumes = _count_volumes(header, columns[0])
     stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
     number = options.array_number(volumes)
     samples = stack[selection(stack.shape, {0: ("array", number)})]
     # 3. axes: place[i] is the axis of the cell (0 is x) that axis i of the file, columns first, runs along
-    place = _places(header)
+    place = _axis_order(header)
     samples = samples.transpose([2 - place.index(axis) for axis in (2, 1, 0)])
     matrix, origin, unit = _grid(header, place)
-    spacing, direction = axes_of(matrix, "cell")
+    spacing, direction = spacing_and_direction(matrix, "cell")
     return Volume(samples, spacing, triple(origin, "origin"), direction, unit)
 
 
-def _header(path: Path) -> Any:
+def _read_header(path: Path) -> Any:
     utils = import_extra("mrcfile.utils", "MRC files", "mrcfile", "readers")
     layout = import_extra("mrcfile.dtypes", "MRC files", "mrcfile", "readers").HEADER_DTYPE
-    with library("MRC"):
-        with _opened(path) as file:
+    with decoder_errors("MRC"):
+        with _open_file(path) as file:
             first = file.read(_HEADER)
         require_bytes(_HEADER, len(first), "header")
         header = np.frombuffer(first, layout)[0]
@@ -70,7 +70,7 @@ def _header(path: Path) -> Any:
     return header
 
 
-def _opened(path: Path) -> Any:
+def _open_file(path: Path) -> Any:
     name = path.name.lower()
     return gzip.open(path) if name.endswith(".gz") else bz2.open(path) if name.endswith(".bz2") else path.open("rb")
 
@@ -85,7 +85,7 @@ def _dtype(header: Any) -> np.dtype:
     return dtype.newbyteorder(header.dtype["nx"].byteorder)
 
 
-def _data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
+def _read_data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
     """The array [sections, rows, columns]."""
     name, needed = path.name.lower(), start + byte_count(shape, dtype)
     if name.endswith(".gz"):
@@ -95,7 +95,7 @@ def _data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) 
     return map_array(path, start, dtype, shape)
 
 
-def _volumes(header: Any, sections: int) -> int:
+def _count_volumes(header: Any, sections: int) -> int:
     """How many volumes lie one behind the other."""
     from mrcfile import utils
 
@@ -107,7 +107,7 @@ def _volumes(header: Any, sections: int) -> int:
     return sections // each
 
 
-def _places(header: Any) -> list[int]:
+def _axis_order(header: Any) -> list[int]:
     found = [int(header[name]) - 1 for name in ("mapc", "mapr", "maps")]
     if found == [-1, -1, -1]:
         return [0, 1, 2]
@@ -127,7 +127,7 @@ def _grid(header: Any, place: list[int]) -> tuple[np.ndarray, np.ndarray, str]:
     if not (np.isfinite(cell) & (cell > 0)).all() or counts.min() < 1:
         return np.eye(3), np.zeros(3), ""
     angles = np.array([header["cellb"][name] for name in ("alpha", "beta", "gamma")], np.float64)
-    edges = _edges(angles) * (cell / counts)
+    edges = _cell_edges(angles) * (cell / counts)
     origin = np.array([header["origin"][axis] for axis in "xyz"], np.float64)
     if not origin.any():
         starts = [int(header[name]) for name in ("nxstart", "nystart", "nzstart")]
@@ -135,7 +135,7 @@ def _grid(header: Any, place: list[int]) -> tuple[np.ndarray, np.ndarray, str]:
     return edges, origin, "Å"
 
 
-def _edges(angles: np.ndarray) -> np.ndarray:
+def _cell_edges(angles: np.ndarray) -> np.ndarray:
     """Directions of the cell's edges as columns [3, 3]; angles (alpha, beta, gamma) in degrees, 0 stands for 90."""
     if not np.isfinite(angles).all() or ((angles < 0) | (angles >= 180)).any():
         raise expected("cell", "angles from 0 to 180 degrees", angles.tolist(), "the header is damaged")

@@ -17,12 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of
+from splatgl.data.affine import spacing_and_direction
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.channels import Several
-from splatgl.readers.common import grid_shape, is_whole, library, require_bytes, require_plausible, selection
+from splatgl.readers.channels import ChannelSet
+from splatgl.readers.common import (
+    decoder_errors,
+    grid_shape,
+    has_whole_numbers,
+    require_bytes,
+    require_plausible,
+    selection,
+)
 from splatgl.readers.options import LoadOptions
 
 # bytes of an Analyze header, which its first number states
@@ -36,13 +43,13 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
     """The volume of an Analyze or NIfTI pair in RAS; `array` picks the time point of a 4-D one."""
     nibabel = import_extra("nibabel", "Analyze files", "nibabel", "readers")
     # 1. both files, of which either may be named
-    header, data = (_beside(path, suffix) for suffix in (".hdr", ".img"))
+    header, data = (_pair_file(path, suffix) for suffix in (".hdr", ".img"))
     with header.open("rb") as file:
         first = file.read(_HEADER)
     if len(first) < _HEADER or struct.pack("<i", _HEADER) not in (first[:4], first[3::-1]):
         raise expected(header.name, "an Analyze header of 348 bytes", "another", "is this an Analyze file?")
     # 2. its sizes, checked against the data
-    with library("Analyze"):
+    with decoder_errors("Analyze"):
         if first[344:347] == b"ni1":
             form: Any = nibabel.Nifti1Pair
         else:
@@ -63,7 +70,7 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
     nibabel = import_extra("nibabel", "MGH files", "nibabel", "readers")
     packed = path.name.lower().endswith("z")
     # 1. sizes, checked before nibabel looks for what follows the samples
-    with library("MGH"), gzip.open(path) if packed else path.open("rb") as file:
+    with decoder_errors("MGH"), gzip.open(path) if packed else path.open("rb") as file:
         first = file.read(_MGH_START)
     require_bytes(_MGH_START, len(first), "header")
     version, *sizes, code = struct.unpack(">6i", first[:24])
@@ -77,12 +84,12 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
     else:
         require_bytes(needed, there)
     # 2. the image; of a packed one no more is inflated than the sizes say
-    with library("MGH"):
+    with decoder_errors("MGH"):
         image = nibabel.MGHImage.from_filename(path, mmap="r")
     return _mgh_volume(image, [int(size) for size in image.shape], options)
 
 
-def _beside(path: Path, suffix: str) -> Path:
+def _pair_file(path: Path, suffix: str) -> Path:
     """The file of the pair with that suffix, in the case of the one that is named."""
     found = path.with_suffix(suffix.upper() if path.suffix.isupper() else suffix)
     if not found.is_file():
@@ -108,13 +115,13 @@ def _mgh_volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
     extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
     if not long and options.array is not None:
         options.array_number(1)
-    with library("image"):
+    with decoder_errors("image"):
         # what has a scale factor becomes float
         proxy = image.dataobj
         scaled = (float(getattr(proxy, "slope", 1.0)), float(getattr(proxy, "inter", 0.0))) != (1.0, 0.0)
         stored = np.asanyarray(proxy) if scaled else np.asanyarray(proxy.get_unscaled())
     samples = stored[selection(sizes, extra)].T
-    spacing, direction = axes_of(image.affine[:3, :3], "affine")
+    spacing, direction = spacing_and_direction(image.affine[:3, :3], "affine")
     kept = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
     return Volume(kept, spacing, triple(image.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
 
@@ -140,22 +147,22 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """
     image = _open(path)
     _check_bytes(path, image)
-    return of_image(image, options)
+    return volume_of_image(image, options)
 
 
-def of_image(image: Any, options: LoadOptions) -> Volume:
+def volume_of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` gives it."""
-    volume = _told(image).volume(options, lambda _: _volume(image, options))
-    named = int(image.header["intent_code"]) == _LABELS and all(map(is_whole, volume.samples))
+    volume = _time_points(image).volume(options, lambda _: _volume(image, options))
+    named = int(image.header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
     return replace(volume, labels=()) if named else volume
 
 
-def _told(image: Any) -> Several:
+def _time_points(image: Any) -> ChannelSet:
     """The time points: pixdim[4] apart."""
     sizes, zooms = _sizes(image), image.header.get_zooms()
     unit = _TIMES.get(int(image.header["xyzt_units"]) & 56, 0.0)
     step = float(zooms[3]) * unit if len(zooms) > 3 else 0.0
-    return Several(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
+    return ChannelSet(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
 
 
 def _volume(image: Any, options: LoadOptions) -> Volume:
@@ -171,15 +178,15 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
     for axis in range(4, len(sizes)):
         extra[axis] = ("array", options.array_number(sizes[axis]) if sizes[axis] > 1 else 0)
     # 2. samples
-    stored, slope, intercept = _stored(image.dataobj, selection(sizes, extra))
+    stored, slope, intercept = _read_stored(image.dataobj, selection(sizes, extra))
     if stored.dtype.kind not in "buif":
         raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
-    samples = _scaled(stored.T, slope, intercept)
+    samples = _scale(stored.T, slope, intercept)
     # 3. grid
     unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
     if not (image.header["sform_code"] or image.header["qform_code"]):
-        return Volume(samples, _pixdim(image), unit=unit, notes=(UNORIENTED,))
-    spacing, direction = axes_of(image.affine[:3, :3], "affine")
+        return Volume(samples, _plain_spacing(image), unit=unit, notes=(UNORIENTED,))
+    spacing, direction = spacing_and_direction(image.affine[:3, :3], "affine")
     return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
 
 
@@ -188,13 +195,13 @@ def _sizes(image: Any) -> list[int]:
     return _check_sizes([int(size) for size in image.shape])
 
 
-def _stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:
+def _read_stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:
     """Samples that an index picks as they are stored, mapped where the file permits, their slope and intercept."""
     if not hasattr(data, "get_unscaled"):
         return np.asanyarray(data)[index], 1.0, 0.0
     slope, intercept, name = float(data.slope), float(data.inter), str(data.file_like)
     if not name.lower().endswith(".gz"):
-        with library("NIfTI"):
+        with decoder_errors("NIfTI"):
             return np.asanyarray(data.get_unscaled())[index], slope, intercept
     from nibabel.fileslice import fileslice
     from nibabel.openers import ImageOpener
@@ -203,7 +210,7 @@ def _stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, floa
     picked = byte_count([size for size, at in zip(data.shape, index, strict=True) if at == slice(None)], data.dtype)
     scaled = 0 if (slope, intercept) == (1.0, 0.0) else picked // data.dtype.itemsize * np.dtype(np.float32).itemsize
     require_memory(picked + scaled, Path(name).stat().st_size)
-    with library("NIfTI"), ImageOpener(name) as file:
+    with decoder_errors("NIfTI"), ImageOpener(name) as file:
         return np.asanyarray(fileslice(file, index, data.shape, data.dtype, data.offset, order="F")), slope, intercept
 
 
@@ -211,11 +218,11 @@ def _open(path: Path) -> Any:
     nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
     if path.name.lower().endswith(".gz"):
         # reported before nibabel reports header errors
-        with library("gzip data"), gzip.open(path) as file:
+        with decoder_errors("gzip data"), gzip.open(path) as file:
             file.read(_SNIFF_BYTES)
     # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file
-    with library("NIfTI"):
-        form = nibabel.Nifti2Image if _second_version(path) else nibabel.Nifti1Image
+    with decoder_errors("NIfTI"):
+        form = nibabel.Nifti2Image if _is_nifti2(path) else nibabel.Nifti1Image
         header = type("Header", (form.header_class,), {"exts_klass": _NoExtensions})
         reader: Any = type("Image", (form,), {"header_class": header})
         return reader.from_filename(path, mmap="r")
@@ -229,7 +236,7 @@ class _NoExtensions(list[object]):
         return cls()
 
 
-def _second_version(path: Path) -> bool:
+def _is_nifti2(path: Path) -> bool:
     with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
         return file.read(4) in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
 
@@ -247,13 +254,13 @@ def _check_bytes(path: Path, image: Any) -> None:
         require_bytes(needed, there)
 
 
-def _pixdim(image: Any) -> tuple[float, float, float]:
+def _plain_spacing(image: Any) -> tuple[float, float, float]:
     """Spacing of an image that states no orientation; zero means unknown."""
     zooms = [abs(float(zoom)) for zoom in image.header.get_zooms()[:3]]
     return triple([zoom or 1.0 for zoom in zooms], "pixdim")
 
 
-def _scaled(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
+def _scale(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
     if slope == 1 and intercept == 0:
         return stored
     # plane by plane, to avoid a float64 copy of the whole

@@ -15,12 +15,21 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, stated, unit_name
+from splatgl.data.affine import spacing_and_direction, unit_name, value_unit_name
 from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count
-from splatgl.readers.channels import SECONDS, Channel, Several, components, rgb_of
-from splatgl.readers.common import bunzip, data_file, grid_shape, inflate, library, map_array, read_text, selection
+from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, split_components
+from splatgl.readers.common import (
+    bunzip,
+    decoder_errors,
+    find_data_file,
+    grid_shape,
+    inflate,
+    map_array,
+    read_text,
+    selection,
+)
 from splatgl.readers.options import LoadOptions
 
 _TYPES = {
@@ -69,7 +78,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     Without `channel`, colours in bytes become `Volume.color` with their luma as samples, and three components of
     vectors `Volume.vectors` with their lengths. The layers of 3D Slicer's segmentations are channels.
     """
-    header, start = _header(path)
+    header, start = _read_header(path)
     # 1. the three axes of space, and what is picked along others
     sizes = [int(size) for size in header["sizes"]]
     space = _space_axes(header, sizes)
@@ -82,14 +91,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
     times = [axis for axis in others if kinds[axis] == "time"]
     if options.array is not None and not times:
         raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
-    segments = _segments(header)
+    segments = _read_segments(header)
     layered = next((axis for axis in others if axis not in times and segments and sizes[axis] > 1), None)
     # 2. the samples, mapped if they can be
-    stored = _data(path, header, start, sizes[::-1], options.anywhere)
+    stored = _read_data(path, header, start, sizes[::-1], options.anywhere)
     # 3. the volume of each layer of segments, or the only one
-    names = [_title(segments, layer) for layer in range(sizes[layered] if layered is not None else 0)]
+    names = [_layer_name(segments, layer) for layer in range(sizes[layered] if layered is not None else 0)]
     count, step = (sizes[times[0]], _time_step(header, times[0])) if times else (1, None)
-    told = Several(tuple(map(Channel, names)), together=True, times=count, step=step)
+    told = ChannelSet(tuple(map(Channel, names)), together=True, times=count, step=step)
 
     def one(layer: int | None) -> Volume:
         asked = options.channel_number if layer is None else layer
@@ -119,16 +128,16 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
     color = vectors = None
     if whole:
         place = last - whole[0] - sum(axis < last - whole[0] for axis in extra)
-        samples, color, vectors = components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
+        samples, color, vectors = split_components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
     matrix, origin, notes = _grid(header, space)
     if vectors is not None:
-        vectors = _in_world(vectors, header)
+        vectors = _to_world(vectors, header)
     named = str(header.get("space", "")).lower()
     if named in _LEFT_ANTERIOR:
         # LAS as LPS: y points the other way
         matrix, origin = np.diag([1.0, -1.0, 1.0]) @ matrix, origin * (1, -1, 1)
         vectors = None if vectors is None else vectors * np.array([1, -1, 1], vectors.dtype)
-    spacing, direction = axes_of(matrix, "space directions")
+    spacing, direction = spacing_and_direction(matrix, "space directions")
     frame = "LPS" if named in _LEFT_ANTERIOR else _FRAMES.get(named)
     if named.startswith("scanner"):
         notes = (*notes, f"space {named}: where the patient's sides are is not told")
@@ -141,8 +150,8 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
         frame=frame,
         color=color,
         vectors=vectors,
-        value_unit=stated(header.get("sample units")),
-        notes=(*notes, *_ignored(header)),
+        value_unit=value_unit_name(header.get("sample units")),
+        notes=(*notes, *_ignored_notes(header)),
     )
 
 
@@ -165,7 +174,7 @@ def _time_step(header: Header, axis: int) -> float | None:
     return seconds if 0 < seconds < np.inf else None
 
 
-def _ignored(header: Header) -> tuple[str, ...]:
+def _ignored_notes(header: Header) -> tuple[str, ...]:
     """What a header states that is not read."""
     old = [float(header[name]) for name in ("old min", "oldmin", "old max", "oldmax") if name in header]
     if len(old) != 2 or not np.isfinite(old).all():
@@ -173,7 +182,7 @@ def _ignored(header: Header) -> tuple[str, ...]:
     return (f"values are as stored: they were quantized from {old[0]:g} … {old[1]:g}",)
 
 
-def _segments(header: Header) -> list[tuple[int, Label]]:
+def _read_segments(header: Header) -> list[tuple[int, Label]]:
     """The segments that 3D Slicer's tags describe, and the layer of each: number, name, and colour from 0 to 1.
 
     Of files before there were layers, the n-th segment is the n-th layer, of number 1.
@@ -191,19 +200,19 @@ def _segments(header: Header) -> list[tuple[int, Label]]:
             break
         layer = int(told["Layer"]) if re.fullmatch("[0-9]{1,9}", told["Layer"]) else 0
         parts = [float(part) for part in told["Color"].split() if re.fullmatch(r"[01]|[01]?\.[0-9]+", part)]
-        color = rgb_of([round(min(part, 1.0) * 255) for part in parts]) if len(parts) == 3 else None
+        color = hex_color([round(min(part, 1.0) * 255) for part in parts]) if len(parts) == 3 else None
         number = int(told["LabelValue"])
         found.setdefault((layer, number), Label(number, told["Name"], color))
     return [(layer, label) for (layer, _), label in found.items()]
 
 
-def _title(segments: list[tuple[int, Label]], layer: int) -> str:
+def _layer_name(segments: list[tuple[int, Label]], layer: int) -> str:
     """The names of a layer's few segments, or its number."""
     names = [label.name for at, label in segments if at == layer]
     return ", ".join(names) if 0 < len(names) < 4 and all(names) else f"layer {layer}"
 
 
-def _in_world(vectors: np.ndarray, header: Header) -> np.ndarray:
+def _to_world(vectors: np.ndarray, header: Header) -> np.ndarray:
     """Vectors along the axes of the world, into which a measurement frame turns them."""
     frame = header.get("measurement frame")
     if frame is None or np.shape(frame) != (3, 3) or not np.isfinite(frame).all():
@@ -212,9 +221,9 @@ def _in_world(vectors: np.ndarray, header: Header) -> np.ndarray:
     return np.asarray(vectors @ np.asarray(frame, np.float32))
 
 
-def _header(path: Path) -> tuple[Header, int]:
+def _read_header(path: Path) -> tuple[Header, int]:
     nrrd = import_extra("nrrd", "NRRD files", "pynrrd", "readers")
-    with path.open("rb") as file, library("NRRD"):
+    with path.open("rb") as file, decoder_errors("NRRD"):
         lines = _header_lines(file)
         header, end = nrrd.read_header(lines), file.tell()
     for name in ("dimension", "type", "encoding", "sizes"):
@@ -261,7 +270,7 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
     return axes
 
 
-def _data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
+def _read_data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
     encoding = str(header["encoding"]).lower()
     dtype = _dtype(header, encoding)
     # 1. where the data are: here, or in one file beside; "line skip" counts before "byte skip"
@@ -269,7 +278,7 @@ def _data(path: Path, header: Header, start: int, shape: list[int], anywhere: bo
     if name is not None:
         if name.startswith("LIST") or "%" in name:
             raise expected("data file", "one file", repr(name), "join the slices in one file")
-        path, start = data_file(path, name, anywhere), 0
+        path, start = find_data_file(path, name, anywhere), 0
     start = _skip_lines(path, start, int(header.get("line skip", header.get("lineskip", 0))))
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     if skip < -1:
@@ -285,7 +294,7 @@ def _data(path: Path, header: Header, start: int, shape: list[int], anywhere: bo
     if encoding in ("bzip2", "bz2"):
         return _bunzip(path, start, dtype, shape)
     if encoding in _TEXT:
-        return _text(path, start, dtype, shape)
+        return _read_text(path, start, dtype, shape)
     raise expected("encoding", "raw, gzip, bzip2 or text", repr(encoding), "convert the file to gzip")
 
 
@@ -318,8 +327,8 @@ def _bunzip(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.nda
     return data.view(dtype).reshape(shape)
 
 
-def _text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
-    with path.open("rb") as file, library("NRRD text data"):
+def _read_text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
+    with path.open("rb") as file, decoder_errors("NRRD text data"):
         file.seek(start)
         text = io.BytesIO(file.read().replace(b",", b" "))
         return read_text(text, dtype, shape, text.getbuffer().nbytes)
@@ -338,8 +347,8 @@ def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tup
         if matrix.shape != (3, 3):
             raise expected("space directions", "vectors of three numbers", f"{matrix.shape[0]} numbers")
         return matrix, origin, ()
-    steps = _of_axes(header, space, "spacings")
-    low, high = (_of_axes(header, space, f"axis {name}", f"axis{name}") for name in ("mins", "maxs"))
+    steps = _axis_field(header, space, "spacings")
+    low, high = (_axis_field(header, space, f"axis {name}", f"axis{name}") for name in ("mins", "maxs"))
     sizes = np.array([header["sizes"][axis] for axis in space], np.float64)
     centers = header.get("centers", header.get("centerings", ()))
     words = centers.split() if isinstance(centers, str) else list(centers)
@@ -358,7 +367,7 @@ def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tup
     return np.diag(steps), origin, (note,) * guessed
 
 
-def _of_axes(header: Header, space: list[int], *names: str) -> np.ndarray:
+def _axis_field(header: Header, space: list[int], *names: str) -> np.ndarray:
     """The numbers of a field along the axes of space [3], NaN where there are none."""
     name = next((name for name in names if name in header), None)
     if name is None:

@@ -16,13 +16,29 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, axes_of, kind_of, lattice, stated, unit_name
+from splatgl.data.affine import (
+    METRES,
+    Coordinate,
+    axis_kind,
+    make_lattice,
+    spacing_and_direction,
+    unit_name,
+    value_unit_name,
+)
 from splatgl.data.volume import Hints, Label, Triple, Volume, triple
 from splatgl.errors import Choice, InputError, expected, import_extra
-from splatgl.fileio import WHOLE, byte_count
-from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, Several, as_microscope, rgb_of, window_of
+from splatgl.fileio import WHOLE_BYTES, byte_count
+from splatgl.readers.channels import (
+    MOST_CHANNELS,
+    SECONDS,
+    Channel,
+    ChannelSet,
+    hex_color,
+    mark_microscope,
+    parse_window,
+)
 from splatgl.readers.chunked import Chunked, Packing, TransposedChunks
-from splatgl.readers.common import library, selection
+from splatgl.readers.common import decoder_errors, selection
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
 from splatgl.readers.zarr_validation import check_array, check_files
@@ -31,58 +47,58 @@ from splatgl.readers.zarr_validation import check_array, check_files
 MOST_COORDINATES = 2**20
 
 
-def by_numbers(name: str) -> list[Any]:
+def natural_key(name: str) -> list[Any]:
     """A key that sorts names with numbers in them by these: 2 before 10."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
-def dimensions_of(node: Any) -> list[str]:
+def dimension_names(node: Any) -> list[str]:
     """Names of the dimensions of an array, "" of one without; [] if none are told."""
     told = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
     names = [str(name or "") for name in told]
     return names if len(names) == len(node.shape) else []
 
 
-def coordinates_of(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
+def read_coordinates(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
     """Those along z, y and x: of the arrays that are called as the dimensions are, beside the array (xarray, CF)."""
-    dimensions = dimensions_of(node)
+    dimensions = dimension_names(node)
     found = []
     for name in ("z", "y", "x"):
         axis = names.index(name)
-        scale = _scale(group, dimensions[axis], node.shape[axis]) if dimensions else None
+        scale = _find_scale(group, dimensions[axis], node.shape[axis]) if dimensions else None
         if scale is None:
             found.append(Coordinate(dimensions[axis] if dimensions else name, node.shape[axis]))
         else:
-            packing = packing_of(scale)
+            packing = read_packing(scale)
             places = np.asarray(scale[:] if packing is None else packing.values(scale[:]), np.float64)
             found.append(Coordinate.of(dimensions[axis], places, scale.attrs.asdict()))
     return found
 
 
-def _scale(group: Any, name: str, size: int) -> Any:
+def _find_scale(group: Any, name: str, size: int) -> Any:
     """The array of coordinates of a dimension beside the array; None if there is none."""
     node: Any = group.get(name) if group is not None and name else None
     is_scale = getattr(node, "shape", None) == (size,) and node.dtype.kind in "uif" and size <= MOST_COORDINATES
     return node if is_scale else None
 
 
-def packing_of(node: Any) -> Packing | None:
+def read_packing(node: Any) -> Packing | None:
     """What CF's attributes say of an array, as xarray writes them; None if numbers are values.
 
     A missing value is the attribute's, or of format 2 the array's own fill value.
     """
     told = node.attrs.asdict()
     scale, offset, fill, missing = (
-        _one_number(told.get(name)) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
+        _parse_number(told.get(name)) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
     )
-    if fill is None and dimensions_of(node) and node.metadata.zarr_format == 2:
+    if fill is None and dimension_names(node) and node.metadata.zarr_format == 2:
         # zarr itself fills with 0
-        fill = _one_number(node.fill_value) or None
+        fill = _parse_number(node.fill_value) or None
     fill = missing if fill is None else fill
     return Packing.of(scale, offset, None if fill is None or np.isnan(fill) else fill)
 
 
-def _one_number(value: Any) -> float | None:
+def _parse_number(value: Any) -> float | None:
     """A number, or that in base64 of eight bytes, as xarray writes floats in format 3."""
     if isinstance(value, str):
         try:
@@ -113,7 +129,7 @@ def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = Non
     axes = (multiscale or {}).get("axes")
     names = [axis if isinstance(axis, str) else str(axis.get("name", "?")) for axis in axes] if axes else []
     if not names:
-        names = [_kind(group, name, size) for name, size in zip(dimensions_of(node), node.shape, strict=False)]
+        names = [_axis_kind(group, name, size) for name, size in zip(dimension_names(node), node.shape, strict=False)]
         names = names if len(names) == count and {"z", "y", "x"} <= set(names) else []
     names = names or list("tczyx")[5 - min(count, 5) :]
     space = sorted(name for name in names if name in ("z", "y", "x"))
@@ -122,14 +138,14 @@ def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = Non
     return [name if name in tuple("zyxt") else f"c {name}" for name in names]
 
 
-def _kind(group: Any, name: str, size: int) -> str:
+def _axis_kind(group: Any, name: str, size: int) -> str:
     """z, y, x, t or c, by a dimension's coordinates or name; else its name."""
-    scale = _scale(group, name, size)
-    kind = kind_of(name, {} if scale is None else scale.attrs.asdict())
+    scale = _find_scale(group, name, size)
+    kind = axis_kind(name, {} if scale is None else scale.attrs.asdict())
     return {"time": "t"}.get(kind, kind or name.lower() or "?")
 
 
-def several(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> Several:
+def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> ChannelSet:
     """The channels and time points of an array. omero: what the group says of the channels."""
     names = axis_names(node, multiscale, group)
     sizes = dict(zip(names, node.shape, strict=True))
@@ -137,12 +153,12 @@ def several(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: 
     if count > MOST_CHANNELS:
         raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
     told = omero.get("channels", []) if isinstance(omero, Mapping) else []
-    found = [_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
+    found = [_read_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
     together = count > 1 and any(each.color for each in found)
-    return Several(tuple(found), together, sizes.get("t", 1), _step(multiscale, names))
+    return ChannelSet(tuple(found), together, sizes.get("t", 1), _time_step(multiscale, names))
 
 
-def _channel(number: int, told: Any) -> Channel:
+def _read_channel(number: int, told: Any) -> Channel:
     told = told if isinstance(told, Mapping) else {}
     color = str(told.get("color", "")).removeprefix("#")
     window = told.get("window")
@@ -150,11 +166,11 @@ def _channel(number: int, told: Any) -> Channel:
     return Channel(
         str(told.get("label") or number),
         f"#{color.lower()}" if re.fullmatch("[0-9a-fA-F]{6}", color) else None,
-        window_of(window.get("start"), window.get("end")),
+        parse_window(window.get("start"), window.get("end")),
     )
 
 
-def labels_of(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
+def read_labels(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
     """The labels of an image of labels, with their colours (image-label); None of other images."""
     told = attributes.get("image-label")
     if not isinstance(told, Mapping):
@@ -164,11 +180,11 @@ def labels_of(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
     for entry in told.get("colors") or ():
         number, rgba = entry.get("label-value"), entry.get("rgba", ())
         if isinstance(number, int) and number != 0 and len(rgba) >= 3:
-            found[number] = Label(number, names.get(number, ""), rgb_of(rgba))
+            found[number] = Label(number, names.get(number, ""), hex_color(rgba))
     return tuple(found.values())
 
 
-def _step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:
+def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:
     """Seconds between two time points: the scale along t, if its unit is told. Versions 0.1 to 0.3 tell none."""
     axes = (multiscale or {}).get("axes")
     if multiscale is None or not axes or "t" not in names:
@@ -205,7 +221,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
     """
     zarr = import_extra("zarr", "Zarr stores", "zarr", "readers")
     # all text in a store is untrusted: any failure is attributed to the file
-    with library("Zarr"):
+    with decoder_errors("Zarr"):
         check_files(path)
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group):
@@ -215,16 +231,16 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
 
             def read_array(channel: int | None) -> Volume:
                 asked = replace(options, channel=channel)
-                return _volume(path, None, group, None, asked, remote, WHOLE)
+                return _read_volume(path, None, group, None, asked, remote, WHOLE_BYTES)
 
-            return several(None, group, None).volume(options, read_array)
-        group, options, notes = _image(group, options, remote)
+            return find_channels(None, group, None).volume(options, read_array)
+        group, options, notes = _select_image(group, options, remote)
         multiscale = _multiscale(group)
         levels = multiscale["datasets"] if multiscale else []
         if remote:
             names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
             remote.renew([f"{group.path}/{name}/{each}".lstrip("/") for name in names for each in METADATA])
-        nodes = [_level(group, multiscale, options)]
+        nodes = [_select_level(group, multiscale, options)]
         if multiscale is not None and options.array is None and options.level is None:
             others = [group.get(entry["path"]) for entry in levels[1:]]
             nodes += [node for node in others if node is not None]
@@ -234,19 +250,21 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         def read_one(channel: int | None) -> Volume:
             asked = replace(options, channel=channel)
             found = [
-                _classified(path, group, node, _volume(path, group, node, multiscale, asked, remote, most), remote)
-                for node, most in zip(nodes, (WHOLE, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
+                _with_stored_colors(
+                    path, group, node, _read_volume(path, group, node, multiscale, asked, remote, most), remote
+                )
+                for node, most in zip(nodes, (WHOLE_BYTES, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
             ]
             return replace(found[0], coarser=tuple(found[1:]))
 
         attributes: dict[str, Any] = group.attrs.asdict()
-        told = several(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale, group)
-        volume = replace(told.volume(options, read_one), labels=labels_of(attributes.get("ome", attributes)))
+        told = find_channels(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale, group)
+        volume = replace(told.volume(options, read_one), labels=read_labels(attributes.get("ome", attributes)))
         volume = replace(volume, notes=(*notes, *volume.notes))
-        return as_microscope(volume) if multiscale and "splatgl" not in attributes else volume
+        return mark_microscope(volume) if multiscale and "splatgl" not in attributes else volume
 
 
-def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
+def _with_stored_colors(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
     """The volume, with the colours and the look of a level of a pyramid, if it is one."""
     told = group.attrs.asdict().get("splatgl")
     if not told:
@@ -262,7 +280,7 @@ def _classified(path: Path, group: Any, node: Any, volume: Volume, remote: Remot
     return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **kept)
 
 
-def _image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any, LoadOptions, tuple[str, ...]]:
+def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any, LoadOptions, tuple[str, ...]]:
     """The group that is read: itself, the one that `array` names, or of a group of groups the only image, or the first
     of a file of series (bioformats2raw's layout), of a plate or of others; the options that are left; what is told.
     """
@@ -280,7 +298,7 @@ def _image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any
         remote.renew([f"0/{each}" for each in METADATA])
         node = group.get("0")
         return (node, options, ()) if isinstance(node, zarr.Group) else (group, options, ())
-    found = _images(group)
+    found = _find_images(group)
     if not found:
         return group, options, ()
     names = [each.path[len(group.path) :].strip("/") for each in found]
@@ -291,14 +309,14 @@ def _image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any
     return first, asked, told
 
 
-def _images(group: Any) -> list[Any]:
+def _find_images(group: Any) -> list[Any]:
     """Multiscale groups, and arrays that may be volumes, below a group, in the order of their names by numbers."""
     import zarr
 
     found, waiting, seen = list[Any](), [group], 0
     while waiting and seen < MOST_GROUPS:
         node = waiting.pop(0)
-        for _, child in sorted(node.members(), key=lambda each: by_numbers(each[0])):
+        for _, child in sorted(node.members(), key=lambda each: natural_key(each[0])):
             seen += 1
             if not isinstance(child, zarr.Group):
                 found += [child] * _is_volume(child)
@@ -309,23 +327,23 @@ def _images(group: Any) -> list[Any]:
     return found
 
 
-def contents(path: Path) -> list[str]:
+def list_images(path: Path) -> list[str]:
     """A line for each image of a store of several."""
     import zarr
 
-    with library("Zarr"):
+    with decoder_errors("Zarr"):
         check_files(path)
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group) or _multiscale(group) is not None:
             return []
-        return [f"* {'  '.join(_told(each))}" for each in _images(group)]
+        return [f"* {'  '.join(_describe_image(each))}" for each in _find_images(group)]
 
 
-def _told(node: Any) -> tuple[str, str]:
+def _describe_image(node: Any) -> tuple[str, str]:
     """The path and size of an image."""
     multiscale = _multiscale(node) if hasattr(node, "members") else None
     array = node[multiscale["datasets"][0]["path"]] if multiscale else node
-    return node.path, _about(("", array))[1]
+    return node.path, _describe_array(("", array))[1]
 
 
 def _is_volume(array: Any) -> bool:
@@ -333,7 +351,7 @@ def _is_volume(array: Any) -> bool:
     return len(array.shape) >= 3 and array.dtype.kind in "buif"
 
 
-def _volume(
+def _read_volume(
     path: Path,
     group: Any,
     node: Any,
@@ -354,14 +372,14 @@ def _volume(
     whole = remote is None and byte_count(array.shape[-3:], node.dtype) <= most
     files = check_array(path, node, whole, remote.fetch if remote else None)
     files.index = array.source
-    packed = packing_of(node) if multiscale is None else None
+    packed = read_packing(node) if multiscale is None else None
     unpacked = array if packed is None else Unpacked(array, packed)
     samples: Any = unpacked[index] if whole else Chunked(str(remote or path), unpacked, index, files)
     # 3. its grid
     if multiscale is None:
-        grid = lattice(coordinates_of(group, node, names), even=options.spacing is not None)
-        spacing, direction = axes_of(grid.matrix, "coordinates")
-        unit = stated(str(node.attrs.asdict().get("units") or ""))
+        grid = make_lattice(read_coordinates(group, node, names), even=options.spacing is not None)
+        spacing, direction = spacing_and_direction(grid.matrix, "coordinates")
+        unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
         return Volume(
             grid.resampled(samples),
             spacing,
@@ -381,7 +399,7 @@ def _multiscale(group: Any) -> Multiscale | None:
     return images[0] if images else None
 
 
-def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
+def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
     """The array called `array`, else that level, the first unless given, else the only array of the group."""
     import zarr
 
@@ -401,19 +419,19 @@ def _level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> A
         name = names[0]
     node = group.get(name) if name is not None else None
     if not isinstance(node, zarr.Array):
-        names = names or [each.path[len(group.path) :].strip("/") for each in _images(group)]
+        names = names or [each.path[len(group.path) :].strip("/") for each in _find_images(group)]
         if not names:
             held = ", ".join(sorted(key for key, _ in group.members())[:MOST_NAMED]) or "nothing"
             raise expected("store", "an array of three axes in one of its groups", held, "check the path")
         got = "several arrays" if name is None else repr(name)
         fix = f"pick one with array=NAME; there are: {', '.join(names)}"
         error = expected("array", "the name of one array", got, fix)
-        listed = [_about(each) for each in arrays if each[0] in names]
+        listed = [_describe_array(each) for each in arrays if each[0] in names]
         raise Choice(str(error), "array", listed) if options.array is None else error
     return node
 
 
-def _about(item: tuple[str, Any]) -> tuple[str, str]:
+def _describe_array(item: tuple[str, Any]) -> tuple[str, str]:
     """An array's name; its size, with x first, and its type."""
     return item[0], f"{' × '.join(map(str, item[1].shape[::-1]))} {item[1].dtype.name}"
 
@@ -443,13 +461,13 @@ def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple,
             if step.get("type") == "identity":
                 continue
             if values.shape != scale.shape:
-                raise _bad_step(step)
+                raise _transform_error(step)
             if step["type"] == "scale":
                 scale, origin = scale * values, origin * values
             elif step["type"] == "translation":
                 origin = origin + values
             else:
-                raise _bad_step(step)
+                raise _transform_error(step)
     x, y = names.index("x"), names.index("y")
     # a plane is as thick as a pixel is wide
     z = names.index("z") if "z" in names else x
@@ -457,7 +475,7 @@ def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple,
     return (sx, sy, sz), (ox, oy, oz if "z" in names else 0.0)
 
 
-def _bad_step(step: object) -> InputError:
+def _transform_error(step: object) -> InputError:
     return expected("coordinateTransformations", "a scale or translation with one number per axis", step)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError, expected
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.common import grid_shape, library, map_array, require_bytes, require_plausible
+from splatgl.readers.common import decoder_errors, grid_shape, map_array, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions, sample_type
 
 # most bytes looked at for a header; NumPy itself refuses to read one of more than 10 000
@@ -43,8 +43,8 @@ class _Header:
 def read_npy(path: Path, _options: LoadOptions) -> Volume:
     """The array [z, y, x] of a .npy file, mapped in either order of axes."""
     with path.open("rb") as file:
-        header = _header(file)
-    _check(header)
+        header = _read_header(file)
+    _check_header(header)
     if header.fortran:
         return Volume(map_array(path, header.offset, header.dtype, header.shape[::-1]).T)
     return Volume(map_array(path, header.offset, header.dtype, header.shape))
@@ -53,14 +53,14 @@ def read_npy(path: Path, _options: LoadOptions) -> Volume:
 def read_npz(path: Path, options: LoadOptions) -> Volume:
     """The array named by `array`, or the only 3-D one, of a .npz file; read whole."""
     # 1. what is in it
-    with library("NumPy .npz"), zipfile.ZipFile(path) as archive:
+    with decoder_errors("NumPy .npz"), zipfile.ZipFile(path) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist() if name.endswith(".npy")}
         headers = {name: _member_header(archive, member) for name, member in members.items()}
-    name = _choice(headers, options)
+    name = _select_array(headers, options)
     header = headers[name]
-    _check(header)
+    _check_header(header)
     # 2. the archive's directory, the array's own header and the compressed bytes must agree before it is read
-    with library("NumPy .npz"), zipfile.ZipFile(path) as archive:
+    with decoder_errors("NumPy .npz"), zipfile.ZipFile(path) as archive:
         member = archive.getinfo(members[name])
         require_bytes(byte_count(header.shape, header.dtype), member.file_size - header.offset)
         there = min(member.compress_size, path.stat().st_size)
@@ -71,7 +71,7 @@ def read_npz(path: Path, options: LoadOptions) -> Volume:
     return Volume(samples)
 
 
-def _choice(headers: dict[str, _Header], options: LoadOptions) -> str:
+def _select_array(headers: dict[str, _Header], options: LoadOptions) -> str:
     listed = ", ".join(headers) or "none"
     if options.array is not None:
         if options.array not in headers:
@@ -89,20 +89,20 @@ def _member_header(archive: zipfile.ZipFile, member: str) -> _Header:
     if archive.getinfo(member).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise expected(member, "stored or deflated data, as NumPy writes", "another compression")
     with archive.open(member) as file:
-        return _header(file)
+        return _read_header(file)
 
 
-def _header(opened: IO[bytes]) -> _Header:
+def _read_header(opened: IO[bytes]) -> _Header:
     # a false header length could cause large allocations or unbounded inflation
     file = io.BytesIO(opened.read(_HEADER_LIMIT))
-    with library("NumPy .npy"):
+    with decoder_errors("NumPy .npy"):
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read(file)
         return _Header(shape, fortran, dtype, file.tell())
 
 
-def _check(header: _Header) -> None:
+def _check_header(header: _Header) -> None:
     if not header.is_volume:
         raise expected("array", "a 3-D array [z, y, x] of real numbers", f"{header.dtype} {header.shape}")
 
@@ -113,8 +113,8 @@ _DTYPE = re.compile(r"(?<![a-z])(u?int(?:8|16|32|64)|float(?:16|32|64))(le|be)?(
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume mapped from `path`, x fastest. Raises InputError if the byte count differs from shape and type."""
-    dtype = _dtype(path, options)
-    shape = grid_shape(options.shape or _shape(path))
+    dtype = _find_dtype(path, options)
+    shape = grid_shape(options.shape or _shape_from_name(path))
     needed, there = options.header_offset + byte_count(shape, dtype), path.stat().st_size
     if needed != there:
         this = f"{needed} bytes ({shape[2]}x{shape[1]}x{shape[0]} {dtype.name} after {options.header_offset})"
@@ -123,26 +123,26 @@ def read(path: Path, options: LoadOptions) -> Volume:
     return Volume(map_array(path, options.header_offset, dtype, shape))
 
 
-def _shape(path: Path) -> tuple[int, int, int]:
+def _shape_from_name(path: Path) -> tuple[int, int, int]:
     found = _SHAPE.search(path.name)
     if found is None:
-        raise _unstated(path, "shape", "_128x256x256_")
+        raise _unknown_error(path, "shape", "_128x256x256_")
     return int(found[1]), int(found[2]), int(found[3])
 
 
-def _dtype(path: Path, options: LoadOptions) -> np.dtype:
+def _find_dtype(path: Path, options: LoadOptions) -> np.dtype:
     found = options.dtype or _DTYPE.search(path.name)
     if found is None:
-        raise _unstated(path, "dtype", "_uint8")
+        raise _unknown_error(path, "dtype", "_uint8")
     return sample_type(found if isinstance(found, str) else found[0])
 
 
-def _unstated(path: Path, option: str, such: str) -> InputError:
+def _unknown_error(path: Path, option: str, such: str) -> InputError:
     """The error for a file of which neither its name nor an option tells the shape or the type."""
-    error = expected(option, f"one in the name (such as {such}) or as an option", "neither", _fix(path))
+    error = expected(option, f"one in the name (such as {such}) or as an option", "neither", _advice(path))
     return Choice(str(error), option, [("bytes", f"{path.stat().st_size:,}")])
 
 
-def _fix(path: Path) -> str:
+def _advice(path: Path) -> str:
     headers = [header for header in (path.with_suffix(".mhd"), path.with_suffix(".nhdr")) if header.is_file()]
     return f"load its header {headers[0].name}" if headers else "give shape=X,Y,Z and dtype=TYPE"

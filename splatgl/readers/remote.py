@@ -17,15 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import shortened
+from splatgl.fileio import shorten_name
 
 # times that something is asked for, seconds between the first two, which double, and seconds for a connection and
 # between two parts of an answer
-TIMES, WAIT, CONNECT, ANSWER = 4, 0.5, 10.0, 30.0
+ATTEMPTS, WAIT, CONNECT, ANSWER = 4, 0.5, 10.0, 30.0
 # files of a Zarr store that tell what is in it
 METADATA = ("zarr.json", ".zgroup", ".zattrs", ".zarray")
 # most bytes of such a file, and of a message
-MOST_METADATA, MOST_SAID = 1 << 26, 120
+MOST_METADATA, MOST_MESSAGE = 1 << 26, 120
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 
@@ -35,7 +35,7 @@ def is_address(source: str | Path) -> bool:
     return isinstance(source, str) and bool(_ADDRESS.match(source))
 
 
-def name_of(address: str) -> str:
+def address_name(address: str) -> str:
     """The name of what an address leads to: its last part."""
     return address.split("?")[0].split("#")[0].rstrip("/").rsplit("/", 1)[-1]
 
@@ -61,12 +61,12 @@ class Remote:
         try:
             self.files, self.root = fsspec.url_to_fs(address, **options)
         except ImportError as error:
-            fix = f"pip install 'splatgl[remote]': {_said(error)}"
+            fix = f"pip install 'splatgl[remote]': {_short_message(error)}"
             raise InputError(f"{scheme} addresses need the extra remote, {fix}") from None
         except ValueError as error:
-            raise expected("address", "one that fsspec knows", scheme, _said(error)) from None
+            raise expected("address", "one that fsspec knows", scheme, _short_message(error)) from None
         digest = hashlib.sha256(address.encode()).hexdigest()[:16]
-        self.folder = cache_folder() / f"{digest}-{re.sub(r'[^A-Za-z0-9._-]', '_', name_of(address))[:60]}"
+        self.folder = cache_folder() / f"{digest}-{re.sub(r'[^A-Za-z0-9._-]', '_', address_name(address))[:60]}"
         self.absent: set[str] = set()
         self.metadata: dict[str, bytes | None] = {}
 
@@ -93,11 +93,11 @@ class Remote:
         """The copy of the single file, fetched unless one of the same size and tag is there."""
         told = self._tried(lambda: self.files.info(self.root))
         tag = "".join(str(told.get(key, "")) for key in ("size", "ETag", "Last-Modified", "LastModified", "mtime"))
-        place = self.folder / hashlib.sha256(tag.encode()).hexdigest()[:16] / name_of(self.root)
+        place = self.folder / hashlib.sha256(tag.encode()).hexdigest()[:16] / address_name(self.root)
         if not place.is_file():
             shutil.rmtree(self.folder, ignore_errors=True)
             place.parent.mkdir(parents=True)
-            part = place.with_name(f".{shortened(place.name)}.part")
+            part = place.with_name(f".{shorten_name(place.name)}.part")
             self._tried(lambda: self.files.get_file(self.root, str(part)))
             part.replace(place)
         return place
@@ -146,24 +146,24 @@ class Remote:
 
     def _tried(self, ask: Any) -> Any:
         """The answer, after some attempts; InputError if there is none."""
-        for attempt in range(TIMES):
+        for attempt in range(ATTEMPTS):
             try:
                 return ask()
             except FileNotFoundError:
                 raise expected("address", "a file, or a Zarr store", "nothing there", "check it") from None
             except PermissionError as error:
-                raise InputError(f"refused: {_said(error)}") from None
+                raise InputError(f"refused: {_short_message(error)}") from None
             except Exception as error:
                 # whatever a library of such a service raises
-                if attempt + 1 == TIMES:
-                    raise InputError(f"no answer in {TIMES} attempts: {_said(error)}") from None
+                if attempt + 1 == ATTEMPTS:
+                    raise InputError(f"no answer in {ATTEMPTS} attempts: {_short_message(error)}") from None
                 time.sleep(WAIT * 2**attempt)
         raise AssertionError
 
 
-def _said(error: BaseException) -> str:
+def _short_message(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
-    return text if len(text) <= MOST_SAID else text[: MOST_SAID - 1] + "…"
+    return text if len(text) <= MOST_MESSAGE else text[: MOST_MESSAGE - 1] + "…"
 
 
 def _read(path: Path) -> bytes | None:

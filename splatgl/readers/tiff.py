@@ -22,21 +22,14 @@ from splatgl.data.affine import METRES, unit_name
 from splatgl.data.color import luma
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import WHOLE, byte_count, require_memory
-from splatgl.readers.channels import as_microscope
+from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
+from splatgl.readers.channels import mark_microscope
 from splatgl.readers.chunked import Chunked, TransposedChunks
-from splatgl.readers.common import MAX_BYTES, library, map_array, require_bytes, require_plausible, selection
-from splatgl.readers.heightmap import (
-    HEIGHTS,
-    Survey,
-    grey_heights,
-    kind_of_picture,
-    plane_of_picture,
-    terrain_of_picture,
-)
+from splatgl.readers.common import MAX_BYTES, decoder_errors, map_array, require_bytes, require_plausible, selection
+from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff_images import about, chosen, pixels_of, several, survey_of
-from splatgl.readers.tiff_validation import check_chain, check_ome, guard
+from splatgl.readers.tiff_images import describe_series, find_channels, find_pixels, read_survey, select_image
+from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome
 from splatgl.readers.vtk_xml import parse_xml
 
 # compressions that are read: each is told how many bytes a strip may expand to, or states the size of its picture
@@ -82,12 +75,12 @@ class _Series:
         return [axis for axis, size in enumerate(self.shape) if size > 1 or self.axes[axis] in "ZYX"]
 
 
-def contents(path: Path) -> list[str]:
+def list_images(path: Path) -> list[str]:
     """A line for each image of a file: its number, name and size; a star marks the one that is read."""
     check_chain(path)
-    with _complaints(), open_tiff(path) as tiff, library("TIFF"):
-        place, _ = chosen(tiff, LoadOptions())
-        return [f"{'*' if n == place else ' '} {n + 1}   {about(each)}" for n, each in enumerate(tiff.series)]
+    with _logged_errors(), open_tiff(path) as tiff, decoder_errors("TIFF"):
+        place, _ = select_image(tiff, LoadOptions())
+        return [f"{'*' if n == place else ' '} {n + 1}   {describe_series(each)}" for n, each in enumerate(tiff.series)]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -97,17 +90,17 @@ def read(path: Path, options: LoadOptions) -> Volume:
     parts. Spacing and unit are those of ImageJ's or OME's metadata, else 1.
     """
     check_chain(path)
-    with _complaints(), ExitStack() as stack:
+    with _logged_errors(), ExitStack() as stack:
         tiff = stack.enter_context(open_tiff(path))
-        with library("TIFF"):
+        with decoder_errors("TIFF"):
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
-            place, notes = chosen(tiff, options)
-            pixels = pixels_of(tiff, place)
-            survey = survey_of(tiff.series[place].keyframe)
+            place, notes = select_image(tiff, options)
+            pixels = find_pixels(tiff, place)
+            survey = read_survey(tiff.series[place].keyframe)
         image = _Image(path, tiff, place, pixels, survey)
-        volume = _read(image, options)
-        return replace(volume, notes=(*notes, *_told(image), *volume.notes))
+        volume = _read_image(image, options)
+        return replace(volume, notes=(*notes, *_ignored_notes(image), *volume.notes))
 
 
 @dataclass(frozen=True)
@@ -137,7 +130,7 @@ class _Image:
         return self.is_microscope and not asked and (options.values is not None or not heights)
 
 
-def _told(image: _Image) -> list[str]:
+def _ignored_notes(image: _Image) -> list[str]:
     """What the file states that is not heeded."""
     notes = []
     if image.tiff.ome_metadata and image.series.kind != "ome":
@@ -149,10 +142,10 @@ def _told(image: _Image) -> list[str]:
     return notes
 
 
-def _read(image: _Image, options: LoadOptions) -> Volume:
+def _read_image(image: _Image, options: LoadOptions) -> Volume:
     path, tiff = image.path, image.tiff
-    with library("TIFF"):
-        found = [_describe(level, image, image.is_plane(options)) for level in image.series.levels]
+    with decoder_errors("TIFF"):
+        found = [_describe_level(level, image, image.is_plane(options)) for level in image.series.levels]
     number = options.level or 0
     if number >= len(found) or (options.level is not None and len(found) == 1):
         this = f"a number from 0 to {len(found) - 1}" if len(found) > 1 else "a multiscale image"
@@ -162,50 +155,52 @@ def _read(image: _Image, options: LoadOptions) -> Volume:
     series = found[number]
     z = _stack_axis(series)
     if z is None:
-        return _of_picture(image, series, number, options)
-    _refuse_unused(series, z, options)
-    large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE
+        return _picture_volume(image, series, number, options)
+    _refuse_options(series, z, options)
+    large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE_BYTES
     times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
     time = options.time_number(times) if times > 1 else 0
-    pixels = None if large else _pixels(image, series, number, time)
+    pixels = None if large else _read_pixels(image, series, number, time)
 
     def read_one(channel: int | None) -> Volume:
         whole = _is_rgb(series) and (channel is None or _is_channelled(series))
         index = _index(series, z, replace(options, channel=0 if channel is None and whole else channel))
         here = index if pixels is None else _index_of(pixels, index)
-        (samples,) = parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
-        volume = _on_grid(_without_missing(samples, image.survey), series, found[0])
+        (samples,) = (
+            read_in_parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
+        )
+        volume = _level_volume(_mask_missing(samples, image.survey), series, found[0])
         if pixels is not None and whole:
-            return _colored(volume, pixels, here, series)
+            return _with_colors(volume, pixels, here, series)
         if options.level is not None or len(found) == 1:
             return volume
-        others = [n for n, level in enumerate(found) if n and _alike(level, series)]
-        coarser = zip(parts(path, image.place, others, series.axes, index), others, strict=True)
-        return replace(volume, coarser=tuple(_on_grid(samples, found[n], series) for samples, n in coarser))
+        others = [n for n, level in enumerate(found) if n and _is_coarser_level(level, series)]
+        coarser = zip(read_in_parts(path, image.place, others, series.axes, index), others, strict=True)
+        return replace(volume, coarser=tuple(_level_volume(samples, found[n], series) for samples, n in coarser))
 
-    with library("TIFF"):
-        told = several(tiff, image.pixels, series.axes, series.shape)
+    with decoder_errors("TIFF"):
+        told = find_channels(tiff, image.pixels, series.axes, series.shape)
     if series.axes[z] == "S":
         told = replace(told, components=1)
     volume = told.volume(options, read_one)
-    return as_microscope(volume) if image.is_microscope else volume
+    return mark_microscope(volume) if image.is_microscope else volume
 
 
-def _of_picture(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:
+def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:
     """The terrain of a single picture, or its plane."""
     for name in ("array", "channel", "time"):
         options.refuse(name, "a stack, where this is a single picture")
-    rows = np.squeeze(_pixels(image, series, number))
+    rows = np.squeeze(_read_pixels(image, series, number))
     rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
-    is_map, told = kind_of_picture(image.path, rows, options, image.survey is not None)
+    is_map, told = classify_picture(image.path, rows, options, image.survey is not None)
     if is_map:
-        volume = terrain_of_picture(image.path, grey_heights(rows), options, image.survey)
+        volume = make_terrain(image.path, grey_heights(rows), options, image.survey)
     else:
-        volume = replace(as_microscope(plane_of_picture(rows)), spacing=series.grid[0], unit=series.grid[1])
+        volume = replace(mark_microscope(make_plane(rows)), spacing=series.grid[0], unit=series.grid[1])
     return replace(volume, notes=(*volume.notes, *([told] if told else [])))
 
 
-def _refuse_unused(series: _Series, z: int, options: LoadOptions) -> None:
+def _refuse_options(series: _Series, z: int, options: LoadOptions) -> None:
     """InputError for options of what the image does not have."""
     letters = [series.axes[axis] for axis in series.long if axis != z]
     others = [letter for letter in letters if letter not in "YXCS"]
@@ -216,7 +211,7 @@ def _refuse_unused(series: _Series, z: int, options: LoadOptions) -> None:
         raise expected(name, "a single picture of heights", f"{series.shape[z]} planes", "leave it out")
 
 
-def _without_missing(samples: Any, survey: Survey | None) -> Any:
+def _mask_missing(samples: Any, survey: Survey | None) -> Any:
     """Samples with NaN where GDAL's number for no data stands; as they are where there is none."""
     if survey is None or survey.missing is None or not isinstance(samples, np.ndarray):
         return samples
@@ -235,7 +230,7 @@ def _is_channelled(series: _Series) -> bool:
     return "C" in (series.axes[axis] for axis in series.long)
 
 
-def _colored(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
+def _with_colors(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
     """The volume with its colours, and their luma as samples. index: of one component."""
     axis = series.axes.index("S")
     every = (*index[:axis], slice(0, 3), *index[axis + 1 :])
@@ -244,7 +239,7 @@ def _colored(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...],
     return replace(volume, samples=luma(color), color=np.ascontiguousarray(color))
 
 
-def _alike(level: _Series, finest: _Series) -> bool:
+def _is_coarser_level(level: _Series, finest: _Series) -> bool:
     """Whether it is the finest one with fewer places along z, y and x."""
     if level.axes != finest.axes:
         return False
@@ -252,7 +247,7 @@ def _alike(level: _Series, finest: _Series) -> bool:
     return all(size == finer or (axis in "ZYX" and size < finer) for axis, size, finer in sizes)
 
 
-def _on_grid(samples: Any, level: _Series, finest: _Series) -> Volume:
+def _level_volume(samples: Any, level: _Series, finest: _Series) -> Volume:
     """The samples of a level, in the box of the finest."""
     sizes = [dict(zip(series.axes, series.shape, strict=True)) for series in (finest, level)]
     shrunk = [sizes[0].get(axis, 1) / sizes[1].get(axis, 1) for axis in "XYZ"]
@@ -262,7 +257,7 @@ def _on_grid(samples: Any, level: _Series, finest: _Series) -> Volume:
 
 
 @contextmanager
-def _complaints() -> Iterator[None]:
+def _logged_errors() -> Iterator[None]:
     """Raises the first error that tifffile only logs: it reads truncated files without failing."""
     handler = _FirstError()
     logger = logging.getLogger("tifffile")
@@ -287,11 +282,11 @@ class _FirstError(logging.Handler):
             self.message = record.getMessage()
 
 
-def _describe(series: Any, image: _Image, plane: bool) -> _Series:
+def _describe_level(series: Any, image: _Image, plane: bool) -> _Series:
     """plane: whether a single picture is one of a stack."""
     _check_codec(series)
     pages = [page for page in series.pages if page is not None]
-    guard(pages)
+    check_before_decoding(pages)
     segments = tuple(pair for page in pages for pair in zip(page.dataoffsets, page.databytecounts, strict=True))
     axes, shape = series.axes, tuple(series.shape)
     if min(shape, default=0) < 1:
@@ -382,11 +377,11 @@ def _index_of(pixels: np.ndarray, index: tuple[int | slice, ...]) -> tuple[int |
     return tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in zip(index, pixels.shape, strict=True))
 
 
-def _pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:
+def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:
     """All samples [series.shape]; those of one time point, if they are pages of their own that have to be decoded."""
     if series.offset is not None:
         return map_array(image.path, series.offset, series.dtype, series.shape)
-    with library("TIFF"):
+    with decoder_errors("TIFF"):
         whole = image.series.levels[level]
         ahead, at = whole.shape[: -len(whole.keyframe.shape)], whole.axes.find("T")
         if 0 <= at < len(ahead) and math.prod(ahead) == len(whole):
@@ -440,20 +435,22 @@ def open_tiff(path: Path) -> Any:
     """The file in tifffile; other files that OME's metadata name are ignored."""
     tifffile = import_extra("tifffile", "TIFF files", "tifffile", "readers")
     kinds: Any = {f"is_{kind}": False for kind in OTHER_KINDS}
-    with library("TIFF"):
+    with decoder_errors("TIFF"):
         return tifffile.TiffFile(path, _multifile=False, **kinds)
 
 
-def parts(path: Path, place: int, levels: Sequence[int], axes: str, index: Sequence[int | slice]) -> list[Chunked]:
+def read_in_parts(
+    path: Path, place: int, levels: Sequence[int], axes: str, index: Sequence[int | slice]
+) -> list[Chunked]:
     """What `index` leaves free of those levels of an image, by its place in tiff.series; the file is open as long as
     one of them lives. axes: of the index; one that the series lacks has one entry.
     """
     zarr = import_extra("zarr", "multiscale TIFF files", "zarr", "readers")
     file = _OneFile(path)
-    with library("TIFF"):
+    with decoder_errors("TIFF"):
         series = file.tiff.series[place]
         for level in levels:
-            guard(series.levels[level].pages)
+            check_before_decoding(series.levels[level].pages)
         found = [(zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels]
         arrays = [TransposedChunks(array, names, axes) for array, names in found]
     return [Chunked(str(path), array, index, file, "TIFF") for array in arrays]

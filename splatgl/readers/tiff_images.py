@@ -10,7 +10,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from splatgl.errors import expected
-from splatgl.readers.channels import SECONDS, Channel, Several, rgb_of, window_of
+from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.heightmap import DEGREE, Survey
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.vtk_xml import parse_xml
@@ -20,27 +20,27 @@ WHITE = "#ffffff"
 COMPOSITE = ("#ff0000", "#00ff00", "#0000ff", WHITE, "#00ffff", "#ff00ff", "#ffff00")
 
 
-def several(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int, ...]) -> Several:
+def find_channels(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int, ...]) -> ChannelSet:
     """The channels and time points of an image of those axes. pixels: OME's element of it."""
     sizes = dict(zip(axes, shape, strict=True))
     count, times = sizes.get("C", 1), sizes.get("T", 1)
     if pixels is not None:
-        found = _of_ome(pixels, count, times)
+        found = _ome_channels(pixels, count, times)
     elif tiff.imagej_metadata:
-        found = _of_imagej(tiff.imagej_metadata, count, times)
+        found = _imagej_channels(tiff.imagej_metadata, count, times)
     else:
-        found = Several(tuple(Channel(str(n)) for n in range(count)), times=times)
+        found = ChannelSet(tuple(Channel(str(n)) for n in range(count)), times=times)
     return replace(found, components=sizes.get("S", 1))
 
 
-def _of_ome(pixels: Element, count: int, times: int) -> Several:
+def _ome_channels(pixels: Element, count: int, times: int) -> ChannelSet:
     """Colours are signed numbers of 32 bits, RGBA; times are seconds unless said otherwise."""
     nodes = [node for node in pixels if node.tag.endswith("}Channel")][:count]
     found = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
     found += [Channel(str(n)) for n in range(len(found), count)]
     together = count > 1 and any(each.color for each in found)
-    step = _positive(pixels.get("TimeIncrement")) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
-    return Several(tuple(found), together, times, step or None)
+    step = _positive_number(pixels.get("TimeIncrement")) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+    return ChannelSet(tuple(found), together, times, step or None)
 
 
 def _ome_color(text: str | None) -> str | None:
@@ -48,24 +48,26 @@ def _ome_color(text: str | None) -> str | None:
         number = int(text or "") & 0xFFFFFFFF
     except ValueError:
         return None
-    return rgb_of([number >> 24, number >> 16, number >> 8])
+    return hex_color([number >> 24, number >> 16, number >> 8])
 
 
-def _of_imagej(metadata: Mapping[str, Any], count: int, times: int) -> Several:
+def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int) -> ChannelSet:
     """Colours are the ends of lookup tables, windows the display ranges."""
     tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
-    labels, composite = _labels(metadata.get("Labels", ()), count), metadata.get("mode") == "composite"
+    labels, composite = _channel_names(metadata.get("Labels", ()), count), metadata.get("mode") == "composite"
     usual = dict(enumerate(COMPOSITE)) if composite and not len(tables) else {}
     found = []
     for n in range(count):
-        color = rgb_of([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else usual.get(n)
-        window = window_of(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
+        color = (
+            hex_color([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else usual.get(n)
+        )
+        window = parse_window(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
         found.append(Channel(labels[n], color, window))
     together = count > 1 and (composite or any(each.color not in (None, WHITE) for each in found))
-    return Several(tuple(found), together, times, _positive(metadata.get("finterval")) or None)
+    return ChannelSet(tuple(found), together, times, _positive_number(metadata.get("finterval")) or None)
 
 
-def _labels(told: Any, count: int) -> list[str]:
+def _channel_names(told: Any, count: int) -> list[str]:
     """Names of channels: the planes' labels, where each channel has its own on all its planes; else numbers."""
     texts = [str(text).strip() for text in told] if isinstance(told, list | tuple) else []
     names = texts[:count]
@@ -74,7 +76,7 @@ def _labels(told: Any, count: int) -> list[str]:
     return names if same and len(set(names) - {""}) == count else [str(n) for n in range(count)]
 
 
-def _positive(text: object) -> float:
+def _positive_number(text: object) -> float:
     """A positive, finite number; 0 for anything else."""
     try:
         number = float(str(text))
@@ -89,12 +91,12 @@ SCALE, TIE, MATRIX, KEYS, METADATA, NODATA = 33550, 33922, 34264, 34735, 42112, 
 MODEL, LINEAR, VERTICAL = 1024, 3076, 4099
 GEOGRAPHIC = 2
 # metres of units by EPSG's numbers, and by GDAL's names
-METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937, 9036: 1000.0}
-NAMED = {"m": 1.0, "metre": 1.0, "meter": 1.0, "ft": 0.3048, "foot": 0.3048, "us-ft": 1200 / 3937, "km": 1000.0}
+EPSG_METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937, 9036: 1000.0}
+GDAL_METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "ft": 0.3048, "foot": 0.3048, "us-ft": 1200 / 3937, "km": 1000.0}
 MOST_LISTED = 6
 
 
-def chosen(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
+def select_image(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
     """The place of the image that is read in tiff.series, and notes: the one that `series` numbers from 1 on or names,
     else the stack of the most voxels. InputError for a number or name that there is not.
     """
@@ -102,7 +104,7 @@ def chosen(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
     if not every:
         raise expected("TIFF", "one image at least", "none in its pages")
     asked = None if options.series is None else str(options.series)
-    lines = [f"{n} {each}" for n, each in enumerate(map(about, every), 1)]
+    lines = [f"{n} {each}" for n, each in enumerate(map(describe_series, every), 1)]
     listed = ", ".join(lines[:MOST_LISTED]) + ", …" * (len(lines) > MOST_LISTED)
     if asked is not None:
         named = [n for n, each in enumerate(every) if each.name == asked]
@@ -121,13 +123,13 @@ def chosen(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
     return place, (told,)
 
 
-def about(series: Any) -> str:
+def describe_series(series: Any) -> str:
     """An image's name and size, x first."""
     sizes = [str(n) for n, axis in zip(series.shape, series.axes, strict=True) if axis != "S"]
     return f"{series.name} {'×'.join(reversed(sizes))}".strip()
 
 
-def pixels_of(tiff: Any, place: int) -> Element | None:
+def find_pixels(tiff: Any, place: int) -> Element | None:
     """The element Pixels of OME-XML that describes an image of tiff.series; None without OME-XML."""
     if not tiff.ome_metadata:
         return None
@@ -142,16 +144,16 @@ def pixels_of(tiff: Any, place: int) -> Element | None:
     return nodes[min(place, len(nodes) - 1)] if nodes else None
 
 
-def survey_of(page: Any) -> Survey | None:
+def read_survey(page: Any) -> Survey | None:
     """Where the tags of GeoTIFF and GDAL place the heights of a page; None without any."""
     found = {code: page.tags[code].value for code in (SCALE, TIE, MATRIX, KEYS, METADATA, NODATA) if code in page.tags}
     if not found:
         return None
-    keys = _keys(found.get(KEYS, ()))
-    items = _items(str(found.get(METADATA, "")))
-    step, top = _step(found)
-    length = METRES.get(keys.get(LINEAR, 9001), 1.0)
-    upward = NAMED.get(items.get("unittype", "").lower(), METRES.get(keys.get(VERTICAL, 9001), 1.0))
+    keys = _geo_keys(found.get(KEYS, ()))
+    items = _gdal_items(str(found.get(METADATA, "")))
+    step, top = _pixel_size(found)
+    length = EPSG_METRES.get(keys.get(LINEAR, 9001), 1.0)
+    upward = GDAL_METRES.get(items.get("unittype", "").lower(), EPSG_METRES.get(keys.get(VERTICAL, 9001), 1.0))
     unit: str = "m" if keys and step else ""
     notes: tuple[str, ...] = ()
     if step and keys.get(MODEL) == GEOGRAPHIC:
@@ -160,12 +162,12 @@ def survey_of(page: Any) -> Survey | None:
         notes = (f"degrees are drawn as metres at latitude {middle:.4g}°",)
     elif step and unit:
         step = (step[0] * length, step[1] * length)
-    slope, offset = (_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
-    missing = _number(str(found.get(NODATA, "")).strip("\0 "), None)
+    slope, offset = (_parse_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
+    missing = _parse_number(str(found.get(NODATA, "")).strip("\0 "), None)
     return Survey(step, unit, missing, slope * (upward if unit else 1.0), offset, notes)
 
 
-def _step(found: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:
+def _pixel_size(found: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:
     """Widths of a pixel along x and y, None if they are not told; and y of the first row."""
     tie = [float(each) for each in found.get(TIE, ())]
     top = tie[4] + tie[1] * float(found[SCALE][1]) if len(tie) >= 6 and SCALE in found else 0.0
@@ -179,13 +181,13 @@ def _step(found: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:
     return ((x, y) if 0 < x < 1e12 and 0 < y < 1e12 else None), top
 
 
-def _keys(values: Sequence[int]) -> dict[int, int]:
+def _geo_keys(values: Sequence[int]) -> dict[int, int]:
     """Keys with short values: four numbers each behind a header of four (GeoTIFF 1.1 §7.1)."""
     rows = [tuple(values[n : n + 4]) for n in range(4, len(values) - 3, 4)]
     return {int(key): int(value) for key, place, _, value in rows if place == 0}
 
 
-def _items(text: str) -> dict[str, str]:
+def _gdal_items(text: str) -> dict[str, str]:
     """GDAL's items of the first band by their role: scale, offset, unittype."""
     if not text.strip().startswith("<"):
         return {}
@@ -193,7 +195,7 @@ def _items(text: str) -> dict[str, str]:
     return {node.get("role", ""): (node.text or "").strip() for node in nodes if node.get("role")}
 
 
-def _number(text: str | None, default: Any) -> Any:
+def _parse_number(text: str | None, default: Any) -> Any:
     try:
         return float(text or "")
     except ValueError:

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.readers.dicom_pixels import MOST_TILES, stream_size
+from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 
 # most planes of a series: a list of them takes some bytes each, whether they are in the file or not
 MAX_PLANES = 2**20
@@ -34,7 +34,7 @@ def check_chain(path: Path) -> None:
     """
     size = path.stat().st_size
     with path.open("rb") as file:
-        layout = _layout(file.read(16))
+        layout = _read_layout(file.read(16))
         if layout is None:
             return
         form, offset = layout
@@ -52,7 +52,7 @@ def check_chain(path: Path) -> None:
                 raise expected("tags", f"at most {size} bytes", "more", "the file is damaged")
 
 
-class _Form:
+class _Layout:
     """The two layouts: classic with 32-bit offsets, BigTIFF with 64-bit ones."""
 
     def __init__(self, order: str, big: bool) -> None:
@@ -78,7 +78,7 @@ class _Form:
         return len(table), values, following
 
 
-def _layout(head: bytes) -> tuple[_Form, int] | None:
+def _read_layout(head: bytes) -> tuple[_Layout, int] | None:
     """The file's layout and its first page's place; None if it is not TIFF."""
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
     if order is None or len(head) < 16:
@@ -87,13 +87,13 @@ def _layout(head: bytes) -> tuple[_Form, int] | None:
     if version not in (42, 43):
         return None
     big = version == 43
-    return _Form(order, big), struct.unpack_from(order + ("Q" if big else "I"), head, 8 if big else 4)[0]
+    return _Layout(order, big), struct.unpack_from(order + ("Q" if big else "I"), head, 8 if big else 4)[0]
 
 
 def check_ome(root: Element) -> None:
     """Raises InputError if OME's metadata state more planes than any file has."""
     for node in root.iter():
-        counts = {name: _whole(node, name) for name in _OME_COUNTS if name in node.attrib}
+        counts = {name: _whole_number(node, name) for name in _OME_COUNTS if name in node.attrib}
         planes = abs(counts.get("SizeC", 1) * counts.get("SizeT", 1) * counts.get("SizeZ", 1))
         most = max((planes, *map(abs, counts.values())))
         if most > MAX_PLANES:
@@ -112,7 +112,7 @@ def _check_steps(node: Element) -> None:
         raise expected("OME-XML", f"at most {MAX_PLANES} steps", "more", "the metadata are damaged")
 
 
-def _whole(node: Element, name: str) -> int:
+def _whole_number(node: Element, name: str) -> int:
     try:
         return int(node.attrib[name])
     except ValueError:
@@ -134,23 +134,23 @@ _FIRST_FREE = np.where(np.arange(_COUNT) == 0, _CLEAR, _FREE + 1)
 _FEW, _BYTES = 256, 64
 
 
-def guard(pages: Iterable[Any]) -> None:
+def check_before_decoding(pages: Iterable[Any]) -> None:
     """Makes tifffile's pages check strips of LZW, JPEG and JPEG 2000 before they decode them."""
     for page in pages:
         if page is None or page.keyframe.compression not in (_LZW, *_PICTURES):
             continue
         frame = page.keyframe
-        if not isinstance(frame.decode, _Checked):
-            frame.decode = _Checked(frame.decode, _check_of(frame))
+        if not isinstance(frame.decode, _CheckedDecoder):
+            frame.decode = _CheckedDecoder(frame.decode, _find_check(frame))
 
 
-def _check_of(frame: Any) -> Callable[[bytes], None]:
+def _find_check(frame: Any) -> Callable[[bytes], None]:
     if frame.compression == _LZW:
         return partial(check_lzw, reversed_bits=frame.fillorder == 2)
     return partial(check_picture, rows=int(frame.chunks[0]), columns=int(frame.chunks[1]))
 
 
-class _Checked:
+class _CheckedDecoder:
     """A page's decoder that raises InputError for damaged strips."""
 
     def __init__(self, decode: Callable[..., Any], check: Callable[[bytes], None]) -> None:
@@ -164,7 +164,7 @@ class _Checked:
 
 def check_picture(data: bytes, rows: int, columns: int) -> None:
     """Raises InputError for a strip or tile that states a larger picture than its place has."""
-    size, tiles = stream_size(bytes(data))
+    size, tiles = picture_size(bytes(data))
     if not size or size[0] > rows or size[1] > columns or tiles > MOST_TILES:
         got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
         raise expected("picture in a strip", f"{columns} × {rows} pixels at most", got, "the file is damaged")
@@ -177,39 +177,39 @@ def check_lzw(data: bytes, reversed_bits: bool = False) -> None:
         array = np.packbits(np.unpackbits(array, bitorder="little"))
     bits = 8 * len(array)
     padded = np.concatenate([array, np.zeros(4, np.uint8)]).astype(np.uint32)
-    if bits >= 9 and _codes(padded, 0, 1)[0] != _CLEAR:
-        raise _damaged("a strip that does not begin with an empty table")
+    if bits >= 9 and _read_codes(padded, 0, 1)[0] != _CLEAR:
+        raise _lzw_error("a strip that does not begin with an empty table")
     place, tables = 0, 0
     while place + 9 <= bits:
-        place, following = _table(padded, place, bits)
+        place, following = _check_table(padded, place, bits)
         tables += 1
         if not following:
             return
         if tables > 4 + len(array) // _BYTES:
-            raise _damaged("tables of a few codes")
+            raise _lzw_error("tables of a few codes")
 
 
-def _table(padded: np.ndarray, place: int, bits: int) -> tuple[int, bool]:
+def _check_table(padded: np.ndarray, place: int, bits: int) -> tuple[int, bool]:
     """Checks the codes from a place on, up to where the table is cleared; (the place behind, whether more follow)."""
     most = int(np.searchsorted(_STARTS, bits - place, side="right")) - 1
     for count in (min(_FEW, most), most):
-        codes = _codes(padded, place, count)
+        codes = _read_codes(padded, place, count)
         ends = np.flatnonzero((codes == _CLEAR) | (codes == _END))
         if len(ends):
             break
     last = int(ends[0]) if len(ends) else count
     # what clears a table, or ends the strip, is in every table
     if (codes[:last] >= _FIRST_FREE[:last]).any():
-        raise _damaged("one that is in no table")
+        raise _lzw_error("one that is in no table")
     if not len(ends):
         # a table that is full and not cleared
         if count == _COUNT and bits - place - _STARTS[count] >= _BITS[-1]:
-            raise _damaged("a table that is full")
+            raise _lzw_error("a table that is full")
         return bits, False
     return place + int(_STARTS[last + 1]), bool(codes[last] == _CLEAR)
 
 
-def _codes(padded: np.ndarray, place: int, count: int) -> np.ndarray:
+def _read_codes(padded: np.ndarray, place: int, count: int) -> np.ndarray:
     """The codes of a table that begins at a bit. padded: bytes, uint32, with four more."""
     starts, long = place + _STARTS[:count], _BITS[:count]
     byte, bit = starts >> 3, starts & 7
@@ -218,5 +218,5 @@ def _codes(padded: np.ndarray, place: int, count: int) -> np.ndarray:
     return found
 
 
-def _damaged(got: str) -> Exception:
+def _lzw_error(got: str) -> Exception:
     return expected("LZW codes", "ones that the strip introduced", got, "the file is damaged")

@@ -17,11 +17,11 @@ import numpy as np
 from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count
-from splatgl.readers.common import Shape, grid_shape, hints_of, map_array, read_numbers, require_bytes
+from splatgl.readers.common import Shape, field_hints, grid_shape, map_array, read_numbers, require_bytes
 from splatgl.readers.options import LoadOptions
 
 # most names of arrays that a note lists
-MOST_TOLD = 8
+MOST_LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Selection:
         )
 
 
-def select(points: Sequence[PointArray], cells: Sequence[PointArray], options: LoadOptions) -> Selection:
+def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], options: LoadOptions) -> Selection:
     """Selects among the arrays of points and of cells: those of cells if there are no others, or if one has that name.
 
     Without options the first array with one component, else the length of the first vectors, becomes the samples.
@@ -68,24 +68,24 @@ def select(points: Sequence[PointArray], cells: Sequence[PointArray], options: L
     if not arrays:
         raise expected("arrays", "point or cell data", "none")
     vectors = next((array for array in arrays if array.is_vectors), None)
-    chosen = _chosen(arrays, vectors, options)
+    chosen = _select_array(arrays, vectors, options)
     if chosen.is_vectors:
         vectors = chosen
     field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
     lengths = options.channel_number is None and chosen.is_vectors and field is not None
-    samples = _lengths(field) if lengths and field is not None else _component(chosen, options)
-    hints = hints_of(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
+    samples = _vector_lengths(field) if lengths and field is not None else _component(chosen, options)
+    hints = field_hints(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
     # arrays of points and of cells are listed together
     every = [*arrays, *(points if in_cells else cells)]
     others = [array.name for array in every if array.name != chosen.name]
     notes: tuple[str, ...] = ()
     if options.array is None and others:
-        listed = ", ".join(others[:MOST_TOLD]) + ", …" * (len(others) > MOST_TOLD)
+        listed = ", ".join(others[:MOST_LISTED]) + ", …" * (len(others) > MOST_LISTED)
         notes = (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)
     return Selection(in_cells, samples, field, hints, notes)
 
 
-def _chosen(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:
+def _select_array(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:
     scalars = next((array for array in arrays if array.components == 1), None)
     if options.array is None:
         return scalars or vectors or arrays[0]
@@ -108,7 +108,7 @@ def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
     return chosen.read()[..., options.channel_number or 0]
 
 
-def _lengths(vectors: np.ndarray) -> np.ndarray:
+def _vector_lengths(vectors: np.ndarray) -> np.ndarray:
     """Lengths float32 [D, H, W], plane by plane."""
     lengths = np.empty(vectors.shape[:3], np.float32)
     for plane, source in zip(lengths, vectors, strict=True):
@@ -188,7 +188,7 @@ class _Parser:
         return lambda: np.unpackbits(map_array(self.path, start, np.dtype(np.uint8), (size,)), count=count).view(bool)
 
     def shape(self) -> Shape:
-        return grid_shape(_whole(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
+        return grid_shape(_whole_numbers(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
 
     def add(self, name: str, components: int, type_name: str, is_vectors: bool, count: int) -> None:
         """Steps over an array and keeps it if it has one entry per point, or per cell."""
@@ -212,9 +212,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
         parser = _Parser(path, file, _is_binary(file))
         while words := parser.words():
             _section(parser, words)
-    choice, grid = select(parser.arrays, parser.cells, options), parser.grid
-    spacing = _floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
-    origin = _floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
+    choice, grid = select_arrays(parser.arrays, parser.cells, options), parser.grid
+    spacing = _three_floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
+    origin = _three_floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
     if choice.of_cells:
         halves = [step / 2 * (count > 1) for step, count in zip(spacing, parser.shape()[::-1], strict=True)]
         origin = triple([start + half for start, half in zip(origin, halves, strict=True)], "ORIGIN")
@@ -247,13 +247,13 @@ def _section(parser: _Parser, words: Words) -> None:
     elif keyword == "FIELD":
         _fields(parser, rest)
     elif keyword == "LOOKUP_TABLE":
-        parser.values(4 * _whole(rest[1:2], "LOOKUP_TABLE")[0], "unsigned_char" if parser.binary else "float")
+        parser.values(4 * _whole_numbers(rest[1:2], "LOOKUP_TABLE")[0], "unsigned_char" if parser.binary else "float")
     else:
         _attribute(parser, keyword, rest)
 
 
 def _start_data(parser: _Parser, keyword: str, rest: Words) -> None:
-    parser.count, parser.of_points = _whole(rest[:1], keyword)[0], keyword == "POINT_DATA"
+    parser.count, parser.of_points = _whole_numbers(rest[:1], keyword)[0], keyword == "POINT_DATA"
     depth, height, width = parser.shape()
     if parser.of_points and parser.count != depth * height * width:
         raise expected("POINT_DATA", f"{depth * height * width} points, as DIMENSIONS say", parser.count)
@@ -261,29 +261,29 @@ def _start_data(parser: _Parser, keyword: str, rest: Words) -> None:
 
 def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
     if keyword == "SCALARS" and len(rest) >= 2:
-        components = _whole(rest[2:3], "SCALARS")[0] if len(rest) > 2 else 1
+        components = _whole_numbers(rest[2:3], "SCALARS")[0] if len(rest) > 2 else 1
         _skip_table_name(parser.file)
         parser.add(rest[0], components, rest[1], False, parser.count)
     elif keyword in _COMPONENTS and len(rest) >= 2:
         parser.add(rest[0], _COMPONENTS[keyword], rest[1], keyword == "VECTORS", parser.count)
     elif keyword == "TEXTURE_COORDINATES" and len(rest) >= 3:
-        parser.add(rest[0], _whole(rest[1:2], keyword)[0], rest[2], False, parser.count)
+        parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], rest[2], False, parser.count)
     elif keyword == "COLOR_SCALARS" and len(rest) >= 2:
         type_name = "unsigned_char" if parser.binary else "float"
-        parser.add(rest[0], _whole(rest[1:2], keyword)[0], type_name, False, parser.count)
+        parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], type_name, False, parser.count)
     else:
         raise expected("section", "a VTK keyword such as SCALARS", repr(" ".join([keyword, *rest])[:40]))
 
 
 def _fields(parser: _Parser, rest: Words) -> None:
-    for _ in range(_whole(rest[1:2], "FIELD")[0]):
+    for _ in range(_whole_numbers(rest[1:2], "FIELD")[0]):
         words = parser.words()
         while words[:1] == ["METADATA"]:
             _skip_metadata(parser.file)
             words = parser.words()
         if len(words) != 4:
             raise expected("FIELD", "a line 'name components tuples type'", repr(" ".join(words)[:40]))
-        components, count = _whole(words[1:3], "FIELD")
+        components, count = _whole_numbers(words[1:3], "FIELD")
         is_vectors = components == 3 and words[3] in ("float", "double")
         parser.add(words[0], components, words[3], is_vectors, count)
 
@@ -301,7 +301,7 @@ def _skip_metadata(file: BinaryIO) -> None:
         pass
 
 
-def _whole(words: Words, what: str) -> list[int]:
+def _whole_numbers(words: Words, what: str) -> list[int]:
     try:
         numbers = [int(word) for word in words]
     except ValueError:
@@ -311,7 +311,7 @@ def _whole(words: Words, what: str) -> list[int]:
     return numbers
 
 
-def _floats(words: Words, what: str) -> tuple[float, float, float]:
+def _three_floats(words: Words, what: str) -> tuple[float, float, float]:
     try:
         numbers = [float(word) for word in words]
     except ValueError:

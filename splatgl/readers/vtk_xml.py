@@ -23,23 +23,23 @@ from xml.parsers import expat
 
 import numpy as np
 
-from splatgl.data.affine import axes_of, even_steps
+from splatgl.data.affine import even_steps, spacing_and_direction
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import (
     MAX_BYTES,
     Shape,
-    data_file,
+    decoder_errors,
+    find_data_file,
     grid_shape,
-    library,
     map_array,
     read_text,
     require_bytes,
     require_plausible,
 )
 from splatgl.readers.options import LoadOptions, converter
-from splatgl.readers.vtk_legacy import PointArray, cells_along, select
+from splatgl.readers.vtk_legacy import PointArray, cells_along, select_arrays
 
 _UNEVEN = "resample it with ParaView's filter Resample To Image"
 
@@ -50,7 +50,7 @@ Grid = tuple[np.ndarray, np.ndarray]
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a .vti or .vtr file; `array` picks an array by name, the first vectors go to `Volume.vectors`."""
     file = parse_vtk(path, ("ImageData", "RectilinearGrid"))
-    pieces, coordinates = _pieces(file)
+    pieces, coordinates = _read_pieces(file)
     return _volume(pieces, _grid(file, pieces, coordinates), options)
 
 
@@ -60,8 +60,8 @@ def read_parallel(path: Path, options: LoadOptions) -> Volume:
     names = [node.get("Source", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
     if not names or len(set(names)) < len(names):
         raise expected("Piece", "pieces in a file each", f"{len(names)} in {len(set(names))} files")
-    files = [parse_vtk(data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]
-    found = [_pieces(file) for file in files]
+    files = [parse_vtk(find_data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]
+    found = [_read_pieces(file) for file in files]
     pieces = [piece for each, _ in found for piece in each]
     if parent.kind == "PRectilinearGrid":
         return _volume(pieces, _rectilinear(pieces, [each for _, axes in found for each in axes]), options)
@@ -71,20 +71,20 @@ def read_parallel(path: Path, options: LoadOptions) -> Volume:
     return _volume(pieces, grids[0], options)
 
 
-def _pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
+def _read_pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
     """The pieces of a file that are not empty, and the coordinates along x, y, z of each, if it has such."""
     owner = file.root.find(file.kind)
     nodes = file.root.findall(f"{file.kind}/Piece")
     if owner is None or not nodes:
         raise expected("Piece", "one or more", "none")
-    extents = [extent_of(node if node.get("Extent") else owner) for node in nodes]
+    extents = [read_extent(node if node.get("Extent") else owner) for node in nodes]
     kept = [n for n, extent in enumerate(extents) if all(extent[a + 1] >= extent[a] for a in (0, 2, 4))] or [0]
-    found = [_piece(file, nodes[n], extents[n]) for n in kept]
-    axes = [_coordinates(file, nodes[n], piece) for n, piece in zip(kept, found, strict=True)]
+    found = [_read_piece(file, nodes[n], extents[n]) for n in kept]
+    axes = [_read_coordinates(file, nodes[n], piece) for n, piece in zip(kept, found, strict=True)]
     return found, axes if file.kind == "RectilinearGrid" else []
 
 
-def _piece(file: VtkXml, node: Element, extent: list[int]) -> Piece:
+def _read_piece(file: VtkXml, node: Element, extent: list[int]) -> Piece:
     low = (extent[0], extent[2], extent[4])
     shape = grid_shape([extent[axis + 1] - extent[axis] + 1 for axis in (0, 2, 4)], "Extent")
     cells: Shape = tuple(cells_along(count) for count in shape)  # type: ignore[assignment]
@@ -92,12 +92,12 @@ def _piece(file: VtkXml, node: Element, extent: list[int]) -> Piece:
     return Piece(
         low,
         shape,
-        [] if of_points is None else arrays_of(file, of_points, shape),
-        [] if of_cells is None else arrays_of(file, of_cells, cells),
+        [] if of_points is None else read_arrays(file, of_points, shape),
+        [] if of_cells is None else read_arrays(file, of_cells, cells),
     )
 
 
-def _coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointArray]:
+def _read_coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointArray]:
     """Of a rectilinear piece: the coordinates along x, y, z."""
     owner = node.find("Coordinates")
     nodes = [] if owner is None else owner.findall("DataArray")
@@ -105,7 +105,7 @@ def _coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointArray]:
         return []
     if owner is None or len(nodes) != 3:
         raise expected("Coordinates", "three arrays", len(nodes))
-    return [_array(file, array, (1, 1, count)) for array, count in zip(nodes, piece.shape[::-1], strict=True)]
+    return [_read_array(file, array, (1, 1, count)) for array, count in zip(nodes, piece.shape[::-1], strict=True)]
 
 
 def _grid(file: VtkXml, pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
@@ -113,8 +113,8 @@ def _grid(file: VtkXml, pieces: list[Piece], coordinates: list[list[PointArray]]
         return _rectilinear(pieces, coordinates)
     image = file.root.find(file.kind)
     assert image is not None
-    direction = np.array(numbers_in(image, "Direction", "1 0 0 0 1 0 0 0 1", 9)).reshape(3, 3)
-    return direction * numbers_in(image, "Spacing", "1 1 1", 3), np.array(numbers_in(image, "Origin", "0 0 0", 3))
+    direction = np.array(parse_numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9)).reshape(3, 3)
+    return direction * parse_numbers(image, "Spacing", "1 1 1", 3), np.array(parse_numbers(image, "Origin", "0 0 0", 3))
 
 
 def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
@@ -139,10 +139,10 @@ def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]]) -> Gr
 
 def _volume(pieces: list[Piece], grid: Grid, options: LoadOptions) -> Volume:
     matrix, origin = grid
-    spacing, direction = axes_of(matrix, "Direction and Spacing")
-    points, low = joined(pieces, cells=False)
-    cells, _ = joined(pieces, cells=True)
-    choice = select(points, cells, options)
+    spacing, direction = spacing_and_direction(matrix, "Direction and Spacing")
+    points, low = join_pieces(pieces, cells=False)
+    cells, _ = join_pieces(pieces, cells=True)
+    choice = select_arrays(points, cells, options)
     # the place of the first sample
     counts = np.array([max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]) - low
     first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if choice.of_cells else 0.0)
@@ -194,7 +194,7 @@ class Source:
         data = self.read(self.stored(count))
         if self.raw:
             return data
-        with library("base64 data"):
+        with decoder_errors("base64 data"):
             decoded = base64.b64decode(data, validate=True)
         require_bytes(count, len(decoded), "base64 data")
         return decoded[:count]
@@ -212,7 +212,7 @@ def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np
     if coding.compressor:
         return _inflate_blocks(source, coding, needed).view(dtype).reshape(shape)
     # 1. the header is the number of bytes that follow
-    _same(needed, int(np.frombuffer(source.take(width), coding.header)[0]))
+    _check_size(needed, int(np.frombuffer(source.take(width), coding.header)[0]))
     if source.raw:
         return map_array(source.path, source.start + width, dtype, shape)
     # 2. base64: header and data are one run of characters, or two if the header was padded
@@ -232,14 +232,14 @@ def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
     sizes = [full] * blocks
     if blocks and last:
         sizes[-1] = last
-    _same(needed, sum(sizes))
+    _check_size(needed, sum(sizes))
     require_plausible(needed, sum(packed), bounded=coding.compressor != "vtkLZMADataCompressor")
     require_memory(needed, sum(packed))
     # 2. the blocks, one behind the other
     data = source.at(source.stored((3 + blocks) * width)).take(sum(packed))
     out, start = bytearray(), 0
     for size, stored in zip(sizes, packed, strict=True):
-        with library("compressed data"):
+        with decoder_errors("compressed data"):
             block = COMPRESSORS[coding.compressor](data[start : start + stored], size + 1)
         if len(block) != size:
             raise expected("inflated block", f"{size} bytes", "more" if len(block) > size else len(block))
@@ -269,7 +269,7 @@ COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
 }
 
 
-def _same(needed: int, stated: int) -> None:
+def _check_size(needed: int, stated: int) -> None:
     if needed != stated:
         raise expected("data", f"{needed} bytes, as the extent says", f"{stated} by its own header")
 
@@ -287,7 +287,7 @@ class Piece:
     cells: list[PointArray]
 
 
-def joined(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray], Index]:
+def join_pieces(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray], Index]:
     """The arrays of the points or cells of all pieces, and the index of the first point.
 
     Where pieces overlap the later one counts. Raises InputError, once an array is read, if they leave gaps.
@@ -304,13 +304,13 @@ def joined(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray], Inde
     counts: Shape = tuple(cells_along(size) for size in shape) if cells else shape  # type: ignore[assignment]
     lows = [tuple(at - begin for at, begin in zip(piece.low, first, strict=True))[::-1] for piece in pieces]
     return [
-        PointArray(one.name, one.components, one.is_vectors, partial(_join, parts, lows, counts), one.dtype)
+        PointArray(one.name, one.components, one.is_vectors, partial(_join_arrays, parts, lows, counts), one.dtype)
         for one, *_ in zip(*groups, strict=True)
         for parts in [[group[groups[0].index(one)] for group in groups]]
     ], first
 
 
-def _join(parts: Sequence[PointArray], lows: Sequence[tuple[int, ...]], shape: Shape) -> np.ndarray:
+def _join_arrays(parts: Sequence[PointArray], lows: Sequence[tuple[int, ...]], shape: Shape) -> np.ndarray:
     """One array [D, H, W, components] out of those of the pieces."""
     # every piece is checked against its file before the whole is allocated
     arrays = [part.read() for part in parts]
@@ -342,38 +342,40 @@ def read_series(path: Path, options: LoadOptions) -> Volume:
     file = parse_vtk(path, ("Collection", "vtkMultiBlockDataSet"))
     steps = file.kind == "Collection"
     owner = file.root.find(file.kind)
-    entries = [] if owner is None else _steps(owner) if steps else _blocks(owner)
-    name, array = _chosen(entries, options, "time steps" if steps else "blocks")
-    return _read(path, name, replace(options, array=array), collections=steps)
+    entries = [] if owner is None else _list_steps(owner) if steps else _list_blocks(owner)
+    name, array = _select_entry(entries, options, "time steps" if steps else "blocks")
+    return _read_entry(path, name, replace(options, array=array), collections=steps)
 
 
-def _read(path: Path, name: str, options: LoadOptions, collections: bool) -> Volume:
+def _read_entry(path: Path, name: str, options: LoadOptions, collections: bool) -> Volume:
     """The volume in a file that `path` names; a time step may be of blocks, these are of grids."""
     suffix = Path(name).suffix.lower()
     if suffix not in _GRIDS and not (suffix == ".vtm" and collections):
         raise expected(name, f"a file of {', '.join(_GRIDS)}", repr(suffix), converter(name))
-    found = data_file(path, name, options.anywhere)
+    found = find_data_file(path, name, options.anywhere)
     if suffix == ".vtm":
         parse_vtk(found, ("vtkMultiBlockDataSet",))
         return read_series(found, options)
     return _GRIDS[suffix](found, options)
 
 
-def _steps(owner: Element) -> list[Entry]:
+def _list_steps(owner: Element) -> list[Entry]:
     """Time steps in order, each with one file."""
-    found = sorted((numbers_in(node, "timestep", "0", 1)[0], node.get("file", "")) for node in owner.findall("DataSet"))
+    found = sorted(
+        (parse_numbers(node, "timestep", "0", 1)[0], node.get("file", "")) for node in owner.findall("DataSet")
+    )
     if len({time for time, _ in found}) < len(found):
         raise expected("DataSet", "one file a time step", "several", "save the parts as one .pvti")
     return [(f"{time:g}", name) for time, name in found]
 
 
-def _blocks(owner: Element) -> list[Entry]:
+def _list_blocks(owner: Element) -> list[Entry]:
     """The grids among the blocks, by their names; if there is none, all blocks."""
     found = [(node.get("name", ""), node.get("file", "")) for node in owner.iter("DataSet")]
     return [entry for entry in found if Path(entry[1]).suffix.lower() in _GRIDS] or found
 
 
-def _chosen(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str, str | None]:
+def _select_entry(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str, str | None]:
     """The file that is asked for, and the array in it."""
     listed = ", ".join(f"{n} ({name})" if name else f"{n}" for n, (name, _) in enumerate(entries[:_MOST_LISTED]))
     listed += ", …" if len(entries) > _MOST_LISTED else ""
@@ -423,21 +425,21 @@ class VtkXml:
 def parse_vtk(path: Path, kinds: tuple[str, ...]) -> VtkXml:
     """The XML part of a file, whose appended data need not be XML. InputError if it holds none of `kinds`."""
     data = np.memmap(path, np.uint8, mode="r")
-    text = data[: _find(data, _APPENDED)].tobytes()
+    text = data[: _find_word(data, _APPENDED)].tobytes()
     appended = None
     if len(text) < len(data):
-        tag_end = len(text) + _find(data[len(text) :], b">")
-        first = tag_end + _find(data[tag_end:], b"_") + 1
+        tag_end = len(text) + _find_word(data[len(text) :], b">")
+        first = tag_end + _find_word(data[tag_end:], b"_") + 1
         raw = b'"raw"' in data[len(text) : tag_end].tobytes()
         appended = Source(path, None, first, raw)
         text += b"</VTKFile>"
     root = parse_xml(text, "VTK XML")
     if root.tag != "VTKFile" or root.get("type") not in kinds:
         raise expected("type", f"a VTKFile of {' or '.join(kinds)}", root.get("type") or root.tag)
-    return VtkXml(path, root, appended, _coding(root))
+    return VtkXml(path, root, appended, _read_coding(root))
 
 
-def _find(data: np.ndarray, word: bytes) -> int:
+def _find_word(data: np.ndarray, word: bytes) -> int:
     """Offset of `word` in the bytes, or their number if absent; reads only up to it."""
     step = 1 << 20
     for start in range(0, len(data), step):
@@ -447,7 +449,7 @@ def _find(data: np.ndarray, word: bytes) -> int:
     return len(data)
 
 
-def _coding(root: Element) -> Coding:
+def _read_coding(root: Element) -> Coding:
     order = {"LittleEndian": "<", "BigEndian": ">"}.get(root.get("byte_order", "LittleEndian"))
     header = {"UInt32": "u4", "UInt64": "u8"}.get(root.get("header_type", "UInt32"))
     compressor = root.get("compressor", "")
@@ -459,14 +461,14 @@ def _coding(root: Element) -> Coding:
     return Coding(np.dtype(order + header), compressor)
 
 
-def arrays_of(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
+def read_arrays(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
     """The arrays below an element [D, H, W, components], each read when it is needed."""
-    return [_array(file, node, shape) for node in owner.findall("DataArray")]
+    return [_read_array(file, node, shape) for node in owner.findall("DataArray")]
 
 
-def _array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
+def _read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
     name, type_name, kind = node.get("Name", "unnamed"), node.get("type", "none"), node.get("format", "none")
-    components = int(numbers_in(node, "NumberOfComponents", "1", 1)[0])
+    components = int(parse_numbers(node, "NumberOfComponents", "1", 1)[0])
     if type_name not in _TYPES or components < 1:
         raise expected(f"DataArray {name}", "a number type and components", f"{type_name}, {components}")
     dtype = np.dtype(_TYPES[type_name]).newbyteorder(file.coding.header.byteorder)
@@ -477,20 +479,20 @@ def _array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
         inline = "".join((node.text or "").split()).encode("ascii", "replace")
         read = partial(decode, Source(file.path, inline, 0, False), file.coding, dtype, full)
     elif kind == "appended" and file.appended is not None:
-        source = file.appended.at(int(numbers_in(node, "offset", "0", 1)[0]))
+        source = file.appended.at(int(parse_numbers(node, "offset", "0", 1)[0]))
         read = partial(decode, source, file.coding, dtype, full)
     else:
         raise expected(f"DataArray {name}", "format ascii, binary or appended (with data)", kind)
     return PointArray(name, components, components == 3 and dtype.kind == "f", read, dtype)
 
 
-def extent_of(element: Element) -> list[int]:
+def read_extent(element: Element) -> list[int]:
     """Lowest and highest index of points along x, y, z: six numbers."""
     name = "Extent" if element.get("Extent") else "WholeExtent"
-    return [int(number) for number in numbers_in(element, name, "", 6)]
+    return [int(number) for number in parse_numbers(element, name, "", 6)]
 
 
-def numbers_in(element: Element, name: str, default: str, count: int) -> list[float]:
+def parse_numbers(element: Element, name: str, default: str, count: int) -> list[float]:
     """The numbers of an attribute. Raises InputError unless there are `count` finite ones."""
     text = element.get(name, default)
     try:
@@ -529,7 +531,7 @@ def parse_xml(text: str | bytes, title: str) -> Element:
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler, parser.buffer_text = builder.data, True
-    with library(title):
+    with decoder_errors(title):
         parser.Parse(text, True)
         return builder.close()
 

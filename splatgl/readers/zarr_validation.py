@@ -11,7 +11,7 @@ from typing import Any
 
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
-from splatgl.readers.chunked import tag_of
+from splatgl.readers.chunked import folder_tag
 from splatgl.readers.common import CHUNK_BYTES, DEFLATE_RATIO, MAX_BYTES, require_plausible
 
 Fetch = Callable[[Sequence[str]], None]
@@ -70,14 +70,14 @@ class ChunkFiles:
         self.index: Callable[[Sequence[int]], Sequence[int]] = tuple
         self.shape = array.shards or array.chunks
         self.bytes = byte_count(array.chunks, array.dtype)
-        names = _names(array)
+        names = _codec_names(array)
         # a shard's chunks are read one by one, each as its codec's ratio allows
         self.compressors = [name for name in names if name in _COMPRESSORS] if "sharding_indexed" not in names else []
 
     def tag(self) -> str:
         """What changes with the array's contents; of a copy, which grows, its place and metadata."""
         if self.fetch is None:
-            return tag_of(self.folder)
+            return folder_tag(self.folder)
         return f"{self.folder.resolve()} {sorted(self.metadata.to_dict().items())}"
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
@@ -110,7 +110,7 @@ def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None 
     ChunkFiles.
     """
     # 1. the codecs
-    names = _names(array)
+    names = _codec_names(array)
     refused = [name for name in names if name not in (*_COMPRESSORS, *_FILTERS)]
     compressors = [name for name in names if name in _COMPRESSORS]
     if refused or len(compressors) > 1:
@@ -138,11 +138,11 @@ def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None 
     return found
 
 
-def _names(array: Any) -> list[str]:
-    return [_name(codec) for codec in _codecs(array)]
+def _codec_names(array: Any) -> list[str]:
+    return [_codec_name(codec) for codec in _list_codecs(array)]
 
 
-def _codecs(array: Any) -> list[Any]:
+def _list_codecs(array: Any) -> list[Any]:
     """All codecs of an array, those inside its shards too."""
     metadata = array.metadata
     if metadata.zarr_format == 2:
@@ -155,7 +155,7 @@ def _codecs(array: Any) -> list[Any]:
     return found
 
 
-def _name(codec: Any) -> str:
+def _codec_name(codec: Any) -> str:
     """The codec's name: numcodecs' own, or that of format 3."""
     name = getattr(codec, "codec_id", None) or codec.to_dict()["name"]
     return str(name).removeprefix("numcodecs.")
@@ -165,11 +165,11 @@ def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
     """Raises InputError if the chunk says, or for long zlib data shows, that it expands beyond `chunk` bytes."""
     stored, room = file.stat().st_size, _DECLARED_ROOM * chunk
     if compressor in ("zlib", "gzip"):
-        size = _inflated(file, room) if stored * DEFLATE_RATIO > MAX_BYTES else 0
+        size = _inflated_size(file, room) if stored * DEFLATE_RATIO > MAX_BYTES else 0
     else:
         with file.open("rb") as opened:
             head = opened.read(18)
-        size = _declared(head, compressor, stored)
+        size = _declared_size(head, compressor, stored)
         # Blosc is not told where a chunk ends: it reads as many bytes as the header states
         if compressor == "blosc" and not _BLOSC_HEADER <= (length := int.from_bytes(head[12:16], "little")) <= stored:
             raise expected(f"chunk {file.name}", f"{stored} bytes stored", f"{length} stated", "the file is damaged")
@@ -177,7 +177,7 @@ def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
         raise expected(f"chunk {file.name}", f"{chunk} bytes", f"{size} at least", "the file is damaged")
 
 
-def _declared(head: bytes, compressor: str, stored: int) -> int:
+def _declared_size(head: bytes, compressor: str, stored: int) -> int:
     """Bytes that the chunk's own header states."""
     if compressor == "blosc":
         return int.from_bytes(head[4:8], "little")
@@ -196,7 +196,7 @@ def _declared(head: bytes, compressor: str, stored: int) -> int:
 _ZSTD_RATIO = 2**15
 
 
-def _inflated(file: Path, room: int) -> int:
+def _inflated_size(file: Path, room: int) -> int:
     """Bytes of zlib or gzip data, counted up to a little over `room`."""
     engine, size = zlib.decompressobj(wbits=47), 0
     with file.open("rb") as opened:

@@ -20,7 +20,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.fileio import bytes_of
+from splatgl.fileio import parse_bytes
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.background import as_drawn, grounded
@@ -203,7 +203,7 @@ def scene_of(
         settings=(scene.settings if settings is None else settings).but(**drawing),
     )
     found = found if "blend" in drawing else found.blended()
-    return found, bytes_of(memory) if isinstance(memory, str) else memory
+    return found, parse_bytes(memory) if isinstance(memory, str) else memory
 
 
 def _source(x: Any, given: dict[str, Any]) -> SceneFile:

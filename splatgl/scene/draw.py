@@ -17,8 +17,8 @@ from splatgl.annotations.annotate import ROOM, check, check_size, check_time, pa
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
-from splatgl.fileio import size_of
-from splatgl.readers.channels import PICKED
+from splatgl.fileio import format_bytes
+from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile, check_masked
 from splatgl.splat.segment_surfaces import is_segmentation
@@ -268,14 +268,16 @@ def check_fits(scene: SceneFile, drawn: Layers, memory: int | None = None) -> No
         need = fits(bricks, scene.view.size, most) if bricks else None
         if need is not None:
             name = layer.volume.name or "layer"
-            raise expected(name, f"a layer that fits into {size_of(most)}", size_of(need.bytes), "use a smaller volume")
+            raise expected(
+                name, f"a layer that fits into {format_bytes(most)}", format_bytes(need.bytes), "use a smaller volume"
+            )
 
 
 def tell(volume: Volume, quiet: bool = False, channels: bool = False, times: bool = False, layer: str = "") -> None:
     """Prints what the reader left out or assumed, on standard error. channels, times: whether all are shown. layer: the
     file of a volume beside the first.
     """
-    notes = [note for note in volume.notes if not (times and note.endswith(PICKED))]
+    notes = [note for note in volume.notes if not (times and note.endswith(TIME_HINT))]
     if len(volume.channels) > 1 and not channels:
         notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is taken: --channel picks another")
     for note in () if quiet else notes:
@@ -370,9 +372,9 @@ def _in_bricks(
     for name in ("check", "field", "savings"):
         if getattr(how, name):
             fix = "give more --memory, or a part of the volume"
-            raise expected(f"--{name}", f"a picture that fits into {size_of(most)}", size_of(need.bytes), fix)
+            raise expected(f"--{name}", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
     if not how.quiet:
-        told = f"{need}, together more than {size_of(most)}"
+        told = f"{need}, together more than {format_bytes(most)}"
         if need.bytes <= most:
             told = f"up to about {need.most:,} splats are more than are drawn at once"
         print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")

@@ -68,10 +68,10 @@ class MeshFile:
 
     def dressed(self, mesh: Mesh) -> Mesh:
         """A mesh of the same file in this colour and opacity."""
-        from splatgl.readers.meshes import dressed
+        from splatgl.readers.meshes import color_mesh
 
         made = replace(mesh, opacity=self.opacity, clipped=self.clip)
-        return dressed(made, self.linear or self.color or None)
+        return color_mesh(made, self.linear or self.color or None)
 
     @classmethod
     def of_table(cls, folder: Path, what: str, table: Any) -> MeshFile:

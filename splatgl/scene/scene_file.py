@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.annotations.annotate import check
-from splatgl.data.mask import OUTSIDE, named
+from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
@@ -65,7 +65,7 @@ def mask_anywhere(mask: Any) -> Any:
 
 def mask_moved(mask: str, moved: Callable[[str], str]) -> str:
     """A mask whose file's name is replaced by what `moved` makes of it."""
-    file, labels, outside = named(mask)
+    file, labels, outside = parse_mask(mask)
     told = [moved(file), ",".join(map(str, labels)), OUTSIDE * outside]
     return ":".join(part for part in told if part)
 
@@ -258,7 +258,7 @@ class SceneFile:
     def files(self) -> tuple[str, ...]:
         """What it names: its volume, colours, masks and meshes, and those of its layers."""
         color = self.load.get("color")
-        masks = [named(each)[0] for each in self.mask or () if isinstance(each, str)]
+        masks = [parse_mask(each)[0] for each in self.mask or () if isinstance(each, str)]
         meshes = [each.file for each in self.meshes if isinstance(each, MeshFile)]
         below = [file for layer in self.layers for file in layer.files]
         return (self.volume, *([color] if color else []), *masks, *meshes, *below)

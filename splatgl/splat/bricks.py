@@ -17,9 +17,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from splatgl.data.volume import Volume, places
+from splatgl.data.volume import Volume, zyx_index
 from splatgl.errors import expected
-from splatgl.fileio import size_of
+from splatgl.fileio import format_bytes
 from splatgl.readers.common import is_mapped
 from splatgl.splat.culling import AROUND_EYE
 from splatgl.splat.extract import POST_KERNEL, only_pre
@@ -139,7 +139,7 @@ class Bricks:
         """Extracts the records of one brick, in row order."""
         # `whole` masks the gaps of samples in memory
         gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
-        low, high = places(self.low[brick]), places(self.high[brick])
+        low, high = zyx_index(self.low[brick]), zyx_index(self.high[brick])
         records = box_records(self.volume, self.post, self.kernel, low, high, gaps)
         self.gaps[brick] = sum(map(len, gaps or ()))
         return records
@@ -168,7 +168,7 @@ class Bricks:
         box = near_box(view, sheets, np.stack([np.zeros(3), size - 1.0]))
         if box is None:
             return None
-        low, high = (places(np.clip(end, 0, size)) for end in box)
+        low, high = (zyx_index(np.clip(end, 0, size)) for end in box)
         records = box_records(self.volume, self.post, self.kernel, low, high)
         return NearField.of_records(records, box, view, sheets)
 
@@ -245,7 +245,8 @@ class Need:
     def __str__(self) -> str:
         """Number of splats, and the memory for them and for everything else."""
         count = f"up to about {self.most:,} splats"
-        return f"{count} take {size_of(EACH * self.most)}, samples and pixels {size_of(self.bytes - EACH * self.most)}"
+        samples = format_bytes(self.bytes - EACH * self.most)
+        return f"{count} take {format_bytes(EACH * self.most)}, samples and pixels {samples}"
 
     def bands(self, memory: int) -> int:
         """Number of bands of rows into which a picture in bricks is split to fit into about `memory` bytes."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.readers.common import is_whole
+from splatgl.readers.common import has_whole_numbers
 
 # planes that are read in a row, how often, and how many voxels of them are examined
 THREE, TIMES, PLACES = 3, 8, 1 << 17
@@ -143,7 +143,7 @@ def _whole_triples(volume: Volume) -> list[np.ndarray] | None:
     by_axis: list[list[np.ndarray]] = [[], [], []]
     for start in starts:
         block = np.asarray(finest.samples[int(start) : int(start) + THREE])
-        if not is_whole(block):
+        if not has_whole_numbers(block):
             return None
         for axis, rows in enumerate(_rows(block, step)):
             by_axis[axis].append(rows)
@@ -189,7 +189,7 @@ def _sought(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
     for slab in volume.slabs(SLAB, halo=0):
         block = np.asarray(slab.samples)
         other = np.argwhere(block != ground)
-        if not len(other) or not is_whole(block):
+        if not len(other) or not has_whole_numbers(block):
             continue
         low, high = np.maximum(other.min(axis=0) - 1, 0), other.max(axis=0) + 2
         block = block[tuple(map(slice, low, high))]

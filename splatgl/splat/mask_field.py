@@ -17,7 +17,7 @@ import numpy as np
 
 from splatgl.data.volume import Places, Volume
 from splatgl.errors import expected
-from splatgl.fileio import size_of
+from splatgl.fileio import format_bytes
 from splatgl.splat.clipping import FLUSH
 from splatgl.splat.grid import Grid, trilinear
 
@@ -98,7 +98,9 @@ class MaskField:
         count = int((high - low).prod())
         if count > MOST:
             fix = "draw a coarser --level, or mask less of it"
-            raise expected("mask", f"a box of at most {MOST:,} voxels ({size_of(MOST)}) around it", f"{count:,}", fix)
+            raise expected(
+                "mask", f"a box of at most {MOST:,} voxels ({format_bytes(MOST)}) around it", f"{count:,}", fix
+            )
         kept = np.zeros(high - low, np.uint8)
         (z0, y0, x0), (z1, y1, x1) = low.tolist(), high.tolist()
         for z, plane in _planes(volume, (z0, y0, x0), (z1, y1, x1)):

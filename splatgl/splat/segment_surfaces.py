@@ -18,7 +18,7 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.fileio import budget, size_of
+from splatgl.fileio import budget, format_bytes
 from splatgl.splat.colormaps import SOLID, Shown, label_place, labels_of
 from splatgl.splat.presets import default_transfer, label_transfer
 from splatgl.splat.transfer import Transfer
@@ -63,7 +63,7 @@ def smoothed_surfaces(
         raise expected(what, "a segmentation", "amounts", "use --values labels if its numbers are labels")
     if (need := volume.count * BYTES) > (most := budget()):
         fix = "draw boxes, a part or a coarser level"
-        raise expected(what, f"a segmentation that needs up to {size_of(most)}", size_of(need), fix)
+        raise expected(what, f"a segmentation that needs up to {format_bytes(most)}", format_bytes(need), fix)
     shown = [label for label in chosen.labels if label[2] > 0]
     numbers, low = _numbered(volume, shown)
     net = Net.of(numbers)

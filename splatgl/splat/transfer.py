@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.errors import InputError, expected
-from splatgl.fileio import load_table, parse_table, write_whole
+from splatgl.fileio import load_table, parse_table, write_file
 from splatgl.splat.colormaps import checked_labels, colormap, label_color, label_opacity
 
 # given as any sequence of pairs, stored as tuples
@@ -161,7 +161,7 @@ class Transfer:
 
     def save(self, path: str | Path) -> None:
         """Writes TOML; an old file is replaced whole or not at all. Raises InputError naming the file."""
-        write_whole(Path(path), self.to_toml().encode())
+        write_file(Path(path), self.to_toml().encode())
 
     @classmethod
     def load(cls, path: str | Path) -> Transfer:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Volume, coarser
+from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import expected
 from splatgl.scene.draw import is_layered, of_channels, tell
 from splatgl.scene.meshes import MeshFile, surfaces_of
@@ -112,7 +112,7 @@ class Document:
         volumes = [volume]
         for _ in STRIDES[1:]:
             last = volumes[-1]
-            less = coarser(last, bool(transfer.labels)) if last.count > SMALL and not last.coarser else last
+            less = halve_volume(last, bool(transfer.labels)) if last.count > SMALL and not last.coarser else last
             half = next(iter(last.coarser), less)
             volumes.append(half)
         before = tuple(each.count for each in volumes)

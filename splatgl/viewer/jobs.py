@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from splatgl.errors import TOLD, told
+from splatgl.errors import USER_ERRORS, error_text
 from splatgl.viewer.adaptive_quality import REST, STRIDES
 from splatgl.viewer.document import Document
 
@@ -69,8 +69,8 @@ class Extractor:
 
             try:
                 document.extract(stride, parts)
-            except TOLD as error:
-                self.failed, self.why = document, told(error)
+            except USER_ERRORS as error:
+                self.failed, self.why = document, error_text(error)
                 raise
             self.jobs.wake()
 

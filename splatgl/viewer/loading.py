@@ -17,9 +17,9 @@ import numpy as np
 from splatgl.animation.movie import by_numbers, time_points
 from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
-from splatgl.errors import TOLD, Choice, InputError, told
-from splatgl.fileio import write_whole
-from splatgl.readers import listed, load
+from splatgl.errors import USER_ERRORS, Choice, InputError, error_text
+from splatgl.fileio import write_file
+from splatgl.readers import list_volumes, load
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.scene.scene_file import SceneFile
@@ -39,8 +39,8 @@ def arrived(viewer: Viewer, done: Done) -> None:
     """Handles a finished job; bad input only sets the message, or closes a window that has nothing to show."""
     viewer.refresh()
     viewer.files.finished(done.name)
-    if isinstance(done.error, TOLD):
-        viewer.say(told(done.error), done.name.split()[0])
+    if isinstance(done.error, USER_ERRORS):
+        viewer.say(error_text(done.error), done.name.split()[0])
         if viewer.document.waiting:
             viewer.failed, viewer.closed = done.error, True
         elif done.name.startswith(TIME):
@@ -194,7 +194,7 @@ def _found(path: str, error: Choice) -> tuple[tuple[str, str], ...]:
 
 
 def _listed(path: str) -> tuple[tuple[str, str], ...]:
-    lines = [line.removeprefix(MARK).split(BESIDE, 1) for line in listed(path) if line.startswith(MARK)]
+    lines = [line.removeprefix(MARK).split(BESIDE, 1) for line in list_volumes(path) if line.startswith(MARK)]
     return tuple((name, words[0] if words else "") for name, *words in lines)
 
 
@@ -417,7 +417,7 @@ class Recent:
         with suppress(OSError, InputError):
             # others have no business with them
             self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_whole(self.file, json.dumps(self.paths, indent=0).encode())
+            write_file(self.file, json.dumps(self.paths, indent=0).encode())
 
 
 def _read(file: Path) -> tuple[str, ...]:

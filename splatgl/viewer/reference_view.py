@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.errors import TOLD, told
+from splatgl.errors import USER_ERRORS, error_text
 from splatgl.reference import renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene as Layers
@@ -94,8 +94,8 @@ class Reference:
         """Collects a finished reference; True if anything changed."""
         news = self.jobs.collect()
         for done in news:
-            if isinstance(done.error, TOLD):
-                self.said = f"no reference: {told(done.error)}"
+            if isinstance(done.error, USER_ERRORS):
+                self.said = f"no reference: {error_text(done.error)}"
             elif done.error is not None and not isinstance(done.error, Cancelled):
                 raise done.error
             if done.error is None and done.result[0] is self.wanted:

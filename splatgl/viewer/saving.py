@@ -14,8 +14,8 @@ from splatgl.annotations.annotate import LEAST_SIDE
 from splatgl.annotations.canvas import BLACK, WHITE, Canvas
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
-from splatgl.errors import TOLD, expected, told
-from splatgl.fileio import overwrites, write_whole
+from splatgl.errors import USER_ERRORS, error_text, expected
+from splatgl.fileio import overwrites, write_file
 from splatgl.gl.screen import Sprite, Stroke
 from splatgl.scene.draw import lay, origin
 from splatgl.scene.meshes import MeshFile, surfaces_of
@@ -152,10 +152,10 @@ def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> st
     target = free(folder, "scene", ".toml")
     scene = scene_of(state, document)
     if document.heavy:
-        write_whole(target, scene.to_toml(target.parent).encode())
+        write_file(target, scene.to_toml(target.parent).encode())
         return f"saved {target.name}: {RENDERED}"
     picture_of(scene, document, draw).save(target.with_suffix(".npy"))
-    write_whole(target, scene.to_toml(target.parent).encode())
+    write_file(target, scene.to_toml(target.parent).encode())
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
 
 
@@ -170,8 +170,8 @@ def saved(state: State, ask: str, document: Document, draw: Draw, folder: Path, 
         if ask == SCENE:
             return replace(state, message=save_scene(state, document, draw, folder))
         return replace(state, message=save_picture(state, document, draw, folder, add))
-    except TOLD as error:
-        return replace(state, message=told(error))
+    except USER_ERRORS as error:
+        return replace(state, message=error_text(error))
 
 
 def saved_as(
@@ -188,11 +188,11 @@ def saved_as(
         if overwrites(target, sources(document, times)):
             raise expected(target, "another file", "what is shown", "choose another name")
         if scene:
-            write_whole(target, scene_of(state, document).to_toml(target.parent).encode())
+            write_file(target, scene_of(state, document).to_toml(target.parent).encode())
             return replace(state, message=f"saved {target.name}"), True
         return replace(state, message=_picture(state, document, draw, target, add)), False
-    except TOLD as error:
-        return replace(state, message=told(error)), False
+    except USER_ERRORS as error:
+        return replace(state, message=error_text(error)), False
 
 
 def sources(document: Document, times: Sequence[SceneFile] = ()) -> list[str]:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.data.volume import FEWEST, Volume, coarser
-from splatgl.fileio import budget, size_of
+from splatgl.data.volume import FEWEST, Volume, halve_volume
+from splatgl.fileio import budget, format_bytes
 from splatgl.splat.bricks import bricks_of, need
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import MOST_KEPT
@@ -68,11 +68,11 @@ def every(volume: Volume, step: int) -> Volume:
 def _means(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> StandIn:
     """Means over blocks of voxels, of labels what most of a block are, as small as fit."""
     labels = bool(transfer.labels)
-    found, side = coarser(volume, labels), 2
+    found, side = halve_volume(volume, labels), 2
     while not _fits(found, transfer, settings, most) and max(found.shape) >= FEWEST:
-        found, side = coarser(found, labels), 2 * side
+        found, side = halve_volume(found, labels), 2 * side
     what = "most frequent labels" if labels else "means"
-    return StandIn(found, f"{what} of {side}^3 voxels: smaller ones need more than {size_of(most)}")
+    return StandIn(found, f"{what} of {side}^3 voxels: smaller ones need more than {format_bytes(most)}")
 
 
 def _levels(volume: Volume) -> list[Volume]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.errors import TOLD, missing_extra, told
+from splatgl.errors import USER_ERRORS, error_text, missing_extra
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
 from splatgl.gl.target import Interrupted
@@ -306,9 +306,9 @@ class Viewer:
             frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, lambda: self._given_up(asked))
         except Interrupted:
             return None
-        except TOLD as error:
+        except USER_ERRORS as error:
             self.refiner.refuse(wanted)
-            self.refusal = told(error)
+            self.refusal = error_text(error)
             # of a view that turns, too, which is refused anew each time
             self._refused()
             return None

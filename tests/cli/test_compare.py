@@ -135,7 +135,7 @@ def test_the_verdict_stands_even_if_the_report_cannot_be_written(
     def full(target: Path, data: bytes) -> None:
         raise sg.InputError(f"{target}: cannot be written: No space left on device")
 
-    monkeypatch.setattr("splatgl.cli.compare.write_whole", full)
+    monkeypatch.setattr("splatgl.cli.compare.write_file", full)
     assert main(["compare", "wrong.png", "right.png", "--report", "r.html"]) == 2
     said = capsys.readouterr()
     assert "wrong.png: different: one wrong pixel" in said.out

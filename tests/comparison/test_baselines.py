@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.comparison.image_regression import LONGEST, Baselines, renderer_class, stem_of
+from splatgl.comparison.image_regression import LONGEST, Baselines, file_stem, renderer_class
 
 
 @pytest.mark.parametrize(
@@ -31,12 +31,12 @@ def test_renderer_classes(renderer: str, found: str | None) -> None:
 
 
 def test_names_as_files(tmp_path: Path) -> None:
-    assert stem_of("test_it") == "test_it"
-    assert stem_of("test_it[front-2]") == "test_it-front-2"
-    assert len({stem_of(name) for name in ("t[a/b]", "t[a.b]", "t[a b]", "t[a-b]")}) == 4
-    assert "." not in stem_of("a.nvidia") and "." not in stem_of("a.portable-2")
-    assert LONGEST <= len(stem_of("x" * 300)) < LONGEST + 10
-    assert stem_of("é").isascii() and stem_of("é") != stem_of("è")
+    assert file_stem("test_it") == "test_it"
+    assert file_stem("test_it[front-2]") == "test_it-front-2"
+    assert len({file_stem(name) for name in ("t[a/b]", "t[a.b]", "t[a b]", "t[a-b]")}) == 4
+    assert "." not in file_stem("a.nvidia") and "." not in file_stem("a.portable-2")
+    assert LONGEST <= len(file_stem("x" * 300)) < LONGEST + 10
+    assert file_stem("é").isascii() and file_stem("é") != file_stem("è")
     # one name's files are not another's
     for name in ("front.png", "front.nvidia.png", "front-2.png", "front.nvidia-2.png", "frontal.nvidia.png"):
         (tmp_path / name).touch()

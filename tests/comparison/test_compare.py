@@ -9,7 +9,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.comparison.compare import Picture, alike, read
+from splatgl.comparison.compare import Picture, match_formats, read
 from splatgl.comparison.verdict import Tolerance, judge
 from splatgl.data.color import linear_from_srgb
 
@@ -211,9 +211,9 @@ def test_the_finer_is_rounded_to_the_coarser() -> None:
     floats, coarse = Picture("a", image), Picture("b", image.rounded(8), "RGBA", 8)
     fine = Picture("c", image.rounded(16), "RGBA", 16)
     for first, second in ((floats, coarse), (coarse, fine), (fine, floats)):
-        x, y = alike(first, second)
+        x, y = match_formats(first, second)
         assert (x.pixels == y.pixels).all()
-    assert (alike(floats, fine)[0].pixels != coarse.image.pixels).all()
+    assert (match_formats(floats, fine)[0].pixels != coarse.image.pixels).all()
 
 
 def test_text_that_is_no_record_is_no_provenance(tmp_path: Path) -> None:

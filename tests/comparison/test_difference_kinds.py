@@ -19,8 +19,8 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.comparison.html_report import case, page
-from splatgl.comparison.verdict import Tolerance, Verdict, judge, number
+from splatgl.comparison.html_report import build_case, build_page
+from splatgl.comparison.verdict import Tolerance, Verdict, format_metric, judge
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
 BASELINES = Path(__file__).parent / "baselines" / "test_scenes"
@@ -90,7 +90,7 @@ def test_each_is_to_be_seen_in_the_report(what: str) -> None:
     """Both pictures as they are, a difference that reaches the end of its scale, and a place for both in turn."""
     make, _, message = WRONG[what]
     image = make()
-    html = page([case(judge(image, RIGHT, names=(what, "right")), image, RIGHT)], "Report")
+    html = build_page([build_case(judge(image, RIGHT, names=(what, "right")), image, RIGHT)], "Report")
     assert re.search(message, html)
     pictures = [decoded(text) for text in re.findall(r'<img[^>]*src="data:image/png;base64,([^"]+)"', html)]
     assert len(pictures) in (3, 6) and html.count('class="view flicker"') == len(pictures) / 3
@@ -110,7 +110,9 @@ def test_the_report_in_a_browser(tmp_path: Path) -> None:
     if browser is None:
         pytest.skip("Chromium is not here")
     image = one_pixel()
-    (tmp_path / "r.html").write_text(page([case(judge(image, RIGHT), image, RIGHT)], "Report"), encoding="utf-8")
+    (tmp_path / "r.html").write_text(
+        build_page([build_case(judge(image, RIGHT), image, RIGHT)], "Report"), encoding="utf-8"
+    )
     command = [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom"]
     # milliseconds on the page's clock: the first turn is after 600
     for elapsed, shown in ((200, "actual"), (900, "expected")):
@@ -258,7 +260,7 @@ def cell(name: str, verdict: Verdict) -> str:
     if name == "ssim":
         return f"{check.value:.4f}"
     # what sums leave of zero is zero
-    return number(name, float(f"{check.value:.2g}") if abs(check.value) > 1e-7 else 0.0)
+    return format_metric(name, float(f"{check.value:.2g}") if abs(check.value) > 1e-7 else 0.0)
 
 
 def table() -> str:

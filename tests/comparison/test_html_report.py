@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.comparison import html_report
-from splatgl.comparison.html_report import case
+from splatgl.comparison.html_report import build_case
 from splatgl.comparison.verdict import judge
 
 # more than LARGEST in both directions, and no multiple of what becomes one pixel
@@ -26,8 +26,8 @@ def pair(row: int, column: int) -> tuple[sg.Image, sg.Image]:
 
 @pytest.mark.parametrize(("row", "column"), [(0, 0), (700, 1234), (HEIGHT - 1, WIDTH - 1)])
 def test_one_pixel_of_a_large_picture_is_to_be_seen(row: int, column: int) -> None:
-    heat = html_report.heat(html_report.shrunk(html_report.largest(*pair(row, column)), np.max))
-    assert html_report.shrunk(html_report.largest(*pair(row, column)), np.max).max() == 0.5
+    heat = html_report.heat_map(html_report.shrink(html_report.largest_difference(*pair(row, column)), np.max))
+    assert html_report.shrink(html_report.largest_difference(*pair(row, column)), np.max).max() == 0.5
     assert heat.shape == (344, 684, 3)
     assert np.argwhere(heat.any(axis=-1)).tolist() == [[row // 3, column // 3]]
     assert heat.max(axis=(0, 1)).tolist() == [252, 255, 200]
@@ -36,25 +36,25 @@ def test_one_pixel_of_a_large_picture_is_to_be_seen(row: int, column: int) -> No
 def test_shrunk_is_the_mean_of_its_pixels() -> None:
     pixels = np.random.default_rng(2).random((1200, 2048, 4)).astype(np.float32)
     blocks = pixels.reshape(600, 2, 1024, 2, 4)
-    assert np.allclose(html_report.shrunk(pixels, np.mean), blocks.mean(axis=(1, 3)), rtol=1e-6)
+    assert np.allclose(html_report.shrink(pixels, np.mean), blocks.mean(axis=(1, 3)), rtol=1e-6)
     small = pixels[:9, :1024]
-    assert html_report.shrunk(small, np.mean) is small
+    assert html_report.shrink(small, np.mean) is small
 
 
 def test_heat_rises_from_black_and_what_is_beyond_floats_is_the_lightest() -> None:
-    heat = html_report.heat(np.linspace(0, 3, 200, dtype=np.float32)[None])[0].astype(int)
+    heat = html_report.heat_map(np.linspace(0, 3, 200, dtype=np.float32)[None])[0].astype(int)
     assert heat[0].tolist() == [0, 0, 0]
     assert (np.diff(heat @ (0.2126, 0.7152, 0.0722)) >= 0).all(), "never darker"
     huge = [sg.Image(np.full((2, 2, 4), value, np.float32)) for value in (3e38, -3e38)]
-    assert (html_report.heat(html_report.largest(*huge)) == (252, 255, 200)).all()
+    assert (html_report.heat_map(html_report.largest_difference(*huge)) == (252, 255, 200)).all()
 
 
 def test_what_is_not_compared_is_not_shown() -> None:
     actual, right = pair(5, 7)
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[5, 7] = False
-    assert html_report.largest(actual, right).max() == 0.5
-    assert html_report.largest(actual, right, mask).max() == 0
+    assert html_report.largest_difference(actual, right).max() == 0.5
+    assert html_report.largest_difference(actual, right, mask).max() == 0
 
 
 @pytest.mark.parametrize(
@@ -65,19 +65,19 @@ def test_what_is_enlarged_is_the_pixel_and_what_is_around(
     row: int, column: int, box: tuple[int, int, int, int]
 ) -> None:
     actual, right = pair(row, column)
-    assert html_report.detail(sg.compare(actual, right), right.pixels.shape) == box
+    assert html_report.detail_box(sg.compare(actual, right), right.pixels.shape) == box
 
 
 def test_a_large_difference_is_enlarged_at_its_worst() -> None:
     actual, right = pair(500, 700)
     actual.pixels[100:900, 100:1900, 1] = 0.2
-    assert html_report.detail(sg.compare(actual, right), right.pixels.shape) == (669, 469, 732, 532)
+    assert html_report.detail_box(sg.compare(actual, right), right.pixels.shape) == (669, 469, 732, 532)
 
 
 def test_the_frame_is_around_the_box() -> None:
     """In per cent of the picture, which the page may show at any size."""
     actual, right = pair(515, 500)
-    html = case(judge(actual, right), actual, right).html
+    html = build_case(judge(actual, right), actual, right).html
     (frame,) = set(re.findall(r'class="mark" style="([^"]*)"', html))
     left, top, width, height = (float(n) for n in re.findall(r"([\d.]+)%", frame))
     assert (left, top) == pytest.approx((100 * 500 / WIDTH, 50), abs=1e-3)

@@ -10,7 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl.comparison import metrics
 from splatgl.comparison.compare import compare
-from splatgl.comparison.metrics import over_a_step
+from splatgl.comparison.metrics import exceeds_step
 from splatgl.comparison.verdict import judge
 from splatgl.data.color import srgb_from_linear
 
@@ -135,8 +135,8 @@ def test_unmatched_is_its_definition(shape: tuple[int, int, int], rng: np.random
     b = np.roll(a, 1, 1)
     b[rng.random(shape[:2]) > 0.9] = 0.5
     over = (np.abs(a - b).max(axis=-1) > 0.01) & (rng.random(shape[:2]) > 0.2)
-    assert metrics.unmatched(a, b, over, 0.01) == slow_unmatched(a, b, over, 0.01)
-    assert metrics.unmatched(a, a, np.ones(shape[:2], bool), 0.0) == 0
+    assert metrics.count_unmatched(a, b, over, 0.01) == slow_unmatched(a, b, over, 0.01)
+    assert metrics.count_unmatched(a, a, np.ones(shape[:2], bool), 0.0) == 0
 
 
 @pytest.mark.parametrize("threshold", [None, 0.05])
@@ -144,9 +144,9 @@ def test_unmatched_is_relative_to_the_peak(threshold: float | None, rng: np.rand
     a = np.float32(0.2) * rng.random((30, 20, 4)).astype(np.float32)
     b = a + rng.normal(0, 0.05, a.shape).astype(np.float32)
     over = np.ones(a.shape[:2], bool)
-    found = metrics.unmatched(a, b, over, threshold)
+    found = metrics.count_unmatched(a, b, over, threshold)
     assert 10 < found < 590
-    assert metrics.unmatched(64 * a, 64 * b, over, threshold, 64.0) == found
+    assert metrics.count_unmatched(64 * a, 64 * b, over, threshold, 64.0) == found
 
 
 def test_unmatched_tells_a_moved_edge_from_a_missing_line() -> None:
@@ -168,7 +168,7 @@ LEVELS = np.arange(256)
 def over(a: np.ndarray, b: np.ndarray, peak: float = 1.0) -> np.ndarray:
     """Of pictures from samples, uint8 [H, W, 4]."""
     x, y = (sg.Image.from_samples(samples.astype(np.uint8)).pixels * np.float32(peak) for samples in (a, b))
-    return over_a_step(x, y, np.abs(x - y).max(axis=-1), peak)
+    return exceeds_step(x, y, np.abs(x - y).max(axis=-1), peak)
 
 
 def samples(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -216,7 +216,7 @@ def test_what_eyes_do_not_see_is_none() -> None:
     alpha = 10.0 ** rng.uniform(-8, 0, (50, 60, 1))
     b = np.concatenate([alpha * rng.random((50, 60, 3)), alpha], -1).astype(np.float32)
     a = b + rng.uniform(-3e-4, 3e-4, b.shape).astype(np.float32)
-    assert not over_a_step(a, b, np.abs(a - b).max(axis=-1), 1.0).any()
+    assert not exceeds_step(a, b, np.abs(a - b).max(axis=-1), 1.0).any()
 
 
 @pytest.mark.parametrize("kind", ["dark object", "thin haze"])

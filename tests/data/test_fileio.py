@@ -14,7 +14,7 @@ import splatgl as sg
 from splatgl.animation.animation import Frames
 from splatgl.animation.movie import write_movie
 from splatgl.errors import InputError
-from splatgl.fileio import replaced, shortened, write_whole
+from splatgl.fileio import atomic_write, shorten_name, write_file
 
 
 def picture(path: Path) -> None:
@@ -32,7 +32,7 @@ def transfer(path: Path) -> None:
 
 
 WRITERS: dict[str, Callable[[Path], None]] = {
-    "text.txt": lambda path: write_whole(path, b"text"),
+    "text.txt": lambda path: write_file(path, b"text"),
     "picture.png": picture,
     "picture.npy": picture,
     "movie.gif": gif,
@@ -83,20 +83,20 @@ def test_names_as_long_as_file_systems_have(tmp_path: Path, name: str, letter: s
     WRITERS[name](tmp_path / long)
     WRITERS[name](tmp_path / long)
     assert os.listdir(tmp_path) == [long]
-    short = shortened(long)
-    assert long.startswith(short) and len(short.encode()) <= 200 and shortened(name) == name
+    short = shorten_name(long)
+    assert long.startswith(short) and len(short.encode()) <= 200 and shorten_name(name) == name
 
 
 def test_long_names_of_movies_and_frames(tmp_path: Path) -> None:
     """Frames lie in a folder beside a movie, and what a killed run left of them is found again."""
     frames = Frames.at(str(tmp_path / ("m" * 246 + ".gif")), "mark")
     frames.write(3, b"data")
-    left = frames.path(3).with_name(f".{shortened(frames.path(3).name)}.abcdefgh")
+    left = frames.path(3).with_name(f".{shorten_name(frames.path(3).name)}.abcdefgh")
     left.write_bytes(b"half")
     frames.sweep([3])
     assert not left.exists() and frames.path(3).read_bytes() == b"data"
     template = Frames.at(str(tmp_path / ("n" * 240 + "{frame:03d}.png")), "mark")
-    with replaced(template.path(0)) as temporary:
+    with atomic_write(template.path(0)) as temporary:
         kept = temporary.with_name(temporary.name + "x")
         temporary.replace(kept)
         temporary.write_bytes(b"")
@@ -111,13 +111,13 @@ def test_what_cannot_be_replaced_is_told(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for name in ("folder", "loop", "pipe"):
         with pytest.raises(InputError, match=f"{name}: cannot be written: "):
-            write_whole(tmp_path / name, b"data")
+            write_file(tmp_path / name, b"data")
     assert set(os.listdir(tmp_path)) == {"folder", "loop", "pipe"}
 
 
 def test_work_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     def work() -> None:
-        with replaced(tmp_path / "file") as temporary:
+        with atomic_write(tmp_path / "file") as temporary:
             temporary.write_bytes(b"half")
             raise ValueError("no")
 

@@ -71,7 +71,7 @@ def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: py
     file, probe = tmp_path / "v.h5", tmp_path / "probe.py"
     file.write_bytes(b"v")
     monkeypatch.setattr(hdf5_file, "_PROBE", probe)
-    monkeypatch.setattr(hdf5_file, "_PATIENCE", 2.0)
+    monkeypatch.setattr(hdf5_file, "_PROBE_TIMEOUT", 2.0)
     for code in ("print(1, flush=True)\nwhile True: pass", "print(1, flush=True)\nimport os; os._exit(3)"):
         probe.write_text(code)
         with pytest.raises(hdf5_file.InputError, match="its library fails on the file"):
@@ -90,4 +90,4 @@ def test_memory_that_nobody_tells_is_assumed(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(sys.modules, "psutil", None)
     assert 2**28 < fileio._available() < 2**50
     monkeypatch.delattr(os, "sysconf")
-    assert fileio._available() == fileio.ASSUMED and fileio.budget() == fileio.ASSUMED // 2
+    assert fileio._available() == fileio.ASSUMED_FREE and fileio.budget() == fileio.ASSUMED_FREE // 2

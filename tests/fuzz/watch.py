@@ -22,7 +22,7 @@ import splatgl as sg
 from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice
-from splatgl.readers import hdf5, listed
+from splatgl.readers import hdf5, list_volumes
 from splatgl.scene.scene_file import SceneFile
 
 TOUCH = 2**22
@@ -46,7 +46,7 @@ def read(path: Path, kind: str) -> None:
     if kind == "scene":
         _touch(SceneFile.from_toml(path).open())
         return
-    listed(path)
+    list_volumes(path)
     try:
         volume = sg.load(path)
     except Choice as needed:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import splatgl as sg
-from splatgl.data.volume import coarser
+from splatgl.data.volume import halve_volume
 
 SOFT = sg.Transfer([(0.2, 0.0), (0.8, 0.05)], colormap="hot", shading=False)
 
@@ -16,7 +16,7 @@ SOFT = sg.Transfer([(0.2, 0.0), (0.8, 0.05)], colormap="hot", shading=False)
 def with_levels(volume: sg.Volume, count: int) -> sg.Volume:
     found = [volume]
     for _ in range(count):
-        found.append(coarser(found[-1]))
+        found.append(halve_volume(found[-1]))
     return replace(volume, coarser=tuple(found[1:]))
 
 

@@ -160,7 +160,7 @@ def test_what_is_read_in_parts_stays_lazy(tmp_path: Path, monkeypatch: pytest.Mo
     samples = np.arange(6 * 7 * 8, dtype=np.uint16).reshape(6, 7, 8)
     array = zarr.create_array(tmp_path / "a.zarr", shape=samples.shape, chunks=(2, 4, 4), dtype=samples.dtype)
     array[:] = samples
-    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 100)
+    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE_BYTES", 100)
     ((data, _, kind),) = reading.read(str(tmp_path / "a.zarr"))
     assert kind == "image" and not isinstance(data, np.ndarray)
     assert data.dtype == samples.dtype and np.array_equal(np.asarray(data), samples)

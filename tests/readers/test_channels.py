@@ -10,7 +10,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.fileio import WHOLE
+from splatgl.fileio import WHOLE_BYTES
 from splatgl.readers.chunked import Chunked
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -148,7 +148,7 @@ def image(path: Path, order: str, version: str = "0.5") -> Path:
 def test_zarr_axes(order: str, parts: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Any order, at once and in parts: samples are [z, y, x], each from its place, and so is the spacing."""
     monkeypatch.setenv("SPLATGL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 0 if parts else WHOLE)
+    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE_BYTES", 0 if parts else WHOLE_BYTES)
     path = image(tmp_path / "a.zarr", order)
     whole, names = values(order.upper()), [name for name in "tczyx" if name in order]
     whole = whole.transpose([order.index(name) for name in names])
@@ -168,7 +168,7 @@ def test_zarr_reads_the_chunks_it_needs(tmp_path: Path, monkeypatch: pytest.Monk
     """Of turned axes, too: all chunks but one may be lost."""
     zarr = pytest.importorskip("zarr")
     monkeypatch.setenv("SPLATGL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 0)
+    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE_BYTES", 0)
     path = image(tmp_path / "a.zarr", "xyzct")
     samples = sg.load(path, channel=1, time=2).samples
     # x 6…8, y 3…5, z 3, both channels, all times

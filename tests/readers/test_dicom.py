@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.readers import listed
+from splatgl.readers import list_volumes
 
 pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
 from tests.fuzz.seed_dicom import enhanced, image, packed_image, save
@@ -146,7 +146,7 @@ def test_a_series_that_is_none_or_several(study: Path, asked: str) -> None:
 def test_info_lists_series_from_headers(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Those without all of their pixels, too."""
     lines = ["series", "  1: CT, 1 × 60 × 60, scout", "  2: CT, 6 × 11 × 9, thin B30", "  3: MR, 2 × 11 × 9"]
-    assert listed(study) == lines
+    assert list_volumes(study) == lines
     assert main(["info", str(study)]) == 0
     told = capsys.readouterr()
     assert told.out.startswith("series\n  1: CT, 1 × 60 × 60, scout\n  2: CT") and "11 × 9 × 6" in told.out

@@ -94,7 +94,7 @@ def test_labels_tell_the_axes(tmp_path: Path) -> None:
 def test_large_ones_are_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = save(tmp_path / "a.h5", data=BIG, chunks=(8, 8, 8), compression="gzip")
     whole = load(path).samples
-    monkeypatch.setattr(hdf5, "WHOLE", 1000)
+    monkeypatch.setattr(hdf5, "WHOLE_BYTES", 1000)
     monkeypatch.setattr(hdf5, "_PART_BYTES", 2**14)
     part = load(path).samples
     assert isinstance(whole, np.ndarray) and isinstance(part, Chunked) and part.chunks != (8, 8, 8)
@@ -310,7 +310,7 @@ def test_large_ones_are_resampled_where_they_are_read(tmp_path: Path, monkeypatc
     axes: dict[str, Any] = {"z": (levels, {}), "y": (np.arange(40.0), {}), "x": (np.arange(50.0), {})}
     path = weather(tmp_path / "a.nc", axes, data)
     whole = load(path).samples
-    monkeypatch.setattr(affine, "WHOLE", 1000)
+    monkeypatch.setattr(affine, "WHOLE_BYTES", 1000)
     part = load(path).samples
     assert isinstance(part, affine.Resampled) and part.shape == whole.shape == (7, 40, 50)
     for key in (np.s_[2:6, 3:9, 4:40], np.s_[3], np.s_[3, 4, 5], np.s_[...], np.s_[:, 7], np.s_[0:0]):
@@ -437,7 +437,7 @@ def test_attributes_that_cannot_be_listed_are_looked_at_by_name() -> None:
 
     from splatgl.readers import hdf5_probe
 
-    hdf5_probe.look("a", SimpleNamespace(attrs=Attributes()))
+    hdf5_probe.read_node("a", SimpleNamespace(attrs=Attributes()))
     assert {"DIMENSION_LABELS", "axistags", "units", "ExtMin0", "ImageSizeX"} <= set(Attributes.asked)
     assert set(_SPACINGS) <= set(Attributes.asked)
 
@@ -449,5 +449,5 @@ def test_the_look_at_a_file_asks_for_fill_values(tmp_path: Path, monkeypatch: py
     asked: list[str] = []
     monkeypatch.setattr(h5py.Dataset, "fillvalue", property(lambda dataset: asked.append(dataset.name)))
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        hdf5_probe.look("a", file.create_dataset("a", data=np.zeros((3, 3, 3))))
+        hdf5_probe.read_node("a", file.create_dataset("a", data=np.zeros((3, 3, 3))))
     assert asked == ["/a"]

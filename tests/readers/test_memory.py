@@ -100,9 +100,9 @@ BOMBS: dict[str, Callable[[Path], None]] = {
 @pytest.fixture
 def budget() -> Iterator[None]:
     """That of a process which was given BUDGET."""
-    fileio.limit(BUDGET)
+    fileio.set_budget(BUDGET)
     yield
-    fileio.limit(None)
+    fileio.set_budget(None)
 
 
 def peak(work: Callable[[], object]) -> int:

@@ -86,7 +86,7 @@ def test_multiscale_tiff(tmp_path: Path, options: dict[str, Any]) -> None:
 
 def test_a_large_multiscale_tiff_is_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     full = pyramid(tmp_path / "a.ome.tif")
-    monkeypatch.setattr(tiff, "WHOLE", 1000)
+    monkeypatch.setattr(tiff, "WHOLE_BYTES", 1000)
     volume = load(tmp_path / "a.ome.tif", channel=1)
     assert isinstance(volume.samples, Chunked)
     np.testing.assert_array_equal(volume.samples[3:5, 20:70, 1:2], full[3:5, 20:70, 1:2])

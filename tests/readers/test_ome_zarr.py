@@ -132,7 +132,7 @@ def test_stores_of_xarray(tmp_path: Path, version: int, monkeypatch: pytest.Monk
     assert sea.world_from_index[2, 2] < 0 and sea.world_from_index[1, 1] < 0
     # read in parts the same
     whole = load(path, array="u")
-    monkeypatch.setattr(ome_zarr, "WHOLE", 100)
+    monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 100)
     parts = load(path, array="u")
     assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples, equal_nan=True)
 

@@ -17,7 +17,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.readers import remote
-from splatgl.readers.remote import is_address, name_of
+from splatgl.readers.remote import address_name, is_address
 from splatgl.scene.scene_file import SceneFile
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
@@ -92,7 +92,7 @@ def chunks(server: Server) -> set[str]:
 def test_addresses() -> None:
     assert is_address("https://a.b/c.nrrd") and is_address("s3://bucket/x") and is_address("memory://x")
     assert not is_address("a.nrrd") and not is_address("C:/x.nrrd") and not is_address(Path("https://a"))
-    assert name_of("https://a.b/c/d.ome.zarr/?x=1#2") == "d.ome.zarr"
+    assert address_name("https://a.b/c/d.ome.zarr/?x=1#2") == "d.ome.zarr"
 
 
 def test_a_store_is_read_in_the_chunks_that_are_needed(server: Server, store: None, volume: sg.Volume) -> None:

@@ -13,7 +13,7 @@ from splatgl import reference
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
-from splatgl.fileio import limit
+from splatgl.fileio import set_budget
 from splatgl.scene.scene_file import SceneFile
 
 MIDDLE = np.array([11.7, 11.4, 11.9])
@@ -258,9 +258,9 @@ def test_commands(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_memory_that_is_too_small_is_told() -> None:
-    limit(1000)
+    set_budget(1000)
     try:
         with pytest.raises(sg.InputError, match="surfaces of seg: expected a segmentation that needs up to 1000"):
             sg.surfaces(of(halves()))
     finally:
-        limit(None)
+        set_budget(None)

@@ -13,7 +13,7 @@ import pytest
 import splatgl as sg
 from splatgl import fileio
 from splatgl.cli.main import main
-from splatgl.fileio import bytes_of, size_of
+from splatgl.fileio import format_bytes, parse_bytes
 from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.large_volumes import render_slabs
 from splatgl.readers import chunked, ome_zarr
@@ -345,8 +345,8 @@ def test_a_large_store_is_read_in_parts(
 ) -> None:
     path, samples = store
     whole = sg.load(path)
-    monkeypatch.setattr(ome_zarr, "WHOLE", 1000)
-    monkeypatch.setattr(chunked, "KEPT_BYTES", 2000)
+    monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 1000)
+    monkeypatch.setattr(chunked, "CACHE_BYTES", 2000)
     volume = sg.load(path)
     assert isinstance(whole.samples, np.ndarray) and isinstance(volume.samples, Chunked)
     assert volume.samples.dtype == np.uint8 and volume.shape == samples.shape
@@ -377,7 +377,7 @@ def test_chunks_that_show_nothing_are_read_once(
     """Extents of chunks are kept between runs, until anything in the store changes."""
     zarr = pytest.importorskip("zarr")
     monkeypatch.setenv("SPLATGL_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(ome_zarr, "WHOLE", 1000)
+    monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 1000)
     samples = np.full((32, 32, 32), 3, np.float32)
     samples[:8, :8, :8] = np.nan
     samples[24:, 24:, 24:] = 200
@@ -416,7 +416,7 @@ def test_a_damaged_chunk_is_told_in_one_line(
     path, _ = store
     (chunk,) = path.glob("c/0/1/1/1")
     chunk.write_bytes(chunk.read_bytes()[:9])
-    monkeypatch.setattr(ome_zarr, "WHOLE", 1000)
+    monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 1000)
     monkeypatch.chdir(path.parent)
     asked = ["render", str(path), "-o", "x.png", "--points", "100:0,150:1", "--size", "16", "--memory", "1"]
     assert main(asked) == 2
@@ -464,8 +464,8 @@ def test_numbers_of_bytes() -> None:
         ("7 b", 7),
         ("1.5MiB", 3 << 19),
     ):
-        assert bytes_of(text) == count
-    assert [size_of(count) for count in (12, 2048, 3 << 29)] == ["12 bytes", "2.0 KiB", "1.5 GiB"]
+        assert parse_bytes(text) == count
+    assert [format_bytes(count) for count in (12, 2048, 3 << 29)] == ["12 bytes", "2.0 KiB", "1.5 GiB"]
 
 
 def test_what_bricks_do_not_hold() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.data.volume import Label, coarser
+from splatgl.data.volume import Label, halve_volume
 from splatgl.reference.depth_map import depths
 from splatgl.reference.pick import pick
 from splatgl.splat import label_normals
@@ -318,12 +318,12 @@ def test_coarser_labels_are_numbers_that_there_are(rng: np.random.Generator) -> 
     samples = np.zeros((8, 9, 10), np.uint8)
     samples[:, 3], samples[4:, 5:] = 2, 9
     for volume, given in ((sg.Volume(samples), True), (sg.Volume(samples, labels=()), False)):
-        coarse = coarser(volume, given)
+        coarse = halve_volume(volume, given)
         assert coarse.samples.dtype == np.uint8 and set(np.unique(coarse.samples)) == {0, 2, 9}
         assert (coarse.samples[:, 1] == 2).all() and (coarse.samples[2:, 3:] == 9).all()
     noise_ = rng.integers(0, 3, (6, 6, 6)).astype(np.int16)
     blocks = noise_.reshape(3, 2, 3, 2, 3, 2).transpose(0, 2, 4, 1, 3, 5).reshape(27, 8)
-    chosen = coarser(sg.Volume(noise_), labels=True).samples.ravel()
+    chosen = halve_volume(sg.Volume(noise_), labels=True).samples.ravel()
     counts = np.array([np.bincount(block, minlength=3) for block in blocks])
     assert (counts[np.arange(27), chosen] == counts.max(axis=1)).all()
 

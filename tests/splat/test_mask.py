@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
-from splatgl.data.mask import named
+from splatgl.data.mask import parse_mask
 from splatgl.errors import InputError
 from splatgl.reference.field import field_integral, kept_field_integral
 from splatgl.scene.scene_file import SceneFile
@@ -241,7 +241,7 @@ def test_labels_outsides_and_several() -> None:
     ],
 )
 def test_masks_in_words(text: str, found: Any) -> None:
-    assert named(text) == found
+    assert parse_mask(text) == found
 
 
 @pytest.mark.long

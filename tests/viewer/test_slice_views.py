@@ -313,7 +313,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
     """And says so; its pane is empty, where another one's picture would stand under its number."""
     zarr = pytest.importorskip("zarr")
     zarr.save(str(tmp_path / "grid.zarr"), np.zeros((16, 16, 16), np.float32))
-    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE", 1000)
+    monkeypatch.setattr("splatgl.readers.ome_zarr.WHOLE_BYTES", 1000)
     document = Document.open(SceneFile(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (1.0, 0.5))}))
     assert not isinstance(document.volume.samples, np.ndarray)
     state = replace(State.of(document, (400, 300)), slices=Slices(shown=True))

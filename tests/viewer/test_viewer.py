@@ -15,7 +15,7 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import Overlay, Text, drawn, plain
 from splatgl.cli.main import main
-from splatgl.data.volume import coarser
+from splatgl.data.volume import halve_volume
 from splatgl.gl.screen import Screen
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -432,11 +432,11 @@ def test_undo_and_redo(scene: SceneFile) -> None:
 def test_coarser_volumes_stay_where_they_are() -> None:
     """The centre of mass, the sum of the samples times a voxel's size, and the box stay."""
     fine = blob(24)
-    coarse = coarser(fine)
+    coarse = halve_volume(fine)
     assert coarse.shape == (12, 12, 12) and coarse.spacing == (2.0, 2.0, 2.5)
     assert np.allclose(coarse.corners, fine.corners)
     assert coarse.samples.sum() * 8 == pytest.approx(float(fine.samples.sum()), rel=1e-5)
-    odd = coarser(sg.Volume(np.ones((5, 3, 9), np.uint8)))
+    odd = halve_volume(sg.Volume(np.ones((5, 3, 9), np.uint8)))
     assert odd.shape == (3, 3, 5) and (odd.samples == 1).all() and odd.spacing == (2.0, 1.0, 2.0)
 
 
@@ -444,7 +444,7 @@ def test_coarse_colours_are_those_of_the_matter() -> None:
     samples = np.zeros((8, 8, 8), np.uint8)
     color = np.zeros((8, 8, 8, 3), np.uint8)
     samples[:, :, 3], color[:, :, 3] = 255, (200, 100, 50)
-    coarse = coarser(sg.Volume(samples, color=color))
+    coarse = halve_volume(sg.Volume(samples, color=color))
     assert coarse.color is not None
     assert np.abs(coarse.color[:, :, 1].astype(int) - (200, 100, 50)).max() <= 1
 
@@ -455,7 +455,9 @@ def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: SceneFile) -> 
     # a volume this small is drawn as it is
     assert document.at(2) is document.at(1)
     volume = blob(48)
-    document = replace(document, volumes=(volume, coarser(volume), coarser(coarser(volume)), volume), made={}, skins={})
+    document = replace(
+        document, volumes=(volume, halve_volume(volume), halve_volume(halve_volume(volume)), volume), made={}, skins={}
+    )
     camera = document.home(SIZE).camera
     fine, coarse = (renderer.render(document.at(stride), camera).pixels for stride in (1, 2))
     assert coarse.mean() == pytest.approx(fine.mean(), rel=0.1)
@@ -691,7 +693,7 @@ def test_edits_of_kept_values_extract_nothing(after: Document) -> None:
 
 def test_edits_at_every_stride_keep_their_unit(after: Document) -> None:
     volume = blob(48)
-    coarse = (volume, coarser(volume), coarser(coarser(volume)), volume)
+    coarse = (volume, halve_volume(volume), halve_volume(halve_volume(volume)), volume)
     document = replace(after, volumes=coarse, made={}, skins={})
     assert document.at(2).unit == document.at(1).unit
     edited = document.following(replace(after.transfer, colormap="viridis"), 0.0, POST)
@@ -901,7 +903,7 @@ def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: Sc
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 3000)
     document = Document.open(scene)
     volume = blob(48)
-    document = replace(document, volumes=(volume, coarser(volume), coarser(volume), coarser(volume)))
+    document = replace(document, volumes=(volume, halve_volume(volume), halve_volume(volume), halve_volume(volume)))
     changed = document.changed(sg.Transfer([(-1, 0.5)]), 0.0)
     changed.skin(2)
     assert changed.heavy

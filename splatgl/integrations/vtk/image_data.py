@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of
-from splatgl.data.arrays import checked
+from splatgl.data.affine import spacing_and_direction
+from splatgl.data.arrays import check_samples
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, missing_extra
@@ -47,11 +47,11 @@ def of_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
     turn = x.GetDirectionMatrix()
     direction = np.array([[turn.GetElement(row, column) for column in range(3)] for row in range(3)])
     matrix = direction * np.array(x.GetSpacing())
-    spacing, direction = axes_of(matrix, "direction and spacing")
+    spacing, direction = spacing_and_direction(matrix, "direction and spacing")
     # the origin is that of index 0, which the extent need not hold
     origin = triple(matrix @ (first + 0.5 * in_cells) + np.array(x.GetOrigin()), "origin")
     every = vtk_to_numpy(array).reshape(*sizes[::-1], -1)
-    parts = (checked(every[..., component], "array") for component in range(every.shape[3]))
+    parts = (check_samples(every[..., component], "array") for component in range(every.shape[3]))
     return [Volume(part, spacing, origin, direction, name=array.GetName() or "") for part in parts]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import axes_of
+from splatgl.data.affine import spacing_and_direction
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Volume, triple
@@ -252,7 +252,7 @@ def _placed(volume: Volume, matrix: np.ndarray) -> Volume:
     """The volume in the world of its actor."""
     if np.array_equal(matrix, np.eye(4)):
         return volume
-    spacing, direction = axes_of(matrix[:3, :3] @ volume.world_from_index, "the actor's matrix")
+    spacing, direction = spacing_and_direction(matrix[:3, :3] @ volume.world_from_index, "the actor's matrix")
     origin = triple(matrix[:3, :3] @ np.array(volume.origin) + matrix[:3, 3], "the actor's matrix")
     return replace(volume, spacing=spacing, origin=origin, direction=direction)
 

@@ -17,7 +17,7 @@ from splatgl.data.image import Image
 from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
-from splatgl.fileio import write_whole
+from splatgl.fileio import write_file
 from splatgl.reference.blend import pixel_means
 from splatgl.reference.field import Field, field_integral
 from splatgl.reference.ray_integral import ray_integral
@@ -211,7 +211,7 @@ class Truths:
         if path is not None:
             buffer = io.BytesIO()
             np.save(buffer, pixels)
-            write_whole(path, buffer.getvalue())
+            write_file(path, buffer.getvalue())
 
     def _draw(self, truth: str, settings: Settings) -> np.ndarray:
         if truth == "field":

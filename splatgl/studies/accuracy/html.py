@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.comparison.html_report import data_uri, heat, html_page, largest, shown
+from splatgl.comparison.html_report import data_uri, heat_map, html_page, largest_difference, to_display
 from splatgl.data.image import Image
 from splatgl.errors import InputError
-from splatgl.fileio import write_whole
+from splatgl.fileio import write_file
 from splatgl.reference.renderer import Renderer
 from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.content import (
@@ -93,7 +93,7 @@ def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, S
     diagrams = {scene: written[name] for scene, name in names.items()}
     written[PAGE] = page(results, diagrams, strips).encode()
     for name, data in written.items():
-        write_whole(folder / name, data)
+        write_file(folder / name, data)
     others = ", ".join(name for name in written if name != PAGE)
     return [f"{folder / PAGE}: {len(results.scenes)} scenes; beside it {others}", *left_out]
 
@@ -148,14 +148,14 @@ def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) ->
         drawn[name] = renderer.render(splats, subject.camera, settings)
         for truth in COMPARED:
             if truth in row.errors:
-                found[name, truth] = largest(drawn[name], truths.get(truth, settings))
+                found[name, truth] = largest_difference(drawn[name], truths.get(truth, settings))
     scales = {t: _scale([d for (name, of), d in found.items() if of == t and name != PREVIEW]) for t in COMPARED}
     peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
     peak = peak if subject.settings.blend == "xray" else 1.0
-    cells = [Thumbnail(name, data_uri(shown(right, peak)), {}) for name, right in _truth(truths, subject.settings)]
+    cells = [Thumbnail(name, data_uri(to_display(right, peak)), {}) for name, right in _truth(truths, subject.settings)]
     for name in rows:
         heats = {t: _heat(found[name, t], scales[t]) for t in COMPARED if (name, t) in found}
-        cells.append(Thumbnail(name, data_uri(shown(drawn[name], peak)), heats))
+        cells.append(Thumbnail(name, data_uri(to_display(drawn[name], peak)), heats))
     return Strip(tuple(cells), scales, max(subject.camera.size) <= SQUARES)
 
 
@@ -177,4 +177,4 @@ def _heat(difference: np.ndarray, scale: float) -> str:
     clipped = np.minimum(difference, np.float32(scale))
     with_scale = np.pad(clipped, ((0, 1), (0, 0)))
     with_scale[-1, 0] = scale
-    return data_uri(heat(with_scale)[:-1])
+    return data_uri(heat_map(with_scale)[:-1])

@@ -18,7 +18,7 @@ from splatgl.annotations.contact_sheet import Panel, encoded, sheet
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.fileio import check_output, check_source, write_whole
+from splatgl.fileio import check_output, check_source, write_file
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.parse import size
 from splatgl.scene.scene_file import SceneFile
@@ -186,12 +186,12 @@ def run_picture(args: argparse.Namespace) -> int:
         shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
         if drawn:
             about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."
-            write_whole(output, encoded(picture(shown), about, f"splatgl {__version__}"))
+            write_file(output, encoded(picture(shown), about, f"splatgl {__version__}"))
             print(f"{output}:", fill(f"Figure {figure.number}. {about}", PAGE), sep="\n")
         if args.csv or args.text:
             table = numbers(shown)
             if args.csv:
-                write_whole(Path(args.csv), table.csv().encode())
+                write_file(Path(args.csv), table.csv().encode())
                 print(f"{args.csv}: the numbers of figure {figure.number}")
             if args.text:
                 print(fill(f"Figure {figure.number}. {figure.caption}", PAGE), table.text(), sep="\n\n")
