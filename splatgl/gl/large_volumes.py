@@ -15,7 +15,6 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume, zyx_index
-from splatgl.errors import expected
 from splatgl.fileio import budget
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import load
@@ -24,7 +23,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.grid import Grid
 from splatgl.splat.motion import Moments, Motion
 from splatgl.splat.plan import Blurred
-from splatgl.splat.resolve import extracted, streaked
+from splatgl.splat.resolve import check_blur, extracted
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -255,10 +254,7 @@ def moving_bricks(
     """A volume in bricks while the camera, or all of it, moves: the mean of its moments, as `Renderer.render` of moving
     splats. Raises InputError for streaks and for a flow.
     """
-    if streaked(settings):
-        raise expected("motion in bricks", "the mean of moments", f"motion {settings.motion}")
-    if motion.flow is not None:
-        raise expected("motion in bricks", "a camera or a volume that moves", "a flow")
+    check_blur("in bricks", settings, motion.flow is not None)
     still = settings.but(motion="off", moments=None)
 
     def draw(_: Splats, view: Camera, asked: Settings) -> Image:

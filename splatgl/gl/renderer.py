@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -14,11 +14,9 @@ import moderngl
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.data.mesh import Mesh
 from splatgl.errors import InputError, expected
 from splatgl.gl.backends import hand_back
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
-from splatgl.gl.layers import Drawn
 from splatgl.gl.passes import Passes
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
@@ -28,9 +26,9 @@ from splatgl.splat.error_bound import bound
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Moments, Motion, Shorter
 from splatgl.splat.plan import Plan, plan
-from splatgl.splat.resolve import select_splats, streaked, why_per_splat
-from splatgl.splat.scene import Scene, casting, check_layer, common_samples, joined
-from splatgl.splat.settings import BLENDS, FULL_SHUTTER, Settings
+from splatgl.splat.resolve import why_per_splat
+from splatgl.splat.scene import Scene, ScenePlan, joined, plan_scene
+from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
 
 # the finest form, table and target, against which coarser ones are measured
@@ -120,46 +118,79 @@ class Renderer:
         composite splat by splat. Of these no bound is known.
         """
         check_process(self.ctx)
-        started = time.perf_counter()
-        if isinstance(splats, Scene):
-            if motion is not None and not motion.still:
-                return render_moving_scene(self, splats, camera, settings or Settings(), motion, interrupted)
-            return render_scene(self, splats, camera, settings or Settings(), interrupted)
-        chosen = self.plan(splats, camera, settings, motion)
-        splats = select_splats(splats, settings or Settings(), chosen.exposure is not None)
+        settings, started = settings or Settings(), time.perf_counter()
+        scene = self.plans(splats, camera, settings, motion)
+        chosen = scene.first
         if chosen.moments and motion is not None:
-            asked = (settings or Settings()).but(moments=None, **({} if chosen.exposure else {"motion": "off"}))
+            sharp = settings.but(moments=None, **({} if chosen.exposure else {"motion": "off"}))
             draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
-            mean = (Shorter if chosen.exposure else Moments)(draw, motion, asked.shutter, chosen.moments)
-            found = mean(splats, camera, asked)
-            told = self.provenance(splats, camera, chosen, time.perf_counter() - started)
-            return Image(found.pixels.astype(np.float32), {**found.info, **told})
+            mean = (Shorter if chosen.exposure else Moments)(draw, motion, sharp.shutter, chosen.moments)
+            # layers have no flow, and are handed to `draw` as they are
+            image = mean(splats, camera, sharp)  # type: ignore[arg-type]
+            info = self._scene_info(scene, camera, started)
+            return Image(image.pixels.astype(np.float32), {**image.info, **info})
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
-            pixels = self._draw(splats, chosen, interrupted=interrupted)
-        seconds = time.perf_counter() - started
-        provenance = self.provenance(splats, camera, chosen, seconds)
-        brightest = _brightest(pixels, chosen)
-        own = bound(splats, chosen, brightest)
-        error = own.total if own else None
-        allowed = chosen.resolved.tolerance * max(brightest, 1e-30)
-        if verify_bound and error is not None and error > allowed and not chosen.exposure:
-            error = min(error, self._verified(splats, camera, settings or Settings(), chosen, pixels))
-        met = error is not None and bool(error <= allowed)
-        return Image(pixels, {**provenance, "error_bound": error, "tolerance_met": met})
+            pixels = self._draw_scene(scene, interrupted)
+        info = self._scene_info(scene, camera, started)
+        return Image(pixels, info | self._error(scene, camera, pixels, verify_bound))
 
-    def draw_layers(
-        self,
-        layers: Sequence[Drawn],
-        meshes: Sequence[Mesh] = (),
-        lit: bool = True,
-        interrupted: Callable[[], bool] | None = None,
-    ) -> np.ndarray:
-        """The pixels of layers and meshes in `composite`; see `render_scene`. lit: whether meshes are."""
-        draw = partial(self.passes.draw_surfaces, meshes, lit) if meshes else self.passes.draw_layers
-        with current(self.ctx):
-            check_size(self.ctx, layers[0][1].view.size)
-            return self._guarded(*layers[0], partial(draw, layers, interrupted))
+    def plans(
+        self, subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion | None = None
+    ) -> ScenePlan:
+        """The plans that `render` would draw. Raises InputError as `render` for several layers and meshes."""
+        scene = plan_scene(subject, camera, settings, motion, self.tiles)
+        if scene.first.program.look.blend.ordered and not scene.is_single:
+            for each in scene.layers:
+                if len(each.splats):
+                    self.require_tiles("meshes" if scene.meshes else "layers", each)
+        return scene
+
+    def _draw_scene(self, scene: ScenePlan, interrupted: Callable[[], bool] | None) -> np.ndarray:
+        """The pixels of all layers and meshes. In `composite` extinctions and emissions of layers add up at every
+        depth, and meshes end rays, or weaken them; in other blends pictures of layers add up.
+        """
+        chosen = scene.first
+        if scene.is_single:
+            return self._draw(chosen, interrupted=interrupted)
+        if not chosen.program.look.blend.ordered:
+            pictures = [self._draw(each, interrupted=interrupted) for each in scene.layers]
+            return joined(pictures, chosen.settings.but(background=scene.background))
+        layers = [(each.splats, each) for each in scene.layers]
+        if not scene.meshes:
+            return self._guarded(chosen, partial(self.passes.draw_layers, layers, interrupted))
+        is_lit = chosen.settings.shading != "off"
+        return self._guarded(chosen, partial(self.passes.draw_surfaces, scene.meshes, is_lit, layers, interrupted))
+
+    def _scene_info(self, scene: ScenePlan, camera: Camera, started: float) -> dict[str, object]:
+        """Provenance of a picture of splats or layers. started: as of `time.perf_counter`."""
+        info = self.provenance(scene.first, camera, time.perf_counter() - started)
+        if scene.is_single:
+            return info
+        splats = [each.splats for each in scene.layers]
+        return info | {
+            "scene": " + ".join(each.name for each in splats),
+            "layers": [each.name for each in splats],
+            "splats": sum(map(len, splats)),
+            "triangles": sum(map(len, scene.meshes)),
+            "background": None if scene.background is None else list(scene.background),
+            **({"notes": scene.notes} if scene.notes else {}),
+        }
+
+    def _error(self, scene: ScenePlan, camera: Camera, pixels: np.ndarray, verify: bool) -> dict[str, object]:
+        """The error bound, and whether the tolerance is met; of several layers and of meshes no bound is known.
+
+        verify: whether a picture whose bound exceeds the tolerance is compared with the one of the finest form.
+        """
+        chosen = scene.first
+        brightest = _brightest(pixels, chosen)
+        known = bound(chosen.splats, chosen, brightest) if scene.is_single else None
+        if known is None:
+            return {"error_bound": None, "tolerance_met": False}
+        error, allowed = known.total, chosen.resolved.tolerance * max(brightest, 1e-30)
+        if verify and error > allowed and not chosen.exposure:
+            error = min(error, self._verified(chosen, camera, pixels))
+        return {"error_bound": error, "tolerance_met": bool(error <= allowed)}
 
     def render_bricks(
         self,
@@ -211,7 +242,8 @@ class Renderer:
         check_process(self.ctx)
         whole = bricks.whole
         refuse_bricks(whole, camera, settings or Settings())
-        chosen = self.plan(whole, camera, settings)
+        # the splats that stand for all are not clipped: bricks are
+        chosen = replace(self.plan(whole, camera, settings), splats=whole)
         self.require_tiles("a volume in bricks", chosen, "or give more --memory, to draw it whole")
         return chosen.forced(half_line=True) if bricks.reached(chosen.view) else chosen
 
@@ -246,61 +278,58 @@ class Renderer:
         near = bricks.near(chosen.resolved.sheets, chosen.view)
         with current(self.ctx):
             check_size(self.ctx, chosen.view.size)
-            return self._draw(
-                bricks.whole, chosen, interrupted=interrupted, batches=Batches(batches, bands, bricks.shell, near)
-            )
+            return self._draw(chosen, interrupted=interrupted, batches=Batches(batches, bands, bricks.shell, near))
 
     def _of_bricks(
         self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
     ) -> Image:
-        told = self.provenance(bricks.whole, camera, chosen, time.perf_counter() - started)
+        told = self.provenance(chosen, camera, time.perf_counter() - started)
         told |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
         told["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
         return Image(pixels, told)
 
-    def _verified(self, splats: Splats, camera: Camera, settings: Settings, chosen: Plan, pixels: np.ndarray) -> float:
+    def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
         """Difference to the picture of the finest form, table and target, plus its bound; inf if it is the same."""
-        finer = self.plan(splats, camera, settings.but(motion="off", **FINER))
+        finer = self.plan(chosen.splats, camera, chosen.settings.but(motion="off", **FINER))
         if _kind(finer) == _kind(chosen):
             return float("inf")
         with current(self.ctx):
-            right = self._draw(splats, finer, "finer")
-        apart, own = float(np.abs(right - pixels).max()), bound(splats, finer, _brightest(right, finer))
-        return apart + own.total if own else float("inf")
+            right = self._draw(finer, "finer")
+        known = bound(finer.splats, finer, _brightest(right, finer))
+        return float(np.abs(right - pixels).max()) + known.total if known else float("inf")
 
     def _draw(
         self,
-        splats: Splats,
         chosen: Plan,
         role: str = "draw",
         interrupted: Callable[[], bool] | None = None,
         batches: Batches | None = None,
     ) -> np.ndarray:
-        return self._guarded(splats, chosen, partial(self.passes.draw, splats, chosen, role, interrupted, batches))
+        return self._guarded(chosen, partial(self.passes.draw, chosen.splats, chosen, role, interrupted, batches))
 
-    def _guarded(self, splats: Splats, chosen: Plan, draw: Callable[[], np.ndarray]) -> np.ndarray:
+    def _guarded(self, chosen: Plan, draw: Callable[[], np.ndarray]) -> np.ndarray:
         """The pixels; InputError if OpenGL ran out of memory or lost its context."""
         try:
             pixels = draw()
         except moderngl.Error as error:
-            raise self._failure(splats, chosen, str(error)) from error
+            raise self._failure(chosen, str(error)) from error
         problem = self.ctx.error
         if problem != "GL_NO_ERROR":
-            raise self._failure(splats, chosen, problem)
+            raise self._failure(chosen, problem)
         return pixels
 
-    def _failure(self, splats: Splats, chosen: Plan, problem: str) -> InputError:
+    def _failure(self, chosen: Plan, problem: str) -> InputError:
         # cached objects may be incomplete: the next picture recreates them
         self.passes.release()
         width, height = (side // chosen.samples for side in chosen.view.size)
         return InputError(
-            f"OpenGL failed on {len(splats):,} splats at {width}×{height}: {problem}; "
+            f"OpenGL failed on {len(chosen.splats):,} splats at {width}×{height}: {problem}; "
             "try a smaller picture, fewer samples, or a higher threshold"
         )
 
-    def provenance(self, splats: Splats, camera: Camera, chosen: Plan, seconds: float) -> dict[str, object]:
+    def provenance(self, chosen: Plan, camera: Camera, seconds: float) -> dict[str, object]:
         """Scene, plan and driver as plain values that fit into a PNG's text."""
-        program = chosen.program
+        program, splats = chosen.program, chosen.splats
         return {
             "scene": splats.name,
             "splats": len(splats),
@@ -334,7 +363,7 @@ class Renderer:
             "opengl": self.info.version,
             "seconds": round(seconds, 6),
             **_blur(chosen),
-            **told_of(chosen),
+            **_light_info(chosen),
         }
 
 
@@ -360,92 +389,7 @@ def _finite(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def render_scene(
-    renderer: Renderer,
-    scene: Scene,
-    camera: Camera,
-    settings: Settings,
-    interrupted: Callable[[], bool] | None = None,
-) -> Image:
-    """The picture of all visible layers. In `composite` their extinctions and emissions add up at every depth; in other
-    blends their pictures add up. Meshes end rays, or weaken them. No error bound is known. Raises InputError for
-    settings that composite splat by splat, and for meshes in other blends.
-    """
-    started = time.perf_counter()
-    drawn = common_samples(scene.drawn(settings), camera, settings)
-    if len(drawn) == 1 and not scene.meshes:
-        return renderer.render(drawn[0][0], camera, drawn[0][1], interrupted=interrupted)
-    splats, meshes = [each for each, _ in drawn], scene.surfaces(settings)
-    if BLENDS[settings.blend].ordered:
-        layers = _together(
-            [_planned(renderer, each, camera, own, "meshes" if meshes else "layers") for each, own in drawn], drawn
-        )
-        pixels = renderer.draw_layers(layers, meshes, settings.shading != "off", interrupted)
-        info: Mapping[str, object] = renderer.provenance(layers[0][0], camera, layers[0][1], 0.0)
-    elif scene.meshes:
-        raise expected("meshes", "blend composite", settings.blend)
-    else:
-        alone = [(each, own.but(background=None)) for each, own in drawn]
-        found = [renderer.render(each, camera, own, None, False, interrupted) for each, own in alone]
-        pixels, info = joined([each.pixels for each in found], settings), found[0].info
-    told = {
-        "scene": " + ".join(each.name for each in splats),
-        "layers": [each.name for each in splats],
-        "splats": sum(map(len, splats)),
-        "triangles": sum(map(len, meshes)),
-        "background": None if settings.background is None else list(settings.background),
-        "seconds": round(time.perf_counter() - started, 6),
-        "error_bound": None,
-        "tolerance_met": False,
-        **({"notes": scene.notes} if scene.notes else {}),
-    }
-    return Image(pixels, {**info, **told})
-
-
-def render_moving_scene(
-    renderer: Renderer,
-    scene: Scene,
-    camera: Camera,
-    settings: Settings,
-    motion: Motion,
-    interrupted: Callable[[], bool] | None = None,
-) -> Image:
-    """The picture of all visible layers while the camera, or all of them, move: the mean of its moments. Raises
-    InputError as `render_scene`, for streaks, and for a flow.
-    """
-    if streaked(settings):
-        raise expected("motion of layers", "the mean of moments", f"motion {settings.motion}")
-    if motion.flow is not None:
-        raise expected("motion of layers", "a camera that moves, or all of them", "a flow")
-    count, still = scene.moments(camera, settings, motion), settings.but(motion="off", moments=None)
-
-    def draw(_: Splats, view: Camera, asked: Settings) -> Image:
-        return render_scene(renderer, scene, view, asked, interrupted)
-
-    if count < 2:
-        return render_scene(renderer, scene, camera, still, interrupted)
-    # nothing but the camera moves: what each moment draws is the scene
-    first = scene.drawn(settings)[0][0]
-    mean = Moments(draw, motion, settings.shutter, count)(first, camera, still)
-    return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})
-
-
-def _together(layers: list[Drawn], drawn: list[tuple[Splats, Settings]]) -> list[Drawn]:
-    """The layers, each of which keeps light off the others."""
-    casters = [(splats, own) for (splats, _), (_, own) in zip(layers, drawn, strict=True)]
-    every = zip(layers, casting([plan.resolved for _, plan in layers], casters), strict=True)
-    return [(splats, replace(plan, resolved=each)) for (splats, plan), each in every]
-
-
-def _planned(renderer: Renderer, splats: Splats, camera: Camera, settings: Settings, what: str) -> Drawn:
-    chosen = renderer.plan(splats, camera, settings)
-    check_layer(chosen.resolved, splats.name)
-    if len(splats):
-        renderer.require_tiles(what, chosen)
-    return select_splats(splats, settings, moving=False), chosen
-
-
-def told_of(chosen: Plan) -> dict[str, object]:
+def _light_info(chosen: Plan) -> dict[str, object]:
     """The cells of ambient occlusion and shadows, and the seconds that they took; empty without."""
     if chosen.resolved.cues is None:
         return {}

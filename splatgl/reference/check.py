@@ -11,7 +11,7 @@ from splatgl.reference.renderer import render_windows, render_windows_of
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window
-from splatgl.splat.resolve import classified_before, select_splats
+from splatgl.splat.resolve import select_splats, why_classified_before
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -101,7 +101,8 @@ def refuse(splats: Splats, camera: Camera, settings: Settings, rows: int | None,
         raise expected("--check", f"{least} to {height} rows" + " with --field" * field, rows)
     if not field:
         return
-    why = classified_before(splats, settings, moving=False)
+    selected = select_splats(splats, settings, moving=False)
+    why = why_classified_before(splats.source, selected, settings, moving=False)
     if why:
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
 

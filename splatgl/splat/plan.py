@@ -144,8 +144,9 @@ class Program:
 class Plan:
     """The plan of a picture. order: back-to-front or front-to-back. notes: omitted steps with reasons, a line each.
 
-    z_s: depth where `hybrid` switches, world units. window: pixels, or samples, that splats reach. exposure: of
-    streaks. moments: number of pictures whose mean it is, planned for the middle of the exposure; 0: a single picture.
+    z_s: depth where `hybrid` switches, world units. window: the pixels, or samples, that splats reach. splats: those
+    that are drawn. settings: as they were given. exposure: that of streaks. moments: pictures that it is the mean of,
+    planned for the middle of the exposure; 0: none.
     """
 
     program: Program
@@ -157,6 +158,8 @@ class Plan:
     window: Window
     hiding: Hiding
     notes: tuple[str, ...]
+    splats: Splats
+    settings: Settings
     exposure: Exposure | None = None
     moments: int = 0
 
@@ -257,36 +260,34 @@ def plan(
     motion: Motion | None = None,
     tiles: bool | None = False,
 ) -> Plan:
-    """Plans a picture; resolves every `auto`.
-
-    motion: of the scene since the previous frame. tiles: whether the renderer prefers tiles; None if unsupported.
+    """The plan of a picture, in which no setting is `auto`. motion: of the scene since the previous frame. tiles:
+    whether the renderer prefers them; None if unsupported.
     """
-    settings = settings or Settings()
-    notes: list[str] = []
-    blurred = Blurred.of(splats, camera, settings, motion, notes)
+    given, notes = settings or Settings(), list[str]()
+    blurred = Blurred.of(splats, camera, given, motion, notes)
     settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
-    notes += values_left_out(splats, settings, exposure is not None)
-    splats = select_splats(splats, settings, exposure is not None)
-    splats = splats if exposure else ahead(splats, camera)
+    selected = select_splats(splats, settings, exposure is not None)
+    notes += values_left_out(splats.source, selected, settings, exposure is not None)
+    splats = selected if exposure else ahead(selected, camera)
     resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
     notes += resolved.notes
-    shape, view, blend = resolved.kernel, resolved.view, resolved.look.blend
+    shape, view, look = resolved.kernel, resolved.view, resolved.look
     align, z_s = alignment(splats, view, settings, notes)
     half_line = resolved.boxes or _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
     request = Asked(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
     kind = technique(request, notes) if len(splats) else "quads"
-    read = "box" if resolved.boxes else footprint(kind, shape, settings, resolved.look.steps > 0)
+    read = "box" if resolved.boxes else footprint(kind, shape, settings, look.steps > 0)
     bounds = screen_bounds(splats.corners_in_grid(), view)
     # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
-    quick = kind == "tiles" and resolved.sheets is None and not resolved.boxes
+    whole = resolved.sheets is not None or resolved.boxes
     hiding = Hiding()
-    if kind == "tiles" and blend.ordered and settings.occlusion != "off":
+    if kind == "tiles" and look.blend.ordered and settings.occlusion != "off":
         cutoff = SHARE * settings.tolerance / max(splats.brightest, 1.0)
-        hiding = Hiding(depth_batches(splats, view, bounds, resolved.sheets is not None or resolved.boxes), cutoff)
+        hiding = Hiding(depth_batches(splats, view, bounds, whole), cutoff)
     program = Program(
         technique=kind,
-        look=resolved.look,
+        look=look,
         seen=Seen(view.perspective, view.antialias, splats.grid.cubic, half_line),
         align=align,
         footprint=read,
@@ -294,7 +295,7 @@ def plan(
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
         points=of_points(splats.records.dtype),
-        exp_doublings=exp_doublings(splats, shape, resolved.look.attenuation) if quick else MOST_DOUBLINGS,
+        exp_doublings=MOST_DOUBLINGS if whole or kind != "tiles" else exp_doublings(splats, shape, look.attenuation),
     )
     return Plan(
         program,
@@ -307,6 +308,8 @@ def plan(
         Window(0, 0, *view.size) if exposure else bounds.window,
         hiding,
         tuple(notes),
+        selected,
+        given,
         exposure,
         blurred.moments,
     )

@@ -393,19 +393,31 @@ def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
     return splats if serves else source.splats(how, kernel)
 
 
-def classified_before(splats: Splats, settings: Settings, moving: bool) -> str | None:
-    """What takes voxels that are classified before, for a picture with these settings; None if it takes values."""
-    if select_splats(splats, settings, moving).post is not None:
+def why_classified_before(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> str | None:
+    """The reason why selected splats are classified before reconstruction; None if they are values.
+
+    source: of the splats that they were selected from.
+    """
+    if selected.post is not None:
         return None
-    source = splats.source
     if source is None or settings.classification != "auto":
         return "classification pre"
     return source.only_pre or why_per_splat(settings, moving) or f"more than {MOST_KEPT:,} values"
 
 
-def values_left_out(splats: Splats, settings: Settings, moving: bool) -> list[str]:
+def values_left_out(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> list[str]:
     """A note on why `auto` classifies voxels instead of reconstructed values, if it does."""
-    if splats.source is None or settings.classification != "auto":
+    if source is None or settings.classification != "auto":
         return []
-    why = classified_before(splats, settings, moving)
+    why = why_classified_before(source, selected, settings, moving)
     return [f"classification after reconstruction left out: {why}; the picture would be another"] if why else []
+
+
+def check_blur(what: str, settings: Settings, flow: bool) -> None:
+    """InputError for motion blur that is no mean of moments of one camera: neither layers nor bricks have streaks, or
+    a flow. what: names them.
+    """
+    if streaked(settings):
+        raise expected(f"motion {what}", "the mean of moments", f"motion {settings.motion}")
+    if flow:
+        raise expected(f"motion {what}", "a camera that moves, or all of the scene", "a flow")

@@ -20,8 +20,9 @@ from splatgl.splat.clipping import Box, Plane, planes_of
 from splatgl.splat.culling import ahead
 from splatgl.splat.motion import Motion, moments
 from splatgl.splat.opaque_bounds import Opaque
+from splatgl.splat.plan import Plan, plan
 from splatgl.splat.presets import SURFACE, default_transfer, preset
-from splatgl.splat.resolve import Resolved, extracted
+from splatgl.splat.resolve import Resolved, check_blur, extracted
 from splatgl.splat.segment_surfaces import smoothed_surfaces, strength_of
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -241,6 +242,68 @@ class Scene:
     def _subjects(self) -> list[Opaque]:
         # of the voxels also where surfaces are drawn: the view of both is the same
         return [Opaque(each.volume, each.transfer or each.seen) for each in self.shown]
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePlan:
+    """The plans of the layers of a picture, and its meshes. notes: on the meshes. background: of the picture."""
+
+    layers: tuple[Plan, ...]
+    meshes: tuple[Mesh, ...] = ()
+    notes: tuple[str, ...] = ()
+    background: tuple[float, float, float] | None = None
+
+    @property
+    def is_single(self) -> bool:
+        """Whether one layer is drawn and no mesh: its error bound can be known."""
+        return len(self.layers) == 1 and not self.meshes
+
+    @property
+    def first(self) -> Plan:
+        """The plan of the first layer, whose size, samples and blend are those of all."""
+        return self.layers[0]
+
+    def explain(self) -> str:
+        """A description of each plan, under the names of layers if there are several or meshes."""
+        if self.is_single:
+            return self.first.explain()
+        return "\n".join(f"{each.splats.name}:\n{each.explain()}" for each in self.layers)
+
+
+def plan_scene(
+    subject: Splats | Scene,
+    camera: Camera,
+    settings: Settings,
+    motion: Motion | None = None,
+    tiles: bool | None = False,
+) -> ScenePlan:
+    """The plan of a picture of splats, or of the visible layers of a scene. motion, tiles: as of `plan`.
+
+    Raises InputError for settings that layers or meshes are not drawn with: what composites splat by splat, streaks
+    and flows; and for meshes, blends other than composite.
+    """
+    if not isinstance(subject, Scene):
+        return ScenePlan((plan(subject, camera, settings, motion, tiles),))
+    layers, meshes = subject.drawn(settings), subject.surfaces(settings)
+    if len(layers) == 1 and not meshes:
+        return ScenePlan((plan(layers[0][0], camera, layers[0][1], motion, tiles),))
+    changes: dict[str, Any] = {}
+    if motion is not None and not motion.still:
+        check_blur("of layers", settings, motion.flow is not None)
+        changes = {"motion": "off", "moments": subject.moments(camera, settings, motion)}
+    is_ordered = BLENDS[settings.blend].ordered
+    if not is_ordered:
+        if meshes:
+            raise expected("meshes", "blend composite", settings.blend)
+        changes["background"] = None
+    layers = common_samples(layers, camera, settings)
+    plans = tuple(plan(splats, camera, own.but(**changes), motion, tiles) for splats, own in layers)
+    if is_ordered:
+        for each in plans:
+            check_layer(each.resolved, each.splats.name)
+        lit = casting([each.resolved for each in plans], [(each.splats, each.settings) for each in plans])
+        plans = tuple(replace(each, resolved=resolved) for each, resolved in zip(plans, lit, strict=True))
+    return ScenePlan(plans, meshes, subject.notes, settings.background)
 
 
 def common_samples(

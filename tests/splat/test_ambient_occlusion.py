@@ -168,7 +168,7 @@ def test_pictures_are_the_reference(how: dict[str, Any], technique: Any, rendere
 
 
 def plain_info(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera) -> dict[str, object]:
-    return dict(renderer.provenance(splats, camera, renderer.plan(splats, camera, PLAIN), 0.0))
+    return dict(renderer.provenance(renderer.plan(splats, camera, PLAIN), camera, 0.0))
 
 
 @pytest.mark.long
