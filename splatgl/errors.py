@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -37,6 +38,15 @@ def expected(what: object, this: object, got: object, fix: str = "") -> InputErr
     """An `InputError` in the standard form: `<what>: expected <this>, got <that>; <how to fix>`."""
     line = f"{what}: expected {this}, got {got}" + (f"; {fix}" if fix else "")
     return InputError(" ".join(line.split()))
+
+
+@contextmanager
+def error_prefix(what: str) -> Iterator[None]:
+    """Puts the place of a value, such as a table of a file, before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
 
 
 def missing_extra(what: str, library: str, extra: str) -> InputError:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from inspect import isfunction
 from math import inf, isfinite
@@ -15,7 +16,9 @@ from splatgl.errors import InputError, expected
 # options of `--help`; further options of `--help-all`; its last options
 BASIC, MORE, EXPERT = "basic", "more", "expert"
 # groups of `--help-all` that options of several files share
-ACCURACY, SPEED, PAPER = "accuracy", "performance", "the paper's method, and experts"
+VIEW, PICTURE, TRANSFER = "view", "picture and light", "transfer function"
+CLIPPING, LAYERS = "clipping and masks", "layers and meshes"
+READING, ACCURACY, SPEED, PAPER = "reading files", "accuracy", "performance", "the paper's method, and experts"
 
 
 @dataclass(frozen=True)
@@ -33,22 +36,31 @@ class Kind:
     span: tuple[float, float] = (-inf, inf)
     written: str = ""
 
+    def parse(self, text: str) -> Any:
+        """An argparse type: the value of a text."""
+        try:
+            return self.read(text)
+        except (ValueError, OverflowError):
+            this = self.written or f"{self.metavar}, {self.expected}"
+            raise ArgumentTypeError(f"expected {this}, got {text[:80]!r}") from None
+
     @property
     def expected(self) -> str:
         """Description of the value in messages."""
-        return " or ".join(self.choices()) if self.choices else self.this
+        return self.this or " or ".join(self.choices() if self.choices else ())
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option. help: its meaning; `--help` shows the first sentence. group: title of its group in `--help-all`.
+    """An option. help: its meaning; `--help` shows the first sentence. group: title of its group in `--help-all`, "" of
+    an option that only files and records have.
     label: its name in the panel. flag: its name on the command line, unless the field's. bare: the value of the flag
     alone; without a metavar the flag takes no other. repeat: whether the flag may come repeatedly.
     """
 
     kind: Kind
-    help: str
-    group: str = "options"
+    help: str = ""
+    group: str = ""
     level: str = MORE
     label: str = ""
     flag: str = ""
@@ -67,7 +79,7 @@ class Option:
         return self.help.partition(". ")[0]
 
 
-def option(default: Any, kind: Kind, help: str, **more: Any) -> Any:
+def option(default: Any, kind: Kind, help: str = "", **more: Any) -> Any:
     """A field of a dataclass that declares an option; more: further fields of Option."""
     return field(default=default, metadata={"option": Option(kind, help, **more)})
 
@@ -75,6 +87,11 @@ def option(default: Any, kind: Kind, help: str, **more: Any) -> Any:
 def declared(record: Any) -> dict[str, Option]:
     """Options of a dataclass by the names of their fields."""
     return {f.name: f.metadata["option"] for f in fields(record) if "option" in f.metadata}
+
+
+def names_of(*records: Any) -> list[str]:
+    """Names of the options of dataclasses that the command line and keywords have."""
+    return [name for record in records for name, each in declared(record).items() if each.group]
 
 
 def check_options(record: Any, prefix: str = "") -> None:
@@ -123,7 +140,7 @@ def is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def choice(names: Any) -> Kind:
+def choice(names: Any, this: str = "") -> Kind:
     """One of some names: a Literal or iterable of them, or a function that lists those known at the time."""
     fixed = get_args(names) or (() if isfunction(names) else tuple(names))
 
@@ -135,31 +152,32 @@ def choice(names: Any) -> Kind:
             raise ValueError
         return value
 
-    return Kind("", check, choices=known)
+    return Kind(this, check, choices=known)
 
 
 def number(
-    this: str = "a number", low: float = -inf, high: float = inf, above: bool = False, metavar: str = "N"
+    this: str = "one finite number", low: float = -inf, high: float = inf, above: bool = False, metavar: str = "N"
 ) -> Kind:
     """A finite number from `low`, or above it, to `high`."""
 
-    def check(value: Any) -> Any:
+    def check(value: Any) -> float:
         if not (is_number(value) and isfinite(value) and low <= value <= high) or (above and value == low):
             raise ValueError
-        return value
+        return float(value)
 
     return Kind(this, check, float, metavar, span=(low, high))
 
 
-def whole(low: int, high: float = inf, this: str = "") -> Kind:
+def whole(low: int, high: float = inf, this: str = "", metavar: str = "N") -> Kind:
     """A whole number from `low` to `high`."""
 
     def check(value: Any) -> int:
-        if not (is_number(value) and low <= value <= high and value == int(value)):
+        if not (is_number(value) and isfinite(value) and low <= value <= high and value == int(value)):
             raise ValueError
         return int(value)
 
-    return Kind(this or f"a whole number from {low} to {high}", check, int, "N", span=(low, high))
+    this = this or f"a whole number {f'from {low} to {high}' if high < inf else f'of at least {low}'}"
+    return Kind(this, check, int, metavar, span=(low, high))
 
 
 def one_of(*values: int) -> Kind:
@@ -174,60 +192,71 @@ def one_of(*values: int) -> Kind:
     return Kind(f"{', '.join(names[:-1])} or {names[-1]}", check, int, "|".join(names))
 
 
-def flag() -> Kind:
-    """True or false; the flag of the command line takes no value."""
-
-    def check(value: Any) -> bool:
-        if not isinstance(value, bool):
-            raise ValueError
-        return value
-
-    return Kind("true or false", check, metavar="")
-
-
-def text(this: str = "a text", metavar: str = "NAME", *types: type) -> Kind:
-    """A text, or a value of other types."""
+def instance(this: str, *types: type, metavar: str = "NAME") -> Kind:
+    """A value of some types; a bool is no number."""
 
     def check(value: Any) -> Any:
-        if not isinstance(value, (str, *types)) or (isinstance(value, bool) and bool not in types):
+        if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
             raise ValueError
         return value
 
     return Kind(this, check, str, metavar)
 
 
-def numbers(count: int, metavar: str, this: str = "", integers: bool = False) -> Kind:
+# true or false; the flag of the command line takes no value
+FLAG = instance("true or false", bool, metavar="")
+
+
+def numbers(count: int, metavar: str, this: str = "", integers: bool = False, positive: bool = False) -> Kind:
     """A tuple of so many finite numbers: a sequence of them, or text in which commas or × separate them."""
     kind: Any = int if integers else float
 
     def check(value: Any) -> tuple[Any, ...]:
         plain = tuple(value.tolist() if hasattr(value, "tolist") else value)
-        if len(plain) != count or not all(is_number(n) and isfinite(n) and n == kind(n) for n in plain):
+        fine = len(plain) == count and all(is_number(n) and isfinite(n) and n == kind(n) for n in plain)
+        if not fine or (positive and min(plain) <= 0):
             raise ValueError
-        return plain
+        return tuple(map(kind, plain))
 
-    def read(given: str) -> tuple[Any, ...]:
-        parts = given.replace("×", ",").replace("x", "," if integers else "x").split(",")
+    def read(text: str) -> tuple[Any, ...]:
+        parts = text.replace("×", ",").replace("x", "," if integers else "x").split(",")
         if len(parts) != count:
             raise ValueError
-        return tuple(kind(part) for part in parts)
+        return tuple(map(kind, parts))
 
-    this = this or f"{count} {'whole' if integers else 'finite'} numbers"
-    return Kind(this, check, read, metavar)
-
-
-def read_size(given: str) -> tuple[int, int]:
-    """Width and height of WIDTHxHEIGHT, or of one number for a square. Raises ValueError for other text."""
-    sides = [int(part) for part in given.lower().replace("×", "x").split("x")]
-    width, height = sides * 2 if len(sides) == 1 else sides
-    return width, height
+    return Kind(this or f"{count} {'whole' if integers else 'finite'} numbers", check, read, metavar)
 
 
-def read_pairs(given: str) -> tuple[tuple[float, float], ...]:
+def interval() -> Kind:
+    """Two numbers, of which the first is below the second."""
+    pair = numbers(2, "LOW,HIGH", "finite low < high, as two numbers")
+
+    def check(value: Any) -> tuple[float, float]:
+        low, high = pair.check(value)
+        if not low < high:
+            raise ValueError
+        return low, high
+
+    return replace(pair, check=check)
+
+
+def picture_size() -> Kind:
+    """Width and height in pixels: two whole numbers, or text WIDTHxHEIGHT or of one number for a square."""
+    pair = numbers(2, "W×H", "a width and a height in whole pixels, such as 800x600", integers=True)
+
+    def read(text: str) -> tuple[int, int]:
+        sides = [int(part) for part in text.lower().replace("×", "x").split("x")]
+        width, height = sides * 2 if len(sides) == 1 else sides
+        return width, height
+
+    def check(value: Any) -> tuple[int, int]:
+        plain = isinstance(value, str | int) and not isinstance(value, bool)
+        width, height = read(str(value)) if plain else pair.check(value)
+        return width, height
+
+    return replace(pair, check=check, read=read)
+
+
+def read_pairs(text: str) -> tuple[tuple[float, float], ...]:
     """Pairs of numbers A:B, separated by commas. Raises ValueError for other text."""
-    return tuple((float(a), float(b)) for a, b in (part.split(":") for part in given.split(",")))
-
-
-def as_is(value: Any) -> Any:
-    """The value, which is checked elsewhere."""
-    return value
+    return tuple((float(a), float(b)) for a, b in (part.split(":") for part in text.split(",")))

@@ -26,6 +26,7 @@ from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
+from splatgl.options import non_default
 from splatgl.scene.background import backed
 from splatgl.scene.draw import (
     PATIENCE,
@@ -161,7 +162,7 @@ class Animation:
             self.transfer.to_toml(),
             *first.layers,
             *first.meshes,
-            *first.vectors.told.items(),
+            *non_default(first.vectors).items(),
             *([] if first.surfaces is None else [first.surfaces]),
             *(first.mask or ()),
         )

@@ -24,7 +24,8 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table
-from splatgl.scene.view import VIEW_COUNTS, ViewOptions, typed
+from splatgl.options import checked, declared, names_of
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion
 
@@ -141,17 +142,14 @@ def keyframes(path: Path, view: ViewOptions, volume: Volume, subject: Bounded) -
 
 def _row(what: str, row: Mapping[str, Any]) -> dict[str, list[float]]:
     """The keys of one keyframe, each a list of numbers."""
-    known = sorted(set(ViewOptions.__dataclass_fields__) - set(FIXED))
+    known = sorted(set(names_of(ViewOptions)) - set(FIXED))
     unknown = set(row) - set(known) - {"frame"}
     if unknown:
         raise expected(what, f"keys frame, {', '.join(known)}", ", ".join(sorted(unknown)))
     values = {}
     for name in set(row) - {"frame"}:
-        try:
-            value = typed(name, row[name])
-        except InputError as error:
-            raise InputError(f"{what}: {error}") from error
-        values[name] = [float(n) for n in (value if VIEW_COUNTS.get(name) else (value,))]
+        value = checked(declared(ViewOptions)[name].kind, f"{what}: {name}", row[name])
+        values[name] = list(value) if isinstance(value, tuple) else [value]
         if name in RATIOS and values[name][0] <= 0:
             raise expected(f"{what}: {name}", "a positive number", value)
     return values

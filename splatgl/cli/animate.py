@@ -9,8 +9,8 @@ from splatgl.animation.movie import need, write_movie
 from splatgl.cli.options import add_drawing, add_layers, add_source, add_workers, asked, drawing_of, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_source
+from splatgl.options import numbers
 from splatgl.scene.draw import DrawOptions
-from splatgl.scene.parse import numbers
 
 FPS = 30.0
 # seconds that a series lasts at least
@@ -37,7 +37,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "--turntable", type=float, metavar="DEG", help=f"the camera goes around by this in all ({FULL_TURN:g})"
     )
     group.add_argument("--spin", type=float, metavar="DEG", help="the volume turns by this each frame")
-    group.add_argument("--axis", type=numbers(3), metavar="X,Y,Z", help="the axis of both, through the middle (up)")
+    group.add_argument(
+        "--axis", type=numbers(3, "X,Y,Z").parse, metavar="X,Y,Z", help="the axis of both, through the middle (up)"
+    )
     group.add_argument("--keyframes", metavar="FILE.toml", help="where the camera is in some frames; between, it goes")
     group.add_argument("--hold", type=int, default=1, metavar="N", help="frames for each volume of a series (1)")
     group.add_argument("--moments", type=int, metavar="N", help="each frame is the mean of N, of parts of its time")

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from functools import partial
 
-from splatgl.cli.parser import options_of, worded
+from splatgl.cli.parser import Parser
 from splatgl.errors import Choice
 
 
-def add_info_parser(parser: argparse.ArgumentParser) -> None:
+def add_info_parser(parser: Parser) -> None:
     """Adds the options of `splatgl info`."""
     from splatgl.cli.options import add_source
 
     add_source(parser)
-    parser.set_defaults(run=partial(_info, options_of(parser)))
+    parser.set_defaults(run=partial(_info, parser))
 
 
 def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
@@ -25,12 +24,12 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_doctor)
 
 
-def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
-    from splatgl.cli.options import scene_from_source
+def _info(parser: Parser, args: argparse.Namespace) -> int:
+    from splatgl.cli.options import scene_from
     from splatgl.readers import list_volumes
     from splatgl.scene.draw import tell
 
-    scene = scene_from_source(args)
+    scene = scene_from(args)
     listed_ = [] if "array" in scene.load else list_volumes(scene.volume)
     if len(listed_) > 1:
         print("\n".join([*listed_, ""]))
@@ -39,7 +38,7 @@ def _info(options: Mapping[str, str], args: argparse.Namespace) -> int:
     except Choice as error:
         from splatgl.cli.volume_info import describe_choice
 
-        print(describe_choice(scene.volume, error, worded(str(error), options, args)))
+        print(describe_choice(scene.volume, error, parser.with_flags(str(error), args)))
         return 0
     from splatgl.cli.volume_info import describe
 

@@ -7,13 +7,15 @@ import io
 import os
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
+from importlib import import_module
 from typing import NoReturn
 
 from splatgl import __version__
-from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, nearest, one_line, options_of, worded
+from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
 from splatgl.errors import InputError, expected
 from splatgl.fileio import set_budget
+from splatgl.options import nearest
 
 # exit code of a program interrupted by Ctrl-C
 INTERRUPTED = 130
@@ -38,21 +40,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: list[str]) -> int:
-    args = None
-    options: dict[str, str] = {}
+    args = command = None
     try:
         arguments = _with_command(arguments)
         parser = _parser(arguments)
         args, rest = parser.parse_known_args(arguments)
         command = _command_of(parser, arguments[0])
-        options = options_of(command)
         if rest:
             _refuse_rest(command, rest)
         _refuse_empty(args)
         set_budget(getattr(args, "memory", None))
         return int(args.run(args))
     except InputError as error:
-        print(f"splatgl: {one_line(worded(str(error), options, args))}", file=sys.stderr)
+        message = command.with_flags(str(error), args) if command else str(error)
+        print(f"splatgl: {one_line(message)}", file=sys.stderr)
         return BAD_INPUT
     except MemoryError as error:
         print(f"splatgl: not enough memory: {error}; use a smaller volume or a higher --threshold", file=sys.stderr)
@@ -88,8 +89,14 @@ def _with_command(arguments: list[str]) -> list[str]:
             return ["view", *arguments]
         line = shlex.join(["splatgl", "render", source, "-o", "picture.png"])
         raise expected("display", "one, to open a window", "none", f"{line} draws a picture")
-    near = nearest(source, [*COMMANDS, *SCENES])
+    near = _nearest(source, [*COMMANDS, *SCENES])
     Parser(prog="splatgl").error(f"{source}: expected a command or a file that is there, got neither{near}")
+
+
+def _nearest(word: str, known: Iterable[str]) -> str:
+    """` (did you mean …?)`, or "" if no known word is similar."""
+    near = nearest(word.partition("=")[0], known)
+    return f" ({near})" if near else ""
 
 
 def _has_display() -> bool:
@@ -97,17 +104,17 @@ def _has_display() -> bool:
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-def _command_of(parser: argparse.ArgumentParser, name: str) -> argparse.ArgumentParser:
-    (commands,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
-    found: argparse.ArgumentParser = commands.choices[name]
-    return found
+def _command_of(parser: argparse.ArgumentParser, name: str) -> Parser:
+    (commands,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    command: Parser = commands.choices[name]
+    return command
 
 
 def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
     """Ends with what is not understood: the first unknown option, else what there is one of."""
     option = next((each for each in rest if each.startswith("-")), None)
     if option is not None:
-        command.error(f"unknown option {option}{nearest(option, command._option_string_actions)}")
+        command.error(f"unknown option {option}{_nearest(option, command._option_string_actions)}")
     name = command.prog.split()[-1]
     series = "; splatgl animate draws a series" if name in ("render", "view") else ""
     command.error(f"expected{OPERANDS.get(name, ' no more')}, got also {' '.join(rest)}{series}")
@@ -129,110 +136,34 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, prog="splatgl")
-    for name, (about, add) in COMMANDS.items():
+    for name, (about, place) in COMMANDS.items():
         usage = f"splatgl {name} [options]" + OPERANDS.get(name, "")
         told = f"{about[0].upper()}{about[1:]}."
         command = commands.add_parser(name, help=about, description=told, usage=usage)
         # import and add options for the selected command only
         if name in arguments[:1]:
-            add()(command)
+            module, _, function = place.partition(":")
+            getattr(import_module(f"splatgl.cli.{module}"), function or "add_parser")(command)
             if command.is_long:
-                command.add_argument("--help-all", action=HelpAll, help="show all options")
+                command.add_argument("--help-all", action=HelpAll, help=argparse.SUPPRESS)
     return parser
 
 
-def _render() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.render import add_parser
-
-    return add_parser
-
-
-def _view() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.view import add_parser
-
-    return add_parser
-
-
-def _animate() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.animate import add_parser
-
-    return add_parser
-
-
-def _pyramid() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.pyramid import add_parser
-
-    return add_parser
-
-
-def _compare() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.compare import add_parser
-
-    return add_parser
-
-
-def _info() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.info import add_info_parser
-
-    return add_info_parser
-
-
-def _pick() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.pick import add_parser
-
-    return add_parser
-
-
-def _doctor() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.info import add_doctor_parser
-
-    return add_doctor_parser
-
-
-def _figure() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.figure import add_parser
-
-    return add_parser
-
-
-def _explain_splat() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.explain import add_parser
-
-    return add_parser
-
-
-def _stress() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.stress import add_parser
-
-    return add_parser
-
-
-def _report() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.report import add_parser
-
-    return add_parser
-
-
-def _presets() -> Callable[[argparse.ArgumentParser], None]:
-    from splatgl.cli.presets import add_parser
-
-    return add_parser
-
-
-COMMANDS: dict[str, tuple[str, Callable[[], Callable[[argparse.ArgumentParser], None]]]] = {
-    "render": ("draw a volume or a scene into a picture", _render),
-    "view": ("open a window on a volume or a scene", _view),
-    "animate": ("draw a turning volume, keyframes or a series in time into frames or a movie", _animate),
-    "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", _compare),
-    "info": ("tell what is in a volume file", _info),
-    "presets": ("tell which transfer functions there are by name, or draw a volume by each of them", _presets),
-    "pyramid": ("write a volume, classified, with coarser levels that keep thin things", _pyramid),
-    "pick": ("tell the value and place under a pixel", _pick),
-    "doctor": ("tell what this machine draws with, and whether it draws right", _doctor),
-    "report": ("tell what accuracy costs: error against run time of every method", _report),
-    "figure": ("draw a figure of the paper, or tell which of its claims hold", _figure),
-    "stress": ("draw scenes at the extremes, and tell whether each keeps its bound", _stress),
-    "explain-splat": ("tell how right each kind of splat is for one voxel", _explain_splat),
+# help of each command, and the module whose add_parser adds its options, or that function
+COMMANDS = {
+    "render": ("draw a volume or a scene into a picture", "render"),
+    "view": ("open a window on a volume or a scene", "view"),
+    "animate": ("draw a turning volume, keyframes or a series in time into frames or a movie", "animate"),
+    "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", "compare"),
+    "info": ("tell what is in a volume file", "info:add_info_parser"),
+    "presets": ("tell which transfer functions there are by name, or draw a volume by each of them", "presets"),
+    "pyramid": ("write a volume, classified, with coarser levels that keep thin things", "pyramid"),
+    "pick": ("tell the value and place under a pixel", "pick"),
+    "doctor": ("tell what this machine draws with, and whether it draws right", "info:add_doctor_parser"),
+    "report": ("tell what accuracy costs: error against run time of every method", "report"),
+    "figure": ("draw a figure of the paper, or tell which of its claims hold", "figure"),
+    "stress": ("draw scenes at the extremes, and tell whether each keeps its bound", "stress"),
+    "explain-splat": ("tell how right each kind of splat is for one voxel", "explain"),
 }
 # positional arguments by command
 OPERANDS = {

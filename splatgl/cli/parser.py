@@ -4,28 +4,19 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from typing import Any, NoReturn
 
-READING = (
-    *("shape", "dtype", "spacing", "header_offset", "array", "channel", "level", "series", "time"),
-    *("color", "relief", "anywhere", "values"),
-)
-"""Reader options: a message on a file may name them behind its path."""
+from splatgl.options import ACCURACY, CLIPPING, LAYERS, PAPER, PICTURE, READING, SPEED, TRANSFER, VIEW
 
+# names in messages that stand for other options; --target is checked by argparse
 OTHER_NAMES = {"target": "look_at"}
-"""Options that Python calls otherwise where their values are checked; argparse itself checks --target."""
-
 EXPECTED = ": expected "
 BAD_INPUT = 2
 # a value that begins with a minus: -30, -160,240, -.5:0,1:1, -inf
 NEGATIVE = re.compile(r"-([0-9.]|inf\b|nan\b)")
+WORKERS, OPENGL = "several processes or machines (extra scale)", "OpenGL"
 # groups of `--help-all` in their order; others stand before them
-GROUPS = (
-    *("view", "picture and light", "transfer function", "clipping and masks", "layers and meshes"),
-    *("reading files", "accuracy", "performance", "workers", "OpenGL", "the paper's method, and experts"),
-)
+GROUPS = (VIEW, PICTURE, TRANSFER, CLIPPING, LAYERS, READING, "output", ACCURACY, SPEED, WORKERS, OPENGL, PAPER)
 
 
 class Parser(argparse.ArgumentParser):
@@ -44,15 +35,47 @@ class Parser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"{one_line(f'{self.prog}: {message}; see {self.prog} --help')}\n")
 
     @property
+    def flags(self) -> dict[str, str]:
+        """Long flags by destination; operands have none."""
+        return {action.dest: max(action.option_strings, key=len) for action in self._actions if action.option_strings}
+
+    def with_flags(self, message: str, args: argparse.Namespace | None) -> str:
+        """The message with flags instead of the names of options in Python.
+
+        Replaced are: the name at the beginning; the name of a given reader option after a path; `name=` of a reader
+        option in what is expected or advised; the names of options that a format does not take. Keys of a scene.toml
+        stay, unless the option is given.
+        """
+        head, separator, rest = message.partition(EXPECTED)
+        if not separator:
+            return message
+        flags, before, colon, name = self.flags, *head.rpartition(": ")
+        reading = [a.dest for g in self._action_groups if g.title == READING for a in g._group_actions]
+        plain = name.removeprefix("transfer ")
+        of_file = bool(colon) or plain != name or str(getattr(args, "source", "")).endswith(".toml")
+        plain = plain if colon else OTHER_NAMES.get(plain, plain)
+        is_given = getattr(args, plain, None) is not None
+        # layers and meshes may come from a scene file, too
+        flag = "" if plain in ("layers", "meshes") else flags.get(plain, "")
+        if flag and (is_given or not of_file) and (not colon or plain in reading):
+            head = before + colon + flag
+        if reading:
+            names = "|".join(reading)
+            rest = re.sub(rf"(?<![\w.'-])({names})=(?=\S)", lambda match: f"{flags[match[1]]} ", rest)
+            if colon and name == "options":
+                rest = re.sub(rf"(?<![\w.'-])({names})(?=[, ]|$)", lambda match: flags[match[1]], rest)
+        return head + separator + rest
+
+    @property
     def is_long(self) -> bool:
         """Whether `--help` leaves options out."""
         return any(getattr(action, "summary", "") for action in self._actions)
 
     def format_help(self, everything: bool = False) -> str:
         """Help on the basic options, or on all in groups."""
+        places = {title: place for place, title in enumerate(GROUPS)}
+        self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
-            titled = {title: place for place, title in enumerate(GROUPS)}
-            self._action_groups.sort(key=lambda group: titled.get(group.title or "", -1))
             return super().format_help()
         operands, options, *groups = self._action_groups
         basic = [*options._group_actions, *(a for g in groups for a in g._group_actions if getattr(a, "summary", ""))]
@@ -102,43 +125,6 @@ class HelpAll(argparse.Action):
         """Prints help on all options, and exits."""
         print(parser.format_help(everything=True), end="")
         parser.exit()
-
-
-def options_of(parser: argparse.ArgumentParser) -> dict[str, str]:
-    """The long option of every destination; positional arguments have none."""
-    return {action.dest: max(action.option_strings, key=len) for action in parser._actions if action.option_strings}
-
-
-def worded(message: str, options: Mapping[str, str], args: argparse.Namespace | None) -> str:
-    """The message, in which the option that it is about, and those that it advises, are as typed.
-
-    Replaced are: the name that it begins with; behind a path that of a reader option that is given; `name=` of a
-    reader option in what is expected or advised; and the names of options that a format doesn't take. The keys of a
-    scene.toml stay, unless the option is given.
-    """
-    head, found, rest = message.partition(EXPECTED)
-    if not found:
-        return message
-    before, colon, name = head.rpartition(": ")
-    plain = name.removeprefix("transfer ")
-    of_file = bool(colon) or plain != name or str(getattr(args, "source", "")).endswith(".toml")
-    plain = plain if colon else OTHER_NAMES.get(plain, plain)
-    given = getattr(args, plain, None) is not None
-    if plain in options and (given or not of_file) and (not colon or plain in READING):
-        head = before + colon + options[plain]
-    reading = "|".join(name for name in READING if name in options)
-    if not reading:
-        return head + found + rest
-    rest = re.sub(rf"(?<![\w.'-])({reading})=(?=\S)", lambda match: f"{options[match[1]]} ", rest)
-    if colon and name == "options":
-        rest = re.sub(rf"(?<![\w.'-])({reading})(?=[, ]|$)", lambda match: options[match[1]], rest)
-    return head + found + rest
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """` (did you mean …?)`, or nothing if no known word is near."""
-    found = get_close_matches(word.partition("=")[0], list(known), n=1)
-    return f" (did you mean {found[0]}?)" if found else ""
 
 
 def one_line(text: str) -> str:

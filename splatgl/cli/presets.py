@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.cli.options import add_backend, add_source, add_view, scene_from_source, view_of
+from splatgl.cli.options import add_backend, add_options, add_source, scene_from
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.scene.background import suited
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -39,7 +40,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     add_source(parser, optional=True)
     parser.add_argument("-o", "--output", metavar="FILE.png", help="the sheet to write (presets.png)")
     add_backend(parser)
-    add_view(parser)
+    add_options(parser, ViewOptions)
     parser.set_defaults(run=run)
 
 
@@ -53,10 +54,10 @@ def run(args: argparse.Namespace) -> int:
         return 0
     output = Path(args.output or "presets.png")
     check_output(output, (".png",))
-    scene = scene_from_source(args)
+    scene = scene_from(args)
     scene.refuse_more()
     check_source(output, args.source, *scene.files)
-    scene = replace(scene, view=view_of(args, scene.view, (SIDE, SIDE)))
+    scene = replace(scene, view=replace(scene.view, size=args.size or (SIDE, SIDE)))
     volume = scene.open()
     scene, volume = scene.cut(volume), smaller(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}

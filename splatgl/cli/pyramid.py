@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.cli.options import add_source, add_transfer, scene_from_transfer
+from splatgl.cli.options import add_source, add_transfer, scene_from
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import FEWEST, Places, Volume
 from splatgl.errors import InputError, expected, missing_extra
@@ -45,8 +45,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Writes the store, or nothing."""
-    scene, output = scene_from_transfer(args), Path(args.output)
+    scene, output = scene_from(args), Path(args.output)
     _check(output)
+    scene.refuse_more()
     volume = scene.open()
     tell(volume, args.quiet)
     if scene.threshold:

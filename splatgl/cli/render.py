@@ -12,13 +12,24 @@ from uuid import uuid4
 import numpy as np
 
 from splatgl import __version__
-from splatgl.cli.options import add_drawing, add_layers, add_source, add_workers, asked, scene_from
+from splatgl.cli.options import (
+    ANNOTATE,
+    add_drawing,
+    add_layers,
+    add_option,
+    add_source,
+    add_workers,
+    asked,
+    group_of,
+    scene_from,
+)
 from splatgl.cli.output import summary
 from splatgl.data.image import MAPS, SAVED, Image, save_map
 from splatgl.data.image_files import require_library
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, check_source, parse_bytes
+from splatgl.options import ACCURACY, SPEED, whole
 from splatgl.scene.background import as_drawn, backed
 from splatgl.scene.draw import (
     OF_BLENDS,
@@ -42,14 +53,6 @@ from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.comparison.compare import Picture
-
-
-def add_depth(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of depth maps."""
-    about = "write the depth at which each pixel's ray is absorbed: .npy, .tif, .exr or .png (without -o: only that)"
-    parser.add_argument("--depth", metavar="FILE", help=about)
-    about = "absorbed by a share from 0 to 1, or the largest or least value (0.5; of mip and minip these)"
-    parser.add_argument("--depth-at", type=depth_at, metavar="SHARE|max|min", help=about)
 
 
 def depth_at(text: str) -> float | str:
@@ -99,44 +102,38 @@ def write_depths(args: argparse.Namespace, scene: SceneFile, volume: Volume, tra
 
 EXAMPLES = """examples:
   splatgl render head.nii.gz -o head.png
-  splatgl render head.nii.gz --preset ct-bone --azimuth 60 --size 800x600 --background black
-  splatgl render head_128x256x256_uint8.raw --window -160,240 --blend xray -o sums.npy"""
+  splatgl render head.nii.gz --preset ct-bone --azimuth 60 --background black
+  splatgl render head_64x256x256_uint8.raw --blend xray -o sums.npy"""
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl render`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = f"{parser.description}\n\n{EXAMPLES}"
     add_source(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help="a .png, .jpg, .npy, .tif or .exr (SOURCE.png)")
-    parser.add_argument(
-        "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (8)"
-    )
-    group = parser.add_argument_group("accuracy")
-    add_layers(parser)
-    add_depth(parser)
-    parser.add_argument("--ref", metavar="FILE", help="compare with this picture; write only if it differs, and exit 1")
-    parser.add_argument("--explain", action="store_true", help="say what is drawn, what is left out, and why")
-    group.add_argument("--savings", action="store_true", help="draw with what is left out, and say what that takes")
-    group.add_argument(
-        "--check",
-        type=int,
-        metavar="ROWS",
-        help="compare as many rows with float64 (0: none; default: some squares, with --field or without a bound)",
-    )
-    group.add_argument(
-        "--field",
-        action="store_true",
-        help="also compare some of these pixels with the field that the picture stands for",
-    )
-    parser.add_argument(
-        "--memory",
-        type=_bytes,
-        metavar="SIZE",
-        help="draw in bricks what needs more, such as 4GiB (half of what is free)",
-    )
-    parser.add_argument("--annotate", metavar="NAMES", help="scale,colorbar,axes,directions,box,title=TEXT,time=TEXT")
+    parser.add_argument("-o", "--output", metavar="FILE", help=".png, .jpg, .npy, .tif or .exr (default SOURCE.png)")
+    add_option(parser, "annotate", ANNOTATE)
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
+    output = group_of(parser, "output")
+    output.add_argument(
+        "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (default 8)"
+    )
+    about = "write the depth at which each pixel's ray is absorbed: .npy, .tif, .exr or .png (without -o: only that)"
+    output.add_argument("--depth", metavar="FILE", help=about)
+    about = "share absorbed at that depth, 0 to 1, or largest or least value (default 0.5; max for mip, min for minip)"
+    output.add_argument("--depth-at", type=depth_at, metavar="SHARE|max|min", help=about)
+    about = "compare with this picture; write only if it differs, and exit with 1"
+    output.add_argument("--ref", metavar="FILE", help=about)
+    accuracy = group_of(parser, ACCURACY)
+    about = "number of rows to compare with float64 (0: none; default: some squares, with --field or without a bound)"
+    accuracy.add_argument("--check", type=whole(0).parse, metavar="ROWS", help=about)
+    about = "also compare some of these pixels with the field that the picture stands for"
+    accuracy.add_argument("--field", action="store_true", help=about)
+    accuracy.add_argument("--explain", action="store_true", help="print what is drawn, what is left out, and why")
+    speed = group_of(parser, SPEED)
+    speed.add_argument("--savings", action="store_true", help="also measure the time saved by each skipped step")
+    about = "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)"
+    speed.add_argument("--memory", type=_bytes, metavar="SIZE", help=about)
+    add_layers(parser)
     add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.volume import Triple
 from splatgl.errors import InputError, expected
+from splatgl.options import (
+    BASIC,
+    FLAG,
+    READING,
+    Kind,
+    check_options,
+    choice,
+    instance,
+    non_default,
+    number,
+    numbers,
+    option,
+    whole,
+)
 
 HDF5 = (".h5", ".hdf5", ".he5", ".nc")
 """Endings of files that hold named datasets."""
@@ -65,89 +81,132 @@ VALUES = ("labels", "amounts", "heights")
 
 _NAMED_DTYPE = re.compile(r"(bool|u?int8|u?int16|u?int32|u?int64|float16|float32|float64)(le|be)?")
 
-_TYPES: dict[str, tuple[tuple[type, ...], str]] = {
-    "dtype": ((str,), "the name of a type"),
-    "header_offset": ((int,), "a whole number of bytes"),
-    "array": ((str, int), "a name or a number"),
-    "channel": ((int, str), "a number, a name, several of them, or all"),
-    "time": ((int,), "a whole number"),
-    "level": ((int,), "a whole number"),
-    "series": ((str, int), "a number or the end of a UID"),
-    "color": ((str, Path), "the path of a picture"),
-    "relief": ((int, float), "a positive height in world units"),
-    "levels": ((int,), "a whole number"),
-    "values": ((str,), "labels, amounts or heights"),
-    "anywhere": ((bool,), "true or false"),
-}
-"""What an option may be, and how that is said."""
+
+def sample_type(text: str) -> np.dtype:
+    """The dtype named by "uint8", "uint16be", "float32le" or a numpy code such as ">u2"; little-endian if unsaid."""
+    named = _NAMED_DTYPE.fullmatch(text.lower())
+    try:
+        dtype = np.dtype(named[1]).newbyteorder(">" if named[2] == "be" else "<") if named else np.dtype(text)
+    except TypeError:
+        raise _bad_dtype(text) from None
+    if dtype.kind not in "buif":
+        raise _bad_dtype(text)
+    return dtype
+
+
+def _bad_dtype(text: str) -> InputError:
+    return expected("dtype", 'a real number type such as uint8, uint16be, float32 or ">u2"', repr(text))
+
+
+def _dtype(text: Any) -> str:
+    if not isinstance(text, str):
+        raise ValueError
+    sample_type(text)
+    return text
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str | int) or isinstance(value, bool):
+        raise ValueError
+    return str(value)
+
+
+def _channel(value: Any) -> int | str:
+    if isinstance(value, str) and not re.fullmatch("[0-9]{1,6}", value):
+        return value
+    return whole(0, this="zero or more").check(int(value) if isinstance(value, str) else value)
+
+
+def read_time(text: str) -> int | slice:
+    """A time point, or time points FIRST:END:STEP as in Python. Raises ValueError for other text."""
+    parts = [int(part) if part else None for part in text.split(":")]
+    if len(parts) == 1 and parts[0] is not None:
+        return parts[0]
+    if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] == 0):
+        raise ValueError
+    return slice(*parts)
+
+
+_option = partial(option, group=READING)
 
 
 @dataclass(frozen=True)
 class LoadOptions:
     """Options for a file beyond its path; each format supports some of these and rejects the others.
 
-    shape: voxels along (x, y, z), x fastest; dtype: "uint8", "uint16be", ">u2"; header_offset: bytes to skip (raw).
-    spacing: (x, y, z) in world units, overrides what the file says.
-    array: name of the array (npz, VTK, zarr) or number of the time point (NIfTI, TIFF, DICOM).
-    channel: number of the channel of a file with several samples per voxel; of TIFF and Zarr also its name, several
-    ("0,2", "DAPI,GFP") or "all". time: number of the time point, from 0. level: of a multiscale image, 0 the finest.
-    series: number of a DICOM series in the list of `splatgl info`, from 1 on, or the end of its UID.
-    color: path of the colour picture of a height map; relief: the world height that the map spans;
-    levels: voxel levels of the terrain.
-    values: "labels" or "amounts", what samples are, where the file does not say or says it wrongly; "heights" of a
-    terrain, of a single picture.
-    anywhere: the data of a detached header may lie outside its folder; only for trusted headers.
+    dtype: "uint8", "uint16be", ">u2". array: a name (npz, VTK, Zarr) or the number of a time point (NIfTI, TIFF,
+    DICOM). channel: several are "0,2", "DAPI,GFP" or "all". series: from 1 on. levels: voxel levels of a height map.
     Raises InputError for values that no file could have.
     """
 
-    shape: tuple[int, int, int] | None = None
-    dtype: str | None = None
-    spacing: Triple | None = None
-    header_offset: int = 0
-    array: str | int | None = None
-    channel: int | str | None = None
-    time: int | None = None
-    level: int | None = None
-    series: str | int | None = None
-    color: str | Path | None = None
-    relief: float | None = None
-    levels: int = DEFAULT_LEVELS
-    values: str | None = None
-    anywhere: bool = False
+    shape: tuple[int, int, int] | None = _option(
+        None,
+        numbers(3, "X,Y,Z", "three positive whole numbers (x, y, z)", integers=True, positive=True),
+        "voxels along x, y, z of a headerless file",
+    )
+    dtype: str | None = _option(
+        None,
+        Kind("the name of a type", _dtype, metavar="TYPE"),
+        "sample type of a headerless file, such as uint8, int16, >u2 or float32",
+    )
+    spacing: Triple | None = _option(
+        None,
+        numbers(3, "X,Y,Z", "three positive numbers (x, y, z)", positive=True),
+        "voxel spacing, instead of the file's, in its unit",
+        level=BASIC,
+    )
+    header_offset: int = _option(
+        0, whole(0, this="zero or more bytes", metavar="BYTES"), "bytes to skip in a headerless file", flag="--offset"
+    )
+    array: str | int | None = _option(
+        None, Kind("a name or a number", _text), "array, block or step of a file that holds several"
+    )
+    channel: int | str | None = _option(
+        None,
+        Kind("a number of zero or more, a name, several of them, or all", _channel, metavar="N|NAME,…"),
+        "number of a channel, from 0. Of TIFF, Zarr and Imaris also its name, several, or all",
+        level=BASIC,
+    )
+    time: int | None = _option(
+        None,
+        Kind("zero or more", whole(0).check, read_time, "N", written="a number, or FIRST:END:STEP"),
+        "time point of a file, from 0. animate draws several, FIRST:END:STEP",
+    )
+    level: int | None = _option(
+        None, whole(0, this="zero or more"), "level of a multiscale OME-Zarr or TIFF image, 0 the finest (measured)"
+    )
+    series: str | int | None = _option(
+        None,
+        Kind("a number or the end of a UID", _text, metavar="N|UID"),
+        "DICOM series: its number in splatgl info, or its UID",
+    )
+    color: str | Path | None = _option(
+        None,
+        instance("the path of a picture", str, Path, metavar="PICTURE"),
+        "colour picture laid over a height map",
+    )
+    relief: float | None = _option(
+        None,
+        number("a positive height in world units", 0, above=True, metavar="L"),
+        "height of a height map's relief, world units",
+    )
+    levels: int = option(DEFAULT_LEVELS, whole(2, this="two or more voxel levels"))
+    values: str | None = _option(
+        None,
+        choice(VALUES, "labels, amounts or heights"),
+        "meaning of samples. Default: as the file says, else labels if equal samples lie in flat areas",
+    )
+    anywhere: bool = _option(
+        False, FLAG, "read the data of a detached header outside its folder, too. For trusted files only", bare=True
+    )
 
     def __post_init__(self) -> None:
-        # 1. types: options also come from command lines and scene files
-        for name, (types, this) in _TYPES.items():
-            value = getattr(self, name)
-            if value is not None and (not isinstance(value, types) or isinstance(value, bool) != (bool in types)):
-                raise expected(name, this, repr(value))
-        for name in ("shape", "spacing"):
-            _set_triple(self, name)
-        for name in ("array", "series"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, str(getattr(self, name)))
-        # 2. values
-        if self.dtype is not None:
-            sample_type(self.dtype)
-        if self.header_offset < 0:
-            raise expected("header_offset", "zero or more bytes", self.header_offset)
-        if isinstance(self.channel, str) and re.fullmatch("[0-9]{1,6}", self.channel):
-            object.__setattr__(self, "channel", int(self.channel))
-        for name in ("channel", "level", "time"):
-            value = getattr(self, name)
-            if isinstance(value, int) and value < 0:
-                raise expected(name, "zero or more", value)
-        if self.values not in (None, *VALUES):
-            raise expected("values", "labels, amounts or heights", repr(self.values))
-        if self.levels < 2:
-            raise expected("levels", "two or more voxel levels", self.levels)
-        if self.relief is not None and not 0 < self.relief < np.inf:
-            raise expected("relief", "a positive height in world units", self.relief)
+        check_options(self)
 
     @property
     def given(self) -> set[str]:
         """Names of the options that differ from their defaults."""
-        return {option.name for option in fields(self) if getattr(self, option.name) != option.default}
+        return set(non_default(self))
 
     @property
     def channel_number(self) -> int | None:
@@ -180,34 +239,3 @@ class LoadOptions:
         if not re.fullmatch("[0-9]{1,9}", str(self.array)) or int(self.array) >= count:
             raise expected("array", f"a number from 0 to {count - 1}", repr(self.array))
         return int(self.array)
-
-
-def _set_triple(options: LoadOptions, name: str) -> None:
-    """Converts `shape` to three positive ints, `spacing` to three positive floats; lists are accepted."""
-    value = getattr(options, name)
-    if value is None:
-        return
-    kind, this = (int, "positive whole numbers") if name == "shape" else (float, "positive numbers")
-    try:
-        numbers = tuple(kind(number) for number in value)
-    except (TypeError, ValueError):
-        numbers = ()
-    if len(numbers) != 3 or not all(0 < number < np.inf for number in numbers) or list(numbers) != list(value):
-        raise expected(name, f"three {this} (x, y, z)", repr(value))
-    object.__setattr__(options, name, numbers)
-
-
-def sample_type(text: str) -> np.dtype:
-    """The dtype named by "uint8", "uint16be", "float32le" or a numpy code such as ">u2"; little-endian if unsaid."""
-    named = _NAMED_DTYPE.fullmatch(text.lower())
-    try:
-        dtype = np.dtype(named[1]).newbyteorder(">" if named[2] == "be" else "<") if named else np.dtype(text)
-    except TypeError:
-        raise _bad_dtype(text) from None
-    if dtype.kind not in "buif":
-        raise _bad_dtype(text)
-    return dtype
-
-
-def _bad_dtype(text: str) -> InputError:
-    return expected("dtype", 'a real number type such as uint8, uint16be, float32 or ">u2"', repr(text))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,29 +12,25 @@ import numpy as np
 from splatgl import __version__
 from splatgl.annotations.annotate import check, check_size, check_time, parsed
 from splatgl.data.arrays import ArrayOptions
-from splatgl.data.color import AUTO, BACKGROUNDS, CLEAR, read_background
+from splatgl.data.color import AUTO
 from splatgl.data.image import Image
-from splatgl.data.mesh import Mesh
-from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import parse_bytes
+from splatgl.options import names_of, refuse_unknown
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.background import as_drawn, grounded
 from splatgl.scene.draw import DrawOptions, depth_share, depths_of, draw, drawn, lay, origin, unbacked, with_room
-from splatgl.scene.meshes import MeshFile, asked_vectors, mark_clipped
-from splatgl.scene.parse import size
+from splatgl.scene.meshes import VECTORS
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
-from splatgl.scene.view import ViewOptions, typed
-from splatgl.splat.segment_surfaces import strength_of
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.camera import Bounded, Camera
-    from splatgl.splat.splats import Splats
+    from splatgl.splat.camera import Camera
 
 
 def depth_map(
@@ -62,40 +56,8 @@ def depth_map(
     return depths_of(scene, volume, chosen, depth_share(at, scene.settings))[0]
 
 
-# the fields of Transfer that are keywords of their own; `unit` is that of an array, and `shading` a setting
+# options of the transfer function that are keywords; `unit` is the unit of an array, and `shading` a setting
 TRANSFER = ("points", "gradient", "colormap", "window", "scale")
-
-
-@dataclass(frozen=True)
-class Held(SceneFile):
-    """A scene whose volume is in memory."""
-
-    held: Volume | None = None
-
-    def open(self) -> Volume:
-        """The volume; a flat stack with the view of it."""
-        assert self.held is not None
-        return self._placed(self.held)
-
-    def to_toml(self, folder: Path) -> str:
-        """Raises InputError: a scene file names a volume's file."""
-        raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
-
-
-@dataclass(frozen=True)
-class Fixed(ViewOptions):
-    """A view by a camera."""
-
-    fixed: Camera | None = None
-
-    def is_fixed(self, volume: Volume) -> bool:
-        """True: there is a camera."""
-        return True
-
-    def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
-        """The camera."""
-        assert self.fixed is not None
-        return self.fixed.resized(self.size)
 
 
 def render(
@@ -123,8 +85,6 @@ def render(
     if is_scene(x):
         if transfer is not None:
             raise expected("transfer", "none beside a scene, whose layers have theirs", type(transfer).__name__)
-        if "background" in options:
-            options["background"] = _background(options["background"])
         return picture_of(x, camera, settings, options)
     scene, memory = scene_of(x, transfer, camera, settings, options)
     return picture(x, scene, memory)
@@ -165,119 +125,59 @@ def scene_of(
     settings: Settings | None,
     options: Mapping[str, Any],
 ) -> tuple[SceneFile, int | None]:
-    """The scene of `x` and the arguments of `render`, and the memory to draw in. Of splats, all but the volume."""
-    given = dict(options)
-    viewing, cuts = _taken(given, *(f.name for f in fields(ViewOptions))), _cuts(_taken(given, "clip", "crop", "mask"))
-    meshes, annotate = _meshes(given.pop("meshes", ())), given.pop("annotate", None)
-    clip_meshes = bool(given.pop("clip_meshes", False))
-    over = () if annotate is None else parsed(annotate) if isinstance(annotate, str) else check(annotate)
-    drawing = _taken(given, *(f.name for f in fields(Settings)))
-    classified = {**_transfer(transfer), **_taken(given, *TRANSFER)}
-    threshold, memory = given.pop("threshold", None), given.pop("memory", None)
-    vectors = _taken(given, "vectors", "streamlines", "arrows")
-    surfaces = given.pop("surfaces", None)
+    """The scene of `x` and the arguments of `render`, and the memory to draw in. A scene of splats has no volume."""
+    given, transfer = dict(options), _transfer(transfer)
+    memory, annotate, drawing = given.pop("memory", None), given.pop("annotate", None), names_of(ViewOptions, Settings)
     if is_splats(x):
-        extra = [*classified, *given, *cuts] + ["threshold"] * (threshold is not None)
-        extra += ["meshes"] * bool(meshes) + ["annotate"] * bool(over) + [*vectors]
-        extra += ["surfaces"] * (surfaces is not None)
-        if extra:
-            raise expected("splats", "a view and settings", ", ".join(extra), "extract them with these")
-        scene: SceneFile = SceneFile(x.name)
+        others = [*transfer, *(name for name in given if name not in drawing), *["annotate"] * bool(annotate)]
+        if others:
+            raise expected("splats", "a view and settings", ", ".join(others), "extract them with these")
+        scene = SceneFile(x.name)
     else:
-        scene = _source(x, given)
-    if settings is not None and not isinstance(settings, Settings):
-        raise expected("settings", "Settings", type(settings).__name__)
-    if "background" in drawing:
-        drawing["background"] = _background(drawing["background"])
-    if threshold is not None:
-        scene = replace(scene, threshold=float(typed("threshold", threshold)))
-    found = replace(
-        scene,
-        **cuts,
-        meshes=tuple(mark_clipped(each) if clip_meshes else each for each in (*scene.meshes, *meshes)),
-        vectors=asked_vectors(vectors, scene.vectors),
-        surfaces=scene.surfaces if surfaces is None else strength_of(surfaces),
-        annotate=scene.annotate if annotate is None else over,
-        transfer={**scene.transfer, **classified},
-        view=_view(scene.view, camera, viewing),
-        settings=(scene.settings if settings is None else settings).but(**drawing),
-    )
-    found = found if "blend" in drawing else found.blended()
-    return found, parse_bytes(memory) if isinstance(memory, str) else memory
+        reading = names_of(LoadOptions) if isinstance(x, str | Path) else [f.name for f in fields(ArrayOptions)]
+        known = [*drawing, *TRANSFER, *SCENE, "transfer", "camera", "settings", "memory", "annotate", *reading]
+        for name in given:
+            this = f"options of the view, the settings, or {', '.join(reading)}"
+            refuse_unknown("options", [name], known, this)
+        scene = _source(x, {name: given.pop(name) for name in reading if name in given})
+    if settings is not None:
+        if not isinstance(settings, Settings):
+            raise expected("settings", "Settings", type(settings).__name__)
+        scene = replace(scene, settings=settings)
+    if camera is not None:
+        viewing = [name for name in names_of(ViewOptions) if name in given]
+        scene = replace(scene, view=_fixed(camera, viewing))
+    if annotate is not None:
+        scene = replace(scene, annotate=parsed(annotate) if isinstance(annotate, str) else check(annotate))
+    scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**given)
+    scene = scene if "blend" in given else scene.blended()
+    return scene, parse_bytes(memory) if isinstance(memory, str) else memory
 
 
-def _source(x: Any, given: dict[str, Any]) -> SceneFile:
-    """The scene of a file, or of a volume in memory; `given` are options of its reader."""
-    named = isinstance(x, str | Path)
-    known = [f.name for f in fields(LoadOptions if named else ArrayOptions)]
-    for name in given:
-        if name not in known:
-            every = [f.name for record in (ViewOptions, Settings) for f in fields(record)] + [*TRANSFER, *known]
-            near = get_close_matches(name, [*every, "transfer", "camera", "settings", "threshold", "memory"], 1)
-            fix = f"did you mean {near[0]}?" if near else ""
-            raise expected("options", f"those of the view, the settings, or {', '.join(known)}", name, fix)
-    if not named:
-        volume = Volume.of(x, **given)
-        return Held(volume.name or "array", held=volume)
+# options of a scene that are keywords
+SCENE = ("threshold", "clip", "crop", "mask", "meshes", "clip_meshes", "surfaces", *VECTORS)
+
+
+def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
+    """The scene of a file, or of a volume in memory, with options of its reader."""
+    if not isinstance(x, str | Path):
+        volume = Volume.of(x, **reading)
+        return SceneFile(volume.name or "array", held=volume)
     path = str(x)
     toml = path.endswith(".toml") and not is_address(path)
     scene = SceneFile.from_toml(Path(path)) if toml else SceneFile(path)
-    return replace(scene, load={**scene.load, **given}) if path not in SCENES or given else scene
+    return replace(scene, load={**scene.load, **reading})
 
 
-def _cuts(given: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a scene of what is cut away."""
-    found: dict[str, Any] = {"crop": given["crop"]} if "crop" in given else {}
-    if not isinstance(found.get("crop", ""), str):
-        raise expected("crop", "A:B,C:D,E:F, voxels along x, y and z", repr(found["crop"])[:80])
-    if "mask" in given:
-        mask = given["mask"]
-        found["mask"] = tuple(mask) if isinstance(mask, list | tuple) else (mask,)
-    clip = given.get("clip", ())
-    if isinstance(clip, str) or not isinstance(clip, Iterable):
-        clip = (clip,)
-    return {**found, "clip": tuple(clip)} if "clip" in given else found
-
-
-def _meshes(given: Any) -> list[MeshFile | Mesh]:
-    """Meshes, and those of files."""
-    every = given if isinstance(given, list | tuple) else [given]
-    for each in every:
-        if not isinstance(each, Mesh | str | Path):
-            raise expected("meshes", "meshes, or names of files", type(each).__name__)
-    return [each if isinstance(each, Mesh) else MeshFile(str(each)) for each in every]
-
-
-def _view(view: ViewOptions, camera: Camera | None, given: dict[str, Any]) -> ViewOptions:
-    """The view as the options have it."""
-    if camera is None:
-        return replace(view, **{name: _placed(name, value) for name, value in given.items()})
+def _fixed(camera: Any, viewing: list[str]) -> ViewOptions:
+    """The view by a camera."""
     from splatgl.splat.camera import Camera
 
     if not isinstance(camera, Camera):
         raise expected("camera", "a Camera", type(camera).__name__)
-    if given:
-        raise expected("options", "no view beside a camera", ", ".join(given), "leave one of them out")
-    return Fixed(camera.size, fixed=camera)
-
-
-def _placed(name: str, value: Any) -> Any:
-    """A field of View: numbers of numpy and tuples too, and a size as text or one number."""
-    plain = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-    if name == "size":
-        try:
-            plain = size(str(plain)) if isinstance(plain, str | int) else plain
-        except argparse.ArgumentTypeError as error:
-            raise expected("size", "a width and a height", repr(value)) from error
-    return typed(name, list(plain) if isinstance(plain, tuple) else plain)
-
-
-def _background(value: Any) -> Any:
-    try:
-        found = read_background(value) if isinstance(value, str) and value != AUTO else value
-    except ValueError as error:
-        raise expected("background", f"linear RGB, {BACKGROUNDS}", repr(value)) from error
-    return None if found == CLEAR else found
+    if viewing:
+        raise expected("options", "no view beside a camera", ", ".join(viewing), "leave one of them out")
+    return ViewOptions(camera.size, fixed=camera)
 
 
 def _transfer(transfer: Any) -> dict[str, Any]:
@@ -287,15 +187,10 @@ def _transfer(transfer: Any) -> dict[str, Any]:
             return {"preset": str(transfer)}
         transfer = Transfer.load(transfer)
     if isinstance(transfer, Transfer):
-        return {f.name: getattr(transfer, f.name) for f in fields(Transfer)}
+        return transfer.fields
     if transfer is not None and not isinstance(transfer, Mapping):
         raise expected("transfer", "a Transfer, or the name of a preset", type(transfer).__name__)
     return dict(transfer or {})
-
-
-def _taken(given: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Those options, which are removed."""
-    return {name: given.pop(name) for name in names if name in given}
 
 
 # options of the view of layers, and of a plotter's
@@ -325,8 +220,8 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
         if name not in known:
             what = f"fields of Settings{', ' if known else ''}{', '.join(known)}"
             raise expected("options", what, name, "a scene has its transfer functions" if layers else "")
-    if "size" in viewing and isinstance(viewing["size"], str | int):
-        viewing["size"] = size(str(viewing["size"]))
+    if "size" in viewing:
+        viewing["size"] = ViewOptions(viewing["size"]).size
     scene = x if layers else Scene.of(x)
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     view = view or Camera.of(x, viewing.get("size"))

@@ -79,9 +79,7 @@ def with_room(scene: SceneFile, volume: Volume, asked: Sequence[str]) -> SceneFi
     """The scene, with a view that shows the box and its numbers, where they are asked for."""
     if "box" not in asked:
         return scene
-    from splatgl.scene.view import Fitted
-
-    return replace(scene, view=Fitted.of(scene.view, room(volume)))
+    return replace(scene, view=scene.view.fitted(room(volume)))
 
 
 def room(volume: Volume) -> Part:

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl.data.volume import Hints, Volume
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError, error_prefix, expected
 from splatgl.fileio import toml_value
+from splatgl.options import (
+    FLAG,
+    LAYERS,
+    Kind,
+    Option,
+    check_options,
+    choice,
+    declared,
+    instance,
+    interval,
+    non_default,
+    number,
+    option,
+    refuse_unknown,
+    whole,
+)
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
     from splatgl.scene.scene_file import SceneFile
-
-
-# the keys of a table, and their types
-KEYS: dict[str, tuple[type, ...]] = {
-    "file": (str,),
-    "color": (str,),
-    "opacity": (int, float),
-    "radius": (int, float),
-    "array": (str,),
-    "window": (list,),
-    "clip": (bool,),
-    "visible": (bool,),
-}
 
 
 @dataclass(frozen=True)
@@ -38,14 +44,36 @@ class MeshFile:
     the scene's planes cut it. visible: whether it is drawn.
     """
 
-    file: str
-    color: str = ""
-    opacity: float = 1.0
-    radius: float | None = None
-    array: str = ""
-    window: tuple[float, float] | None = None
-    clip: bool = False
-    visible: bool = True
+    file: str = field(metadata={"option": Option(instance("the name of a file", str))})
+    color: str = option("", instance("the name of a colour", str))
+    opacity: float = option(1.0, number("a factor from 0 to 1", 0, 1))
+    radius: float | None = option(None, number())
+    array: str = option("", instance("the name of an array", str))
+    window: tuple[float, float] | None = option(None, interval())
+    clip: bool = option(False, FLAG)
+    visible: bool = option(True, FLAG)
+    held: Mesh | None = None
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @classmethod
+    def of(cls, mesh: Any) -> MeshFile:
+        """The entry of a mesh in memory or of a file. Raises InputError for others."""
+        from splatgl.data.mesh import Mesh
+
+        if isinstance(mesh, MeshFile | str | Path):
+            return mesh if isinstance(mesh, MeshFile) else cls(str(mesh))
+        if not isinstance(mesh, Mesh):
+            raise expected("meshes", "meshes, or names of files", type(mesh).__name__)
+        return cls(mesh.name, opacity=mesh.opacity, clip=mesh.clipped, held=mesh)
+
+    @classmethod
+    def read(cls, text: str) -> MeshFile:
+        """The entry of FILE[:COLOUR[:OPACITY]]; COLOUR: or MAP, MAP=ARRAY or =ARRAY. Raises ValueError for others."""
+        file, look, opacity = split_look(text, lambda name: not any(sign in name.partition("=")[0] for sign in "./"))
+        color, _, array = look.partition("=")
+        return cls(file, color, opacity, array=array)
 
     @property
     def name(self) -> str:
@@ -63,6 +91,8 @@ class MeshFile:
         """The mesh. Raises InputError as `load_mesh`, and for a colour that has no name."""
         from splatgl.readers.meshes import load_mesh
 
+        if self.held is not None:
+            return self.dressed(self.held)
         found = load_mesh(self.file, None, self.opacity, self.radius, self.array or None, self.window)
         return self.dressed(found)
 
@@ -78,48 +108,40 @@ class MeshFile:
         """Of a scene file in a folder. Raises InputError for other keys and values."""
         if not isinstance(table, Mapping):
             raise expected(what, "a table", repr(table)[:80])
-        unknown = [key for key in table if key not in KEYS]
-        if unknown:
-            raise expected(what, f"keys {', '.join(KEYS)}", ", ".join(unknown))
+        refuse_unknown(what, table, declared(cls))
         if "file" not in table:
             raise expected(what, "the key file", ", ".join(table) or "none")
-        for key, value in table.items():
-            if not isinstance(value, KEYS[key]) or isinstance(value, bool) != (bool in KEYS[key]):
-                raise expected(f"{what}: {key}", " or ".join(kind.__name__ for kind in KEYS[key]), repr(value)[:80])
-        if not 0 <= table.get("opacity", 1) <= 1:
-            raise expected(f"{what}: opacity", "a factor from 0 to 1", table["opacity"])
-        given = {**table, "file": str(folder / table["file"])}
-        if "window" in table:
-            numbers = [n for n in table["window"] if isinstance(n, int | float) and not isinstance(n, bool)]
-            if len(numbers) != len(table["window"]) or len(numbers) != 2 or not numbers[0] < numbers[1]:
-                raise expected(f"{what}: window", "two numbers, the first below the second", repr(table["window"])[:80])
-            given["window"] = (float(numbers[0]), float(numbers[1]))
-        return cls(**given)
+        with error_prefix(what):
+            mesh = cls(**table)
+            return replace(mesh, file=str(folder / mesh.file))
 
     def lines(self, file: str) -> list[str]:
-        """The lines of its table; file: its path there."""
-        given: dict[str, Any] = {"file": file, "color": self.color or None, "radius": self.radius}
-        given |= {"opacity": float(self.opacity)} if self.opacity != 1 else {}
-        given |= {"array": self.array or None, "window": self.window, "clip": self.clip or None}
-        given |= {} if self.visible else {"visible": False}
-        told = [f"{key} = {toml_value(key, value)}" for key, value in given.items() if value is not None]
-        return ["", "[[mesh]]", *told]
+        """Lines of the table; file: its path there. Raises InputError for a mesh in memory."""
+        if self.held is not None:
+            raise expected("scene", "meshes in files, which a scene file can name", "one in memory")
+        return [
+            "",
+            "[[mesh]]",
+            *(f"{key} = {toml_value(key, value)}" for key, value in non_default(replace(self, file=file)).items()),
+        ]
 
 
-@dataclass(frozen=True)
-class HeldMesh(MeshFile):
-    """A mesh in memory."""
+# a preset or a colour map behind a file's name
+LOOK = re.compile(r"#?[\w-]+")
 
-    held: Mesh | None = None
 
-    def open(self) -> Mesh:
-        """The mesh with its opacity, and in its colour if there is one."""
-        assert self.held is not None
-        return replace(self.dressed(self.held), clipped=self.clip or self.held.clipped)
-
-    def lines(self, file: str) -> list[str]:
-        """Raises InputError: a scene file names a mesh's file."""
-        raise expected("scene", "meshes in files, which a scene file can name", "one in memory")
+def split_look(text: str, is_look: Callable[[str], bool]) -> tuple[str, str, float]:
+    """File, look and opacity of FILE[:LOOK[:OPACITY]]. Raises ValueError for no file or another opacity."""
+    source, look, opacity = text, "", 1.0
+    head, colon, last = source.rpartition(":")
+    with suppress(ValueError):
+        source, opacity = (head, float(last)) if colon else (source, opacity)
+    head, colon, last = source.rpartition(":")
+    if colon and is_look(last):
+        source, look = head, last
+    if not source or not 0 <= opacity <= 1:
+        raise ValueError
+    return source, look, opacity
 
 
 # endings of sources that are meshes, drawn alone
@@ -147,17 +169,8 @@ def stage(source: str) -> Volume:
 
 def surfaces_of(scene: SceneFile) -> list[MeshFile]:
     """The meshes of a scene, with the one that stands for its volume unless it is among them."""
-    found = [
-        each if isinstance(each, MeshFile) else HeldMesh(each.name, opacity=each.opacity, held=each)
-        for each in scene.meshes
-    ]
-    alone = is_mesh(scene.volume) and scene.volume not in [each.file for each in found]
-    return [MeshFile(scene.volume), *found] if alone else found
-
-
-def mark_clipped(mesh: MeshFile | Mesh) -> MeshFile | Mesh:
-    """The same, cut by planes."""
-    return replace(mesh, clip=True) if isinstance(mesh, MeshFile) else replace(mesh, clipped=True)
+    alone = is_mesh(scene.volume) and scene.volume not in [mesh.file for mesh in scene.meshes]
+    return [MeshFile(scene.volume), *scene.meshes] if alone else [*scene.meshes]
 
 
 def _linear(color: str) -> tuple[float, float, float] | None:
@@ -183,8 +196,19 @@ def _linear(color: str) -> tuple[float, float, float] | None:
 SHOWN = ("magnitude", "direction")
 # numbers of lines and arrows, where none is given, and most
 LINES, ARROWS, MOST = 200, 400, 10_000
+# options of vectors, and the fields of Vectors that they set
+VECTORS = {"vectors": "show", "streamlines": "streamlines", "arrows": "arrows"}
 # factor of the opacities of a volume with lines or arrows, unless its look is given
 FAINT = 0.15
+
+
+def _count(usual: int) -> Kind:
+    """A number of lines or arrows; True: the usual one."""
+    count = whole(0, MOST, f"a whole number up to {MOST}")
+    return replace(count, check=lambda value: usual if value is True else count.check(value or 0))
+
+
+_option = partial(option, group=LAYERS)
 
 
 @dataclass(frozen=True)
@@ -193,32 +217,27 @@ class Vectors:
     arrows: how many. colormap: of their speeds. Raises InputError for others.
     """
 
-    show: str = ""
-    streamlines: int = 0
-    arrows: int = 0
-    colormap: str = "viridis"
+    show: str = _option(
+        "",
+        choice(("", *SHOWN)),
+        "draw the vectors' lengths instead of values, coloured by direction or not",
+        flag="--vectors",
+    )
+    streamlines: int = _option(
+        0, _count(LINES), f"lines along the vectors, coloured by speed (default {LINES})", bare=LINES
+    )
+    arrows: int = _option(
+        0, _count(ARROWS), f"arrows along the vectors, coloured by speed (default {ARROWS})", bare=ARROWS
+    )
+    colormap: str = option("viridis", instance("a name", str))
 
     def __post_init__(self) -> None:
-        if self.show not in ("", *SHOWN):
-            raise expected("vectors", " or ".join(SHOWN), repr(self.show)[:80])
-        for name, most in (("streamlines", LINES), ("arrows", ARROWS)):
-            count = most if getattr(self, name) is True else getattr(self, name) or 0
-            if not isinstance(count, int) or not 0 <= count <= MOST:
-                raise expected(name, f"a whole number up to {MOST}", repr(count)[:80])
-            object.__setattr__(self, name, count)
-        if not isinstance(self.colormap, str):
-            raise expected("colormap", "a name", repr(self.colormap)[:80])
+        check_options(self)
 
     @property
     def drawn(self) -> bool:
         """Whether there are lines or arrows."""
         return bool(self.streamlines or self.arrows)
-
-    @property
-    def told(self) -> dict[str, Any]:
-        """The fields that differ from their defaults."""
-        every = {each.name: (getattr(self, each.name), each.default) for each in fields(self)}
-        return {name: value for name, (value, default) in every.items() if value != default}
 
     def values(self, volume: Volume) -> Volume:
         """The volume that is drawn. Raises InputError for one without vectors."""
@@ -234,18 +253,3 @@ class Vectors:
 
         found = [streamlines(volume, self.streamlines, colormap=self.colormap)] if self.streamlines else []
         return found + ([arrows(volume, self.arrows, colormap=self.colormap)] if self.arrows else [])
-
-    @classmethod
-    def of_table(cls, table: Mapping[str, Any]) -> Vectors:
-        """Of a scene file. Raises InputError for other keys and values."""
-        unknown = [key for key in table if key not in (known := [each.name for each in fields(cls)])]
-        if unknown:
-            raise expected("vectors", f"keys {', '.join(known)}", ", ".join(unknown))
-        return cls(**table)
-
-
-def asked_vectors(given: Mapping[str, Any], base: Vectors) -> Vectors:
-    """The options over what a scene file says; those that are None or missing are not given."""
-    names = {"vectors": "show", "streamlines": "streamlines", "arrows": "arrows"}
-    over = {field: given[name] for name, field in names.items() if given.get(name) is not None}
-    return Vectors(**{**base.told, **over}) if over else base

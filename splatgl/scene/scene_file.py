@@ -16,44 +16,50 @@ surfaces = 0.5                  # segmentations as surfaces, smoothed by that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Collection, Container, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.annotations.annotate import check
+from splatgl.data.color import srgb_of_name
 from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
-from splatgl.errors import InputError, expected
+from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_value
+from splatgl.options import (
+    BASIC,
+    CLIPPING,
+    FLAG,
+    LAYERS,
+    TRANSFER,
+    Kind,
+    check_options,
+    declared,
+    instance,
+    interval,
+    names_of,
+    non_default,
+    number,
+    option,
+    refuse_unknown,
+)
 from splatgl.readers import load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import FAINT, HeldMesh, MeshFile, Vectors, is_mesh, stage
-from splatgl.scene.view import Fitted, ViewOptions, seen_along_z, typed
+from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
+from splatgl.scene.view import ViewOptions, seen_along_z
 from splatgl.splat.colormaps import whole
 from splatgl.splat.label_detection import MASK, decided
-from splatgl.splat.presets import default_transfer, label_transfer, logarithmic, preset, preset_named
-from splatgl.splat.segment_surfaces import strength_of
+from splatgl.splat.presets import default_transfer, is_preset, label_transfer, logarithmic, preset, preset_named
+from splatgl.splat.segment_surfaces import SMOOTHING, strength_of
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.data.mesh import Mesh
     from splatgl.splat.extract import Progress
     from splatgl.splat.splats import Splats
-
-
-def mask_table(folder: Path, what: str, given: Any) -> tuple[str, ...] | None:
-    """The masks of a scene file in a folder. Raises InputError for what is neither text nor a list of it."""
-    if given is None:
-        return None
-    every = given if isinstance(given, list) else [given] if given else []
-    if not all(isinstance(each, str) and each for each in every):
-        raise expected(f"{what}: mask", "FILE[:N,N…][:outside], or several, each in quotes", repr(given)[:80])
-    return tuple(each if is_address(each) else mask_moved(each, lambda file: str(folder / file)) for each in every)
 
 
 def mask_anywhere(mask: Any) -> Any:
@@ -63,11 +69,11 @@ def mask_anywhere(mask: Any) -> Any:
     return mask_moved(mask, lambda file: str(Path(file).resolve()))
 
 
-def mask_moved(mask: str, moved: Callable[[str], str]) -> str:
-    """A mask whose file's name is replaced by what `moved` makes of it."""
+def mask_moved(mask: str, move: Callable[[str], str]) -> str:
+    """A mask with another name of its file."""
     file, labels, outside = parse_mask(mask)
-    told = [moved(file), ",".join(map(str, labels)), OUTSIDE * outside]
-    return ":".join(part for part in told if part)
+    parts = [move(file), ",".join(map(str, labels)), OUTSIDE * outside]
+    return ":".join(part for part in parts if part)
 
 
 def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
@@ -81,41 +87,90 @@ def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
 
 # extraction and cameras are imported once there is a volume: bad input is told at once
 
-# the types of a scene file's keys
-KEYS: dict[str, tuple[type, ...]] = {
-    "volume": (str,),
-    "threshold": (int, float),
-    "load": (dict,),
-    "transfer": (dict,),
-    "camera": (dict,),
-    "settings": (dict,),
-    "opacity": (int, float),
-    "visible": (bool,),
-    "clip": (list,),
-    "crop": (str,),
-    "mask": (str, list),
-    "surfaces": (int, float),
-    "annotate": (list,),
-    "layer": (list,),
-    "mesh": (list,),
-    "vectors": (dict,),
+# types of the keys of a scene file that are no options
+TABLES: dict[str, type] = {
+    **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors")},
+    **{name: list for name in ("layer", "mesh", "annotate")},
+    "volume": str,
 }
 # keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
 OF_CHANNELS = ("color_of", "window_of")
 # keys of a transfer function that say nothing of labels
 OF_AMOUNTS = frozenset(("points", "colormap", "window", "scale", "gradient"))
-# the keys of a layer
-LAYER = ("volume", "threshold", "load", "transfer", "opacity", "visible", "clip", "crop", "mask", "surfaces")
+# keys of a layer that are no options; options of a scene and its layers with values that TOML holds
+LAYER = ("volume", "load", "transfer")
+PLAIN = ("threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces", "annotate")
+
+
+def read_channel_color(text: str) -> tuple[str, str]:
+    """Channel and #rrggbb of CHANNEL=COLOR. Raises ValueError for other text."""
+    name, _, color = text.rpartition("=")
+    if not name:
+        raise ValueError
+    return name, "#{:02x}{:02x}{:02x}".format(*srgb_of_name(color))
+
+
+def read_channel_window(text: str) -> tuple[str, tuple[float, float]]:
+    """Channel and window of CHANNEL=LOW,HIGH. Raises ValueError for other text."""
+    name, _, window = text.rpartition("=")
+    if not name:
+        raise ValueError
+    low, high = interval().check(interval().read(window))
+    return name, (low, high)
+
+
+def read_labels(text: str) -> tuple[tuple[int, float], ...]:
+    """Labels and factors of their opacities of N or N:A, separated by commas; () of "all". Raises ValueError."""
+    pairs = [part.partition(":") for part in text.split(",")] if text != "all" else []
+    return tuple((int(number), float(factor or 1)) for number, _, factor in pairs)
+
+
+@dataclass(frozen=True)
+class TransferChoice:
+    """Options of a transfer function beside its fields: what it is made from."""
+
+    preset: str = option(
+        "", instance("a name", str), "ct-bone, mr-angio, mip, …: splatgl presets lists all", group=TRANSFER, level=BASIC
+    )
+    only_labels: tuple[tuple[int, float], ...] = option(
+        (),
+        Kind("labels N or N:A, separated by commas, or all", tuple, read_labels, "N[:A],N…"),
+        "labels of a segmentation to show, or all. A: a factor of their opacity",
+        group=TRANSFER,
+    )
+    color_of: tuple[tuple[str, str], ...] = option(
+        (),
+        Kind("a colour #rrggbb, #rgb or of a name in CSS", tuple, read_channel_color, "CHANNEL=COLOR"),
+        "colour of a channel, #rrggbb or a CSS name (repeatable)",
+        group=TRANSFER,
+        repeat=True,
+    )
+    window_of: tuple[tuple[str, tuple[float, float]], ...] = option(
+        (),
+        Kind("LOW below HIGH", tuple, read_channel_window, "CHANNEL=LOW,HIGH"),
+        "values of a channel that its colours span, from clear to opaque (repeatable)",
+        group=TRANSFER,
+        repeat=True,
+    )
+
+
+def _several(value: Any) -> tuple[Any, ...]:
+    """One value or several as a tuple, () for ""."""
+    if isinstance(value, list | tuple):
+        return tuple(value)
+    return () if isinstance(value, str) and not value else (value,)
+
+
+def _clip(value: Any) -> tuple[Any, ...]:
+    return (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
 
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A complete description of an image to render. opacity: factor of the transfer function's opacities. visible:
-    whether its volume is drawn. clip: conditions of what is kept; of a layer None, those of the scene. crop: its part
-    in voxels, which the view is fitted to. mask: files of what is kept; of a layer None, those of the scene. surfaces:
-    smoothing of segmentations that are drawn as surfaces; None: as boxes; of a layer None, that of the scene. layers:
-    more volumes in it, of which view and settings are not read. meshes: triangles in it. annotate: what is laid over
-    it, as --annotate names it. vectors: how those of its volume are drawn.
+    """Description of a picture: files and options. clip, mask, surfaces that are None in a layer are the scene's.
+
+    volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
+    their views and settings are ignored. annotate: names as of --annotate.
     """
 
     volume: str
@@ -123,88 +178,172 @@ class SceneFile:
     transfer: Mapping[str, Any] = field(default_factory=dict)
     view: ViewOptions = field(default_factory=ViewOptions)
     settings: Settings = field(default_factory=Settings)
-    threshold: float = 0.0
-    opacity: float = 1.0
-    visible: bool = True
-    clip: tuple[str, ...] | None = None
-    crop: str = ""
-    mask: tuple[Any, ...] | None = None
-    surfaces: float | None = None
-    layers: tuple[SceneFile, ...] = ()
-    meshes: tuple[MeshFile | Mesh, ...] = ()
+    threshold: float = option(
+        0.0, number(metavar="T"), "draw voxels of a higher opacity only (default 0)", group=TRANSFER
+    )
+    opacity: float = option(1.0, number("a factor from 0 to 1", 0, 1))
+    visible: bool = option(True, FLAG)
+    clip: tuple[Any, ...] | None = option(
+        None,
+        Kind("conditions", _clip, metavar="CONDITION"),
+        "keep a part, such as x>0.3, z<=30mm or x+y>1. By shares of the volume's box, by lengths, or by a point and a "
+        "normal; repeatable",
+        group=CLIPPING,
+        level=BASIC,
+        repeat=True,
+    )
+    crop: str = option(
+        "",
+        instance("A:B,C:D,E:F, voxels along x, y and z", str, metavar="A:B,C:D,E:F"),
+        "keep these voxels along x, y, z, and fit the view to them",
+        group=CLIPPING,
+    )
+    mask: tuple[Any, ...] | None = option(
+        None,
+        Kind("FILE[:N,N…][:outside], or several", _several, metavar="FILE[:N,N…][:outside]"),
+        "keep voxels inside a mask file. N,N…: inside these labels of it; outside: outside of them; repeatable",
+        group=CLIPPING,
+        level=BASIC,
+        repeat=True,
+    )
+    surfaces: float | None = option(
+        None,
+        Kind("a strength of smoothing from 0 to 1", strength_of, float, "S"),
+        f"draw segmentations as smooth closed surfaces, smoothed by 0 to 1 (default {SMOOTHING:g})",
+        group=LAYERS,
+        bare=SMOOTHING,
+    )
+    layers: tuple[SceneFile, ...] = option(
+        (),
+        Kind("an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]"),
+        "another volume. LOOK: a preset or a colour map; OPACITY: a factor from 0 to 1; repeatable",
+        group=LAYERS,
+        level=BASIC,
+        flag="--layer",
+        repeat=True,
+    )
+    meshes: tuple[MeshFile, ...] = option(
+        (),
+        Kind("an opacity from 0 to 1", tuple, MeshFile.read, "FILE[:COLOUR[:OPACITY]]"),
+        "a surface (.stl, .vtp, .obj, …) or lines (.trk, .tck). COLOUR: or MAP=ARRAY for values; repeatable",
+        group=LAYERS,
+        level=BASIC,
+        flag="--mesh",
+        repeat=True,
+    )
     annotate: tuple[str, ...] = ()
     vectors: Vectors = field(default_factory=Vectors)
+    held: Volume | None = None
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @classmethod
+    def read(cls, text: str) -> SceneFile:
+        """The layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or a colour map. Raises ValueError for other text."""
+        source, look, opacity = split_look(text, lambda name: not name or bool(LOOK.fullmatch(name)))
+        return cls(
+            source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity
+        )
 
     @classmethod
     def from_toml(cls, path: Path) -> SceneFile:
         """Reads a scene file. Raises InputError for a missing file, bad TOML, and unknown keys."""
         table = load_table(path, "a scene")
-        scene = cls._of_table(path, str(path), table, set(KEYS))
+        scene = cls._of_table(path, str(path), table, TABLES)
         camera = table.get("camera", {})
-        _check_keys(f"{path} [camera]", camera, {f.name for f in fields(ViewOptions)})
-        with _named(f"{path} [camera]"):
-            view = ViewOptions(**{k: typed(k, v) for k, v in camera.items()})
-        with _named(f"{path} [settings]"):
+        refuse_unknown(f"{path} [camera]", camera, names_of(ViewOptions))
+        with error_prefix(f"{path} [camera]"):
+            view = ViewOptions(**camera)
+        with error_prefix(f"{path} [settings]"):
             settings = Settings().but(**table.get("settings", {}))
         layers = []
-        for number, layer in enumerate(table.get("layer", []), 1):
-            what = f"{path} [[layer]] {number}"
+        for place, layer in enumerate(table.get("layer", []), 1):
+            what = f"{path} [[layer]] {place}"
             if not isinstance(layer, dict):
                 raise expected(what, "a table", repr(layer))
-            layers.append(cls._of_table(path, what, layer, set(LAYER)))
+            layers.append(cls._of_table(path, what, layer, LAYER))
         tables = enumerate(table.get("mesh", []), 1)
-        meshes = [MeshFile.of_table(path.parent, f"{path} [[mesh]] {number}", each) for number, each in tables]
-        with _named(str(path)):
+        meshes = [MeshFile.of_table(path.parent, f"{path} [[mesh]] {place}", mesh) for place, mesh in tables]
+        with error_prefix(str(path)):
             annotate = check(table.get("annotate", []))
-        with _named(f"{path} [vectors]"):
-            vectors = Vectors.of_table(table.get("vectors", {}))
-        found = replace(scene, view=view, settings=settings, annotate=annotate, vectors=vectors)
-        return replace(found, layers=tuple(layers), meshes=tuple(meshes))
+        with error_prefix(f"{path} [vectors]"):
+            refuse_unknown("vectors", lines := table.get("vectors", {}), declared(Vectors))
+            vectors = Vectors(**lines)
+        scene = replace(scene, view=view, settings=settings, annotate=annotate, vectors=vectors)
+        return replace(scene, layers=tuple(layers), meshes=tuple(meshes))
 
     @classmethod
-    def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], known: set[str]) -> SceneFile:
-        """The source, transfer function, threshold and opacity of a scene, or of one of its layers."""
-        _check_keys(what, table, known)
-        for key in known & table.keys():
-            if not isinstance(table[key], KEYS[key]) or isinstance(table[key], bool) != (bool in KEYS[key]):
-                raise expected(f"{what}: {key}", " or ".join(k.__name__ for k in KEYS[key]), repr(table[key]))
+    def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], tables: Collection[str]) -> SceneFile:
+        """The scene of the options in a table, or one of its layers. tables: further keys."""
+        plain = [name for name in PLAIN if name != "annotate"]
+        refuse_unknown(what, table, sorted([*plain, *tables]))
+        for key in tables:
+            if not isinstance(table.get(key, TABLES[key]()), TABLES[key]):
+                raise expected(f"{what}: {key}", TABLES[key].__name__, repr(table[key]))
         if "volume" not in table:
             raise expected(what, "the key volume", ", ".join(table) or "an empty file")
-        source = table["volume"]
+        source, reading = table["volume"], dict(table.get("load", {}))
         if source not in SCENES and not is_address(source):
             source = str(path.parent / source)
-        reading = dict(table.get("load", {}))
         if isinstance(reading.get("color"), str):
             reading["color"] = str(path.parent / reading["color"])
-        with _named(f"{what} [load]"):
-            _check_keys("load", reading, {f.name for f in fields(LoadOptions)})
+        with error_prefix(f"{what} [load]"):
+            refuse_unknown("load", reading, declared(LoadOptions))
             LoadOptions(**reading)
-        if not 0 <= table.get("opacity", 1) <= 1:
-            raise expected(f"{what}: opacity", "a factor from 0 to 1", table["opacity"])
-        clip = tuple(table["clip"]) if "clip" in table else None
-        if not all(isinstance(each, str) for each in clip or ()):
-            raise expected(f"{what}: clip", "conditions, each in quotes", repr(table["clip"])[:80])
-        scene = cls(source, reading, table.get("transfer", {}), clip=clip, crop=table.get("crop", ""))
-        masks = mask_table(path.parent, what, table.get("mask"))
-        with _named(what):
-            smoothing = strength_of(table["surfaces"]) if "surfaces" in table else None
-        scene = replace(scene, mask=masks, visible=table.get("visible", True), surfaces=smoothing)
-        return replace(scene, threshold=float(table.get("threshold", 0.0)), opacity=float(table.get("opacity", 1.0)))
+        for key, this in (("clip", "conditions"), ("mask", "FILE[:N,N…][:outside], or several")):
+            if not all(isinstance(text, str) and text for text in _several(table.get(key, ()))):
+                raise expected(f"{what}: {key}", f"{this}, each in quotes", repr(table[key])[:80])
+        with error_prefix(what):
+            scene = cls(
+                source, reading, table.get("transfer", {}), **{key: table[key] for key in plain if key in table}
+            )
+        if scene.mask is None:
+            return scene
+        folder = path.parent
+        masks = [mask if is_address(mask) else mask_moved(mask, lambda file: str(folder / file)) for mask in scene.mask]
+        return replace(scene, mask=tuple(masks))
+
+    def with_options(self, **given: Any) -> SceneFile:
+        """The scene with options of the command line or keywords: of reading, transfer function, view, settings and of
+        the scene itself; with further layers and meshes. Raises InputError for their values.
+        """
+        own = {name: given[name] for name in declared(SceneFile) if name in given}
+        layers = (*self.layers, *own.pop("layers", ()))
+        transfer = {name: given[name] for name in names_of(TransferChoice, Transfer) if name in given}
+        if "labels" in given:
+            layers = (*layers, SceneFile(given["labels"], transfer={"only_labels": transfer.pop("only_labels", ())}))
+        meshes = (*self.meshes, *map(MeshFile.of, _several(own.pop("meshes", ()))))
+        if given.get("clip_meshes"):
+            alone = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
+            meshes = tuple(replace(mesh, clip=True) for mesh in [MeshFile(self.volume)] * alone + [*meshes])
+        settings = {name: given[name] for name in names_of(Settings) if name in given}
+        return replace(
+            self,
+            **own,
+            layers=layers,
+            meshes=meshes,
+            load={**self.load, **{name: given[name] for name in declared(LoadOptions) if name in given}},
+            transfer={**self.transfer, **transfer},
+            view=replace(self.view, **{name: given[name] for name in names_of(ViewOptions) if name in given}),
+            vectors=replace(self.vectors, **{VECTORS[name]: given[name] for name in VECTORS if name in given}),
+            settings=self.settings.but(**settings),
+        )
 
     def to_toml(self, folder: Path) -> str:
         """TOML text which `from_toml`, reading it from a file in `folder`, parses to the same scene.
 
         Paths are relative if below `folder`, else absolute. Raises InputError for values that TOML cannot represent.
         """
-        camera = {**_told(self.view), "size": self.view.size}
-        lines = self._lines(
-            folder, "", {"camera": camera, "settings": self.settings.given, "vectors": self.vectors.told}
-        )
+        if self.held is not None:
+            raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
+        camera = {name: getattr(self.view, name) for name in declared(self.view) if name in non_default(self.view)}
+        tables = {"camera": {**camera, "size": self.view.size}, "settings": self.settings.given}
+        lines = self._lines(folder, "", {**tables, "vectors": non_default(self.vectors)})
         for layer in self.layers:
             lines += ["", "[[layer]]", *layer._lines(folder, "layer.", {})]
         for mesh in self.meshes:
-            file = mesh if isinstance(mesh, MeshFile) else HeldMesh(mesh.name, held=mesh)
-            lines += file.lines(_relative(file.file, folder))
+            lines += mesh.lines(_relative(mesh.file, folder))
         return "\n".join(lines) + "\n"
 
     def _lines(self, folder: Path, prefix: str, more: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -214,20 +353,15 @@ class SceneFile:
         if isinstance(reading.get("color"), str):
             reading["color"] = _relative(reading["color"], folder)
         lines = [f"volume = {toml_value('volume', self.volume if known else _relative(self.volume, folder))}"]
-        for name, value, default in (("threshold", self.threshold, 0.0), ("opacity", self.opacity, 1.0)):
-            if value != default:
-                lines.append(f"{name} = {toml_value(name, float(value))}")
-        lines += [] if self.visible else ["visible = false"]
-        lines += [] if self.surfaces is None else [f"surfaces = {toml_value('surfaces', float(self.surfaces))}"]
-        lines += [] if self.clip is None else [f"clip = {toml_value('clip', self.clip)}"]
-        masks = None if self.mask is None else [_mask_in(each, folder) for each in self.mask]
-        lines += [] if masks is None else [f"mask = {toml_value('mask', masks)}"]
-        for name, told in (("crop", self.crop), ("annotate", self.annotate)):
-            lines += [f"{name} = {toml_value(name, told)}"] if told else []
+        given = {name: value for name, value in non_default(self).items() if name in PLAIN}
+        if self.mask is not None:
+            given["mask"] = [_mask_in(mask, folder) for mask in self.mask]
+        lines += [f"{name} = {toml_value(name, value)}" for name, value in given.items()]
         for name, table in {"load": reading, "transfer": self.transfer, **more}.items():
-            given = {key: value for key, value in table.items() if value is not None}
-            lines += ["", f"[{prefix}{name}]"] if given else []
-            lines += [f"{key} = {toml_value(f'{name} {key}', value)}" for key, value in given.items()]
+            rows = [
+                f"{key} = {toml_value(f'{name} {key}', value)}" for key, value in table.items() if value is not None
+            ]
+            lines += ["", f"[{prefix}{name}]", *rows] if rows else []
         return lines
 
     def anywhere(self) -> SceneFile:
@@ -236,22 +370,20 @@ class SceneFile:
         known = self.volume in SCENES and not self.load
         volume = self.volume if known else _absolute(self.volume)
         layers = tuple(each.anywhere() for each in self.layers)
-        meshes = tuple(
-            replace(each, file=_absolute(each.file)) if isinstance(each, MeshFile) else each for each in self.meshes
-        )
+        meshes = tuple(mesh if mesh.held else replace(mesh, file=_absolute(mesh.file)) for mesh in self.meshes)
         mask = None if self.mask is None else tuple(map(mask_anywhere, self.mask))
         return replace(self, volume=volume, load=reading, layers=layers, meshes=meshes, mask=mask)
 
     def refuse_more(self, drawn: Container[str] = ()) -> None:
         """InputError for what a command leaves out that draws the volume and, beside it, the options `drawn` alone."""
         more = [
-            ("layer", "layers", len(self.layers) or None),
-            ("mesh", "meshes", len(self.meshes) or None),
+            ("layers", "layers", len(self.layers) or None),
+            ("meshes", "meshes", len(self.meshes) or None),
             ("surfaces", "surfaces", None if self.surfaces is None else f"{self.surfaces:g}"),
             ("streamlines", "vectors", "streamlines or arrows" if self.vectors.drawn else None),
         ]
-        for option, what, got in more:
-            if got is not None and option not in drawn:
+        for name, what, got in more:
+            if got is not None and name not in drawn:
                 raise expected(what, "none", got, "splatgl render draws them")
 
     @property
@@ -259,12 +391,14 @@ class SceneFile:
         """What it names: its volume, colours, masks and meshes, and those of its layers."""
         color = self.load.get("color")
         masks = [parse_mask(each)[0] for each in self.mask or () if isinstance(each, str)]
-        meshes = [each.file for each in self.meshes if isinstance(each, MeshFile)]
+        meshes = [mesh.file for mesh in self.meshes if mesh.held is None]
         below = [file for layer in self.layers for file in layer.files]
         return (self.volume, *([color] if color else []), *masks, *meshes, *below)
 
     def open(self) -> Volume:
         """The volume: a built-in scene, or a file through its reader; masked; a flat stack with the view of it."""
+        if self.held is not None:
+            return self._placed(self.held)
         if self.volume in SCENES and not self.load:
             return self._masked(SCENES[self.volume]())
         if is_mesh(self.volume):
@@ -307,7 +441,7 @@ class SceneFile:
         around = crop_planes(self.crop, volume) if self.crop else ()
         found = planes_of(self.clip or (), Box.of([volume]))
         settings = self.settings.but(clip=(*self.settings.clip, *found, *around))
-        view = Fitted.of(self.view, Part(left(around, volume.corners), volume.frame)) if around else self.view
+        view = self.view.fitted(Part(left(around, volume.corners), volume.frame)) if around else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
 
     def splats(
@@ -332,14 +466,14 @@ class SceneFile:
         asked = {key: value for key, value in self.transfer.items() if key not in OF_CHANNELS}
         name = asked.pop("preset", None)
         if "only_labels" in asked:
-            _check_keys("transfer of labels", asked, {"only_labels", "unit", "shading"})
+            refuse_unknown("transfer of labels", asked, ("only_labels", "unit", "shading"))
             base = label_transfer(volume, [(int(n), float(f)) for n, f in asked.pop("only_labels")] or None)
             return replace(base, **asked).weakened(self.opacity)
         if "points" in asked and name is None:
             found = Transfer.from_table(asked)
         else:
             base = preset(name, volume) if name else default_transfer(volume)
-            _check_keys("transfer", asked, {f.name for f in fields(Transfer)})
+            refuse_unknown("transfer", asked, declared(Transfer))
             if base.labels and asked.keys() & OF_AMOUNTS:
                 given = ", ".join(sorted(asked.keys() & OF_AMOUNTS))
                 raise expected("labels", "none of the options of amounts", given, "--values amounts draws amounts")
@@ -371,24 +505,3 @@ def _mask_in(mask: Any, folder: Path) -> str:
     if not isinstance(mask, str):
         raise expected("scene", "masks in files, which a scene file can name", "one in memory")
     return mask if is_address(mask) else mask_moved(mask, lambda file: _relative(file, folder))
-
-
-def _told(record: ViewOptions) -> dict[str, Any]:
-    """The fields that differ from their defaults."""
-    values = {f.name: getattr(record, f.name) for f in fields(record)}
-    return {f.name: values[f.name] for f in fields(record) if values[f.name] != f.default}
-
-
-@contextmanager
-def _named(what: str) -> Iterator[None]:
-    """Adds the location of an invalid value to its error."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{what}: {error}") from error
-
-
-def _check_keys(what: str, table: Mapping[str, Any], known: set[str]) -> None:
-    unknown = [key for key in table if key not in known]
-    if unknown:
-        raise expected(what, f"keys {', '.join(sorted(known))}", ", ".join(unknown))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from math import inf
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl.data.volume import Hints, Triple, Volume
 from splatgl.errors import expected
+from splatgl.options import BASIC, FLAG, VIEW, check_options, number, numbers, option, picture_size
 from splatgl.splat.presets import is_microscopy
 
 if TYPE_CHECKING:
@@ -47,25 +48,46 @@ def is_flat_stack(volume: Volume) -> bool:
 
 # cameras are imported once there is a volume: bad input is told at once
 
-# number of components of camera keys; the others have one, and `orthographic` is true or false
-VIEW_COUNTS = {"size": 2, "eye": 3, "look_at": 3, "up": 3}
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
+
+
+_option = partial(option, group=VIEW)
 
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Camera parameters; those that are None come from the volume's hints, anatomy or shape."""
+    """Camera parameters; those that are None come from the volume's hints, anatomy or shape.
 
-    size: tuple[int, int] = (512, 512)
-    azimuth: float | None = None
-    elevation: float | None = None
-    fov: float | None = None
-    zoom: float | None = None
-    eye: Triple | None = None
-    look_at: Triple | None = None
-    up: Triple | None = None
-    orthographic: bool = False
-    height: float | None = None
+    part: what the view is fitted to, instead of the visible part of the volume. fixed: a camera, instead of all others
+    but the size.
+    """
+
+    size: tuple[int, int] = _option(
+        (512, 512), picture_size(), "pixels, such as 800x600 or 512 (default 512x512)", level=BASIC
+    )
+    azimuth: float | None = _option(
+        None,
+        number(metavar="A"),
+        "degrees around the up axis (default 30). Counter-clockwise from above; 0 is the front",
+        level=BASIC,
+    )
+    elevation: float | None = _option(None, number(metavar="A"), "degrees above the horizon (default 20)", level=BASIC)
+    fov: float | None = _option(None, number(metavar="A"), "full vertical angle of view in degrees (default 40)")
+    zoom: float | None = _option(None, number(metavar="F"), "magnification, above 1 is nearer", level=BASIC)
+    eye: Triple | None = _option(None, numbers(3, "X,Y,Z"), "position of the eye, world units")
+    look_at: Triple | None = _option(None, numbers(3, "X,Y,Z"), "point that --eye looks at (default: the centre)")
+    up: Triple | None = _option(None, numbers(3, "X,Y,Z"), "direction drawn upwards (default 0,0,1)")
+    orthographic: bool = _option(False, FLAG, "parallel rays", bare=True)
+    height: float | None = _option(None, number(metavar="L"), "height of an orthographic picture, world units")
+    part: Bounded | None = None
+    fixed: Camera | None = None
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    def fitted(self, part: Bounded) -> ViewOptions:
+        """The view fitted to a part of the volume; a view by a camera, or of another part, stays."""
+        return replace(self, part=part) if self.part is None and self.fixed is None else self
 
     def orbit(self, volume: Volume | Splats) -> tuple[float, float] | None:
         """Azimuth and elevation about the middle of what is visible; None if the view is that from an eye."""
@@ -77,16 +99,22 @@ class ViewOptions:
         return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
 
     def is_fixed(self, volume: Volume) -> bool:
-        """Whether the camera is the same whatever of the volume is visible."""
+        """Whether the camera does not depend on the visible part of the volume."""
+        if self.part is not None or self.fixed is not None:
+            return True
         return self.orbit(volume) is None and (self.height is not None or not self.orthographic)
 
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
-        """The camera; an orbit is fitted to what is visible of `subject`. volume: has hints, or is splats without."""
+        """The camera; an orbit is fitted to the visible part of `subject`. volume: has hints, or is splats without."""
+        if self.fixed is not None:
+            return self.fixed.resized(self.size)
         from splatgl.splat.camera import Camera
         from splatgl.splat.opaque_bounds import Opaque
         from splatgl.splat.splats import Splats
 
-        if isinstance(subject, Splats) and subject.post is not None:
+        if self.part is not None:
+            subject = self.part
+        elif isinstance(subject, Splats) and subject.post is not None:
             known = volume if isinstance(volume, Volume) else subject.source and subject.source.volume
             subject = Opaque(known, subject.post.transfer) if known else subject
         hints = volume.hints if isinstance(volume, Volume) else Hints()
@@ -111,31 +139,6 @@ class ViewOptions:
         return camera.parallel(subject, self.height) if parallel else camera
 
 
-@dataclass(frozen=True)
-class Fitted(ViewOptions):
-    """A view that is fitted to a part of the volume."""
-
-    part: Bounded | None = None
-
-    @classmethod
-    def of(cls, view: ViewOptions, part: Bounded) -> ViewOptions:
-        """A view of the part instead of the whole; one by a camera as it is."""
-        return (
-            cls(**{f.name: getattr(view, f.name) for f in fields(ViewOptions)}, part=part)
-            if type(view) is ViewOptions
-            else view
-        )
-
-    def is_fixed(self, volume: Volume) -> bool:
-        """True: the part is given."""
-        return True
-
-    def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
-        """The camera, fitted to the part."""
-        assert self.part is not None
-        return super().camera(volume, self.part)
-
-
 def _center(volume: Volume | Splats) -> np.ndarray:
     """Centre of the box of samples, or of splats, world units."""
     return volume.center if isinstance(volume, Volume) else np.asarray(volume.corners.mean(axis=0))
@@ -146,22 +149,6 @@ def _default_orbit(volume: Volume | Splats) -> tuple[float, float]:
     extent = volume.corners.max(axis=0) - volume.corners.min(axis=0)
     elevation = ELEVATION_FLAT if extent[2] < FLAT * min(extent[0], extent[1]) else ELEVATION
     return AZIMUTH, elevation
-
-
-def typed(name: str, value: Any) -> Any:
-    """Type-checked value of a camera key; lists become tuples."""
-    if name == "orthographic":
-        fine, this = isinstance(value, bool), "true or false"
-    else:
-        count = VIEW_COUNTS.get(name)
-        numbers: list[Any] = value if count and isinstance(value, list) else [value] * (not count)
-        kind: Any = int if name == "size" else (int, float)
-        fine = len(numbers) == (count or 1)
-        fine = fine and all(isinstance(n, kind) and not isinstance(n, bool) and abs(n) < inf for n in numbers)
-        this = f"{count or 'one'} {'whole' if name == 'size' else 'finite'} number{'s' if count else ''}"
-    if not fine:
-        raise expected(name, this, repr(value)[:80])
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _first(*values: Any) -> Any:

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
-from splatgl.data.color import BACKGROUNDS, Color, read_background
+from splatgl.data.color import BACKGROUNDS, CLEAR, Color, read_background
 from splatgl.errors import expected
 from splatgl.options import (
     ACCURACY,
     BASIC,
     EXPERT,
     PAPER,
+    PICTURE,
     SPEED,
     Kind,
     check_options,
@@ -108,7 +109,7 @@ LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 LIKE: dict[str, dict[str, Any]] = {"0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"}}
 
 
-_picture = partial(option, group="picture and light")
+_picture = partial(option, group=PICTURE)
 _accuracy = partial(option, group=ACCURACY)
 _speed = partial(option, group=SPEED)
 _animation = partial(option, group="animation")
@@ -116,8 +117,12 @@ _paper = partial(option, group=PAPER, level=EXPERT)
 _STRENGTH = number("a strength from 0 to 1", 0, 1, metavar="S")
 
 
-def _background(color: Any) -> Color:
-    rgb = list(color) if isinstance(color, Iterable) else []
+def _background(color: Any) -> Color | None:
+    if isinstance(color, str):
+        color = read_background(color)
+        if color == CLEAR:
+            return None
+    rgb = list(color) if isinstance(color, Iterable) and not isinstance(color, str) else []
     if len(rgb) != 3 or not all(is_number(c) and 0 <= c <= 1 for c in rgb):
         raise ValueError
     return float(rgb[0]), float(rgb[1]), float(rgb[2])
@@ -244,8 +249,14 @@ class Settings:
     )
     background: Color | None = _picture(
         None,
-        Kind("three linear numbers from 0 to 1", _background, read_background, "COLOUR", written=BACKGROUNDS),
-        BACKGROUNDS,
+        Kind(
+            "three linear numbers from 0 to 1, or a colour such as black",
+            _background,
+            read_background,
+            "COLOUR",
+            written=BACKGROUNDS,
+        ),
+        "auto, transparent, #rrggbb or a CSS name. auto: white behind surfaces, else black",
         level=BASIC,
     )
     clip: tuple[Plane, ...] = option((), Kind("planes", planes), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl.errors import InputError, expected
-from splatgl.fileio import load_table, parse_table, write_file
+from splatgl.fileio import load_table, parse_table, toml_value, write_file
+from splatgl.options import (
+    BASIC,
+    FLAG,
+    TRANSFER,
+    Kind,
+    Option,
+    check_options,
+    choice,
+    declared,
+    interval,
+    non_default,
+    number,
+    option,
+    read_pairs,
+    refuse_unknown,
+)
 from splatgl.splat.colormaps import checked_labels, colormap, label_color, label_opacity
 
 # given as any sequence of pairs, stored as tuples
@@ -21,6 +38,40 @@ Nodes = Sequence[Sequence[float]]
 OPAQUE = 1.0 - 2.0**-24
 # what opacity and colour may be linear in: values or their logarithms; and nodes of a decade of the latter
 SCALES, A_DECADE = ("linear", "log"), 16
+
+
+def _nodes(what: str, second: str, pairs: Any) -> Nodes:
+    """Checked pairs of floats: finite, first numbers ascending (ties allowed), second numbers in [0, 1]."""
+    try:
+        array = np.array(list(pairs) or np.zeros((0, 2)), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise expected(what, f"(value, {second}) pairs of numbers", repr(pairs)) from error
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise expected(what, f"(value, {second}) pairs", f"shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise expected(what, "finite numbers", pairs)
+    if ((array[:, 1] < 0) | (array[:, 1] > 1)).any():
+        raise expected(what, f"{second} from 0 to 1", pairs)
+    if (np.diff(array[:, 0]) < 0).any():
+        raise expected(what, "values that never fall", pairs, "sort the pairs by value")
+    return tuple((float(value), float(share)) for value, share in array)
+
+
+def _points(pairs: Any) -> Nodes:
+    points = _nodes("transfer points", "opacity", pairs)
+    if not points:
+        raise expected("transfer points", "at least one (value, opacity) pair", "none")
+    return points
+
+
+def _colormap(name: Any) -> str:
+    if not isinstance(name, str):
+        raise ValueError
+    colormap(name)
+    return name
+
+
+_option = partial(option, group=TRANSFER)
 
 
 @dataclass(frozen=True)
@@ -37,33 +88,50 @@ class Transfer:
     of "log" are above 0. Lists are accepted too. Raises InputError for invalid values.
     """
 
-    points: Nodes
-    colormap: str = "gray"
-    window: Sequence[float] | None = None
-    unit: float | None = None
-    gradient: Nodes = ()
-    shading: bool = True
-    labels: Sequence[tuple[int, str, float]] = ()
-    scale: str = "linear"
+    points: Nodes = field(
+        metadata={
+            "option": Option(
+                Kind("pairs", _points, read_pairs, "V:A,V:A…"), "opacity A at value V, linear between", TRANSFER, BASIC
+            )
+        }
+    )
+    colormap: str = _option(
+        "gray",
+        Kind("a name", _colormap, str, "NAME"),
+        "gray, bone, hot, viridis, …. Or any map of cmap or Matplotlib",
+        level=BASIC,
+    )
+    window: Sequence[float] | None = _option(None, interval(), "values that the colours span", level=BASIC)
+    unit: float | None = _option(
+        None,
+        number("a positive, finite length in world units", 0, above=True, metavar="L"),
+        "world length that opacities refer to (default: mean spacing)",
+    )
+    gradient: Nodes = _option(
+        (),
+        Kind("pairs", partial(_nodes, "transfer gradient", "weight"), read_pairs, "G:W,G:W…"),
+        "factor W of the opacity at gradient G, linear between",
+    )
+    shading: bool = option(True, FLAG)
+    labels: Sequence[tuple[int, str, float]] = option((), Kind("labels", checked_labels))
+    scale: str = _option(
+        "linear",
+        replace(choice(SCALES), metavar=""),
+        "opacities and colours over logarithms of values",
+        flag="--log",
+        bare="log",
+    )
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", _nodes("transfer points", "opacity", self.points))
-        if not self.points:
-            raise expected("transfer points", "at least one (value, opacity) pair", "none")
-        object.__setattr__(self, "gradient", _nodes("transfer gradient", "weight", self.gradient))
-        object.__setattr__(self, "window", None if self.window is None else _window(self.window))
-        object.__setattr__(self, "unit", None if self.unit is None else _unit(self.unit))
-        if not isinstance(self.shading, bool):
-            raise expected("transfer shading", "true or false", repr(self.shading))
-        if not isinstance(self.colormap, str):
-            raise expected("transfer colormap", "a name", repr(self.colormap))
-        colormap(self.colormap)
-        object.__setattr__(self, "labels", checked_labels(self.labels))
-        if self.scale not in SCALES:
-            raise expected("transfer scale", " or ".join(SCALES), repr(self.scale))
+        check_options(self, "transfer ")
         lowest = min(self.points[0][0], *(self.window or ()), self.points[-1][0])
         if self.logarithmic and not lowest > 0:
             raise expected("transfer points and window", "values above 0 on a logarithmic scale", lowest)
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Values by the names of the fields."""
+        return {name: getattr(self, name) for name in declared(self)}
 
     @property
     def logarithmic(self) -> bool:
@@ -128,20 +196,10 @@ class Transfer:
 
     def to_toml(self) -> str:
         """TOML text that `from_toml` reads back to an equal Transfer."""
-        pairs = {"points": self.points, "gradient": self.gradient}
-        lines = [f"{name} = {_toml_pairs(nodes)}" for name, nodes in pairs.items() if nodes]
-        lines.append(f'colormap = "{_toml_escaped(self.colormap)}"')
-        if self.window is not None:
-            lines.append(f"window = [{self.window[0]!r}, {self.window[1]!r}]")
-        if self.unit is not None:
-            lines.append(f"unit = {self.unit!r}")
-        lines.append(f"shading = {str(self.shading).lower()}")
-        if self.labels:
-            named = [f'[{number}, "{color}", {opacity!r}]' for number, color, opacity in self.labels]
-            lines.append(f"labels = [{', '.join(named)}]")
-        if self.logarithmic:
-            lines.append(f'scale = "{self.scale}"')
-        return "\n".join(lines) + "\n"
+        always, given = ("points", "colormap", "shading"), non_default(self)
+        names = dict.fromkeys(("points", "gradient", *declared(self)))
+        values = {name: getattr(self, name) for name in names if name in always or name in given}
+        return "".join(f"{name} = {toml_value(name, value)}\n" for name, value in values.items())
 
     @classmethod
     def from_toml(cls, text: str) -> Transfer:
@@ -151,10 +209,7 @@ class Transfer:
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Transfer:
         """A Transfer from the keys and values of a TOML table. Raises InputError for unknown keys."""
-        known = [field.name for field in fields(cls)]
-        for key in table:
-            if key not in known:
-                raise expected("transfer function", f"keys {', '.join(known)}", repr(key))
+        refuse_unknown("transfer function", table, declared(cls))
         if "points" not in table:
             raise expected("transfer function", "the key points", ", ".join(table) or "nothing", "points = [[v, a], …]")
         return cls(**table)
@@ -194,48 +249,3 @@ def _piecewise(nodes: Nodes, values: ArrayLike) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         part = np.where(width > 0, (v * k - x[low] * k) / np.where(width > 0, width, 1.0), 0.0)
     return np.where(np.isfinite(v), y[low] + (y[high] - y[low]) * part, 0.0)
-
-
-def _nodes(what: str, second: str, pairs: Any) -> Nodes:
-    """Checked pairs of floats: finite, first numbers ascending (ties allowed), second ones in [0, 1]."""
-    try:
-        array = np.array(list(pairs) or np.zeros((0, 2)), dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise expected(what, f"(value, {second}) pairs of numbers", repr(pairs)) from error
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise expected(what, f"(value, {second}) pairs", f"shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise expected(what, "finite numbers", pairs)
-    if ((array[:, 1] < 0) | (array[:, 1] > 1)).any():
-        raise expected(what, f"{second} from 0 to 1", pairs)
-    if (np.diff(array[:, 0]) < 0).any():
-        raise expected(what, "values that never fall", pairs, "sort the pairs by value")
-    return tuple((float(value), float(share)) for value, share in array)
-
-
-def _window(window: Any) -> tuple[float, float]:
-    try:
-        low, high = (float(bound) for bound in window)
-    except (TypeError, ValueError) as error:
-        raise expected("transfer window", "two numbers (low, high)", repr(window)) from error
-    if not (np.isfinite(low) and np.isfinite(high) and low < high):
-        raise expected("transfer window", "finite low < high", (low, high))
-    return low, high
-
-
-def _unit(unit: Any) -> float:
-    try:
-        length = float(unit)
-    except (TypeError, ValueError) as error:
-        raise expected("transfer unit", "a length in world units", repr(unit)) from error
-    if not (np.isfinite(length) and length > 0):
-        raise expected("transfer unit", "a positive, finite length", length)
-    return length
-
-
-def _toml_pairs(nodes: Nodes) -> str:
-    return "[" + ", ".join(f"[{value!r}, {share!r}]" for value, share in nodes) + "]"
-
-
-def _toml_escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"')

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -14,7 +13,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import COMMANDS, _command_of, _parser, main
-from splatgl.cli.parser import options_of, worded
+from splatgl.cli.parser import Parser
 
 Said = pytest.CaptureFixture[str]
 
@@ -36,7 +35,7 @@ def ended(arguments: list[str]) -> Any:
         return stop.code
 
 
-def command(name: str) -> argparse.ArgumentParser:
+def command(name: str) -> Parser:
     return _command_of(_parser([name]), name)
 
 
@@ -169,25 +168,25 @@ def test_messages_name_options_as_typed(typed: str, here: Path, capsys: Said) ->
 
 
 def test_names_in_paths_and_quotes_stay() -> None:
-    options = options_of(command("render"))
+    parser = command("render")
     args = _parser(["render"]).parse_args(["render", "array=1.npz", "--array", "a"])
     for message in (
         "array=1.npz: contents: expected NumPy archive, as the name says, got PNG",
         "a: data file: expected a file beside the header, got nothing named 'channel=3'",
         "look_at.npy: cannot be read",
     ):
-        assert worded(message, options, args) == message
+        assert parser.with_flags(message, args) == message
 
 
-def test_names_of_the_reader_are_those_of_its_options() -> None:
-    from dataclasses import fields
-
-    from splatgl.cli.parser import READING
+def test_reader_options_are_flags() -> None:
+    from splatgl.options import declared, names_of
     from splatgl.readers.options import LoadOptions
 
-    known = {field.name for field in fields(LoadOptions)}
-    assert set(READING) <= known
-    assert {*READING} == known & set(options_of(command("render")))
+    assert (
+        set(names_of(LoadOptions))
+        == {*declared(LoadOptions)} - {"levels"}
+        == {*command("info").flags} & {*declared(LoadOptions)}
+    )
 
 
 # --- files -----------------------------------------------------------------------------------------------------------

@@ -204,7 +204,7 @@ def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
         ({"shape": "4x5x6"}, "three positive whole numbers"),
         ({"spacing": 1.0}, "three positive numbers"),
         ({"spacing": "abc"}, "three positive numbers"),
-        ({"levels": "many"}, "levels: expected a whole number, got 'many'"),
+        ({"levels": "many"}, "levels: expected two or more voxel levels, got 'many'"),
         ({"channel": "red"}, "channel: expected a whole number, got 'red'"),
         ({"color": 7}, "color: expected the path"),
         ({"dtype": 8}, "dtype: expected the name of a type, got 8"),

@@ -10,7 +10,6 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.cli.options import reader
 from splatgl.data.color import AUTO, CLEAR, read_background
 from splatgl.options import declared
 from splatgl.scene.background import BLACK, WHITE, grounded, suited
@@ -54,7 +53,7 @@ def test_names_of_colours(text: str, right: object) -> None:
 @pytest.mark.parametrize("text", ["", "blak", "#12", "#gggggg", "rgb(1,2)", "#11223344", "a" * 100_000])
 def test_bad_colours(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=r"expected auto, transparent.*CSS"):
-        reader(declared(sg.Settings)["background"].kind)(text)
+        declared(sg.Settings)["background"].kind.parse(text)
 
 
 def test_what_suits() -> None:

@@ -24,8 +24,8 @@ BAD_TEXT = {
     "long": "#" * (2**20 + 1),
 }
 BAD_VALUES = [
-    ("[camera]\nsize = 'abc'", "size: expected 2 whole numbers, got 'abc'"),
-    ("[camera]\nsize = [1.5, 2]", "size: expected 2 whole numbers"),
+    ("[camera]\nsize = 'abc'", "size: expected a width and a height in whole pixels, such as 800x600, got 'abc'"),
+    ("[camera]\nsize = [1.5, 2]", "size: expected a width and a height"),
     ("[camera]\neye = [1, 2]", "eye: expected 3 finite numbers"),
     ("[camera]\nfov = 'wide'", "fov: expected one finite number, got 'wide'"),
     ("[camera]\nfov = [1]", "fov: expected one finite number"),

@@ -12,7 +12,6 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
-from splatgl.cli.options import layer_option
 from splatgl.gl import layers as layer_tiles
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -286,7 +285,7 @@ def test_layers_of_the_command_line(
     ],
 )
 def test_what_a_layer_is(text: str, volume: str, transfer: dict[str, str], opacity: float) -> None:
-    assert layer_option(text) == SceneFile(volume, transfer=transfer, opacity=opacity)
+    assert SceneFile.read(text) == SceneFile(volume, transfer=transfer, opacity=opacity)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ import splatgl as sg
 from splatgl import reference
 from splatgl.annotations.canvas import Scale
 from splatgl.cli.main import main
-from splatgl.cli.options import mesh_option
 from splatgl.errors import InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile
@@ -235,7 +234,7 @@ def test_properties_of_ply_files(tmp_path: Path) -> None:
     ],
 )
 def test_meshes_in_words(text: str, found: MeshFile) -> None:
-    assert mesh_option(text) == found
+    assert MeshFile.read(text) == found
 
 
 def test_scene_files_and_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,6 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
-from splatgl.cli.options import mesh_option
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.reference.layers import crossings
@@ -309,10 +308,10 @@ def test_damaged_files(name: str, content: bytes, message: str, tmp_path: Path) 
 
 
 def test_options_of_meshes() -> None:
-    assert mesh_option("a.ply") == MeshFile("a.ply")
-    assert mesh_option("b/a.ply:red:0.5") == MeshFile("b/a.ply", "red", 0.5)
-    assert mesh_option("a.ply:#00ff00") == MeshFile("a.ply", "#00ff00")
-    assert mesh_option("a.ply:0.25") == MeshFile("a.ply", "", 0.25)
+    assert MeshFile.read("a.ply") == MeshFile("a.ply")
+    assert MeshFile.read("b/a.ply:red:0.5") == MeshFile("b/a.ply", "red", 0.5)
+    assert MeshFile.read("a.ply:#00ff00") == MeshFile("a.ply", "#00ff00")
+    assert MeshFile.read("a.ply:0.25") == MeshFile("a.ply", "", 0.25)
 
 
 def test_commands_draw_meshes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
