@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,11 @@ STYLE = """
 .md-grid { max-width: 72rem; }
 .md-typeset table:not([class]) { font-size: .62rem; }
 .md-typeset table:not([class]) th { min-width: 3rem; }
-.md-typeset table code { overflow-wrap: anywhere; }
+.md-typeset table:not([class]) td:first-child code { white-space: nowrap; }
+.md-typeset table:not([class]) td:last-child { min-width: 8rem; }
+.md-typeset pre > code { font-size: .74em; }
 .md-typeset details { font-size: inherit; }
+@media (max-width: 44.9em) { .md-typeset pre > code { white-space: pre-wrap; overflow-wrap: anywhere; } }
 """
 
 
@@ -82,7 +86,8 @@ def _row(parser: argparse.ArgumentParser, action: argparse.Action) -> tuple[str,
     formatter = parser._get_formatter()
     written = formatter._format_action_invocation(action)
     text = formatter._expand_help(action) if action.help else ""
-    return f"`{written}`", _escaped(text)
+    # a bar inside of backticks would end the cell
+    return f"<code>{escape(written).replace('|', '&#124;')}</code>", _escaped(text)
 
 
 def _escaped(text: str) -> str:
