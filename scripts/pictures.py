@@ -172,7 +172,7 @@ def window(source: str = str(MALE)) -> None:
         viewer = Viewer(Document.open(scene), renderer, Options(size=WINDOW))
         try:
             # with slices beside it, and a few extra frames for the panel
-            viewer.hands.key("z")
+            viewer.key("z")
             viewer.step()
             while viewer.painter.frame is None or not viewer.painter.frame.full or viewer.busy:
                 viewer.step()

@@ -23,6 +23,7 @@ from splatgl.options import picture_size
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.document import Document
+from splatgl.viewer.tool import Pointer
 from splatgl.viewer.viewer import Options, Viewer
 
 # longest wait for a picture at rest
@@ -69,7 +70,7 @@ def moved(viewer: Viewer, steps: Iterator[Callable[[], None]], seconds: float) -
         times.append(time.perf_counter() - before)
         frame = viewer.painter.frame
         levels[str(frame.level) if frame else "nothing"] += 1
-    viewer.hands.release("left")
+    viewer.release(Pointer(viewer.input.cursor, "left"))
     # the first frame of a motion uploads what the others use
     return Moving(tuple(times[1:]), levels, rest(viewer))
 
@@ -77,17 +78,17 @@ def moved(viewer: Viewer, steps: Iterator[Callable[[], None]], seconds: float) -
 def drags(viewer: Viewer) -> Iterator[Callable[[], None]]:
     """Cursor positions of a drag along a circle."""
     width, height = viewer.state.pose.camera.size
-    viewer.hands.press("left", (), (width / 2, height / 2))
+    viewer.press(Pointer((width / 2, height / 2), "left"))
     turn = 0.0
     while True:
         turn += 0.1
         place = width / 2 + height / 4 * math.sin(turn), height / 2 + height / 4 * math.cos(turn)
-        yield lambda place=place: (viewer.hands.raw("cursor", *place), viewer.hands.move(place))  # type: ignore[misc]
+        yield lambda place=place: (viewer.raw("cursor", *place), viewer.move(place))  # type: ignore[misc]
 
 
 def edits(viewer: Viewer) -> Iterator[Callable[[], None]]:
     """Positions of the curve's second node, to and fro, towards more matter."""
-    base = viewer.state.base
+    base = viewer.state.style.base
     low, high = base.points[0][0], base.points[-1][0]
     turn = 0.0
     while True:
@@ -103,8 +104,8 @@ def with_node(base: Transfer, node: tuple[float, float]) -> Transfer:
 
 def changed(viewer: Viewer, base: Transfer) -> None:
     """As the panel does."""
-    viewer.state = replace(viewer.state, base=base)
-    viewer.hands.touch()
+    viewer.state = viewer.state.edit(base=base)
+    viewer.touch()
 
 
 def main() -> None:
@@ -133,8 +134,8 @@ def main() -> None:
             times = []
             for _ in range(20):
                 before = time.perf_counter()
-                viewer.hands.raw("cursor", 200.0, 200.0)
-                viewer.hands.move((200.0, 200.0))
+                viewer.raw("cursor", 200.0, 200.0)
+                viewer.move((200.0, 200.0))
                 viewer.step(0.0)
                 times.append(time.perf_counter() - before)
             print(f"   hover {statistics.median(times) * 1e3:.1f} ms", flush=True)

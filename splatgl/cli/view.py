@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from splatgl.cli.options import add_drawing, add_layers, add_source, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_folder
 from splatgl.viewer.adaptive_quality import TARGET
-from splatgl.viewer.key_bindings import BINDINGS, listing, load_bindings
 from splatgl.viewer.show import opened, reading
+
+if TYPE_CHECKING:
+    from splatgl.viewer.commands import Command
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -46,8 +48,11 @@ class ListBindings(argparse.Action):
 
     def __call__(self, parser: Any, namespace: argparse.Namespace, *_: Any) -> None:
         """Prints the bindings and exits."""
+        from splatgl.viewer.commands import COMMANDS
+        from splatgl.viewer.key_bindings import list_bindings, load_bindings
+
         changed = getattr(namespace, "bindings", None)
-        print(listing(load_bindings(changed) if changed else BINDINGS))
+        print(list_bindings(load_bindings(changed) if changed else COMMANDS))
         parser.exit()
 
 
@@ -57,7 +62,11 @@ def run(args: argparse.Namespace) -> int:
     check_folder(folder, "--folder")
     if not args.frame_time > 0:
         raise expected("--frame-time", "milliseconds above 0", args.frame_time)
-    bindings = load_bindings(args.bindings) if args.bindings else BINDINGS
+    commands: tuple[Command, ...] = ()
+    if args.bindings:
+        from splatgl.viewer.key_bindings import load_bindings
+
+        commands = load_bindings(args.bindings)
     scene = scene_from(args)
     files = reading(scene, args.source if args.watch else "", lambda: scene_from(args))
     # after what may be bad input: these take longer than to tell it
@@ -67,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,
         target=args.frame_time / 1e3,
         folder=folder,
-        bindings=bindings,
+        commands=commands or Options().commands,
         ground=args.ground or Options.ground,
         panel=not args.no_panel,
         source=args.source,

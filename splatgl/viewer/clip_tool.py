@@ -11,14 +11,15 @@ from splatgl.data.volume import Volume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane, left
 from splatgl.viewer.state import MOST_PLANES, Cuts, box_planes
-from splatgl.viewer.trackball import Place, nearest_on_line, ray, seen
+from splatgl.viewer.tool import Place, Pointer, Tool, View
+from splatgl.viewer.trackball import nearest_on_line, ray, seen
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
     from splatgl.viewer.state import State
 
 
-FULL = f"there are {MOST_PLANES} planes already: remove one"
+TOO_MANY_PLANES = f"there are {MOST_PLANES} planes already: remove one"
 
 
 def leaves(cuts: Cuts, volume: Volume) -> bool:
@@ -194,3 +195,30 @@ def _corners(cuts: Cuts, volume: Volume) -> np.ndarray:
     sides = every[[1, 2, 4]] - every[0]
     shares = np.array([[cuts.sides[axis][i >> axis & 1] for axis in range(3)] for i in range(8)])
     return np.asarray(every[0] + shares @ sides)
+
+
+class ClipTool(Tool):
+    """Drags the handles of the clip box and of clip planes."""
+
+    def __init__(self) -> None:
+        self.held: Held | None = None
+
+    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Takes the handle under the cursor."""
+        if pointer.button != "left" or pointer.modifiers or not state.cuts.shown or document.is_loading:
+            return None
+        handle = under(handles(state.cuts, document.volume), state.pose.camera, pointer.place, view.scale)
+        self.held = None if handle is None else Held(handle, pointer.place, replace(state.cuts, active=True))
+        return None if handle is None else state
+
+    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Drags the handle; cuts that would leave nothing are refused with a message."""
+        if self.held is None:
+            return None
+        cuts = self.held.to(document.volume, state.pose.camera, pointer.place)
+        return cut(replace(state, message=""), document, cuts)
+
+    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Lets the handle go."""
+        self.held = self.held if pointer.button != "left" else None
+        return None

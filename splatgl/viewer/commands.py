@@ -1,10 +1,10 @@
-"""All actions of the window: functions from one state to the next."""
+"""COMMANDS: what keys, help and panel offer. A command returns the next state, and may ask the window for an effect."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from enum import Enum, auto
 from typing import Any
 
 import numpy as np
@@ -19,101 +19,77 @@ from splatgl.splat.clipping import Plane
 from splatgl.splat.plan import plan
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.clip_tool import FULL, cut
+from splatgl.viewer.clip_tool import TOO_MANY_PLANES, cut
 from splatgl.viewer.document import Document
-from splatgl.viewer.measure_tool import FIRST
-from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, Cuts, Ruler, State, _next
+from splatgl.viewer.measure_tool import FIRST_POINT
+from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, Cuts, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_of
 
 
-def facing(state: State, document: Document) -> Plane:
-    """A plane through the middle of what is left that cuts off what is towards the eye, and looks at it."""
-    forward, middle = state.pose.camera.forward, document.volume.corners.mean(axis=0)
-    return (*map(float, forward), float(forward @ middle))  # type: ignore[return-value]
+class Request(Enum):
+    """Effects without values."""
+
+    SAVE_PICTURE = auto()
+    SAVE_SCENE = auto()
+    SAVE_AS = auto()
+    UNDO = auto()
+    REDO = auto()
+    CANCEL = auto()
+    QUIT = auto()
+    FORGET_RECENT = auto()
 
 
-def add_plane(state: State, document: Document, normal: Sequence[float] | None = None) -> State:
-    """With one more plane through the volume's middle. normal: towards what is kept; None: away from the eye."""
-    cuts = state.cuts
-    if len(cuts.planes) >= MOST_PLANES:
-        return replace(state, message=FULL)
-    plane = facing(state, document)
-    if normal is not None:
-        along = np.asarray(normal, np.float64)
-        plane = (*map(float, along), float(along @ document.volume.corners.mean(axis=0)))  # type: ignore[assignment]
-    return cut(state, document, replace(cuts.with_plane(len(cuts.planes), plane), active=True, shown=True))
+@dataclass(frozen=True)
+class Open:
+    """Opens files; without paths, the dialog that asks for them."""
+
+    paths: tuple[str, ...] = ()
 
 
-def _handles(state: State, document: Document) -> State:
-    cuts = replace(state.cuts, shown=not state.cuts.shown)
-    said = "drag the dots to cut; shift+x: with and without the cuts" if cuts.shown else ""
-    return replace(cut(state, document, cuts), message=said)
+@dataclass(frozen=True)
+class OpenOption:
+    """Opens another array or channel of the file: an option of `load` and its value."""
+
+    option: str
+    value: str
 
 
-def _active(state: State, document: Document) -> State:
-    if not state.cuts.any:
-        return replace(state, message="nothing is cut: x shows the handles, ctrl+x makes a plane")
-    cuts = replace(state.cuts, active=not state.cuts.active)
-    return replace(cut(state, document, cuts), message=f"cuts {'on' if cuts.active else 'off'}")
+Effect = Request | Open | OpenOption
+Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 
-def _plane(state: State, document: Document) -> State:
-    found = add_plane(state, document)
-    return (
-        found if found.message else replace(found, message="drag its dot up or down; turn the view to reach its arrow")
-    )
+@dataclass(frozen=True)
+class Command:
+    """id: its name in key files; title: its help text; keys: the default ones."""
+
+    id: str
+    title: str
+    keys: tuple[str, ...]
+    run: Run
+
+    def __call__(self, state: State, document: Document) -> tuple[State, tuple[Effect, ...]]:
+        """The next state, and what the window has to do."""
+        result = self.run(replace(state, message=""), document)
+        return (result[0], result[1:]) if isinstance(result, tuple) else (result, ())
 
 
-def _uncut(state: State, document: Document) -> State:
-    if not state.cuts.any:
-        return replace(state, message="nothing is cut")
-    return replace(cut(state, document, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
+def _request(effect: Effect) -> Run:
+    return lambda state, document: (state, effect)
 
 
-CLIP_ACTIONS: dict[str, Any] = {"handles": _handles, "cuts": _active, "plane": _plane, "uncut": _uncut}
+def _toggle(name: str) -> Run:
+    def toggle(state: State, document: Document) -> State:
+        changes: dict[str, Any] = {name: not getattr(state, name)}
+        return replace(state, **changes)
+
+    return toggle
 
 
-def toggled(asked: tuple[str, ...], name: str) -> tuple[str, ...]:
-    """With or without one of them."""
-    return tuple(one for one in asked if one != name) if name in asked else (*asked, name)
+def _next(values: Sequence[str], value: str) -> str:
+    return values[(values.index(value) + 1) % len(values)]
 
 
-def _usual(state: State, document: Document) -> State:
-    names = default_names(Subject.of(document.volume))
-    rest = tuple(one for one in state.annotate if one not in names)
-    return replace(state, annotate=rest if set(names) & set(state.annotate) else (*names, *rest))
-
-
-def _annotation(row: Annotation, state: State, document: Document) -> State:
-    """The state with an annotation switched on or off."""
-    missing = row.needs_values and document.volume.color is not None
-    said = f"voxels have colours of their own: no {row.title}" if missing else ""
-    return replace(state, annotate=toggled(state.annotate, row.name), message=said)
-
-
-ANNOTATION_ACTIONS: dict[str, Any] = {
-    "annotations": _usual,
-    **{row.name: partial(_annotation, row) for row in ANNOTATIONS.values() if row.key and not row.default},
-}
-
-
-def _probe(state: State, document: Document) -> State:
-    said = "" if state.probe else "the value under the cursor"
-    return replace(state, probe=not state.probe, message=said)
-
-
-def _measure(state: State, document: Document) -> State:
-    if state.ruler.active:
-        return replace(state, ruler=Ruler(state.ruler.points))
-    if state.ruler.points:
-        return replace(state, ruler=Ruler())
-    return replace(state, ruler=Ruler(active=True), message=FIRST)
-
-
-MEASURE_ACTIONS: dict[str, Any] = {"probe": _probe, "measure": _measure}
-
-
-Action = Callable[[State, Document], State]
+# --- camera -----------------------------------------------------------------------------------------------------------
 
 # degrees per key press
 TURN, ROLL = 10.0, 10.0
@@ -128,16 +104,14 @@ VIEWS = {
     "top": (0.0, 90.0),
     "bottom": (0.0, -90.0),
 }
-# names by 3D Slicer, of data with anatomy, and by ParaView, which names the direction of the view, of others
+# names by 3D Slicer for data with anatomy, and by ParaView, which names the direction of the view, for others
 ANATOMY = {"front": "Anterior", "back": "Posterior", "right": "Right", "left": "Left"}
 ANATOMY |= {"top": "Superior", "bottom": "Inferior"}
 ALONG = {"front": "+Y", "back": "-Y", "right": "-X", "left": "+X", "top": "-Z", "bottom": "+Z"}
-# sRGB grounds of one's own that a key goes through after those of the screen
-COLORS = {"grey": (0.5, 0.5, 0.5), "blue": (0.32, 0.34, 0.43)}
 
 
 def name_of(view: str, frame: str | None) -> str:
-    """What a standard view is called."""
+    """The name of a standard view."""
     if view == "isometric":
         return "isometric"
     return f"{ANATOMY[view]} view" if frame else f"view along {ALONG[view]}"
@@ -147,106 +121,26 @@ def angles(view: str, frame: str | None) -> tuple[float, float]:
     """Azimuth and elevation of a standard view of data in a frame: LPS, RAS or None."""
     azimuth, elevation = VIEWS[view]
     # a patient's right is at the viewer's left
-    if frame and view in ("left", "right"):
-        azimuth = -azimuth
-    return azimuth, elevation
+    return (-azimuth if frame and view in ("left", "right") else azimuth), elevation
 
 
-def view(name: str) -> Action:
-    """The action that shows a standard view."""
-
-    def look(state: State, document: Document) -> State:
+def _view(name: str) -> Run:
+    def show(state: State, document: Document) -> State:
         frame, pose, up = document.volume.frame, state.pose, up_of(document)
         camera = Camera.orbit(document.subject, *angles(name, frame), pose.fov, pose.camera.size, up=up)
-        seen = replace(pose, camera=camera, pivot=document.middle)
-        pose = seen if pose.camera.perspective else seen.switched()
+        turned = replace(pose, camera=camera, pivot=document.middle)
+        pose = turned if pose.camera.perspective else turned.switched()
         return replace(state, pose=pose, turning=False, message=name_of(name, frame))
 
-    return look
+    return show
 
 
-def _moved(move: Callable[[Pose, np.ndarray], Pose]) -> Action:
+def _move(move: Callable[[Pose, np.ndarray], Pose]) -> Run:
     return lambda state, document: replace(state, pose=move(state.pose, up_of(document)), turning=False)
 
 
-def _middle(pose: Pose) -> tuple[float, float]:
-    return pose.camera.size[0] / 2, pose.camera.size[1] / 2
-
-
-def _turntable(state: State, document: Document) -> State:
-    said = "trackball: a drag turns about any axis" if state.turntable else "turntable: up stays up"
-    return replace(state, turntable=not state.turntable, message=said)
-
-
-def _ground(state: State, document: Document) -> State:
-    own = state.settings.background
-    names = (*GROUNDS, *COLORS)
-    colors = {name: tuple(map(float, linear_from_srgb(np.array(rgb)))) for name, rgb in COLORS.items()}
-    now = state.ground if own is None else next((name for name, rgb in colors.items() if rgb == own), names[-1])
-    name = names[(names.index(now) + 1) % len(names)]
-    background = colors.get(name)
-    ground = state.ground if name in COLORS else name
-    return replace(state, ground=ground, settings=state.settings.but(background=background), message=f"on {name}")
-
-
-def _light(state: State, document: Document) -> State:
-    allowed = choices()["light"]
-    light = allowed[(allowed.index(state.settings.light) + 1) % len(allowed)]
-    return replace(state, settings=state.settings.but(light=light), message=f"light {light}")
-
-
-def _fullscreen(state: State, document: Document) -> State:
-    return replace(state, fullscreen=not state.fullscreen)
-
-
-CAMERA_ACTIONS: dict[str, Any] = {
-    **{name: view(name) for name in VIEWS},
-    "turn-left": _moved(lambda pose, up: pose.spun(-TURN, up)),
-    "turn-right": _moved(lambda pose, up: pose.spun(TURN, up)),
-    "turn-up": _moved(lambda pose, up: pose.lifted(TURN)),
-    "turn-down": _moved(lambda pose, up: pose.lifted(-TURN)),
-    "zoom-in": _moved(lambda pose, up: pose.zoomed(_middle(pose), NOTCH)),
-    "zoom-out": _moved(lambda pose, up: pose.zoomed(_middle(pose), 1 / NOTCH)),
-    "roll-left": _moved(lambda pose, up: pose.tipped(-ROLL)),
-    "roll-right": _moved(lambda pose, up: pose.tipped(ROLL)),
-    "turntable": _turntable,
-    "ground": _ground,
-    "light": _light,
-    "fullscreen": _fullscreen,
-}
-
-
-def _show(state: State, document: Document) -> State:
-    return replace(state, slices=replace(state.slices, shown=not state.slices.shown))
-
-
-def _color(state: State, document: Document) -> State:
-    colored = not state.slices.colored
-    said = "slices in the colours of values" if colored else "slices in grey, by the window of values"
-    return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=said)
-
-
-SLICE_ACTIONS: dict[str, Any] = {"slices": _show, "slice-colors": _color}
-
-
-# factors on extinction and threshold per key press; the lowest threshold above 0, and the highest
-OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
-LOWEST, HIGHEST = 0.001, 0.99
-ONE_TIME = "this is one point in time; drop several files for a series"
-# settings cycled by a key, and their messages
-CYCLES = {
-    "blend": "",
-    "antialias": "",
-    "align": "",
-    "attenuation": ", in composite, beyond z_k",
-    "compositing": "",
-    "classification": "",
-}
-
-
-def acted(state: State, action: str, document: Document) -> State:
-    """The state after an action."""
-    return ACTIONS[action](replace(state, message=""), document)
+def _zoom(factor: float) -> Run:
+    return _move(lambda pose, up: pose.zoomed((pose.camera.size[0] / 2, pose.camera.size[1] / 2), factor))
 
 
 def _reset(state: State, document: Document) -> State:
@@ -258,99 +152,193 @@ def _projection(state: State, document: Document) -> State:
     return replace(state, pose=pose, message="perspective" if pose.camera.perspective else "orthographic")
 
 
-def _cycle(name: str) -> Action:
-    def cycle(state: State, document: Document) -> State:
-        allowed = choices()[name]
-        chosen = getattr(state.settings, name)
-        for _ in allowed:
-            chosen = _next(allowed, chosen)
-            settings = state.settings.but(**{name: chosen})
-            if drawable(settings, state, document):
-                break
-        return replace(state, settings=settings, message=f"{name} {chosen}{CYCLES[name]}")
-
-    return cycle
+def _turntable(state: State, document: Document) -> State:
+    message = "trackball: a drag turns about any axis" if state.turntable else "turntable: up stays up"
+    return replace(state, turntable=not state.turntable, message=message)
 
 
-def _blur(state: State, document: Document) -> State:
-    blur = _next(BLURS, state.blur)
-    said = "motion blur off" if blur == "off" else f"motion blur {blur}: while the view is turned; a still has none"
-    return replace(state, blur=blur, message=said)
+# --- settings ---------------------------------------------------------------------------------------------------------
+
+# factors on extinction and threshold per key press; the lowest threshold above 0, and the highest
+OPACITY_STEP, THRESHOLD_STEP = 1.25, 1.5
+LOWEST, HIGHEST = 0.001, 0.99
+# sRGB backgrounds that a key goes through after those of the screen
+COLORS = {"grey": (0.5, 0.5, 0.5), "blue": (0.32, 0.34, 0.43)}
 
 
-def drawable(settings: Settings, state: State, document: Document) -> bool:
-    """Whether these settings are valid for this volume as the state sees it."""
-    return not refusal(settings, state, document)
-
-
-def refusal(settings: Settings, state: State, document: Document) -> str:
-    """Why these settings are not valid for this volume as the state sees it; "" if they are."""
+def why_not(settings: Settings, state: State, document: Document) -> str:
+    """The reason why the document cannot be drawn with these settings; "" if it can."""
     try:
-        splats = document.followed(state.looks, state.meshes, settings).at(STRIDES[-1])
+        shown = document.with_styles(state.styles, state.mesh_files, settings)
+        splats = shown.drawn_layers[0].at(STRIDES[-1])
         chosen = plan(splats, state.pose.camera, settings.but(classification="auto"))
-        document.check(settings, chosen.resolved)
+        shown.check(settings, chosen.resolved)
     except InputError as error:
         return str(error)
     return ""
 
 
-def _beyond(state: State, document: Document) -> State:
-    camera, said = state.pose.camera, ""
-    if not state.beyond:
-        if not camera.perspective:
-            said = "z_k: every voxel is as wide as any other in an orthographic view"
-        elif (z_k := camera.z_k(min(document.volume.spacing))) > camera.eye_from_points(document.volume.corners)[
-            :, 2
-        ].max():
-            said = f"z_k = {z_k:.4g}: all voxels are nearer, so that none is stretched; zoom out to see it"
-    return replace(state, beyond=not state.beyond, message=said)
+def _cycle(name: str, note: str = "") -> Run:
+    """Chooses the next value of a setting that the document can be drawn with."""
+
+    def cycle(state: State, document: Document) -> State:
+        allowed, value = choices()[name], getattr(state.settings, name)
+        for _ in allowed:
+            value = _next(allowed, value)
+            settings = state.settings.but(**{name: value})
+            if not why_not(settings, state, document):
+                break
+        return replace(state, settings=settings, message=f"{name} {value}{note}")
+
+    return cycle
 
 
-def _compare(state: State, document: Document) -> State:
-    return replace(state, compare=_next(COMPARE, state.compare), turning=False)
+def _light(state: State, document: Document) -> State:
+    light = _next(choices()["light"], state.settings.light)
+    return replace(state, settings=state.settings.but(light=light), message=f"light {light}")
 
 
-def _opacity(factor: float) -> Action:
+def _blur(state: State, document: Document) -> State:
+    blur = _next(BLURS, state.blur)
+    note = "" if blur == "off" else ": while the view turns; a still has none"
+    return replace(state, blur=blur, message=f"motion blur {blur}{note}")
+
+
+def _show_zk(state: State, document: Document) -> State:
+    camera, message = state.pose.camera, ""
+    if not state.show_zk and not camera.perspective:
+        message = "z_k: every voxel is as wide as any other in an orthographic view"
+    elif not state.show_zk:
+        z_k = camera.z_k(min(document.volume.spacing))
+        if z_k > camera.eye_from_points(document.volume.corners)[:, 2].max():
+            message = f"z_k = {z_k:.4g}: all voxels are nearer, so that none is stretched; zoom out to see it"
+    return replace(state, show_zk=not state.show_zk, message=message)
+
+
+def _opacity(factor: float) -> Run:
     def change(state: State, document: Document) -> State:
-        extinction = state.extinction * factor
+        extinction = state.style.extinction * factor
         # snap back to 1 despite rounding
         extinction = 1.0 if abs(extinction - 1.0) < 1e-9 else extinction
-        return replace(state, extinction=extinction, message=f"extinction x{extinction:.3g}")
+        return replace(state.edit(extinction=extinction), message=f"extinction x{extinction:.3g}")
 
     return change
 
 
-def _threshold(factor: float) -> Action:
+def _threshold(factor: float) -> Run:
     def change(state: State, document: Document) -> State:
-        moved = max(state.threshold * factor, LOWEST) if factor > 1 else state.threshold * factor
-        moved = 0.0 if moved < LOWEST * 0.999 else min(moved, HIGHEST)
-        return thresholded(replace(state, message=f"threshold {moved:.4g}"), moved)
+        threshold = state.style.threshold * factor
+        threshold = max(threshold, LOWEST) if factor > 1 else threshold
+        threshold = 0.0 if threshold < LOWEST * 0.999 else min(threshold, HIGHEST)
+        return with_threshold(replace(state, message=f"threshold {threshold:.4g}"), threshold)
 
     return change
 
 
-def thresholded(state: State, threshold: float) -> State:
-    """With another threshold, to four digits; blends of one value have none."""
+def with_threshold(state: State, threshold: float) -> State:
+    """The state with another threshold, to four digits; blends of one value have none."""
     if BLENDS[state.settings.blend].post_only and threshold > 0:
         return replace(state, message=f"no threshold: blend {state.settings.blend} takes the values of all voxels")
-    return replace(state, threshold=float(f"{threshold:.4g}"))
+    return state.edit(threshold=float(f"{threshold:.4g}"))
 
 
-def _toggle(name: str) -> Action:
+def _ground(state: State, document: Document) -> State:
+    color, names = state.settings.background, (*GROUNDS, *COLORS)
+    colors = {name: tuple(map(float, linear_from_srgb(np.array(rgb)))) for name, rgb in COLORS.items()}
+    now = state.ground if color is None else next((name for name, rgb in colors.items() if rgb == color), names[-1])
+    name = _next(names, now)
+    ground = state.ground if name in COLORS else name
+    settings = state.settings.but(background=colors.get(name))
+    return replace(state, ground=ground, settings=settings, message=f"on {name}")
+
+
+# --- clipping, annotations, measures, slices --------------------------------------------------------------------------
+
+
+def add_plane(state: State, document: Document, normal: Sequence[float] | None = None) -> State:
+    """The state with one more clip plane through the middle of the volume. normal: towards the kept side; None: away
+    from the eye.
+    """
+    cuts = state.cuts
+    if len(cuts.planes) >= MOST_PLANES:
+        return replace(state, message=TOO_MANY_PLANES)
+    along = state.pose.camera.forward if normal is None else np.asarray(normal, np.float64)
+    plane: Plane = (*map(float, along), float(along @ document.volume.corners.mean(axis=0)))  # type: ignore[assignment]
+    return cut(state, document, replace(cuts.with_plane(len(cuts.planes), plane), active=True, shown=True))
+
+
+def _handles(state: State, document: Document) -> State:
+    cuts = replace(state.cuts, shown=not state.cuts.shown)
+    message = "drag the dots to cut; shift+x: with and without the cuts" if cuts.shown else ""
+    return replace(cut(state, document, cuts), message=message)
+
+
+def _cuts(state: State, document: Document) -> State:
+    if not state.cuts.any:
+        return replace(state, message="nothing is cut: x shows the handles, ctrl+x makes a plane")
+    cuts = replace(state.cuts, active=not state.cuts.active)
+    return replace(cut(state, document, cuts), message=f"cuts {'on' if cuts.active else 'off'}")
+
+
+def _plane(state: State, document: Document) -> State:
+    added = add_plane(state, document)
+    return replace(added, message=added.message or "drag its dot up or down; turn the view to reach its arrow")
+
+
+def _uncut(state: State, document: Document) -> State:
+    if not state.cuts.any:
+        return replace(state, message="nothing is cut")
+    return replace(cut(state, document, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
+
+
+def toggled(names: tuple[str, ...], name: str) -> tuple[str, ...]:
+    """The names without one of them, or with it if it is missing."""
+    return tuple(other for other in names if other != name) if name in names else (*names, name)
+
+
+def _annotation(row: Annotation) -> Run:
     def toggle(state: State, document: Document) -> State:
-        changes: dict[str, Any] = {name: not getattr(state, name)}
-        return replace(state, **changes)
+        missing = row.needs_values and document.volume.color is not None
+        message = f"voxels have colours of their own: no {row.title}" if missing else ""
+        return replace(state, annotate=toggled(state.annotate, row.name), message=message)
 
     return toggle
 
 
-def _close(state: State, document: Document) -> State:
-    if state.help:
-        return replace(state, help=False)
-    return replace(state, turning=False, playing=False, asks=(*state.asks, "cancel"))
+def _annotations(state: State, document: Document) -> State:
+    names = default_names(Subject.of(document.volume))
+    rest = tuple(name for name in state.annotate if name not in names)
+    return replace(state, annotate=rest if set(names) & set(state.annotate) else (*names, *rest))
 
 
-def _time(step: int) -> Action:
+def _probe(state: State, document: Document) -> State:
+    return replace(state, probe=not state.probe, message="" if state.probe else "the value under the cursor")
+
+
+def _measure(state: State, document: Document) -> State:
+    if state.ruler.active:
+        return replace(state, ruler=Ruler(state.ruler.points))
+    if state.ruler.points:
+        return replace(state, ruler=Ruler())
+    return replace(state, ruler=Ruler(active=True), message=FIRST_POINT)
+
+
+def _slices(state: State, document: Document) -> State:
+    return replace(state, slices=replace(state.slices, shown=not state.slices.shown))
+
+
+def _slice_colors(state: State, document: Document) -> State:
+    colored = not state.slices.colored
+    message = "slices in the colours of values" if colored else "slices in grey, by the window of values"
+    return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=message)
+
+
+# --- time and window --------------------------------------------------------------------------------------------------
+
+ONE_TIME = "this is one point in time; drop several files for a series"
+
+
+def _time(step: int) -> Run:
     def go(state: State, document: Document) -> State:
         if state.times < 2:
             return replace(state, message=ONE_TIME)
@@ -363,39 +351,93 @@ def _play(state: State, document: Document) -> State:
     return replace(state, playing=not state.playing) if state.times > 1 else replace(state, message=ONE_TIME)
 
 
-def _ask(what: str) -> Action:
-    return lambda state, document: replace(state, asks=(*state.asks, what))
+def _compare(state: State, document: Document) -> State:
+    return replace(state, compare=_next(COMPARE, state.compare), turning=False)
 
 
-ACTIONS: dict[str, Action] = {
-    "reset": _reset,
-    "projection": _projection,
-    **{name: _cycle(name) for name in CYCLES},
-    "motion": _blur,
-    "beyond": _beyond,
-    "compare": _compare,
-    "opacity-down": _opacity(1 / OPACITY_STEP),
-    "opacity-up": _opacity(OPACITY_STEP),
-    "threshold-down": _threshold(1 / THRESHOLD_STEP),
-    "threshold-up": _threshold(THRESHOLD_STEP),
-    "turn": _toggle("turning"),
-    "screenshot": _ask("screenshot"),
-    "save": _ask("save"),
-    "open": _ask("open"),
-    "save-as": _ask("save-as"),
-    "hud": lambda state, document: replace(state, hud=_next(HUDS, state.hud)),
-    "undo": _ask("undo"),
-    "redo": _ask("redo"),
-    "close": _close,
-    "earlier": _time(-1),
-    "later": _time(1),
-    "play": _play,
-    "panel": _toggle("panel"),
-    "help": _toggle("help"),
-    "quit": _ask("quit"),
-    **CAMERA_ACTIONS,
-    **CLIP_ACTIONS,
-    **ANNOTATION_ACTIONS,
-    **MEASURE_ACTIONS,
-    **SLICE_ACTIONS,
-}
+def _hud(state: State, document: Document) -> State:
+    return replace(state, hud=_next(HUDS, state.hud))
+
+
+def _close(state: State, document: Document) -> State | tuple[State, Effect]:
+    if state.help:
+        return replace(state, help=False)
+    return replace(state, turning=False, playing=False), Request.CANCEL
+
+
+COMMANDS = (
+    Command("reset", "back to the first view", ("r", "home"), _reset),
+    Command("isometric", "isometric view", ("v", "9"), _view("isometric")),
+    Command("front", "view from the front, Anterior, along +Y", ("1",), _view("front")),
+    Command("back", "view from the back, Posterior, along -Y", ("ctrl+1",), _view("back")),
+    Command("right", "view from the right, along -X", ("3",), _view("right")),
+    Command("left", "view from the left, along +X", ("ctrl+3",), _view("left")),
+    Command("top", "view from the top, Superior, along -Z", ("7",), _view("top")),
+    Command("bottom", "view from the bottom, Inferior, along +Z", ("ctrl+7",), _view("bottom")),
+    Command("projection", "perspective or orthographic", ("p", "5"), _projection),
+    Command("blend", "next blend mode", ("b",), _cycle("blend")),
+    Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
+    Command("align", "next alignment of the splats", ("g",), _cycle("align")),
+    Command("motion", "next kind of motion blur, while turning", ("m",), _blur),
+    Command("beyond", "the z_k plane, and what lies beyond it", ("k",), _show_zk),
+    Command(
+        *("attenuation", "next form of attenuation beyond z_k", ("w",)),
+        _cycle("attenuation", ", in composite, beyond z_k"),
+    ),
+    Command("compositing", "composite single splats, or sheets of them", ("o",), _cycle("compositing")),
+    Command("classification", "classify before reconstruction, or after", ("c",), _cycle("classification")),
+    Command("compare", "float64 reference beside it, or the difference", ("d",), _compare),
+    Command("opacity-down", "less opaque", ("[",), _opacity(1 / OPACITY_STEP)),
+    Command("opacity-up", "more opaque", ("]",), _opacity(OPACITY_STEP)),
+    Command("threshold-down", "lower threshold: keep more voxels", (",",), _threshold(1 / THRESHOLD_STEP)),
+    Command("threshold-up", "higher threshold: keep fewer voxels", (".",), _threshold(THRESHOLD_STEP)),
+    Command("turn-left", "turn the view to the left", ("left",), _move(lambda pose, up: pose.spun(-TURN, up))),
+    Command("turn-right", "turn the view to the right", ("right",), _move(lambda pose, up: pose.spun(TURN, up))),
+    Command("turn-up", "look from higher", ("up",), _move(lambda pose, up: pose.lifted(TURN))),
+    Command("turn-down", "look from lower", ("down",), _move(lambda pose, up: pose.lifted(-TURN))),
+    Command("zoom-in", "nearer", ("+", "="), _zoom(NOTCH)),
+    Command("zoom-out", "farther", ("-",), _zoom(1 / NOTCH)),
+    Command("roll-left", "roll to the left", ("page_up",), _move(lambda pose, up: pose.tipped(-ROLL))),
+    Command("roll-right", "roll to the right", ("page_down",), _move(lambda pose, up: pose.tipped(ROLL))),
+    Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
+    Command("handles", "handles of the cutting box and planes", ("x",), _handles),
+    Command("cuts", "cuts on or off", ("shift+x",), _cuts),
+    Command("plane", "cut by another plane, which faces you", ("ctrl+x",), _plane),
+    Command("uncut", "remove all cuts", ("delete",), _uncut),
+    Command("turn", "turn on its own, or stop", ("space",), _toggle("turning")),
+    Command("play", "play a time series, or stop", ("enter",), _play),
+    Command("earlier", "the time point before", ("<",), _time(-1)),
+    Command("later", "the next time point", (">",), _time(1)),
+    Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(Request.SAVE_PICTURE)),
+    Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(Request.SAVE_SCENE)),
+    Command("open", "open files", ("ctrl+o",), _request(Open())),
+    Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(Request.SAVE_AS)),
+    Command("undo", "undo the last change", ("ctrl+z",), _request(Request.UNDO)),
+    Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(Request.REDO)),
+    Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations),
+    *(
+        Command(row.name, row.title, (row.key,), _annotation(row))
+        for row in ANNOTATIONS.values()
+        if row.key and not row.default
+    ),
+    Command("probe", "the value under the cursor", ("y",), _probe),
+    Command("measure", "distance between two points: click on them", ("e",), _measure),
+    Command("slices", "three slices: the wheel and clicks move them", ("z",), _slices),
+    Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors),
+    Command("light", "next light: head, matte, glossy, flat", ("l",), _light),
+    Command("fullscreen", "fullscreen", ("f11", "f"), _toggle("fullscreen")),
+    Command("hud", "what is drawn and how: short, full, or off", ("i",), _hud),
+    Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
+    Command("ground", "next ground: black, white, checks, grey, blue", ("n",), _ground),
+    Command("help", "all keys", ("?", "f1"), _toggle("help")),
+    Command("close", "close what is open; stop what goes on", ("escape",), _close),
+    Command("quit", "quit", ("q", "ctrl+q"), _request(Request.QUIT)),
+)
+MOUSE = (
+    ("left drag", "turn"),
+    ("shift+left, middle drag", "pan"),
+    ("wheel, right drag", "zoom to the cursor"),
+    ("ctrl+left drag", "roll"),
+    ("double click", "turn about the point under the cursor"),
+    ("drop a file", "open it; several: a series; a mesh: over it"),
+)

@@ -1,4 +1,8 @@
-"""The open scene, with its splats at each stride."""
+"""`Document`: the open scene, and the splats of each layer at each stride.
+
+A single volume is a document of one layer. Splats are extracted on demand. Documents and layers are immutable:
+other styles or settings make copies, which share the splats that still hold.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +27,7 @@ from splatgl.splat.extract import Progress, extract, only_pre
 from splatgl.splat.grid import Grid
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.resolve import Resolved, extraction_kind, why_per_splat
-from splatgl.splat.scene import MOST_LAYERS, Layer, check_layer
-from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.scene import MOST_LAYERS, Layer, Scene, check_layer
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
@@ -37,165 +40,90 @@ from splatgl.viewer.trackball import Pose
 SMALL = 1 << 15
 # number of splats that can be processed within a millisecond
 FEW = 200_000
+# scenes for the renderer that a document keeps: one per stride, before and after an edit of the clipping planes
+MOST_SCENES = 2 * len(STRIDES)
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
-    """volumes: one for each of STRIDES, finest first. Splats are extracted on demand.
+class LayerSplats:
+    """Volume of a layer at each of STRIDES, finest first, and its splats.
 
-    portion: what of the scene's volume they are.
-    kind: classification and kernel that splats are extracted for. before: `counts` of the document that
-    this one replaces. beside: documents that differ in kind alone, by `after`. waiting: whether nothing is read yet.
+    scene: options of this layer alone. clip: planes of the layer; None: the scene's. stand_in: the part of the volume
+    that is shown. kind: classification and kernel of the splats. estimates: `counts` of the layer that this one
+    replaces. made: splats by stride; shells: splats without the hidden ones. variants: layers of the same transfer
+    function, by `is_post_classified`.
     """
 
+    name: str
     scene: SceneFile
     volumes: tuple[Volume, ...]
     transfer: Transfer
-    threshold: float
+    threshold: float = 0.0
+    clip: tuple[Plane, ...] | None = None
+    stand_in: StandIn | None = None
     kind: tuple[str, str] = ("pre", "")
-    before: tuple[int, ...] = (0,) * len(STRIDES)
+    estimates: tuple[int, ...] = (0,) * len(STRIDES)
     made: dict[int, Splats] = field(default_factory=dict)
-    skins: dict[int, Splats] = field(default_factory=dict)
-    beside: dict[bool, Document] = field(default_factory=dict)
-    portion: StandIn | None = None
-    waiting: bool = False
+    shells: dict[int, Splats] = field(default_factory=dict)
+    variants: dict[bool, LayerSplats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.beside[self.after] = self
+        self.variants[self.is_post_classified] = self
 
     @classmethod
-    def nothing(cls, scene: SceneFile) -> Document:
-        """What there is of a scene before it is read."""
-        volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
-        bare = replace(
-            scene, view=ViewOptions(), settings=Settings(), transfer={}, layers=(), meshes=(), crop="", clip=None
-        )
-        found = cls(bare, (volume,) * len(STRIDES), Transfer([(0, 0.0), (1, 0.5)]), 0.0, waiting=True)
-        for stride in STRIDES:
-            found.skin(stride)
-        return found
-
-    @classmethod
-    def open(cls, scene: SceneFile, quiet: bool = False) -> Document:
-        """Reads the volume, or a stand-in, and extracts the splats of all strides; InputError as the readers raise.
-
-        quiet: whether notes on the files are not printed.
-        """
-        smooth = [each.surfaces for each in (scene, *scene.layers) if each.surfaces is not None]
-        if smooth:
-            fix = "splatgl render draws them"
-            raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
-        volume = scene.open()
-        several = is_layered(scene, volume)
-        tell(volume, quiet, channels=several, times=True)
-        if several:
-            return Together.opened(scene, volume, quiet)
-        return cls.of_volume(scene.cut(volume), volume, scene.transfer_for(volume))
-
-    @classmethod
-    def of_volume(cls, scene: SceneFile, volume: Volume, transfer: Transfer) -> Document:
-        """Of a volume that is read, or of a stand-in."""
+    def of_volume(
+        cls, name: str, scene: SceneFile, volume: Volume, transfer: Transfer, clip: tuple[Plane, ...] | None = None
+    ) -> LayerSplats:
+        """Layer of a volume that is read, or of its first stand-in, with the splats of the coarsest stride."""
         shown = choose_stand_in(volume, transfer, scene.settings)
         if shown.told or shown.finer:
-            # opacities stay those of the finest voxels
+            # opacities refer to the finest voxels
             transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
-        return cls._of(scene, shown, transfer)
+        return cls(name, scene, (), transfer, scene.threshold, clip).with_stand_in(shown)
 
-    def finer(self) -> Document:
-        """The document of the portion that replaces this one's, which is read now."""
-        assert self.portion and self.portion.finer
-        return self._of(self.scene, self.portion.finer(), self.transfer)
-
-    @classmethod
-    def _of(cls, scene: SceneFile, shown: StandIn, transfer: Transfer) -> Document:
-        volume = shown.volume
-        volumes = [volume]
+    def with_stand_in(self, shown: StandIn) -> LayerSplats:
+        """The layer with the voxels of a stand-in, and the splats of the coarsest stride."""
+        volumes = [shown.volume]
         for _ in STRIDES[1:]:
             last = volumes[-1]
-            less = halve_volume(last, bool(transfer.labels)) if last.count > SMALL and not last.coarser else last
-            half = next(iter(last.coarser), less)
-            volumes.append(half)
-        before = tuple(each.count for each in volumes)
-        document = cls(scene, tuple(volumes), transfer, scene.threshold, before=before, portion=shown)
-        document = document.classified(scene.settings)
-        document.skin(STRIDES[-1])
-        return document
+            less = halve_volume(last, bool(self.transfer.labels)) if last.count > SMALL and not last.coarser else last
+            volumes.append(next(iter(last.coarser), less))
+        estimates = tuple(volume.count for volume in volumes)
+        layer = LayerSplats(
+            *(self.name, self.scene, tuple(volumes), self.transfer, self.threshold, self.clip, shown),
+            estimates=estimates,
+        ).for_settings(self.scene.settings)
+        layer.shell(STRIDES[-1])
+        return layer
 
     @property
-    def looks(self) -> tuple[LayerStyle, ...]:
-        """How each part of the document is seen; of one volume, that one."""
-        return (LayerStyle(self.transfer, self.threshold),)
+    def volume(self) -> Volume:
+        """The volume at full resolution."""
+        return self.volumes[0]
 
     @property
-    def surfaces(self) -> tuple[MeshFile, ...]:
-        """The meshes of a scene beside its volumes."""
-        return ()
-
-    @property
-    def channels(self) -> list[Document]:
-        """The parts that are channels of one volume."""
-        return [self]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """A name of each part."""
-        return (self.volume.name or self.scene.volume,)
-
-    @property
-    def drawing(self) -> list[Document]:
-        """The parts whose splats are drawn."""
-        return [self]
-
-    def mesh(self, file: MeshFile) -> Mesh | None:
-        """What is read of a mesh; None if it is not."""
-        return None
-
-    def part(self, number: int) -> Document:
-        """One part of the document."""
-        return self
+    def has_finer(self) -> bool:
+        """Whether finer voxels can be read."""
+        return self.stand_in is not None and self.stand_in.finer is not None
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Number of visible splats at each of STRIDES, estimated where none are extracted yet."""
-        found: list[int] = []
-        for stride, before in zip(STRIDES, self.before, strict=True):
-            known = len(self.skins[stride]) if stride in self.skins else min([before, *found[-1:]])
-            found.append(known)
-        return tuple(found)
+        counts: list[int] = []
+        for stride, estimate in zip(STRIDES, self.estimates, strict=True):
+            known = len(self.shells[stride]) if stride in self.shells else min([estimate, *counts[-1:]])
+            counts.append(known)
+        return tuple(counts)
 
     @property
     def extracted(self) -> tuple[int, ...]:
         """The strides whose splats are extracted, finest first."""
-        return tuple(sorted(self.skins))
+        return tuple(sorted(self.shells))
 
     @property
-    def complete(self) -> bool:
-        """Whether all splats that are to be drawn are extracted."""
-        return set(self.extracted) >= set(STRIDES[self.heavy :])
-
-    def voxels(self, stride: int) -> int:
-        """Number of voxels at a stride."""
-        return self.volumes[STRIDES.index(stride)].count
-
-    @property
-    def volume(self) -> Volume:
-        """The full-resolution volume."""
-        return self.volumes[0]
-
-    @property
-    def spacing(self) -> float:
-        """The finest volume's mean spacing, world units: the default unit length of opacities."""
-        return _spacing(self.volume)
-
-    @property
-    def whole(self) -> bool:
-        """Whether the finest splats are extracted."""
-        return 1 in self.skins
-
-    @property
-    def heavy(self) -> bool:
+    def exceeds_budget(self) -> bool:
         """Whether the finest splats would exceed MOST_KEPT, estimated from stride 2."""
-        return not self.whole and 2 in self.made and 8 * len(self.made[2]) > MOST_KEPT
+        return 1 not in self.shells and 2 in self.made and 8 * len(self.made[2]) > MOST_KEPT
 
     @property
     def finest(self) -> Splats:
@@ -210,8 +138,8 @@ class Document:
 
     @property
     def subject(self) -> Bounded:
-        """The object that a default view is fitted to."""
-        return self._opaque if self.after else self.finest if len(self.finest) else self.volume
+        """The object that the default view of the layer alone is fitted to."""
+        return self._opaque if self.is_post_classified else self.finest if len(self.finest) else self.volume
 
     @cached_property
     def _opaque(self) -> Opaque:
@@ -221,165 +149,93 @@ class Document:
         """The splats at a stride; opacities are per the finest volume's spacing at every stride. progress: as of
         `extract`, if they are not extracted yet.
         """
-        if stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume:
+        volume = self.volumes[STRIDES.index(stride)]
+        if stride > 1 and volume is self.volume:
             return self.at(1, progress)
         if stride not in self.made:
-            volume, (how, kernel) = self.volumes[STRIDES.index(stride)], self.kind
-            transfer = self._at(stride, self.transfer)
-            # what is drawn in motion alone leaves out what hardly shows
+            how, kernel = self.kind
+            # previews drop nearly transparent splats
             how = "post-lean" if how == "post" and stride > 1 else how
-            asked = {"progress": progress, "classification": how, "kernel": kernel}
-            self.made[stride] = extract(volume, transfer, self.threshold, **asked)  # type: ignore[arg-type]
+            options = {"progress": progress, "classification": how, "kernel": kernel}
+            transfer = self._transfer_at(stride, self.transfer)
+            self.made[stride] = extract(volume, transfer, self.threshold, **options)  # type: ignore[arg-type]
         return self.made[stride]
 
-    def _at(self, stride: int, transfer: Transfer) -> Transfer:
-        """The transfer function at a stride."""
-        return transfer if stride == 1 else replace(transfer, unit=transfer.unit or self.spacing)
+    def _transfer_at(self, stride: int, transfer: Transfer) -> Transfer:
+        return transfer if stride == 1 else replace(transfer, unit=transfer.unit or _spacing(self.volume))
 
-    def skin(self, stride: int, progress: Progress | None = None) -> Splats:
+    def shell(self, stride: int, progress: Progress | None = None) -> Splats:
         """The splats at a stride without those hidden from every side."""
-        if stride not in self.skins:
+        if stride not in self.shells:
             same = stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume
-            self.skins[stride] = self.skin(1, progress) if same else skinned(self.at(stride, progress))
-        return self.skins[stride]
-
-    def extract(self, stride: int, progress: Progress | None = None) -> None:
-        """Extracts the splats at a stride, all and those that are not hidden."""
-        self.skin(stride, progress)
+            self.shells[stride] = self.shell(1, progress) if same else skinned(self.at(stride, progress))
+        return self.shells[stride]
 
     @property
-    def after(self) -> bool:
+    def is_post_classified(self) -> bool:
         """Whether splats are classified after reconstruction."""
         return self.kind[0] != "pre"
 
     @property
-    def fresh(self) -> bool:
+    def is_current(self) -> bool:
         """Whether extraction with the transfer function would give the finest splats."""
-        post = self.at(1).post if self.whole else None
-        return self.whole and (post is None or post.fresh)
+        post = self.at(1).post if 1 in self.shells else None
+        return 1 in self.shells and (post is None or post.fresh)
 
-    def followed(
-        self, looks: Sequence[LayerStyle], surfaces: Sequence[MeshFile], settings: Settings, moving: bool = False
-    ) -> Document:
-        """The document as its parts are to be seen; this one if it is."""
-        return self.following(looks[0].transfer, looks[0].threshold, settings, moving)
+    def without_splats(self) -> LayerSplats:
+        """The layer without any splats: they may hold values extracted for another transfer function."""
+        return replace(self, made={}, shells={}, variants={})
 
-    def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Layers, Settings]:
-        """What a renderer draws at a stride, with these settings."""
-        return self.at(stride), settings
-
-    def check(self, settings: Settings, resolved: Resolved) -> None:
-        """InputError for settings that this document is not drawn with."""
-
-    def anew(self) -> Document:
-        """The same without any splats: those that are there may be of values extracted for another transfer."""
-        return replace(self, made={}, skins={}, beside={})
-
-    def following(self, transfer: Transfer, threshold: float, settings: Settings, moving: bool = False) -> Document:
-        """The document of these values, as a picture with these settings takes it; this one if it is."""
-        same = (transfer, threshold) == (self.transfer, self.threshold)
-        return (self if same else self.changed(transfer, threshold)).classified(settings, moving)
-
-    def changed(self, transfer: Transfer, threshold: float) -> Document:
-        """A copy with another transfer function, and of the splats those whose values serve it too."""
-        after = self.beside.get(True, self)
+    def with_transfer(self, transfer: Transfer, threshold: float) -> LayerSplats:
+        """A copy with another transfer function, which keeps the splats whose values serve both."""
+        post = self.variants.get(True, self)
         made = {
-            stride: splats.classified_after(splats.post.recolored(self._at(stride, transfer)))
-            for stride, splats in after.made.copy().items()
+            stride: splats.classified_after(splats.post.recolored(self._transfer_at(stride, transfer)))
+            for stride, splats in post.made.copy().items()
             if splats.post is not None and splats.post.holds(transfer)
         }
-        kept = (after.kind, self.counts, made, made.copy())
-        return Document(self.scene, self.volumes, transfer, threshold, *kept, portion=self.portion)
+        layer = replace(self, transfer=transfer, threshold=threshold, kind=post.kind, estimates=self.counts)
+        return replace(layer, made=made, shells=made.copy(), variants={})
 
-    def classified(self, settings: Settings, moving: bool = False) -> Document:
-        """The document as a picture with these settings takes it; others of the same transfer function are kept.
+    def for_style(self, style: LayerStyle, settings: Settings, moving: bool = False) -> LayerSplats:
+        """The layer in a style, with splats of the kind that the settings take; this one if nothing changes."""
+        same = (style.transfer, style.threshold) == (self.transfer, self.threshold)
+        return (self if same else self.with_transfer(style.transfer, style.threshold)).for_settings(settings, moving)
+
+    def for_settings(self, settings: Settings, moving: bool = False) -> LayerSplats:
+        """The layer with splats of the kind that the settings take; those of the other kind are kept in `variants`.
 
         moving: whether the picture is motion-blurred.
         """
-        # pre where it is all that volume or settings allow
-        asked = settings.but(classification="auto") if settings.classification == "post" else settings
+        # pre where volume or settings allow nothing else
+        requested = settings.but(classification="auto") if settings.classification == "post" else settings
         why = only_pre(self.volume, self.transfer, self.threshold)
-        found = extraction_kind(asked, moving, why, self.volume.count)
-        if found == self.kind:
-            # values that are kept for other transfer functions are not this one's
-            return replace(self, made={}, skins={}, beside={}) if why and self.after and self.made else self
-        after = found[0] != "pre"
-        if why and after:
-            # nor of values that cannot be extracted: that is told once they are asked for
-            return replace(self, kind=found, before=self.counts, made={}, skins={}, beside={})
-        other = self.beside.get(after)
-        if other is None or other.kind != found:
-            other = replace(self, kind=found, before=self.counts, made={}, skins={})
+        kind = extraction_kind(requested, moving, why, self.volume.count)
+        if kind == self.kind:
+            # values kept for other transfer functions do not hold here
+            return self.without_splats() if why and self.is_post_classified and self.made else self
+        is_post = kind[0] != "pre"
+        if why and is_post:
+            # cannot be extracted; the error is raised on use
+            return replace(self.without_splats(), kind=kind, estimates=self.counts, variants={})
+        other = self.variants.get(is_post)
+        if other is None or other.kind != kind:
+            other = replace(self, kind=kind, estimates=self.counts, made={}, shells={})
         return other
 
-    def only_before(self, settings: Settings, moving: bool) -> str | None:
-        """What takes splats that are classified before reconstruction; None if these settings don't."""
+    def why_pre_classified(self, settings: Settings, moving: bool) -> str | None:
+        """The reason why splats are classified before reconstruction; None if the settings allow either."""
         return only_pre(self.volume, self.transfer, self.threshold) or why_per_splat(settings, moving)
-
-    def home(self, size: tuple[int, int]) -> Pose:
-        """The scene's initial view, with its pivot at the scene's middle."""
-        camera = replace(self.scene.view, size=size).camera(self.volume, self.subject)
-        fov = self.scene.view.fov or self.volume.hints.fov or _fov(camera)
-        return Pose(camera, self.middle, float(fov), self.reach)
-
-    @property
-    def middle(self) -> np.ndarray:
-        """Centre of the bounding box of all splats, world coordinates."""
-        corners = self.subject.corners
-        return np.asarray((corners.min(axis=0) + corners.max(axis=0)) / 2)
-
-    @cached_property
-    def reach(self) -> float:
-        """Radius of the volume's bounding box, world units."""
-        corners = self.volume.corners
-        return float(np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
-
-
-def _spacing(volume: Volume) -> float:
-    """Mean spacing, world units."""
-    return Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
-
-
-def _fov(camera: Camera) -> float:
-    """Field of view in degrees; FOV for an orthographic camera."""
-    return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
-
-
-def source_key(surface: MeshFile) -> MeshFile:
-    """What is read of a mesh, whatever its look."""
-    return replace(surface, color="", opacity=1.0, visible=True)
-
-
-def read_meshes(surfaces: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
-    """The meshes, by `bare`. Raises InputError as `MeshFile.open`."""
-    return {each: each.open() for each in dict.fromkeys(map(source_key, surfaces))}
-
-
-def styled_meshes(surfaces: Sequence[MeshFile], found: Mapping[MeshFile, Mesh]) -> tuple[Mesh, ...]:
-    """Those that are to be seen, in their colours and opacities, as `MeshFile.open` reads them."""
-    shown = [each for each in surfaces if each.visible and source_key(each) in found]
-    return tuple(_looking(each, found[source_key(each)]) for each in shown)
-
-
-def _looking(surface: MeshFile, mesh: Mesh) -> Mesh:
-    made = surface.dressed(mesh)
-    # which take as long as a frame, and do not depend on colours
-    vars(made)["normals"] = mesh.normals
-    return made
-
-
-# pictures' layers that are kept: those of each stride, and with the cuts before
-MOST_DRAWN = 2 * len(STRIDES)
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn(Layers):
-    """Layers whose splats are extracted elsewhere."""
+class ExtractedScene(Scene):
+    """Scene whose splats are extracted elsewhere, whatever the settings."""
 
     take: Callable[[], tuple[Splats, ...]] = tuple
 
     def splats(self, settings: Settings) -> tuple[Splats, ...]:
-        """Those that are there, whatever the settings."""
+        """The splats of each visible layer; ignores the settings."""
         return self.take()
 
     def __len__(self) -> int:
@@ -388,265 +244,306 @@ class Drawn(Layers):
 
 
 @dataclass(frozen=True, eq=False)
-class Together(Document):
-    """The document of the first part, and all parts, with their names.
+class Document:
+    """The open scene. layers: at least one; styles: of each layer.
 
-    seen: how each part is; cuts: planes of its own, None: the scene's. surfaces: the meshes of the scene; read: what is
-    read of them; always: others that are always seen, such as lines. drawn: what was drawn last.
+    mesh_files: meshes of the scene; read: the data of meshes, by `source_key`; lines: meshes of vectors, always shown.
+    is_loading: whether nothing is read yet. Raises InputError for more than MOST_LAYERS visible layers.
     """
 
-    parts: tuple[Document, ...] = ()
-    names: tuple[str, ...] = ()
-    seen: tuple[LayerStyle, ...] = ()
-    cuts: tuple[tuple[Plane, ...] | None, ...] = ()
-    surfaces: tuple[MeshFile, ...] = ()
+    scene: SceneFile
+    layers: tuple[LayerSplats, ...]
+    styles: tuple[LayerStyle, ...]
+    mesh_files: tuple[MeshFile, ...] = ()
     read: Mapping[MeshFile, Mesh] = field(default_factory=dict)
-    always: tuple[Mesh, ...] = ()
-    drawn: dict[object, Drawn] = field(default_factory=dict)
+    lines: tuple[Mesh, ...] = ()
+    is_loading: bool = False
+    scenes: dict[object, ExtractedScene] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        count = sum(style.is_shown for style in self.styles)
+        if count > MOST_LAYERS:
+            raise expected("layers", f"at most {MOST_LAYERS} that are visible", count, "hide some: visible = false")
 
     @classmethod
-    def of(cls, parts: Sequence[Document], seen: Sequence[LayerStyle], more: Together | None = None) -> Together:
-        """Of these parts, with meshes and cuts of `more`. Raises InputError for too many that are to be seen."""
-        shown = sum(each.visible and each.opacity > 0 for each in seen)
-        if shown > MOST_LAYERS:
-            raise expected("layers", f"at most {MOST_LAYERS} that are visible", shown, "hide some: visible = false")
-        first = parts[0]
-        own = {name: getattr(first, name) for name in ("scene", "volumes", "transfer", "threshold", "kind", "before")}
-        own["names"] = tuple(part.volume.name or part.scene.volume for part in parts)
-        coming = next((each.portion for each in parts if each.portion and each.portion.finer), first.portion)
-        found = cls(**own, made=first.made, skins=first.skins, portion=coming, parts=tuple(parts), seen=tuple(seen))
-        if more is None:
-            return replace(found, cuts=(None,) * len(parts), beside={}, drawn={})
-        kept = {name: getattr(more, name) for name in ("names", "cuts", "surfaces", "read", "always", "scene")}
-        return replace(found, **kept, beside={}, drawn={})
+    def placeholder(cls, scene: SceneFile) -> Document:
+        """Placeholder document while a file loads."""
+        volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
+        plain = replace(
+            scene, view=ViewOptions(), settings=Settings(), transfer={}, layers=(), meshes=(), crop="", clip=None
+        )
+        transfer = Transfer([(0, 0.0), (1, 0.5)])
+        layer = LayerSplats(volume.name, plain, (volume,) * len(STRIDES), transfer)
+        for stride in STRIDES:
+            layer.shell(stride)
+        return cls(plain, (layer,), (LayerStyle(transfer),), is_loading=True)
 
     @classmethod
-    def opened(cls, scene: SceneFile, volume: Volume, quiet: bool = False) -> Together:
-        """Of a scene whose volume is read; reads all others, with notes on them unless `quiet`. Raises InputError as
-        their readers.
+    def open(cls, scene: SceneFile, quiet: bool = False) -> Document:
+        """Reads all volumes, or stand-ins, and meshes, and extracts the coarsest splats. Raises InputError as their
+        readers, and for surfaces. quiet: whether notes on the files are not printed.
         """
+        smooth = [source.surfaces for source in (scene, *scene.layers) if source.surfaces is not None]
+        if smooth:
+            fix = "splatgl render draws them"
+            raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
+        volume = scene.open()
+        tell(volume, quiet, channels=True, times=True)
         scene = scene.cut(volume)
-        sources: list[tuple[SceneFile, Volume, tuple[Plane, ...] | None]] = [(scene, volume, None)]
-        names: list[str] = []
-        documents: list[Document] = []
-        looks: list[LayerStyle] = []
-        cuts: list[tuple[Plane, ...] | None] = []
-        for layer in scene.layers:
-            other = (replace(layer, mask=scene.mask) if layer.mask is None else layer).open()
-            tell(other, quiet, channels=True, times=True, layer=layer.volume)
-            own = None if layer.clip is None and not layer.crop else layer.cut(other).settings.clip
-            sources.append((layer, other, own))
-        for source, each, own in sources:
-            for name, document, look in _channels(source, each, scene.settings):
-                names.append(name)
-                documents.append(document)
-                looks.append(look)
-                cuts.append(own)
-        surfaces, always = tuple(surfaces_of(scene)), tuple(scene.vectors.meshes(volume))
-        made = replace(cls.of(documents, looks), scene=scene, names=tuple(names), cuts=tuple(cuts), beside={}, drawn={})
-        return replace(made, surfaces=surfaces, read=read_meshes(surfaces), always=always, beside={}, drawn={})
+        pairs = _channels(scene, volume, scene.settings, None, folds_opacity=not is_layered(scene, volume))
+        for source in scene.layers:
+            other = (replace(source, mask=scene.mask) if source.mask is None else source).open()
+            tell(other, quiet, channels=True, times=True, layer=source.volume)
+            clip = None if source.clip is None and not source.crop else source.cut(other).settings.clip
+            pairs += _channels(source, other, scene.settings, clip)
+        layers, styles = zip(*pairs, strict=True)
+        files = tuple(surfaces_of(scene))
+        return cls(scene, layers, styles, files, read_meshes(files), tuple(scene.vectors.meshes(volume)))
 
-    @classmethod
-    def with_meshes(cls, document: Document, found: Mapping[MeshFile, Mesh]) -> Together:
-        """A document, and what is read of meshes, which are seen where a state names them."""
-        base = document if isinstance(document, Together) else cls.of([document], document.looks)
-        return replace(base, read={**base.read, **found}, drawn={}, beside={})
+    # --- layers -----------------------------------------------------------------------------------------------------
 
     @property
-    def looks(self) -> tuple[LayerStyle, ...]:
-        """How each part is seen."""
-        return self.seen
+    def volume(self) -> Volume:
+        """The full-resolution volume of the first layer."""
+        return self.layers[0].volume
 
     @property
-    def shown(self) -> list[Document]:
-        """The parts that are to be seen."""
-        return [part for part, look in zip(self.parts, self.seen, strict=True) if look.visible and look.opacity > 0]
+    def names(self) -> tuple[str, ...]:
+        """The names of the layers."""
+        return tuple(layer.name for layer in self.layers)
 
-    def part(self, number: int) -> Document:
-        """One part."""
-        return self.parts[number]
+    @property
+    def is_layered(self) -> bool:
+        """Whether the picture is composited from layers and meshes, without an error bound."""
+        return len(self.layers) > 1 or bool(self.mesh_files or self.lines) or not self.styles[0].is_shown
+
+    @property
+    def drawn_layers(self) -> tuple[LayerSplats, ...]:
+        """The visible layers; the first layer where only meshes are visible."""
+        return self._visible or self.layers[:1]
+
+    @property
+    def _visible(self) -> tuple[LayerSplats, ...]:
+        return tuple(layer for layer, style in zip(self.layers, self.styles, strict=True) if style.is_shown)
+
+    @property
+    def channels(self) -> tuple[LayerSplats, ...]:
+        """The layers that are channels of the first volume."""
+        source = self.scene.volume
+        channels = (layer for layer in self.layers if layer.scene.volume == source and "channel" in layer.scene.load)
+        return tuple(channels) or self.layers[:1]
+
+    @property
+    def stand_in(self) -> StandIn | None:
+        """The first stand-in that finer voxels will replace; that of the first layer where there is none."""
+        return next((layer.stand_in for layer in self.layers if layer.has_finer), self.layers[0].stand_in)
+
+    @property
+    def has_finer(self) -> bool:
+        """Whether finer voxels of a layer can be read."""
+        return any(layer.has_finer for layer in self.layers)
+
+    def refined(self) -> Document:
+        """Reads the finer voxels of the first layer that has any, and returns the document with them."""
+        number = next(n for n, layer in enumerate(self.layers) if layer.has_finer)
+        shown = self.layers[number].stand_in
+        assert shown and shown.finer
+        layer = self.layers[number].with_stand_in(shown.finer())
+        return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
 
     def mesh(self, file: MeshFile) -> Mesh | None:
-        """What is read of a mesh; None if it is not."""
+        """The data of a mesh; None if it is not read."""
         return self.read.get(source_key(file))
 
-    @property
-    def channels(self) -> list[Document]:
-        """The parts of the first volume."""
-        found = [part for part in self.parts if part.scene.volume == self.scene.volume and "channel" in part.scene.load]
-        return found or [self.parts[0]]
+    def with_meshes(self, read: Mapping[MeshFile, Mesh]) -> Document:
+        """The document with the data of more meshes, which are visible once `mesh_files` names them."""
+        return replace(self, read={**self.read, **read})
 
-    # --- what the window asks of any document -----------------------------------------------------------------------
-
-    @property
-    def drawing(self) -> list[Document]:
-        """Those whose splats are drawn; the first also where nothing is seen but meshes."""
-        return self.shown or [self.parts[0]]
-
-    @property
-    def finest(self) -> Splats:
-        """Those of the first part that is drawn."""
-        return self.drawing[0].finest
-
-    @property
-    def sample(self) -> Splats:
-        """Those of the first part that is drawn."""
-        return self.drawing[0].sample
-
-    def at(self, stride: int, progress: Progress | None = None) -> Splats:
-        """Those of the first part that is drawn."""
-        return self.drawing[0].at(stride, progress)
+    # --- splats -----------------------------------------------------------------------------------------------------
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of splats at each of STRIDES, of all that is seen."""
-        return tuple(map(sum, zip(*(part.counts for part in self.drawing), strict=True)))
+        """Number of splats at each of STRIDES, of all visible layers."""
+        return tuple(map(sum, zip(*(layer.counts for layer in self.drawn_layers), strict=True)))
 
     @property
     def extracted(self) -> tuple[int, ...]:
-        """The strides of which the splats of all that is seen are extracted."""
-        common = set.intersection(*(set(part.extracted) for part in self.drawing))
-        return tuple(sorted(common))
+        """The strides at which the splats of all visible layers are extracted."""
+        return tuple(sorted(set.intersection(*(set(layer.extracted) for layer in self.drawn_layers))))
 
     @property
-    def whole(self) -> bool:
+    def has_full_resolution(self) -> bool:
         """Whether the finest splats are extracted."""
         return 1 in self.extracted
 
     @property
-    def heavy(self) -> bool:
-        """Whether the finest splats of a part are too many."""
-        return any(part.heavy for part in self.drawing)
+    def exceeds_budget(self) -> bool:
+        """Whether a layer has too many splats at full resolution."""
+        return any(layer.exceeds_budget for layer in self.drawn_layers)
 
     @property
-    def fresh(self) -> bool:
-        """Whether extraction would give the same splats."""
-        return all(part.fresh for part in self.drawing)
-
-    def voxels(self, stride: int) -> int:
-        """Number of voxels at a stride, of all that is seen."""
-        return sum(part.voxels(stride) for part in self.drawing)
+    def is_complete(self) -> bool:
+        """Whether all splats that can be drawn are extracted."""
+        return set(self.extracted) >= set(STRIDES[self.exceeds_budget :])
 
     def extract(self, stride: int, progress: Progress | None = None) -> None:
-        """Extracts the splats at a stride of all that is seen."""
-        for part in self.drawing:
-            part.extract(stride, progress)
+        """Extracts the splats of all visible layers at a stride."""
+        for layer in self.drawn_layers:
+            layer.shell(stride, progress)
 
-    def followed(
-        self, looks: Sequence[LayerStyle], surfaces: Sequence[MeshFile], settings: Settings, moving: bool = False
+    def with_styles(
+        self, styles: Sequence[LayerStyle], mesh_files: Sequence[MeshFile], settings: Settings, moving: bool = False
     ) -> Document:
-        """The document of these looks and meshes; this one if it is."""
-        # the parts of a scene that was changed on disk may be others
-        looks = (*looks, *self.seen[len(looks) :])[: len(self.parts)]
-        asked = settings.but(motion="off")
-        every = zip(self.parts, looks, strict=True)
-        parts = [part.following(look.transfer, look.threshold, asked) for part, look in every]
-        same = all(a is b for a, b in zip(parts, self.parts, strict=True))
-        if same and looks == self.seen and tuple(surfaces) == self.surfaces:
+        """The document in these styles, with splats of the kind that the settings take; this one if nothing changes.
+
+        moving: whether the picture is motion-blurred.
+        """
+        # a scene that changed on disk may have other layers
+        styles = (*styles, *self.styles[len(styles) :])[: len(self.layers)]
+        shown = replace(self, styles=styles, mesh_files=tuple(mesh_files))
+        if shown.is_layered:
+            # blurred pictures of layers are means of sharp ones
+            settings, moving = settings.but(motion="off"), False
+        pairs = zip(self.layers, styles, strict=True)
+        layers = tuple(layer.for_style(style, settings, moving) for layer, style in pairs)
+        if (layers, styles, shown.mesh_files) == (self.layers, self.styles, self.mesh_files):
             return self
-        return replace(Together.of(parts, looks, self), surfaces=tuple(surfaces), beside={}, drawn={})
+        return replace(shown, layers=layers)
 
-    def following(self, transfer: object, threshold: float, settings: Settings, moving: bool = False) -> Document:
-        """The document as a picture with these settings takes it, and as its parts are seen."""
-        return self.followed(self.seen, self.surfaces, settings)
+    def for_settings(self, settings: Settings, moving: bool = False) -> Document:
+        """The document with splats of the kind that the settings take. moving: as above."""
+        return self.with_styles(self.styles, self.mesh_files, settings, moving)
 
-    def classified(self, settings: Settings, moving: bool = False) -> Document:
-        """As a picture with these settings takes it; blurred ones are means of sharp ones."""
-        return self.followed(self.seen, self.surfaces, settings)
-
-    def finer(self) -> Document:
-        """The same with the finer portion of the first part that has one, which is read now."""
-        number = next(n for n, part in enumerate(self.parts) if part.portion and part.portion.finer)
-        parts = [part.finer() if n == number else part for n, part in enumerate(self.parts)]
-        return Together.of(parts, self.seen, self)
-
-    def anew(self) -> Document:
-        """The same, of which splats that extraction would not give are left out."""
-        parts = [part if part.fresh else part.anew() for part in self.parts]
-        return replace(Together.of(parts, self.seen, self), beside={}, drawn={})
+    def with_current_splats(self) -> Document:
+        """The document without splats that extraction would not give."""
+        layers = tuple(layer if layer.is_current else layer.without_splats() for layer in self.layers)
+        return self if layers == self.layers else replace(self, layers=layers)
 
     def check(self, settings: Settings, resolved: Resolved) -> None:
-        """InputError for settings that layers, or meshes, are not drawn with."""
-        check_layer(resolved, self.names[0])
-        if self.surfaces and not BLENDS[settings.blend].ordered:
+        """Raises InputError for settings that layers, or meshes, are not drawn with."""
+        if self.is_layered:
+            check_layer(resolved, self.names[0])
+        if self.mesh_files and not BLENDS[settings.blend].ordered:
             raise expected("meshes", "blend composite", settings.blend)
 
     # --- the picture ------------------------------------------------------------------------------------------------
 
     @cached_property
     def meshes(self) -> tuple[Mesh, ...]:
-        """Those that are to be seen, in their colours."""
-        return (*styled_meshes(self.surfaces, self.read), *self.always)
+        """The visible meshes in their colours and opacities, as `MeshFile.open` reads them."""
+        visible = [file for file in self.mesh_files if file.visible and source_key(file) in self.read]
+        return (*(_styled(file, self.read[source_key(file)]) for file in visible), *self.lines)
 
-    def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Layers, Settings]:
-        """The layers and meshes, which the planes of the settings cut."""
-        return self.layers(stride, settings.clip), settings.but(clip=())
+    def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Scene, Settings]:
+        """The input of a renderer at a stride: the splats of a single volume, else layers and meshes, which the planes
+        of the settings clip.
+        """
+        if not self.is_layered:
+            return self.layers[0].at(stride), settings
+        return self.scene_at(stride, settings.clip), settings.but(clip=())
 
-    def layers(self, stride: int, clip: Sequence[Plane]) -> Drawn:
-        """What the renderer draws at a stride, cut by planes; `splatgl render` draws the same at stride 1."""
+    def scene_at(self, stride: int, clip: Sequence[Plane]) -> ExtractedScene:
+        """Scene for the renderer at a stride, clipped by planes; `splatgl render` draws the same at stride 1."""
         key = stride, tuple(clip)
-        if key not in self.drawn:
-            self._forget()
-            self.drawn[key] = self._layers(stride, clip)
-        return self.drawn[key]
-
-    def _layers(self, stride: int, clip: Sequence[Plane]) -> Drawn:
-        number = STRIDES.index(stride)
-        shown = [n for n, part in enumerate(self.parts) if any(part is each for each in self.shown)]
-        if not shown:
-            first = self.parts[0]
-            clear = Layer(first.volumes[number], first.transfer.weakened(0.0), clip=self.cuts[0])
-            return Drawn([clear], clip, self.meshes, take=lambda: (_none(first.at(stride)),))
-        parts, volumes = [self.parts[n] for n in shown], [self.parts[n].volumes[number] for n in shown]
-        layers = [
-            Layer(volume, part.transfer, threshold=part.threshold, clip=self.cuts[n])
-            for volume, part, n in zip(volumes, parts, shown, strict=True)
-        ]
-        return Drawn(layers, clip, self.meshes, take=lambda: tuple(part.at(stride) for part in parts))
-
-    def _forget(self) -> None:
-        while len(self.drawn) >= MOST_DRAWN:
-            del self.drawn[next(iter(self.drawn))]
+        if key not in self.scenes:
+            while len(self.scenes) >= MOST_SCENES:
+                del self.scenes[next(iter(self.scenes))]
+            number, layers = STRIDES.index(stride), self._visible
+            if layers:
+                parts = [
+                    Layer(layer.volumes[number], layer.transfer, threshold=layer.threshold, clip=layer.clip)
+                    for layer in layers
+                ]
+                made = ExtractedScene(parts, clip, self.meshes, take=lambda: tuple(each.at(stride) for each in layers))
+            else:
+                first = self.layers[0]
+                clear = Layer(first.volumes[number], first.transfer.weakened(0.0), clip=first.clip)
+                made = ExtractedScene([clear], clip, self.meshes, take=lambda: (_no_splats(first.at(stride)),))
+            self.scenes[key] = made
+        return self.scenes[key]
 
     @property
     def subject(self) -> Bounded:
-        """What a default view is fitted to: layers and meshes that are to be seen, cut or not."""
-        return self.layers(1, ())
+        """The object that a default view is fitted to: visible layers and meshes, unclipped."""
+        return self.scene_at(1, ()) if self.is_layered else self.layers[0].subject
+
+    def home(self, size: tuple[int, int]) -> Pose:
+        """The scene's initial view, with its pivot in the middle of the scene."""
+        camera = replace(self.scene.view, size=size).camera(self.volume, self.subject)
+        fov = self.scene.view.fov or self.volume.hints.fov or _fov(camera)
+        return Pose(camera, self.middle, float(fov), self.reach)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Centre [3] of the bounding box of the visible scene, world coordinates."""
+        corners = self.subject.corners
+        return np.asarray((corners.min(axis=0) + corners.max(axis=0)) / 2)
 
     @cached_property
     def reach(self) -> float:
-        """Radius of a ball around all, world units."""
-        boxes = [part.volume.corners for part in self.parts]
-        points = np.concatenate([*boxes, *(each.vertices for each in self.meshes)])
+        """Radius of a ball around all layers and meshes, world units."""
+        corners = [layer.volume.corners for layer in self.layers]
+        points = np.concatenate([*corners, *(mesh.vertices for mesh in self.meshes)])
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         return float(np.linalg.norm(points - middle, axis=1).max())
 
 
-def _none(splats: Splats) -> Splats:
+def _spacing(volume: Volume) -> float:
+    """Mean spacing, world units: the default unit length of opacities."""
+    return Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+
+
+def _fov(camera: Camera) -> float:
+    """Field of view in degrees; FOV for an orthographic camera."""
+    return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
+
+
+def source_key(file: MeshFile) -> MeshFile:
+    """Key of the data of a mesh, whatever its style."""
+    return replace(file, color="", opacity=1.0, visible=True)
+
+
+def read_meshes(files: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
+    """The data of meshes, by `source_key`. Raises InputError as `MeshFile.open`."""
+    return {key: key.open() for key in dict.fromkeys(map(source_key, files))}
+
+
+def _styled(file: MeshFile, mesh: Mesh) -> Mesh:
+    styled = file.dressed(mesh)
+    # normals take as long as a frame, and do not depend on colours
+    vars(styled)["normals"] = mesh.normals
+    return styled
+
+
+def _no_splats(splats: Splats) -> Splats:
     return splats.part(np.zeros(len(splats), bool))
 
 
-def _channels(source: SceneFile, volume: Volume, settings: Settings) -> list[tuple[str, Document, LayerStyle]]:
-    """Name, document and look of each channel of a source, or of the one that there is."""
-    plain = replace(source, opacity=1.0)
-    found = []
-    for number, layer in enumerate(of_channels(plain, volume, plain.transfer_for(volume))):
+def _channels(
+    source: SceneFile, volume: Volume, settings: Settings, clip: tuple[Plane, ...] | None, folds_opacity: bool = False
+) -> list[tuple[LayerSplats, LayerStyle]]:
+    """Layer and style of each channel of a source. folds_opacity: into the transfer function."""
+    plain = source if folds_opacity else replace(source, opacity=1.0)
+    pairs = []
+    for number, channel in enumerate(of_channels(plain, volume, plain.transfer_for(volume))):
         scene = replace(source, settings=settings, layers=(), meshes=())
+        samples = channel.volume
         if len(volume.channels) > 1:
-            scene = replace(scene, load={**source.load, "channel": _token(source.load.get("channel"), number)})
-        look = LayerStyle(layer.seen, source.threshold, 1.0, source.opacity, source.visible)
-        # the first has what is known of the file: its view and time points
-        samples = layer.volume if number else replace(volume, channels=())
-        document = Document.of_volume(scene, samples, look.transfer)
-        unit = document.transfer.unit
-        name = layer.volume.name or source.volume
-        found.append((name, document, look if unit is None else look.of_unit(unit)))
-    return found
+            scene = replace(scene, load={**source.load, "channel": _channel(source.load.get("channel"), number)})
+            # the first has what is known of the file: its view and time points
+            samples = samples if number else replace(volume, channels=())
+        name = channel.volume.name or source.volume
+        layer = LayerSplats.of_volume(name, scene, samples, channel.seen, clip)
+        style = LayerStyle(
+            channel.seen, source.threshold, 1.0, 1.0 if folds_opacity else source.opacity, source.visible
+        )
+        pairs.append((layer, style.with_unit(layer.transfer.unit)))
+    return pairs
 
 
-def _token(asked: object, number: int) -> int | str:
-    """How the option `channel` picks one of those that it picked."""
-    if asked in (None, "all"):
+def _channel(option: object, number: int) -> int | str:
+    """Value of the option `channel` that chooses one of the channels that it chose."""
+    if option in (None, "all"):
         return number
-    token = str(asked).split(",")[number].strip()
+    token = str(option).split(",")[number].strip()
     return int(token) if token.isdecimal() else token

@@ -22,9 +22,10 @@ from splatgl.splat.settings import BLENDS
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, Level
-from splatgl.viewer.document import Document
+from splatgl.viewer.commands import Command
+from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.hud import Frame
-from splatgl.viewer.key_bindings import MOUSE, Binding
+from splatgl.viewer.key_bindings import help_rows
 from splatgl.viewer.reference_view import Difference, Reference, enlarged
 from splatgl.viewer.state import State
 from splatgl.viewer.trackball import Pose
@@ -114,8 +115,8 @@ Ask = Callable[[], bool]
 class FrameRenderer:
     """Holds the screen's documents: the last frame, the overlay, and the display mode."""
 
-    def __init__(self, screen: Screen, renderer: Renderer, bindings: tuple[Binding, ...]) -> None:
-        self.screen, self.renderer, self.bindings = screen, renderer, bindings
+    def __init__(self, screen: Screen, renderer: Renderer, commands: tuple[Command, ...]) -> None:
+        self.screen, self.renderer, self.commands = screen, renderer, commands
         self.frame: Frame | None = None
         self.pixels = np.zeros((1, 1, 4), np.float32)
         # inputs and pose of the last frame, and when it was begun
@@ -145,38 +146,39 @@ class FrameRenderer:
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
         # as the document's splats were extracted
         asked = state.settings.but(motion=state.blur, classification="auto")
-        chosen = self.renderer.plan(document.finest, state.pose.camera, asked)
-        splats = _enough(state, document, level, chosen)
-        # the reference has no tint, nor have layers
-        tint = state.beyond and state.compare == "off" and not state.parts
+        first, layered = document.drawn_layers[0], document.is_layered
+        chosen = self.renderer.plan(first.finest, state.pose.camera, asked)
+        splats = first.at(level.stride) if layered else _enough(state, first, level, chosen)
+        # neither the reference nor layers are tinted
+        tint = state.show_zk and state.compare == "off" and not layered
         z_k = chosen.resolved.z_k
-        if tint and not document.after:
+        if tint and not first.is_post_classified:
             splats = tinted(splats, camera, z_k)
-        # of a picture of reconstructed values, its light is tinted, before the background
-        settings = level.settings(asked.but(background=None) if tint and document.after else asked)
-        motion = self._motion(state, camera, started - self.begun) if gliding else None
+        # the light of reconstructed values is tinted in the picture, before the background
+        settings = level.settings(asked.but(background=None) if tint and first.is_post_classified else asked)
+        motion = self._motion(state, camera, started - self.begun, layered) if gliding else None
         if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
             settings = settings.but(moments=MOMENTS)
         # previews are short and not cancelled
         ask = interrupted if level == FULL else None
-        matter, drawn_with = (splats, settings) if not state.parts else document.subject_at(level.stride, settings)
+        matter, drawn_with = document.subject_at(level.stride, settings) if layered else (splats, settings)
         render = partial(
             self.renderer.render, camera=camera, settings=drawn_with, motion=motion, verify_bound=False, interrupted=ask
         )
         image = render(matter)
         pixels = image.pixels
-        if tint and document.after:
+        if tint and first.is_post_classified:
             pixels = tinted_light(pixels, render(nearer(splats, camera, z_k)).pixels)
         seconds = time.perf_counter() - started
 
-        subject = (state.pose, state.settings, document, state.beyond)
+        subject = (state.pose, state.settings, document, state.show_zk)
         replaces = level == FULL and self.frame is not None and not self.frame.full
         self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
         self.subject, self.pose, self.pixels, self.begun = subject, state.pose, pixels, started
         self.brightest = float(self.pixels.max()) or 1.0
         self.screen.put("picture", self.pixels)
-        beyond = partial(share_beyond, document.sample, state.pose.camera, z_k)
-        hidden = len(document.at(level.stride)) - len(splats)
+        beyond = partial(share_beyond, first.sample, state.pose.camera, z_k)
+        hidden = len(first.at(level.stride)) - len(splats)
         # that of the picture itself
         drawn_by = self.renderer.plan(splats, camera, settings, motion)
         blurred = "motion" in image.info
@@ -252,10 +254,10 @@ class FrameRenderer:
             return f"left: this picture; right: the float64 reference. Difference: {numbers}"
         return f"difference from the float64 reference: {numbers}; white is {found.largest:.2g}"
 
-    def _motion(self, state: State, camera: Camera, seconds: float) -> Motion | None:
+    def _motion(self, state: State, camera: Camera, seconds: float, layered: bool) -> Motion | None:
         """Camera motion since the last frame, which was begun so many seconds ago; at most its last BLURRED seconds."""
         before = self.pose
-        if state.blur == "off" or before is None or before is state.pose or (state.parts and streaked(state.moving)):
+        if state.blur == "off" or before is None or before is state.pose or (layered and streaked(state.moving)):
             return None
         if before.camera.perspective != camera.perspective:
             return None
@@ -276,31 +278,28 @@ class FrameRenderer:
         if self.words and corner:
             texts.append(Text(self.words, corner, fit=state.hud == "full"))
         if state.help:
-            rows = [(", ".join(binding.keys), binding.about) for binding in self.bindings]
-            texts.append(Text(tuple("\t".join(row) for row in (*rows, *MOUSE)), "middle", fit=True))
+            texts.append(Text(tuple("\t".join(row) for row in help_rows(self.commands)), "middle", fit=True))
         told = [line for line in (said, state.message) if line]
         if told:
             width = max(20, int(size[0] / LETTER / scale))
             lines = tuple(part for line in told for part in _wrapped(line, width))
             texts.append(Text(lines, "top left" if corner == "bottom left" else "bottom left", note=True))
         paths: tuple[Path, ...] = ()
-        if state.beyond and self.frame is not None and self.frame.plan.program.seen.perspective:
+        if state.show_zk and self.frame is not None and self.frame.plan.program.seen.perspective:
             found = crossing(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
             polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)
 
 
-def _enough(state: State, document: Document, level: Level, chosen: Plan) -> Splats:
+def _enough(state: State, layer: LayerSplats, level: Level, chosen: Plan) -> Splats:
     """The splats to draw: all, or only the visible ones where the result is equally good."""
-    if state.parts:
-        return document.at(level.stride)
-    skin = document.skin(level.stride)
-    # planes bare what lies inside
-    fits = chosen.program.look.blend.ordered and not state.settings.clip and outside(skin, state.pose.camera.eye)
+    shell = layer.shell(level.stride)
+    # clip planes bare what lies inside
+    fits = chosen.program.look.blend.ordered and not state.settings.clip and outside(shell, state.pose.camera.eye)
     if level == FULL:
         fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
-    return skin if fits else document.at(level.stride)
+    return shell if fits else layer.at(level.stride)
 
 
 def _wrapped(text: str, width: int) -> list[str]:

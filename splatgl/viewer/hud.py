@@ -47,15 +47,15 @@ def short(state: State, document: Document, frame: Frame | None, busy: str | Non
     name = document.volume.name or document.scene.volume
     camera = state.pose.camera
     view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
-    told = [document.portion.told] if document.portion and document.portion.told else []
-    if document.waiting:
+    told = [document.stand_in.told] if document.stand_in and document.stand_in.told else []
+    if document.is_loading:
         return (name, *([busy] if busy else []))
     return (name, *told, view, busy or progress(frame))
 
 
 def lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
     """Everything of the picture: device, splats, time, z_k, bounds and the plan it was drawn by."""
-    if frame is None or document.waiting:
+    if frame is None or document.is_loading:
         return short(state, document, frame, busy)
     info, size = frame.info, state.pose.camera.size
     return (
@@ -84,17 +84,18 @@ def progress(frame: Frame | None) -> str:
 
 def _splats(document: Document, frame: Frame) -> list[str]:
     """What of the volume is shown, numbers of drawn and total splats, and why the rest are omitted."""
-    told = document.portion.told if document.portion else ""
+    told = document.stand_in.told if document.stand_in else ""
     return ([told] if told else []) + _numbers(document, frame)
 
 
 def _numbers(document: Document, frame: Frame) -> list[str]:
-    kept = sum(len(part.finest) for part in document.drawing)
-    total = sum(part.volume.count for part in document.drawing)
-    if frame.level.stride > 1 or not document.whole:
+    kept = sum(len(layer.finest) for layer in document.drawn_layers)
+    total = sum(layer.volume.count for layer in document.drawn_layers)
+    first = document.layers[0]
+    if frame.level.stride > 1 or not document.has_full_resolution:
         return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
-    most = f"at most {document.threshold:g}" if document.threshold else "0"
-    left = f"the rest: opacity {most}{' around' * document.after}"
+    most = f"at most {first.threshold:g}" if first.threshold else "0"
+    left = f"the rest: opacity {most}{' around' * first.is_post_classified}"
     said = [f"{kept:,} of {total:,} voxels are splats ({left})"]
     drawn = frame.info.get("drawn", kept - frame.hidden)
     if isinstance(drawn, int) and drawn < kept:
@@ -104,9 +105,9 @@ def _numbers(document: Document, frame: Frame) -> list[str]:
 
 def _instead(state: State, document: Document) -> list[str]:
     """Why splats are classified before reconstruction although the settings ask for after."""
-    if document.after or state.settings.classification != "post":
+    if document.layers[0].is_post_classified or state.settings.classification != "post":
         return []
-    why = document.only_before(state.moving, True)
+    why = document.layers[0].why_pre_classified(state.moving, True)
     return [f"{why} takes splats classified before reconstruction: so they are"]
 
 

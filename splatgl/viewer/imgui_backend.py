@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from typing import Any
 
 from imgui_bundle import imgui, implot
 
 from splatgl.gl.context import current
+from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel import Panel
@@ -42,9 +44,9 @@ MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mo
 class Gui:
     """A panel in a window."""
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: Window, commands: Iterable[Command]) -> None:
         self.window = window
-        self.panel = Panel()
+        self.panel = Panel(commands)
         self.cursor: tuple[float, float] = (-1.0, -1.0)
         self.context, self.plots = imgui.create_context(), implot.create_context()
         self.io = imgui.get_io()

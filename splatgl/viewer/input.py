@@ -1,176 +1,89 @@
-"""Routes mouse and keys to tools and commands."""
+"""Passes mouse events to the first tool that handles them, and finds the commands of keys."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
-from splatgl.viewer.clip_tool import Held, cut, handles, under
-from splatgl.viewer.commands import acted
-from splatgl.viewer.key_bindings import Binding, keymap
-from splatgl.viewer.measure_tool import clicked, pivoted
-from splatgl.viewer.trackball import Mouse, Place, up_of, wheeled
-
-if TYPE_CHECKING:
-    from splatgl.viewer.viewer import Viewer
-
-
-# maximum number of panel frames queued by events
-MOST_FRAMES = 20
+from splatgl.viewer.clip_tool import ClipTool
+from splatgl.viewer.commands import Command
+from splatgl.viewer.document import Document
+from splatgl.viewer.key_bindings import keymap
+from splatgl.viewer.measure_tool import MeasureTool, pivoted
+from splatgl.viewer.slice_views import SliceTool
+from splatgl.viewer.state import State
+from splatgl.viewer.tool import Place, Pointer, Tool, View
+from splatgl.viewer.trackball import Mouse, up_of, wheeled
 
 
-class Hands:
-    """The listener of a viewer's window. asked: input counter; a full-quality frame is cancelled when it changes."""
+class CameraTool(Tool):
+    """Turns, moves and zooms the view; a double click sets the pivot."""
 
-    def __init__(self, viewer: Viewer, bindings: Iterable[Binding]) -> None:
-        self.viewer = viewer
-        self.keys = keymap(bindings)
+    def __init__(self) -> None:
         self.mouse = Mouse()
-        self.tools = Tools(viewer)
-        self.touched = viewer.now()
-        self.asked = 0
 
-    def touch(self) -> None:
-        """Notes input that may change the picture."""
-        self.asked += 1
-        self.touched = self.viewer.now()
-        self.viewer.refresh()
+    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Starts a drag; a double click also moves the pivot, and the slices, to the point under the cursor."""
+        before = state
+        if self.mouse.doubles(pointer.button, pointer.place, view.time):
+            state = pivoted(state, document, pointer.place)
+            if state.pose.pivot is not before.pose.pivot:
+                state = replace(state, slices=state.slices.through(state.pose.pivot, document.volume))
+        mouse = self.mouse.press(pointer.button, pointer.modifiers, pointer.place, state.pose, view.time)
+        if state.turntable and mouse.drag is not None:
+            mouse = replace(mouse, drag=replace(mouse.drag, up=up_of(document)))
+        self.mouse = mouse
+        return state
 
-    def key(self, chord: str) -> None:
-        """Runs the action bound to `chord`, if any."""
-        action = self.keys.get(chord)
-        if action:
-            self.viewer.state = acted(self.viewer.state, action, self.viewer.document)
-            self.touch()
+    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Moves the view by the drag, and stops the automatic rotation."""
+        if self.mouse.drag is None:
+            return None
+        pose = self.mouse.drag.to(pointer.place)
+        return replace(state, pose=pose.resized(state.pose.camera.size), turning=False)
 
-    def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
-        """Starts a drag; a double click sets the pivot."""
-        viewer = self.viewer
-        if viewer.slicing.press(button, place) or self.tools.press(button, held, place):
-            return
-        if self.mouse.doubles(button, place, viewer.now()):
-            before = viewer.state.pose.pivot
-            viewer.state = pivoted(viewer.state, viewer.document, place)
-            if viewer.state.pose.pivot is not before:
-                found = viewer.state.slices.through(viewer.state.pose.pivot, viewer.document.volume)
-                viewer.state = replace(viewer.state, slices=found)
-            self.touch()
-        self.mouse = self.mouse.press(button, held, place, viewer.state.pose, viewer.now())
-        drag = self.mouse.drag
-        if viewer.state.turntable and drag is not None:
-            self.mouse = replace(self.mouse, drag=replace(drag, up=up_of(viewer.document)))
-
-    def release(self, button: str) -> None:
+    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Ends the drag."""
-        self.viewer.slicing.release()
-        self.tools.release(button, self.viewer.window.at)
         self.mouse = self.mouse.release()
+        return None
 
-    def move(self, place: Place) -> None:
-        """Moves the view by the current drag, if any, and stops the automatic rotation."""
-        if not self.viewer.slicing.move(place) and not self.tools.move(place) and self.mouse.drag is not None:
-            viewer, pose = self.viewer, self.mouse.drag.to(place)
-            viewer.state = replace(viewer.state, pose=pose.resized(viewer.size), turning=False)
-            self.touch()
-
-    def wheel(self, notches: float, place: Place) -> None:
-        """Zooms at `place`; upwards zooms in. Over a slice it moves that."""
-        if self.viewer.slicing.wheel(notches, place):
-            return
-        self.viewer.state = replace(self.viewer.state, pose=wheeled(self.viewer.state.pose, place, notches))
-        self.touch()
-
-    def resize(self, size: tuple[int, int]) -> None:
-        """Fits the view to a window of `size` in pixels; a minimised one keeps its last size."""
-        if min(size) > 0:
-            viewer, before = self.viewer, self.viewer.state.pose
-            pose = before.resized(viewer.size)
-            viewer.state = replace(viewer.state, pose=pose)
-            # it is the same view
-            viewer.history.fitted(before, pose)
-            viewer.home = pose if viewer.home is before else viewer.home
-            self.touch()
-
-    def fill(self) -> None:
-        """Fits the picture into the window, if it does not."""
-        if self.viewer.state.pose.camera.size != self.viewer.size:
-            self.resize(self.viewer.window.size)
-
-    def drop(self, paths: list[str]) -> None:
-        """Opens the files; the current document stays until they are loaded."""
-        if paths:
-            viewer = self.viewer
-            viewer.files.open(paths, viewer.state.settings, viewer.document.waiting)
-            self.touch()
-
-    def refresh(self) -> None:
-        """Shows the window's document again in the next step."""
-        self.viewer.refresh()
-
-    def raw(self, kind: str, *values: Any) -> bool:
-        """Passes an event to the panel; True if it is the panel's. A cursor that moves elsewhere shows nothing new."""
-        viewer = self.viewer
-        if viewer.panel is None or not viewer.state.panel or viewer.state.help:
-            return False
-        over = viewer.panel.touched
-        taken = bool(viewer.panel.event(kind, *values))
-        if kind != "cursor" or viewer.window.held or over or viewer.panel.touched:
-            self.asked += kind != "cursor" or viewer.window.held
-            # the panel handles one event per frame and shows its effect in the next
-            viewer.dirty = min(max(viewer.dirty, 1) + 1, MOST_FRAMES)
-        return taken
+    def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Zooms at the cursor; upwards zooms in."""
+        return replace(state, pose=wheeled(state.pose, pointer.place, pointer.notches))
 
 
-# pixels within which a press and its release are a click
-CLICK = 4.0
+class InputHandler:
+    """Commands by key, and the tools in the order in which events are offered to them. cursor: its latest place."""
 
+    def __init__(self, commands: Iterable[Command], slices: SliceTool) -> None:
+        self.commands = keymap(commands)
+        self.camera = CameraTool()
+        self.tools: tuple[Tool, ...] = (slices, MeasureTool(), ClipTool(), self.camera)
+        self.cursor: Place = (-1.0, -1.0)
 
-class Tools:
-    """Takes the mouse's events before the view does; each method tells whether it took one."""
+    @property
+    def is_dragging(self) -> bool:
+        """Whether the view is being dragged."""
+        return self.camera.mouse.drag is not None
 
-    def __init__(self, viewer: Viewer) -> None:
-        self.viewer = viewer
-        self.held: Held | None = None
-        # where the left button was pressed, and the cursor
-        self.pressed: Place | None = None
-        self.at: Place = (-1.0, -1.0)
+    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
+        """The state after a press of a button."""
+        tried = (tool.press(state, document, view, pointer) for tool in self.tools)
+        return next(filter(None, tried), state)
 
-    def press(self, button: str, held: tuple[str, ...], place: Place) -> bool:
-        """A button is pressed."""
-        viewer, state = self.viewer, self.viewer.state
-        self.pressed = place if button == "left" and not held else None
-        if button != "left" or held or not state.cuts.shown or viewer.document.waiting:
-            return False
-        found = under(handles(state.cuts, viewer.document.volume), state.pose.camera, place, viewer.window.scale)
-        self.held = None if found is None else Held(found, place, replace(state.cuts, active=True))
-        return found is not None
+    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
+        """The state after a move of the cursor."""
+        self.cursor = pointer.place
+        tried = (tool.move(state, document, view, pointer) for tool in self.tools)
+        return next(filter(None, tried), state)
 
-    def move(self, place: Place) -> bool:
-        """The cursor moves."""
-        viewer, held = self.viewer, self.held
-        self.at = place
-        if viewer.state.probe and viewer.hands.mouse.drag is None:
-            viewer.refresh()
-        if held is None:
-            return False
-        before = viewer.state
-        cuts = held.to(viewer.document.volume, before.pose.camera, place)
-        viewer.state = cut(replace(before, message=""), viewer.document, cuts)
-        if viewer.state.cuts != before.cuts or viewer.state.message != before.message:
-            viewer.hands.touch()
-        return True
+    def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
+        """The state after a rotation of the wheel."""
+        tried = (tool.wheel(state, document, view, pointer) for tool in self.tools)
+        return next(filter(None, tried), state)
 
-    def release(self, button: str, place: Place) -> None:
-        """A button is released; a click picks a point of a distance."""
-        if button != "left":
-            return
-        self.held, pressed, self.pressed = None, self.pressed, None
-        viewer = self.viewer
-        if viewer.state.ruler.active and pressed is not None and max(map(abs, _apart(pressed, place))) < CLICK:
-            viewer.state = clicked(viewer.state, viewer.document, place)
-            viewer.hands.touch()
-
-
-def _apart(a: Place, b: Place) -> Place:
-    return a[0] - b[0], a[1] - b[1]
+    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
+        """The state after the release of a button, of which every tool is told."""
+        for tool in self.tools:
+            state = tool.release(state, document, view, pointer) or state
+        return state

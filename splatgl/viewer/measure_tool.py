@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -12,29 +11,28 @@ from splatgl.errors import InputError
 from splatgl.reference.pick import Picked, pick
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
-from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import eye_from_index
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
 from splatgl.viewer.state import Ruler, State
-from splatgl.viewer.trackball import Place
+from splatgl.viewer.tool import Place, Pointer, Tool, View
 
 # blends that show a largest value along the ray
 LARGEST = ("mip",)
-FIRST = "click on the first point; a drag turns the view"
-SECOND = "click on the second point"
+FIRST_POINT = "click on the first point; a drag turns the view"
+SECOND_POINT = "click on the second point"
 
 
 def under_cursor(state: State, document: Document, place: Place) -> Picked | None:
     """What is seen under a position in pixels; None where nothing is, or the volume is not in memory."""
     pixel = tuple(int(np.floor(each)) for each in place)
     width, height = state.pose.camera.size
-    if document.waiting or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
+    if document.is_loading or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
         return None
     mode = "max" if state.settings.blend in LARGEST else "first"
     try:
-        return pick(_scene(state, document), state.pose.camera, pixel, mode=mode)
+        return pick(document.scene_at(1, state.settings.clip), state.pose.camera, pixel, mode=mode)
     except InputError:
         return None
 
@@ -62,28 +60,13 @@ def clicked(state: State, document: Document, place: Place) -> State:
         return replace(state, message="nothing here to measure from")
     ruler = state.ruler.with_point(found.place)
     length = distance(ruler, document)
-    return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND)
+    return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND_POINT)
 
 
 def distance(ruler: Ruler, document: Document) -> str:
     """The length of the line in words; "" until there are two points."""
     length = ruler.length
     return "" if length is None else length_text(float(f"{length:.4g}"), document.volume.unit)
-
-
-# what the latest values of a document were picked from, of these looks and cuts
-_latest: WeakKeyDictionary[Document, tuple[tuple[object, ...], Scene]] = WeakKeyDictionary()
-
-
-def _scene(state: State, document: Document) -> Scene:
-    key, known = (state.looks, state.settings.clip), _latest.get(document)
-    if known is None or known[0] != key:
-        scene, _ = document.subject_at(1, state.settings)
-        if not isinstance(scene, Scene):
-            layer = Layer(document.volume, state.looks[0].transfer, threshold=state.threshold)
-            scene = Scene([layer], state.settings.clip)
-        known = _latest[document] = key, scene
-    return known[1]
 
 
 # splats within this many voxels of the ray count; the ray ends at this optical depth
@@ -93,12 +76,11 @@ ENOUGH = 0.7
 
 def pivoted(state: State, document: Document, place: tuple[float, float]) -> State:
     """The state with the matter under a pixel as its centre of rotation, if there is any."""
-    if state.parts:
-        # of layers and meshes
+    if document.is_layered:
         seen = under_cursor(state, document, place)
         found = None if seen is None else np.array(seen.place)
     else:
-        found = picked(document.at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
+        found = picked(document.layers[0].at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
     if found is None:
         return replace(state, message="nothing here to turn about")
     return replace(state, pose=state.pose.about(found), message="turns about this point")
@@ -134,3 +116,29 @@ def picked(
     near, total = near[order], np.cumsum(depth[order])
     met = near[int(np.searchsorted(total, min(ENOUGH, total[-1] / 2)))]
     return np.asarray((start + unit * float(along[met]) * scale) @ camera.eye_from_world + camera.eye)
+
+
+# pixels within which a press and its release are a click
+CLICK = 4.0
+
+
+class MeasureTool(Tool):
+    """Picks the points of a distance by clicks; drags are left to the other tools."""
+
+    def __init__(self) -> None:
+        self.pressed: Place | None = None
+
+    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Notes where a click begins."""
+        self.pressed = pointer.place if pointer.button == "left" and not pointer.modifiers else None
+        return None
+
+    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Picks a point, if the cursor was not moved meanwhile."""
+        if pointer.button != "left":
+            return None
+        start, self.pressed = self.pressed, None
+        if not state.ruler.active or start is None:
+            return None
+        (x, y), (u, v) = start, pointer.place
+        return clicked(state, document, pointer.place) if max(abs(x - u), abs(y - v)) < CLICK else None

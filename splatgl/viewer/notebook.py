@@ -20,7 +20,8 @@ from splatgl.splat.culling import outside
 from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
 from splatgl.viewer.document import Document
-from splatgl.viewer.trackball import Mouse, Place, wheeled
+from splatgl.viewer.tool import Place
+from splatgl.viewer.trackball import Mouse, wheeled
 
 # seconds without input before the full picture, longer than in a window: while it is drawn, no event is handled
 STILL = 0.3
@@ -97,18 +98,18 @@ class Session:
     def _drawn(self, level: Level) -> Image:
         camera = self.pose.camera.resized(level.size(self.pose.camera.size))
         settings = level.settings(self.scene.settings.but(classification="auto"))
-        splats = self.document.at(level.stride)
-        if level != FULL and BLENDS[settings.blend].ordered:
+        subject, settings = self.document.subject_at(level.stride, settings)
+        if level != FULL and BLENDS[settings.blend].ordered and not self.document.is_layered:
             # without those that are hidden from every side
-            skin = self.document.skin(level.stride)
-            splats = skin if outside(skin, camera.eye) else splats
+            shell = self.document.layers[0].shell(level.stride)
+            subject = shell if outside(shell, camera.eye) else subject
         with shared_renderer() as renderer:
-            return renderer.render(splats, camera, settings, verify_bound=False)
+            return renderer.render(subject, camera, settings, verify_bound=False)
 
     def _take_finer(self) -> None:
-        """Reads what replaces the stand-in of a large volume."""
-        while self.document.portion is not None and self.document.portion.finer is not None:
-            self.document = self.document.finer()
+        """Reads the finer voxels that replace the stand-in of a large volume."""
+        while self.document.has_finer:
+            self.document = self.document.refined()
             self.refiner.renew(self.document.counts, prod(self.pose.camera.size))
 
     def _place(self, event: Mapping[str, Any]) -> Place:

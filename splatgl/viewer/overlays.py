@@ -19,12 +19,12 @@ from splatgl.viewer.clip_tool import box_edges, handles, outline
 from splatgl.viewer.measure_tool import distance, told, under_cursor
 from splatgl.viewer.slice_views import left_of, outlines
 from splatgl.viewer.state import Cuts, Ruler
+from splatgl.viewer.tool import Place, View
 from splatgl.viewer.trackball import seen, segment
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
     from splatgl.viewer.state import State
-    from splatgl.viewer.viewer import Viewer
 
 
 # of a ground of checks, linear light
@@ -94,7 +94,7 @@ def _spans(full: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b) + 1) for a, b in zip(starts, [*places[ends], places[-1]], strict=True)]
 
 
-def ground_of(state: State) -> Color:
+def background_of(state: State) -> Color:
     """What is behind the picture, linear RGB."""
     if state.settings.background is not None:
         return state.settings.background
@@ -110,32 +110,26 @@ RESTING: LineColor = (0.7, 0.7, 0.7, 0.7)
 LINE, DOT, TIP = 1.5, 11.0, 8.0
 
 
-class Marking:
-    """What is marked over the picture, remembered from one frame to the next."""
+class Overlays:
+    """Marks over the picture; keeps annotations from one frame to the next."""
 
     def __init__(self) -> None:
         self.legend = Legend()
 
-    def marked(self, viewer: Viewer) -> Marks:
-        """All that is marked now."""
-        state, document, scale = viewer.state, viewer.document, viewer.window.scale
-        frame = viewer.painter.frame
-        if document.waiting or frame is None or state.help:
-            # nothing lies over the help
-            return viewer.slicing.marks()
-        camera = state.pose.camera
-        look = state.looks[0].transfer, camera, state.settings.blend, ground_of(state)
-        legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *look))
+    def marks(self, state: State, document: Document, view: View, cursor: Place | None, slices: Marks) -> Marks:
+        """All marks: annotations, handles, ruler, the value under the cursor (None: hidden), and those of slices."""
+        camera, scale = state.pose.camera, view.scale
+        inputs = state.styles[0].transfer, camera, state.settings.blend, background_of(state)
+        legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *inputs))
         strokes = of_cuts(state.cuts, document.volume, camera, scale)
         lines, labels = of_ruler(state.ruler, document, camera, scale)
-        if state.probe and viewer.hands.mouse.drag is None:
-            labels += _probed(viewer, scale)
-        beside = viewer.slicing.marks()
-        if not beside:
+        if state.probe and cursor is not None:
+            labels += _probed(state, document, cursor, scale)
+        if not slices:
             return Marks((*legend, *labels), (*strokes, *lines))
         lines += outlines(state.slices, document.volume, camera, scale)
-        seen_of = left_of((*strokes, *lines), camera.size[0])
-        return Marks((*legend, *labels, *beside.sprites), (*seen_of, *beside.strokes))
+        visible = left_of((*strokes, *lines), camera.size[0])
+        return Marks((*legend, *labels, *slices.sprites), (*visible, *slices.strokes))
 
 
 def of_ruler(ruler: Ruler, document: Document, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
@@ -155,14 +149,13 @@ def of_ruler(ruler: Ruler, document: Document, camera: Camera, scale: float) -> 
     return [Stroke(*line, RULER, LINE * scale, scale), *strokes], [Sprite(text, place)]
 
 
-def _probed(viewer: Viewer, scale: float) -> list[Sprite]:
-    at, state = viewer.hands.tools.at, viewer.state
-    width, height = state.pose.camera.size
-    covered = viewer.panel is not None and state.panel and viewer.panel.touched
-    if covered or not (0 <= at[0] < width and 0 <= at[1] < height):
+def _probed(state: State, document: Document, cursor: Place, scale: float) -> list[Sprite]:
+    """The label of the value under the cursor."""
+    size = state.pose.camera.size
+    if not (0 <= cursor[0] < size[0] and 0 <= cursor[1] < size[1]):
         return []
-    text = label(told(under_cursor(state, viewer.document, at), viewer.document), scale)
-    return [Sprite(text, beside(at, (text.shape[1], text.shape[0]), (width, height), 1.5 * DOT * scale))]
+    text = label(told(under_cursor(state, document, cursor), document), scale)
+    return [Sprite(text, beside(cursor, (text.shape[1], text.shape[0]), size, 1.5 * DOT * scale))]
 
 
 def of_cuts(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:

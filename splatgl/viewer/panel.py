@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from imgui_bundle import imgui
@@ -13,10 +14,12 @@ from splatgl.splat.presets import PRESETS, preset
 from splatgl.splat.settings import choices
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
-from splatgl.viewer import file_dialogs, hud, panel_sections, transfer_editor
-from splatgl.viewer.commands import HIGHEST, refusal, thresholded
-from splatgl.viewer.document import Document
+from splatgl.viewer import hud, panel_sections, transfer_editor
+from splatgl.viewer.commands import HIGHEST, Command, why_not, with_threshold
+from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
+from splatgl.viewer.panel_sections import CommandWidgets
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.transfer_editor import Curve
 
@@ -46,11 +49,11 @@ ABOUT = {
 
 
 class Panel:
-    """Draws the panel and holds what of it outlasts a frame."""
+    """Draws the panel and holds what outlasts a frame: the curve, the file browser, and open lists."""
 
-    def __init__(self) -> None:
-        self.curve, self.browser = Curve(), file_dialogs.Browser()
-        # paths that were opened lately
+    def __init__(self, commands: Iterable[Command]) -> None:
+        self.curve, self.browser, self.widgets = Curve(), Browser(), CommandWidgets(commands)
+        # recent files
         self.recent: tuple[str, ...] = ()
         self.place = (0.0, 0.0, 0.0, 0.0)
         # whether a list is open, and whether it is to close
@@ -73,27 +76,26 @@ class Panel:
             if state.times > 1:
                 state = _time(state)
             if imgui.collapsing_header("Files"):
-                state = file_dialogs.draw(state, self.recent)
-            state = panel_sections.pick(state, document)
+                state = panel_sections.draw_files(state, document, self.widgets, self.recent)
+            panel_sections.draw_file_options(state, document, self.widgets)
             opened = imgui.TreeNodeFlags_.default_open
-            if state.parts and imgui.collapsing_header("Layers", opened):
+            if document.is_layered and imgui.collapsing_header("Layers", opened):
                 state = panel_sections.draw_layers(state, document)
-            edited = document.part(state.selected)
-            several = f" of {plain(document.names[state.selected])}" if len(state.parts) > 1 else ""
-            # of a mesh alone there is none
-            curved = not is_mesh(edited.scene.volume)
-            if curved and imgui.collapsing_header(f"Transfer function{several}###curve", opened):
+            edited = document.layers[state.selected]
+            name = f" of {plain(edited.name)}" if len(state.styles) > 1 else ""
+            # a mesh alone has none
+            if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"Transfer function{name}###curve", opened):
                 state = self._transfer(state, edited)
             if imgui.collapsing_header("View"):
-                state = panel_sections.draw_view(state, document)
+                state = panel_sections.draw_view(state, document, self.widgets)
             if imgui.collapsing_header("Slices"):
-                state = panel_sections.draw_slices(state, document)
+                state = panel_sections.draw_slices(state, document, self.widgets)
             if imgui.collapsing_header("Cuts"):
-                state = panel_sections.draw_clipping(state, document)
+                state = panel_sections.draw_clipping(state, document, self.widgets)
             if imgui.collapsing_header("Settings"):
                 state = _settings(state, document)
             if imgui.collapsing_header("Statistics"):
-                self._statistics(state, edited, frame)
+                self._statistics(state, document, frame)
         corner, size = imgui.get_window_pos(), imgui.get_window_size()
         self.place = (corner.x, corner.y, corner.x + size.x, corner.y + size.y)
         self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
@@ -106,28 +108,26 @@ class Panel:
         left, top, right, bottom = self.place
         return self.popup or (left <= x < right and top <= y < bottom)
 
-    def _transfer(self, state: State, document: Document) -> State:
+    def _transfer(self, state: State, layer: LayerSplats) -> State:
         """The opacity curve and its controls."""
-        stats = self.curve.known(document.volume)
-        base = self.curve.draw(state.transfer, document.volume)
-        base = _colors(base, stats)
+        stats, style = self.curve.statistics_of(layer.volume), state.style
+        base = _colors(self.curve.draw(style.stated, layer.volume), stats)
         names = ["(preset)", *PRESETS]
         changed, chosen = imgui.combo("preset", 0, names)
         if changed and chosen:
-            base = preset(names[chosen], document.volume)
-        if base != state.transfer:
-            state = replace(state, base=base, extinction=1.0)
+            base = preset(names[chosen], layer.volume)
+        if base != style.stated:
+            state = state.edit(base=base, extinction=1.0)
         logarithmic = imgui.SliderFlags_.logarithmic
-        changed, factor = imgui.slider_float("extinction", state.extinction, *EXTINCTION, "x%.3g", logarithmic)
+        changed, factor = imgui.slider_float("extinction", state.style.extinction, *EXTINCTION, "x%.3g", logarithmic)
         if changed:
-            state = replace(state, extinction=float(f"{factor:.4g}"))
-        changed, threshold = imgui.slider_float("threshold", state.threshold, 0.0, HIGHEST, "%.4f", logarithmic)
-        if changed:
-            state = thresholded(state, min(max(threshold, 0.0), HIGHEST))
-        return state
+            state = state.edit(extinction=float(f"{factor:.4g}"))
+        changed, threshold = imgui.slider_float("threshold", style.threshold, 0.0, HIGHEST, "%.4f", logarithmic)
+        return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
-        stats, volume = self.curve.known(document.volume), document.volume
+        volume = document.layers[state.selected].volume
+        stats = self.curve.statistics_of(volume)
         depth, height, width = volume.shape
         imgui.text(f"{width} x {height} x {depth} voxels, {volume.samples.dtype}")
         if len(stats.values):
@@ -160,7 +160,7 @@ def _settings(state: State, document: Document) -> State:
             continue
         settings = state.settings.but(**{name: allowed[index]})
         if changed:
-            why = refusal(settings, state, document)
+            why = why_not(settings, state, document)
             state = replace(state, message=why) if why else replace(state, settings=settings, message="")
         if name == "light":
             state = panel_sections.cues(state)

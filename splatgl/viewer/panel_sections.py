@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.annotate import ANNOTATIONS
-from splatgl.annotations.text import plain
+from splatgl.annotations.text import legible, plain
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.gl.screen import GROUNDS
@@ -17,29 +18,93 @@ from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import colormap
 from splatgl.viewer.clip_tool import cut
-from splatgl.viewer.commands import ALONG, ANATOMY, acted, add_plane, name_of, toggled
+from splatgl.viewer.commands import (
+    ALONG,
+    ANATOMY,
+    Command,
+    Effect,
+    Open,
+    OpenOption,
+    Request,
+    add_plane,
+    name_of,
+    toggled,
+)
 from splatgl.viewer.document import Document
-from splatgl.viewer.overlays import ground_of, plane_color
+from splatgl.viewer.overlays import background_of, plane_color
 from splatgl.viewer.state import MOST_PLANES, Cuts, LayerStyle, Ruler, State
 
 
-def draw_clipping(state: State, document: Document) -> State:
-    """The section's controls; returns the edited state."""
-    cuts, volume = state.cuts, document.volume
-    _, shown = imgui.checkbox("handles", cuts.shown)
-    imgui.set_item_tooltip("Dots in the view that move the box's sides and the planes (x).")
+class CommandWidgets:
+    """Buttons and checkboxes that run commands. effects: collected until the window performs them."""
+
+    def __init__(self, commands: Iterable[Command]) -> None:
+        self.commands = {command.id: command for command in commands}
+        self.effects: list[Effect] = []
+
+    def run(self, name: str, state: State, document: Document) -> State:
+        """The state after a command."""
+        state, effects = self.commands[name](state, document)
+        self.effects += effects
+        return state
+
+    def describe(self, name: str, text: str = "") -> None:
+        """Sets the tooltip of the last widget: a text, by default the command's title, and its first key."""
+        command = self.commands[name]
+        key = f" ({command.keys[0]})" if command.keys else ""
+        imgui.set_item_tooltip(f"{text or command.title[0].upper() + command.title[1:]}{key}.")
+
+    def button(self, name: str, label: str, state: State, document: Document, text: str = "") -> State:
+        """The state after a click, if there is one."""
+        clicked = imgui.button(label)
+        self.describe(name, text)
+        return self.run(name, state, document) if clicked else state
+
+    def checkbox(self, name: str, label: str, on: bool, state: State, document: Document) -> State:
+        """The state after a click, if there is one. on: whether it is ticked."""
+        clicked = imgui.checkbox(label, on)[0]
+        self.describe(name)
+        return self.run(name, state, document) if clicked else state
+
+
+def draw_files(state: State, document: Document, widgets: CommandWidgets, recent: Sequence[str]) -> State:
+    """Buttons of file dialogs, and the recent files, paths."""
+    tip = "A volume or a scene; several files are a time series"
+    state = widgets.button("open", "open...", state, document, tip)
     imgui.same_line()
-    _, active = imgui.checkbox("cut", cuts.active)
-    imgui.set_item_tooltip("With and without the cuts (shift+x).")
-    cuts = _box(replace(cuts, shown=shown, active=active), volume)
-    cuts = _planes(cuts, volume)
-    state = cut(state, document, cuts)
+    tip = "A scene, a picture or its floats, by the name's ending"
+    state = widgets.button("save-as", "save as...", state, document, tip)
+    for number, path in enumerate(recent):
+        if imgui.selectable(f"{plain(Path(path).name)}##{number}", False)[0]:
+            widgets.effects.append(Open((path,)))
+        imgui.set_item_tooltip(legible(path))
+    if recent and imgui.small_button("forget these"):
+        widgets.effects.append(Request.FORGET_RECENT)
+    return state
+
+
+def draw_file_options(state: State, document: Document, widgets: CommandWidgets) -> None:
+    """Lists of the file's arrays and channels, which open the chosen one."""
+    for option in state.file_options:
+        now = option.selected(document.scene.load)
+        changed, chosen = imgui.combo(option.option, now, [plain(text) for text in option.texts])
+        imgui.set_item_tooltip("Other volumes of the file: opens one, with the same view and settings.")
+        if changed and chosen != now:
+            widgets.effects.append(OpenOption(option.option, option.values[chosen][0]))
+
+
+def draw_clipping(state: State, document: Document, widgets: CommandWidgets) -> State:
+    """The section's controls; returns the edited state."""
+    state = widgets.checkbox("handles", "handles", state.cuts.shown, state, document)
+    imgui.same_line()
+    state = widgets.checkbox("cuts", "cut", state.cuts.active, state, document)
+    cuts = _box(state.cuts, document.volume)
+    state = cut(state, document, _planes(cuts, document.volume))
     if len(state.cuts.planes) < MOST_PLANES:
         state = _more(state, document)
     if state.cuts.any:
         imgui.same_line()
-        if imgui.button("no cuts"):
-            state = cut(state, document, Cuts(shown=state.cuts.shown))
+        state = widgets.button("uncut", "no cuts", state, document)
     return state
 
 
@@ -103,49 +168,37 @@ DIGITS = 3
 
 def draw_layers(state: State, document: Document) -> State:
     """The section's controls; returns the edited state."""
-    for number, look in enumerate(state.looks[: len(document.names)]):
-        # a mesh alone stands on a volume of nothing
-        if not is_mesh(document.part(number).scene.volume):
+    for number, style in enumerate(state.styles[: len(document.layers)]):
+        # a mesh alone has an empty volume
+        if not is_mesh(document.layers[number].scene.volume):
             imgui.push_id(number)
-            state = _layer(state, document, number, look)
+            state = _layer(state, document, number, style)
             imgui.pop_id()
-    for number, mesh in enumerate(state.meshes):
+    for number, file in enumerate(state.mesh_files):
         imgui.push_id(f"mesh {number}")
-        changed = _mesh(document, mesh)
-        if changed != mesh:
-            meshes = (*state.meshes[:number], changed, *state.meshes[number + 1 :])
-            state = replace(state, meshes=meshes)
+        changed = _mesh(document, file)
+        if changed != file:
+            files = (*state.mesh_files[:number], changed, *state.mesh_files[number + 1 :])
+            state = replace(state, mesh_files=files)
         imgui.pop_id()
     return state
 
 
-def pick(state: State, document: Document) -> State:
-    """Lists of a file's arrays and channels, which open what is picked."""
-    for each in state.picks:
-        now = each.number(document.scene.load)
-        changed, chosen = imgui.combo(each.option, now, [plain(text) for text in each.texts])
-        imgui.set_item_tooltip("What the file holds beside it: opens that, with the view and settings of this.")
-        if changed and chosen != now:
-            state = replace(state, picked=(each.option, each.found[chosen][0]))
-    return state
-
-
-def _layer(state: State, document: Document, number: int, look: LayerStyle) -> State:
-    """Whether it is seen, its name, opacity, and colour where it is one."""
-    _, visible = imgui.checkbox("##seen", look.visible)
+def _layer(state: State, document: Document, number: int, style: LayerStyle) -> State:
+    """Visibility, name and opacity of a layer, and its colour if it has a single one."""
+    _, visible = imgui.checkbox("##seen", style.visible)
     imgui.set_item_tooltip("Whether it is drawn.")
     imgui.same_line()
     room = imgui.get_content_region_avail().x
     if imgui.selectable(plain(document.names[number]), state.selected == number, size=(room * NAME, 0.0))[0]:
-        state = state.selecting(number)
-    imgui.set_item_tooltip("Select it: the transfer function below, and the keys, are those of what is selected.")
-    opacity = _opacity(look.opacity, room)
-    made = replace(look, visible=visible, opacity=opacity)
-    # of others the colour map is chosen below
-    if look.base.colormap.startswith("#"):
-        color = _color(tuple(map(float, colormap(look.base.colormap)[-1])))
-        made = made if color is None else replace(made, base=replace(look.base, colormap=color))
-    return state if made == look else state.looking(number, made)
+        state = replace(state, selected=number)
+    imgui.set_item_tooltip("Select it: the transfer function below, and the keys, edit the selected layer.")
+    edited = replace(style, visible=visible, opacity=_opacity(style.opacity, room))
+    # for others, the colour map is chosen below
+    if style.base.colormap.startswith("#"):
+        color = _color(tuple(map(float, colormap(style.base.colormap)[-1])))
+        edited = edited if color is None else replace(edited, base=replace(style.base, colormap=color))
+    return state if edited == style else state.with_style(number, edited)
 
 
 def _mesh(document: Document, mesh: MeshFile) -> MeshFile:
@@ -182,16 +235,13 @@ def _color(linear: tuple[float, ...]) -> str | None:
     return "#{:02x}{:02x}{:02x}".format(*(round(255 * min(max(part, 0.0), 1.0)) for part in picked))
 
 
-def draw_slices(state: State, document: Document) -> State:
+def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> State:
     """The section's controls; returns the edited state."""
-    slices, volume = state.slices, document.volume
-    _, shown = imgui.checkbox("slices", slices.shown)
-    imgui.set_item_tooltip("Three slices beside the picture (z): the wheel moves one, a click moves the others there.")
+    state = widgets.checkbox("slices", "slices", state.slices.shown, state, document)
     imgui.same_line()
-    _, colored = imgui.checkbox("colours of values", slices.colored)
-    imgui.set_item_tooltip("As the transfer function colours values, else grey by its window (shift+z).")
-    slices = replace(slices, shown=shown, colored=colored)
-    if shown:
+    state = widgets.checkbox("slice-colors", "colours of values", state.slices.colored, state, document)
+    slices, volume = state.slices, document.volume
+    if slices.shown:
         index = list(slices.index(volume))
         for axis, size in enumerate(volume.shape[::-1]):
             changed, place = imgui.slider_int(f"{'xyz'[axis]}##slice", index[axis], 0, size - 1)
@@ -210,42 +260,33 @@ CUES = {
 }
 
 
-def draw_view(state: State, document: Document) -> State:
+def draw_view(state: State, document: Document, widgets: CommandWidgets) -> State:
     """The section's controls; returns the edited state."""
     frame = document.volume.frame
     order = ("front", "back", "left", "right", "top", "bottom")
-    names = {view: (ANATOMY if frame else ALONG)[view] for view in order}
-    for view in _flow(list(names), 3 if frame else 6):
-        if imgui.button(f"{names[view]}##view"):
-            state = acted(state, view, document)
-        imgui.set_item_tooltip(f"{name_of(view, frame)}, as {'3D Slicer' if frame else 'ParaView'} names it.")
-    for number, (action, name, on) in enumerate(
-        (
-            ("projection", "orthographic", not state.pose.camera.perspective),
-            ("turntable", "turntable", state.turntable),
-            ("fullscreen", "fullscreen", state.fullscreen),
-        )
-    ):
-        if number:
-            imgui.same_line()
-        if imgui.checkbox(name, on)[0]:
-            state = acted(state, action, document)
-    state = _over(state, document)
-    return _ground(state)
+    for view in _flow(order, 3 if frame else 6):
+        label = f"{(ANATOMY if frame else ALONG)[view]}##view"
+        tip = f"{name_of(view, frame)}, as {'3D Slicer' if frame else 'ParaView'} names it"
+        state = widgets.button(view, label, state, document, tip)
+    orthographic = not state.pose.camera.perspective
+    state = widgets.checkbox("projection", "orthographic", orthographic, state, document)
+    for name in ("turntable", "fullscreen"):
+        imgui.same_line()
+        state = widgets.checkbox(name, name, getattr(state, name), state, document)
+    return _ground(_over(state, document, widgets))
 
 
-def _over(state: State, document: Document) -> State:
-    """What is laid over the picture."""
+def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
+    """Annotations of the picture."""
     rows = {row.name: row for row in ANNOTATIONS.values() if row.key and (document.volume.frame or not row.needs_frame)}
     for name in _flow(list(rows), 4):
         if imgui.checkbox(name, name in state.annotate)[0]:
             state = replace(state, annotate=toggled(state.annotate, name))
         imgui.set_item_tooltip(f"{rows[name].about[:-1]} ({rows[name].key}).")
-    if imgui.checkbox("value under the cursor", state.probe)[0]:
-        state = replace(state, probe=not state.probe)
+    state = widgets.checkbox("probe", "value under the cursor", state.probe, state, document)
     imgui.same_line()
     changed, measuring = imgui.checkbox("distance", state.ruler.active or bool(state.ruler.points))
-    imgui.set_item_tooltip("Click on two points of what is seen (e).")
+    widgets.describe("measure")
     return replace(state, ruler=Ruler(active=measuring)) if changed else state
 
 
@@ -268,7 +309,7 @@ def _ground(state: State) -> State:
     if changed and chosen < len(GROUNDS):
         return replace(state, ground=GROUNDS[chosen], settings=state.settings.but(background=None))
     if changed:
-        return replace(state, settings=state.settings.but(background=ground_of(state)))
+        return replace(state, settings=state.settings.but(background=background_of(state)))
     if own:
         coded = srgb_from_linear(np.array(state.settings.background))
         changed, color = imgui.color_edit3("colour", list(map(float, coded)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,15 +11,11 @@ from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text
 from splatgl.reference import renderer
 from splatgl.splat.camera import Camera
-from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.scene import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.document import Document
-from splatgl.viewer.jobs import Cancelled, Jobs
-
-if TYPE_CHECKING:
-    from splatgl.viewer.viewer import Viewer
-
+from splatgl.viewer.jobs import Cancelled, Jobs, Kind
 
 # above this many splats a reference takes minutes and gigabytes
 MOST = 2_000_000
@@ -55,14 +50,14 @@ def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarra
 class Wanted:
     """Inputs of a reference; compared by identity. count: of splats that are seen from some side."""
 
-    splats: Splats | Layers
+    splats: Splats | Scene
     camera: Camera
     settings: Settings
     count: int
 
     @classmethod
     def of(cls, document: Document, camera: Camera, settings: Settings) -> Wanted:
-        """Of all splats of a document."""
+        """The reference of all splats of a document."""
         subject, settings = document.subject_at(1, settings)
         return cls(subject, camera, settings, document.counts[0])
 
@@ -76,7 +71,7 @@ class Reference:
         self.image: Image | None = None
         self.said = ""
 
-    def ask(self, wanted: Wanted) -> None:
+    def request(self, wanted: Wanted) -> None:
         """Starts rendering a reference; the same request starts only once."""
         self.forget()
         self.wanted = wanted
@@ -84,7 +79,7 @@ class Reference:
             self.said = f"no reference: {wanted.count:,} splats would take minutes; raise the threshold"
             return
         self.said = "the float64 reference is being drawn ..."
-        self.jobs.submit("reference", lambda: (wanted, self._draw(wanted)))
+        self.jobs.submit(Kind.REFERENCE, "reference", lambda: (wanted, self._draw(wanted)))
 
     def forget(self) -> None:
         """Drops the reference; a render in progress stops at its next band."""
@@ -98,8 +93,8 @@ class Reference:
                 self.said = f"no reference: {error_text(done.error)}"
             elif done.error is not None and not isinstance(done.error, Cancelled):
                 raise done.error
-            if done.error is None and done.result[0] is self.wanted:
-                self.image, self.said = done.result[1], ""
+            if done.error is None and done.value[0] is self.wanted:
+                self.image, self.said = done.value[1], ""
         return bool(news)
 
     def _draw(self, wanted: Wanted) -> Image:
@@ -114,14 +109,3 @@ class Reference:
         if wanted is not self.wanted:
             raise Cancelled
         return renderer.render(wanted.splats, wanted.camera, wanted.settings, progress=progress)
-
-
-def follow(viewer: Viewer) -> None:
-    """Requests the reference of a viewer's full-quality frame once its view is at rest."""
-    state, frame, reference = viewer.state, viewer.painter.frame, viewer.reference
-    if state.compare == "off" or frame is None or not frame.full or viewer.refiner.drawn != viewer.wanted():
-        if reference.wanted is not None:
-            reference.forget()
-    elif reference.wanted is None:
-        settings = state.settings.but(classification="auto")
-        reference.ask(Wanted.of(viewer.document, state.pose.camera, settings))

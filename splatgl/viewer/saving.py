@@ -1,4 +1,4 @@
-"""Saves screenshots and scenes."""
+"""Saves pictures and scenes, as `splatgl render` makes them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -21,29 +21,26 @@ from splatgl.scene.draw import lay, origin
 from splatgl.scene.meshes import MeshFile, surfaces_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.camera import Camera
-from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
-from splatgl.viewer.document import Document
+from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.overlays import of_ruler
 from splatgl.viewer.slice_views import outlines
 from splatgl.viewer.state import LayerStyle, State
-
-if TYPE_CHECKING:
-    from splatgl.viewer.viewer import Viewer
-
 
 # opacity of the rim around lines, as on the screen
 RIM = 0.6
 
 
-def as_seen(viewer: Viewer, image: Image) -> Image:
-    """The picture with what the window shows over it and beside it, but for handles and the value under the cursor."""
-    state, document, scale = viewer.state, viewer.document, viewer.window.scale
-    lines, labels = of_ruler(state.ruler, document, state.pose.camera, scale)
-    image = with_marks(image, (*lines, *outlines(state.slices, document.volume, state.pose.camera, scale)), labels)
-    beside = viewer.slicing.picture()
-    return image if beside is None else with_slices(image, beside)
+def compose_screenshot(
+    image: Image, state: State, document: Document, scale: float, slices: np.ndarray | None
+) -> Image:
+    """The picture with ruler and slices, as the window shows them. slices: uint8 [H, w, 3], sRGB; None: hidden."""
+    camera = state.pose.camera
+    lines, labels = of_ruler(state.ruler, document, camera, scale)
+    image = with_marks(image, (*lines, *outlines(state.slices, document.volume, camera, scale)), labels)
+    return image if slices is None else with_slices(image, slices)
 
 
 def with_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite]) -> Image:
@@ -52,7 +49,7 @@ def with_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite
         return image
     layer = Canvas(np.zeros_like(image.pixels), WHITE)
     for sprite in sprites:
-        left, top = (round(each) for each in sprite.place[:2])
+        left, top = (round(edge) for edge in sprite.place[:2])
         layer.stamp(as_dark(sprite.pixels[..., 3] / 255), linear_from_srgb(sprite.pixels[..., :3] / 255), (left, top))
     for stroke in strokes:
         ends, alpha = np.array([[*stroke.start, *stroke.stop]]), stroke.color[3]
@@ -60,7 +57,7 @@ def with_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite
         layer.segments(ends, BLACK, float(as_dark(RIM * alpha)), stroke.width + stroke.rim)
         layer.segments(ends, (red, green, blue), alpha, stroke.width)
     under = (1 - layer.pixels[..., 3:]) * image.pixels
-    return Image(under + _one(image) * layer.pixels, image.info)
+    return Image(under + _white(image) * layer.pixels, image.info)
 
 
 def as_dark(alpha: np.ndarray | float) -> np.ndarray:
@@ -68,22 +65,22 @@ def as_dark(alpha: np.ndarray | float) -> np.ndarray:
     return np.asarray(1 - linear_from_srgb(1 - np.asarray(alpha)), np.float32)
 
 
-def with_slices(image: Image, beside: np.ndarray) -> Image:
-    """A picture with the slices at its right, as the window shows them: uint8 [H, w, 3], sRGB."""
+def with_slices(image: Image, slices: np.ndarray) -> Image:
+    """A picture with the slices at its right, uint8 [H, w, 3], sRGB."""
     height = image.pixels.shape[0]
-    # a window that is being resized may be of another height by now
-    beside = np.pad(beside[:height], ((0, max(height - len(beside), 0)), (0, 0), (0, 0)))
-    light = np.ones((*beside.shape[:2], 4), np.float32)
-    light[..., :3] = linear_from_srgb(beside / 255)
-    return Image(np.concatenate([image.pixels, _one(image) * light], axis=1), image.info)
+    # a window that is being resized may have another height
+    slices = np.pad(slices[:height], ((0, max(height - len(slices), 0)), (0, 0), (0, 0)))
+    light = np.ones((*slices.shape[:2], 4), np.float32)
+    light[..., :3] = linear_from_srgb(slices / 255)
+    return Image(np.concatenate([image.pixels, _white(image) * light], axis=1), image.info)
 
 
-def _one(image: Image) -> np.float32:
-    """The light that is saved as white: an X-ray is saved relative to its brightest."""
+def _white(image: Image) -> np.float32:
+    """The light that is saved as white: an X-ray is saved relative to its brightest pixel."""
     return np.float32((float(image.pixels.max()) or 1.0) if image.info["blend"] == "xray" else 1.0)
 
 
-Draw = Callable[[Splats | Layers, Camera, Settings], Image]
+Draw = Callable[[Splats | Scene, Camera, Settings], Image]
 Add = Callable[[Image], Image]
 RENDERED = "splatgl render draws it, as large as it is"
 
@@ -91,115 +88,109 @@ RENDERED = "splatgl render draws it, as large as it is"
 def scene_of(state: State, document: Document) -> SceneFile:
     """The scene equivalent to the window's state."""
     # motion blur does not affect a still image, but it does affect an animation of the scene
-    settings = state.settings if state.blur == "off" else state.settings.but(motion=state.blur)
-    if settings.classification == "post" and not document.followed(state.looks, state.meshes, settings).after:
+    settings = state.settings if state.blur == "off" else state.moving
+    first = document.with_styles(state.styles, state.mesh_files, settings).layers[0]
+    if settings.classification == "post" and not first.is_post_classified:
         settings = settings.but(classification="pre")
-    first, *others = [_part(document.part(number), look) for number, look in enumerate(state.looks)]
-    meshes = tuple(each for each in state.meshes if each != MeshFile(document.scene.volume))
-    shown = replace(document.scene, load=first.load, transfer=first.transfer, threshold=first.threshold)
-    shown = replace(shown, opacity=first.opacity, visible=first.visible, layers=tuple(others), meshes=meshes)
-    # what is laid over a window too small for it is not asked for
+    pairs = zip(document.layers, state.styles, strict=False)
+    first_scene, *others = [_layer_scene(layer, style) for layer, style in pairs]
+    meshes = tuple(file for file in state.mesh_files if file != MeshFile(document.scene.volume))
+    # a window that is too small shows no annotations
     annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
-    return replace(shown, view=state.pose.view(), settings=settings, annotate=annotate)
+    look = {name: getattr(first_scene, name) for name in ("load", "transfer", "threshold", "opacity", "visible")}
+    scene = replace(document.scene, **look, layers=tuple(others), meshes=meshes)
+    return replace(scene, view=state.pose.view(), settings=settings, annotate=annotate)
 
 
-def _look(scene: SceneFile, document: Document) -> LayerStyle:
-    """How a part is seen in a scene."""
-    base = replace(scene, opacity=1.0).transfer_for(document.volume)
+def _style(scene: SceneFile, layer: LayerSplats) -> LayerStyle:
+    """The style of a layer in a scene."""
+    base = replace(scene, opacity=1.0).transfer_for(layer.volume)
     return LayerStyle(base, scene.threshold, 1.0, scene.opacity, scene.visible)
 
 
-def _part(document: Document, look: LayerStyle) -> SceneFile:
-    """The scene of a volume, or of a layer, as it is seen."""
-    scene, portion = document.scene, document.portion
-    load = scene.load if portion is None or portion.level is None else {**scene.load, "level": portion.level}
-    found = replace(scene, load=load, transfer=look.table, threshold=look.threshold)
-    return replace(found, opacity=look.opacity, visible=look.visible)
+def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
+    """The scene of one layer in a style."""
+    scene, shown = layer.scene, layer.stand_in
+    load = scene.load if shown is None or shown.level is None else {**scene.load, "level": shown.level}
+    look: dict[str, Any] = {"threshold": style.threshold, "opacity": style.opacity, "visible": style.visible}
+    return replace(scene, load=load, transfer=style.table, **look)
 
 
 def picture_of(scene: SceneFile, document: Document, draw: Draw) -> Image:
     """The image that `splatgl render` makes of a scene of this document, drawn by the window's renderer."""
     transfer = scene.transfer_for(document.volume)
-    looks = [_look(each, document.part(number)) for number, each in enumerate((scene, *scene.layers))]
-    document = document.followed(looks, surfaces_of(scene), scene.settings)
-    subject, settings = (document if document.fresh else document.anew()).subject_at(1, scene.settings)
+    styles = [_style(part, layer) for part, layer in zip((scene, *scene.layers), document.layers, strict=False)]
+    document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
+    subject, settings = document.subject_at(1, scene.settings)
     image = draw(subject, scene.view.camera(document.volume, subject), settings)
     image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
     return lay(image, scene, document.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
 
 
-def nothing(image: Image) -> Image:
-    """The picture alone."""
+def plain(image: Image) -> Image:
+    """The picture without additions."""
     return image
 
 
-def save_picture(state: State, document: Document, draw: Draw, folder: Path, add: Add = nothing) -> str:
-    """Writes the next free picture-NNN.png; returns the message to show. add: what the window adds to the picture."""
-    return _picture(state, document, draw, free(folder, "picture", ".png"), add)
+def save_picture(state: State, document: Document, draw: Draw, folder: Path, add: Add = plain) -> str:
+    """Writes the next free picture-NNN.png; returns the message to show. add: draws ruler and slices over it."""
+    return _save_picture(state, document, draw, free(folder, "picture", ".png"), add)
 
 
-def _picture(state: State, document: Document, draw: Draw, target: Path, add: Add) -> str:
-    if document.heavy:
+def _save_picture(state: State, document: Document, draw: Draw, target: Path, add: Add) -> str:
+    if document.exceeds_budget:
         raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
     scene = scene_of(state, document)
-    ground = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    add(picture_of(scene, document, draw)).save(target, background=ground)
+    background = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
+    add(picture_of(scene, document, draw)).save(target, background=background)
     return f"saved {target.name}"
 
 
 def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> str:
     """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
-    target = free(folder, "scene", ".toml")
-    scene = scene_of(state, document)
-    if document.heavy:
-        write_file(target, scene.to_toml(target.parent).encode())
-        return f"saved {target.name}: {RENDERED}"
-    picture_of(scene, document, draw).save(target.with_suffix(".npy"))
+    target, scene = free(folder, "scene", ".toml"), scene_of(state, document)
+    if not document.exceeds_budget:
+        picture_of(scene, document, draw).save(target.with_suffix(".npy"))
     write_file(target, scene.to_toml(target.parent).encode())
+    if document.exceeds_budget:
+        return f"saved {target.name}: {RENDERED}"
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
 
 
-# save actions
-SCENE = "save"
-SAVES = ("screenshot", SCENE)
-
-
-def saved(state: State, ask: str, document: Document, draw: Draw, folder: Path, add: Add = nothing) -> State:
-    """Runs one of SAVES; returns the state with its message. add: as of `save_picture`."""
-    try:
-        if ask == SCENE:
-            return replace(state, message=save_scene(state, document, draw, folder))
-        return replace(state, message=save_picture(state, document, draw, folder, add))
-    except USER_ERRORS as error:
-        return replace(state, message=error_text(error))
-
-
-def saved_as(
-    state: State, document: Document, draw: Draw, target: Path, add: Add = nothing, times: Sequence[SceneFile] = ()
-) -> tuple[State, bool]:
-    """Writes a scene (.toml, also where a name has no ending) or a picture of it; the state with what it says, and
-    whether a scene was written. times: the series that it is of, of which no file is overwritten either.
+def save_as(
+    state: State, document: Document, draw: Draw, target: Path, add: Add = plain, times: Sequence[SceneFile] = ()
+) -> str:
+    """Writes a scene (.toml, or no ending) or a picture; returns the message to show. times: scenes of the series.
+    Raises InputError for folders and for files that the document or its series was read from.
     """
-    scene = target.suffix.lower() in ("", ".toml")
+    if not target.name or os.path.isdir(target):
+        raise expected(target, "a file's name", "a folder")
+    target = target.with_suffix(".toml") if is_scene_name(target) else target
+    if overwrites(target, sources(document, times)):
+        raise expected(target, "another file", "what is shown", "choose another name")
+    if not is_scene_name(target):
+        return _save_picture(state, document, draw, target, add)
+    write_file(target, scene_of(state, document).to_toml(target.parent).encode())
+    return f"saved {target.name}"
+
+
+def is_scene_name(path: Path) -> bool:
+    """Whether a scene, not a picture, is saved under this name."""
+    return path.suffix.lower() in ("", ".toml")
+
+
+def try_save(save: Callable[[], str]) -> tuple[str, bool]:
+    """Message of a save, or of its error, and whether it succeeded."""
     try:
-        if not target.name or os.path.isdir(target):
-            raise expected(target, "a file's name", "a folder")
-        target = target.with_suffix(".toml") if scene else target
-        if overwrites(target, sources(document, times)):
-            raise expected(target, "another file", "what is shown", "choose another name")
-        if scene:
-            write_file(target, scene_of(state, document).to_toml(target.parent).encode())
-            return replace(state, message=f"saved {target.name}"), True
-        return replace(state, message=_picture(state, document, draw, target, add)), False
+        return save(), True
     except USER_ERRORS as error:
-        return replace(state, message=error_text(error)), False
+        return error_text(error), False
 
 
 def sources(document: Document, times: Sequence[SceneFile] = ()) -> list[str]:
-    """What a document, and the series that it is of, were read from."""
-    parts = [document.part(number) for number in range(len(document.looks))]
-    scenes = (document.scene, *(each.scene for each in parts), *times)
-    return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in document.surfaces)]
+    """The files that a document, and its series, were read from."""
+    scenes = (document.scene, *(layer.scene for layer in document.layers), *times)
+    return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in document.mesh_files)]
 
 
 def free(folder: Path, stem: str, suffix: str) -> Path:

@@ -93,8 +93,8 @@ def reading(scene: SceneFile, source: str = "", reopen: Reopen | None = None) ->
 
     jobs = Jobs(lambda: None)
     files = Files(jobs, watched(source, scene) if source else (), reopen, time.monotonic())
-    files.begin(scene)
-    if jobs.settled(AT_ONCE) and jobs.done and jobs.done[0].error is not None:
+    files.open_scene(scene)
+    if jobs.wait(AT_ONCE) and jobs.done and jobs.done[0].error is not None:
         raise jobs.done[0].error
     return files
 
@@ -114,7 +114,7 @@ def opened(
     from splatgl.viewer.viewer import Viewer
 
     with Renderer(backend, device, gpu) as renderer:
-        viewer = Viewer(Document.nothing(scene), renderer, options, files)
+        viewer = Viewer(Document.placeholder(scene), renderer, options, files)
         try:
             with _ended_by_signals(viewer):
                 viewer.run()

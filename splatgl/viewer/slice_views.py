@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
@@ -17,14 +18,14 @@ from splatgl.errors import InputError
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
-from splatgl.viewer.jobs import Jobs
+from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.state import Slices
-from splatgl.viewer.trackball import Place, segment, up_of
+from splatgl.viewer.tool import Place, Pointer, Tool, View
+from splatgl.viewer.trackball import segment, up_of
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
     from splatgl.viewer.state import State
-    from splatgl.viewer.viewer import Viewer
 
 
 Box = tuple[float, float, float, float]
@@ -191,7 +192,7 @@ def _opaque(rgb: np.ndarray) -> np.ndarray:
 
 # sRGB, of the slices across x, y and z of the grid, and behind them
 LINES: tuple[LineColor, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
-GROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
+BACKGROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
 # seconds that a saved picture waits for a slice
 LONGEST = 20.0
 # pixels at a content scale of 1: of lines, and between labels and edges
@@ -200,84 +201,83 @@ LINE, GAP = 1.0, 2.0
 Key = tuple[object, ...]
 
 
-class Slicing:
-    """The slices of a viewer: the latest pixels of each, and the pane that is dragged in."""
+class SliceTool(Tool):
+    """Slices beside the picture: the latest pixels of each, and the drag that moves them."""
 
-    def __init__(self, viewer: Viewer) -> None:
-        self.viewer = viewer
-        self.jobs = Jobs(viewer.window.wake)
-        # of each axis: what its pixels are of, and they; the value that all go through
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self.jobs = Jobs(wake)
+        # by axis: key and pixels of the latest slice, and keys of slices that are being read
         self.drawn: dict[int, tuple[Key, np.ndarray]] = {}
-        self.asked: dict[int, Key] = {}
-        # what could not be read, and why: it is not asked for again until slices are hidden
+        self.waiting: dict[int, Key] = {}
+        # keys and reasons of slices that cannot be read: not tried again until slices are hidden
         self.failed: dict[int, tuple[Key, str]] = {}
         self.dragged: int | None = None
 
-    def panes(self) -> tuple[Pane, ...]:
-        """Those that are shown now."""
-        viewer = self.viewer
-        if not viewer.state.slices.shown or viewer.document.waiting:
+    def panes(self, state: State, document: Document, view: View) -> tuple[Pane, ...]:
+        """The visible slices."""
+        if not state.slices.shown or document.is_loading:
             return ()
-        return panes(viewer.document.volume, up_of(viewer.document), viewer.whole, viewer.window.scale)
+        return panes(document.volume, up_of(document), view.size, view.scale)
 
-    def press(self, button: str, place: Place) -> bool:
-        """A button is pressed; whether that was on the slices."""
-        found = next((pane for pane in self.panes() if pane.holds(place)), None)
-        if found is not None and button == "left":
-            self.dragged = found.axis
-            self._link(found, place)
-        return found is not None
+    def _pane(self, state: State, document: Document, view: View, place: Place) -> Pane | None:
+        return next((pane for pane in self.panes(state, document, view) if pane.holds(place)), None)
 
-    def move(self, place: Place) -> bool:
-        """The cursor moves; whether it drags the linked point."""
+    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Moves the other two slices to the cursor."""
+        pane = self._pane(state, document, view, pointer.place)
+        if pane is None or pointer.button != "left":
+            return None if pane is None else state
+        self.dragged = pane.axis
+        return _linked(state, document, pane, pointer.place)
+
+    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Drags the other two slices."""
         if self.dragged is None:
-            return False
-        for pane in self.panes():
-            if pane.axis == self.dragged:
-                self._link(pane, place)
-        return True
+            return None
+        pane = next((pane for pane in self.panes(state, document, view) if pane.axis == self.dragged), None)
+        return state if pane is None else _linked(state, document, pane, pointer.place)
 
-    def release(self) -> None:
-        """A button is released."""
+    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Ends the drag."""
         self.dragged = None
+        return None
 
-    def wheel(self, notches: float, place: Place) -> bool:
-        """The wheel moves a slice by voxels; whether the cursor was over one."""
-        found = next((pane for pane in self.panes() if pane.holds(place)), None)
-        if found is not None and notches:
-            slices, volume = self.viewer.state.slices, self.viewer.document.volume
-            self._show(slices.moved(found.axis, round(notches) or int(np.sign(notches)), volume))
-        return found is not None
+    def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
+        """Moves the slice under the cursor by voxels."""
+        pane = self._pane(state, document, view, pointer.place)
+        if pane is None or not pointer.notches:
+            return None if pane is None else state
+        steps = round(pointer.notches) or int(np.sign(pointer.notches))
+        return replace(state, slices=state.slices.moved(pane.axis, steps, document.volume))
 
-    def collect(self) -> bool:
-        """Takes slices that were read in a thread; whether there were any."""
-        done = self.jobs.collect()
-        for each in done:
-            if each.error is not None:
-                why = f"a slice cannot be read: {each.error}"
-                self.viewer.say(why)
-                self.failed.update({axis: (key, why) for axis, key in self.asked.items()})
+    def collect(self) -> list[str] | None:
+        """Takes slices that a thread has read; returns the messages of failures, None if nothing was read."""
+        results = self.jobs.collect()
+        notes = []
+        for result in results:
+            if result.error is not None:
+                notes.append(f"a slice cannot be read: {result.error}")
+                self.failed.update({axis: (key, notes[-1]) for axis, key in self.waiting.items()})
             else:
-                axis, key, pixels = each.result
+                axis, key, pixels = result.value
                 self.drawn[axis] = key, pixels
                 self.failed.pop(axis, None)
-        if done:
-            self.asked.clear()
-        return bool(done)
+        if results:
+            self.waiting.clear()
+        return notes if results else None
 
-    def marks(self) -> Marks:
+    def marks(self, state: State, document: Document, view: View) -> Marks:
         """The slices with their lines and letters; nothing while they are hidden."""
-        viewer, found = self.viewer, self.panes()
-        if not found:
+        visible = self.panes(state, document, view)
+        if not visible:
             self.drawn.clear()
             self.failed.clear()
             return Marks()
-        state, document, scale = viewer.state, viewer.document, viewer.window.scale
-        volume, index = document.volume, state.slices.index(document.volume)
-        left = found[0].room[0]
-        sprites = [Sprite(GROUND, (left, 0.0, float(viewer.whole[0]), float(viewer.whole[1])))]
+        scale, volume, index = view.scale, document.volume, state.slices.index(document.volume)
+        left = visible[0].room[0]
+        sprites = [Sprite(BACKGROUND, (left, 0.0, float(view.size[0]), float(view.size[1])))]
         strokes: list[Stroke] = []
-        for pane in found:
+        for pane in visible:
             pixels = self._pixels(pane, state, document)
             if pixels is not None:
                 sprites.append(Sprite(pixels, pane.box, smooth=True))
@@ -285,45 +285,25 @@ class Slicing:
             strokes += _cross(pane, index, volume, scale)
         if isinstance(volume.samples, np.ndarray):
             value = f"{volume.samples[index[::-1]]:.6g} {volume.value_unit}".rstrip()
-            corner = left + GAP * scale, viewer.whole[1] - GAP * scale
+            corner = left + GAP * scale, view.size[1] - GAP * scale
             sprites.append(_at(value, corner, (0.0, 1.0), scale))
         return Marks(tuple(sprites), tuple(strokes))
 
-    def picture(self) -> np.ndarray | None:
-        """What the window shows at the right of its picture, uint8 [H, w, 3], sRGB; None while slices are hidden.
-
-        Raises InputError for slices that cannot be read.
-        """
-        viewer = self.viewer
-        if not self.panes():
-            return None
-        self.marks()
-        end = viewer.now() + LONGEST
-        while self.asked and self.jobs.settled(max(end - viewer.now(), 0.0)):
+    def complete_marks(self, state: State, document: Document, view: View) -> Marks:
+        """The marks once all slices are read. Raises InputError for slices that cannot be read within LONGEST."""
+        marks, end = self.marks(state, document, view), time.monotonic() + LONGEST
+        while self.waiting and self.jobs.wait(max(end - time.monotonic(), 0.0)):
             # one after the other
             self.collect()
-            self.marks()
-        if self.asked or self.failed:
+            marks = self.marks(state, document, view)
+        if self.waiting or self.failed:
             why = next((why for _, why in self.failed.values()), f"slices: not read within {LONGEST:.0f} s")
             raise InputError(f"{why}; hide the slices to save the picture alone")
-        viewer.screen.draw(viewer.size, viewer.painter.look(viewer.state, viewer.reference))
-        viewer.screen.mark(viewer.window.size, self.marks())
-        # what is shown next has the panel again
-        viewer.refresh()
-        return np.asarray(viewer.screen.read(viewer.window.size)[:, viewer.size[0] :])
-
-    def _link(self, pane: Pane, place: Place) -> None:
-        slices, volume = self.viewer.state.slices, self.viewer.document.volume
-        self._show(slices.at(pane.index(place, slices.index(volume), volume), volume))
-
-    def _show(self, slices: Slices) -> None:
-        # the picture stays as it is, and goes on being refined
-        self.viewer.state = replace(self.viewer.state, slices=slices)
-        self.viewer.refresh()
+        return marks
 
     def _pixels(self, pane: Pane, state: State, document: Document) -> np.ndarray | None:
-        """Those of a slice; of samples that are read in parts the ones before until a thread has read them."""
-        volume, transfer, colored = document.volume, state.looks[0].given, state.slices.colored
+        """Pixels of a slice; where samples are read in parts, the previous ones until a thread has read them."""
+        volume, transfer, colored = document.volume, state.styles[0].stated, state.slices.colored
         index = state.slices.index(volume)[pane.axis]
         look = transfer if colored or transfer.labels else window_of(transfer)
         logarithmic = transfer.logarithmic
@@ -345,11 +325,17 @@ class Slicing:
             self.drawn[pane.axis] = key, work()[2]
         elif pane.axis in self.failed and self.failed[pane.axis][0] == key:
             return None
-        elif not self.asked:
-            self.asked[pane.axis] = key
-            self.jobs.submit("reading a slice", work)
-        found = self.drawn.get(pane.axis)
-        return None if found is None else found[1]
+        elif not self.waiting:
+            self.waiting[pane.axis] = key
+            self.jobs.submit(Kind.SLICE, "reading a slice", work)
+        latest = self.drawn.get(pane.axis)
+        return None if latest is None else latest[1]
+
+
+def _linked(state: State, document: Document, pane: Pane, place: Place) -> State:
+    """The state with the other two slices at a place in a pane."""
+    slices, volume = state.slices, document.volume
+    return replace(state, slices=slices.at(pane.index(place, slices.index(volume), volume), volume))
 
 
 def _cross(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Stroke]:

@@ -14,6 +14,7 @@ import numpy as np
 from splatgl.data.volume import Triple
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.camera import Camera
+from splatgl.viewer.tool import Place
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -230,8 +231,6 @@ def _triple(point: np.ndarray) -> Triple:
 
 # depth in front of a perspective eye, in heights of what it shows at depth 1, at which lines are cut off
 NEAR = 1e-6
-
-Place = tuple[float, float]
 
 
 def seen(camera: Camera, points: np.ndarray) -> np.ndarray:

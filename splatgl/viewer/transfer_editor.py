@@ -117,7 +117,7 @@ class Curve:
         # of the drawn plot: left, top, width, height, screen units
         self.box = (0.0, 0.0, 1.0, 1.0)
 
-    def known(self, volume: Volume) -> Statistics:
+    def statistics_of(self, volume: Volume) -> Statistics:
         """Statistics of the displayed volume's values, computed once."""
         if self.stats is None or self.volume is not volume:
             self.volume, self.stats = volume, statistics(volume)
@@ -126,7 +126,7 @@ class Curve:
 
     def draw(self, transfer: Transfer, volume: Volume) -> Transfer:
         """The plot, its strip of colours and its switches; returns the edited transfer function."""
-        stats, scale = self.known(volume), imgui.get_style().font_scale_main
+        stats, scale = self.statistics_of(volume), imgui.get_style().font_scale_main
         points = transfer.points
         quiet = implot.Flags_.canvas_only | implot.Flags_.no_frame
         if implot.begin_plot("##curve", imgui.ImVec2(-1.0, HEIGHT * scale), quiet):

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 from splatgl.annotations.text import legible
 from splatgl.gl.screen import Screen
-from splatgl.viewer.key_bindings import from_character, from_key, modifiers
-from splatgl.viewer.trackball import Place
+from splatgl.viewer.key_bindings import chord
+from splatgl.viewer.tool import Place, Pointer
 
 BUTTONS = ("left", "right", "middle")
 # exit code after losing the display
@@ -23,27 +23,76 @@ RESOURCE, CODE = 16, 32
 SMALLEST = 64
 
 
+# GLFW key codes (glfw3.h): ASCII for printable keys; function keys and the number pad follow
+FIRST_FUNCTION, FIRST_PAD = 290, 320
+CODES = {
+    256: "escape",
+    257: "enter",
+    258: "tab",
+    32: "space",
+    259: "backspace",
+    260: "insert",
+    261: "delete",
+    262: "right",
+    263: "left",
+    264: "down",
+    265: "up",
+    266: "page_up",
+    267: "page_down",
+    268: "home",
+    269: "end",
+    335: "enter",
+    **{FIRST_FUNCTION + n: f"f{n + 1}" for n in range(12)},
+    **{FIRST_PAD + n: str(n) for n in range(10)},
+    **{ord("0") + n: str(n) for n in range(10)},
+}
+SHIFT, CONTROL, ALT = 1, 2, 4
+
+
+def modifiers(bits: int) -> tuple[str, ...]:
+    """Names of GLFW's modifier bits."""
+    return tuple(name for name, bit in (("ctrl", CONTROL), ("alt", ALT), ("shift", SHIFT)) if bits & bit)
+
+
+def from_key(code: int, label: str | None, bits: int) -> str | None:
+    """The chord of a key event; None for symbols, which arrive as characters. label: the key's name in GLFW."""
+    held = modifiers(bits)
+    if code in CODES:
+        return chord(CODES[code], held)
+    if label and len(label) == 1 and label.isalpha():
+        return chord(label.lower(), held)
+    # with ctrl or alt, a symbol key produces no character event
+    if label and len(label) == 1 and {"ctrl", "alt"} & set(held):
+        return chord(label, held)
+    return None
+
+
+def from_character(character: str) -> str | None:
+    """The chord of a typed symbol; None for letters, digits and blanks, which arrive as key events."""
+    return None if character.isalnum() or character.isspace() else character
+
+
 class Listener(Protocol):
-    """Interface for window events. Positions are in pixels, (0, 0) at the upper left corner."""
+    """Handles the events of a window. Positions are in pixels, (0, 0) at the upper left corner."""
 
     def key(self, chord: str) -> None:
         """Key press or repeat; chord: its name with its modifiers."""
         ...
 
-    def press(self, button: str, held: tuple[str, ...], place: Place) -> None:
-        """Mouse button press at `place`; held: the modifiers that are down."""
+    def press(self, pointer: Pointer) -> None:
+        """Mouse button press."""
         ...
 
-    def release(self, button: str) -> None:
+    def release(self, pointer: Pointer) -> None:
         """Mouse button release."""
         ...
 
     def move(self, place: Place) -> None:
-        """Cursor move to `place`."""
+        """Cursor move."""
         ...
 
-    def wheel(self, notches: float, place: Place) -> None:
-        """Wheel rotation by `notches`, upwards positive, with the cursor at `place`."""
+    def wheel(self, pointer: Pointer) -> None:
+        """Rotation of the wheel."""
         ...
 
     def resize(self, size: tuple[int, int]) -> None:
@@ -55,7 +104,7 @@ class Listener(Protocol):
         ...
 
     def refresh(self) -> None:
-        """The window's document was lost and must be redrawn."""
+        """The window's content was lost and must be redrawn."""
         ...
 
     def raw(self, kind: str, *values: Any) -> bool:
@@ -168,9 +217,9 @@ class Window:
             return
         # releases are always passed on: the press may predate the cursor's entry into the panel
         if action == self.glfw.RELEASE:
-            self.listener.release(BUTTONS[button])
+            self.listener.release(Pointer(self.at, BUTTONS[button], modifiers(bits)))
         elif not taken:
-            self.listener.press(BUTTONS[button], modifiers(bits), self.at)
+            self.listener.press(Pointer(self.at, BUTTONS[button], modifiers(bits)))
 
     def _cursor(self, _: Any, x: float, y: float) -> None:
         self.listener.raw("cursor", x, y)
@@ -179,7 +228,7 @@ class Window:
 
     def _scroll(self, _: Any, x: float, y: float) -> None:
         if not self.listener.raw("scroll", x, y):
-            self.listener.wheel(y, self.at)
+            self.listener.wheel(Pointer(self.at, notches=y))
 
     def _drop(self, _: Any, paths: Any) -> None:
         self.listener.drop([os.fsdecode(path) for path in paths])

@@ -40,14 +40,13 @@ FACADES = {
 CYCLES = {"splatgl.data.volume", "splatgl.splat.scene"}
 # Files that are longer than LONG_FILE, and why each still holds one subject.
 LONG_FILE = 600
-LONG_FILES = {"viewer/document.py": "the open scene: one volume, or several layers and meshes"}
+LONG_FILES = {"viewer/viewer.py": "the event loop of the window: all that changes it"}
 # Files that are shorter than SHORT_FILE and have one importer, or none, and what names them.
 SHORT_FILE = 80
 SHORT_FILES = {
     "__main__.py": "python -m splatgl",
     "cli/figure.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
-    "cli/view.py": "cli/main.py: COMMANDS",
     "distributed/worker_preload.py": "Dask's option preload",
     "readers/image_stack.py": "readers/__init__.py: FORMATS",
 }

@@ -27,10 +27,12 @@ from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud, stand_in, trackball
-from splatgl.viewer.document import Document
+from splatgl.viewer.commands import Request
+from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import reading
+from splatgl.viewer.tool import Pointer
 from splatgl.viewer.viewer import Options, Viewer
 
 DOUBLE = trackball.DOUBLE
@@ -39,18 +41,15 @@ PAGE = os.sysconf("SC_PAGE_SIZE")
 PATIENCE = 240.0
 
 # those that are not freed yet; a list of all objects would hold what other threads are making
-CONTENTS: WeakSet[Document] = WeakSet()
+LAYERS: WeakSet[LayerSplats] = WeakSet()
 
 
 def told(viewer: Viewer) -> dict[str, Any]:
     """What the window shows, in plain values."""
     state, frame, camera = viewer.state, viewer.painter.frame, viewer.state.pose.camera
     names = (
-        "threshold",
-        "extinction",
         "turning",
         "blur",
-        "beyond",
         "compare",
         "hud",
         "help",
@@ -63,6 +62,9 @@ def told(viewer: Viewer) -> dict[str, Any]:
     )
     return {
         **{name: getattr(state, name) for name in names},
+        "beyond": state.show_zk,
+        "threshold": state.style.threshold,
+        "extinction": state.style.extinction,
         "eye": camera.eye.tolist(),
         "axes": camera.eye_from_world.tolist(),
         "size": camera.size,
@@ -77,10 +79,10 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "probe": state.probe,
         "ruler": asdict(state.ruler),
         "slices": asdict(state.slices),
-        "panes": [asdict(pane) for pane in viewer.slicing.panes()],
+        "panes": [asdict(pane) for pane in viewer.slices.panes(state, viewer.document, viewer.view)],
         "fullscreen": viewer.window.before is not None,
-        "points": state.transfer.points,
-        "window": state.transfer.window,
+        "points": state.style.stated.points,
+        "window": state.style.stated.window,
         "source": viewer.document.scene.volume,
         "splats": viewer.document.counts[0],
         "level": frame and str(frame.level),
@@ -96,11 +98,11 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "closed": viewer.closed,
         "megabytes": int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20,
         "textures": len(viewer.screen.textures),
-        "documents": len(CONTENTS),
+        "documents": len(LAYERS),
         "recent": viewer.recent.paths,
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,
-        "dialog": viewer.dialogs.open is not None or bool(viewer.panel and viewer.panel.panel.popup),
+        "dialog": viewer.dialogs.process is not None or bool(viewer.panel and viewer.panel.panel.popup),
         "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),
     }
 
@@ -109,7 +111,7 @@ def settled(viewer: Viewer) -> bool:
     frame = viewer.painter.frame
     still = frame is not None and frame.full and viewer.refiner.drawn == viewer.wanted() and not viewer.dirty
     shown = not viewer.files.times or viewer.files.time == viewer.state.time
-    return still and shown and not viewer.busy and not viewer.slicing.jobs.busy and not viewer.reference.jobs.busy
+    return still and shown and not viewer.busy and not viewer.slices.jobs.busy and not viewer.reference.jobs.busy
 
 
 def arrived(viewer: Viewer) -> None:
@@ -131,18 +133,18 @@ def until(viewer: Viewer, reached: Any) -> None:
 def nudged(viewer: Viewer) -> dict[str, Any]:
     """The wheel is turned, and again while the picture is being drawn in full. same: that picture did not come."""
     shown: list[Any] = []
-    given_up = viewer._given_up
+    interrupted = viewer._is_interrupted
 
-    def turned_again(asked: int) -> bool:
+    def turned_again(inputs: int) -> bool:
         if not shown:
             shown.append(viewer.painter.frame)
-            viewer.hands.wheel(1.0, (120.0, 90.0))
-        return given_up(asked)
+            viewer.wheel(Pointer((120.0, 90.0), notches=1.0))
+        return interrupted(inputs)
 
-    viewer._given_up = turned_again  # type: ignore[method-assign]
-    viewer.hands.wheel(1.0, (120.0, 90.0))
+    viewer._is_interrupted = turned_again  # type: ignore[method-assign]
+    viewer.wheel(Pointer((120.0, 90.0), notches=1.0))
     until(viewer, lambda: bool(shown))
-    viewer._given_up = given_up  # type: ignore[method-assign]
+    viewer._is_interrupted = interrupted  # type: ignore[method-assign]
     return {**told(viewer), "same": viewer.painter.frame is shown[0]}
 
 
@@ -175,11 +177,11 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "set":
         # what neither keys nor the panel ask for, or not at once
         settings = viewer.state.settings.but(**ask.get("settings", {}))
-        asks = tuple(ask.get("asks", ()))
         slices = replace(viewer.state.slices, place=tuple(ask.get("place", viewer.state.slices.place)))
-        changes = {"settings": settings, "asks": asks, "slices": slices, **ask.get("state", {})}
-        viewer.state = replace(viewer.state, **changes)
-        viewer.hands.touch()
+        changes = {"settings": settings, "slices": slices, **ask.get("state", {})}
+        viewer.state = replace(viewer.state, **changes).edit(**ask.get("style", {}))
+        viewer.effects += [Request[name] for name in ask.get("effects", ())]
+        viewer.touch()
         viewer.step(0.0)
         until(viewer, lambda: not viewer.extractor.jobs.busy)
         viewer.step(0.0)
@@ -196,9 +198,9 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         np.save(ask["path"], viewer.shot())
     elif what == "reset":
         document, scene = viewer.document, viewer.document.scene
-        document = document.following(document.transfer, scene.threshold, scene.settings)
+        document = document.for_settings(scene.settings)
         viewer.state = viewer.state.opened(document)
-        viewer.state = type(viewer.state).of(document, viewer.whole)
+        viewer.state = type(viewer.state).of(document, viewer.view.size)
         viewer.history.begin(viewer.state)
         viewer.closed = False
         if viewer.panel is not None:
@@ -206,13 +208,13 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
             viewer.panel.panel.closes = True
         viewer.dialogs.close()
         # the press before is not the first of a double click
-        viewer.hands.mouse = trackball.Mouse()
+        viewer.input.camera.mouse = trackball.Mouse()
         trackball.DOUBLE = DOUBLE
         until(viewer, lambda: settled(viewer))
     elif what == "turn":
         # many pictures, each from elsewhere
         for number in range(ask["times"]):
-            viewer.hands.move((100.0 + number % 40, 90.0))
+            viewer.move((100.0 + number % 40, 90.0))
             viewer.step(0.0)
     elif what == "request":
         # as a window manager does
@@ -253,14 +255,14 @@ def asked_first(viewer: Viewer, folder: Path) -> Any:
 
 
 def counted() -> None:
-    """Has documents counted from now on."""
-    made = Document.__post_init__
+    """Has layers counted from now on."""
+    made = LayerSplats.__post_init__
 
-    def noted(document: Document) -> None:
-        made(document)
-        CONTENTS.add(document)
+    def noted(layer: LayerSplats) -> None:
+        made(layer)
+        LAYERS.add(layer)
 
-    Document.__post_init__ = noted  # type: ignore[assignment, method-assign]
+    LayerSplats.__post_init__ = noted  # type: ignore[assignment, method-assign]
 
 
 def main() -> None:
@@ -282,7 +284,7 @@ def main() -> None:
         options = Options(folder=Path(folder), **asked)
         if behind:
             # the window is there before its file is read
-            viewer = Viewer(Document.nothing(scene), renderer, options, reading(scene))
+            viewer = Viewer(Document.placeholder(scene), renderer, options, reading(scene))
         else:
             viewer = Viewer(Document.open(scene), renderer, options, files)
         eyes, levels = noted(viewer)

@@ -265,19 +265,19 @@ def test_show_with_a_display_opens_the_window(volume: sg.Volume, monkeypatch: py
     opened: list[Any] = []
 
     def open_window(files: Any, scene: Any, options: Any) -> None:
-        assert files.jobs.settled(60)
+        assert files.jobs.wait(60)
         (done,) = files.jobs.collect()
-        opened.append((done.result.content, options))
+        opened.append((done.value.document, options))
 
     monkeypatch.setattr("splatgl.viewer.show.opened", open_window)
     assert sg.show(volume, "microscopy", azimuth=70, size=(300, 200)) is None
-    ((content, options),) = opened
-    assert options.size == (300, 200) and content.transfer == sg.preset("microscopy", volume)
+    ((document, options),) = opened
+    assert options.size == (300, 200) and document.styles[0].transfer == sg.preset("microscopy", volume)
     camera = sg.Camera.orbit(volume, 70, 20, size=(30, 20))
-    assert np.allclose(content.home((30, 20)).camera.forward, camera.forward)
+    assert np.allclose(document.home((30, 20)).camera.forward, camera.forward)
     # a scene file can't name an array
     with pytest.raises(sg.InputError, match="a volume in a file"):
-        content.scene.to_toml(Path())
+        document.scene.to_toml(Path())
     sg.show(volume, camera=camera)
     assert np.allclose(opened[1][0].home((60, 40)).camera.eye, camera.eye)
 

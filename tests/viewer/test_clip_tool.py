@@ -13,12 +13,13 @@ from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.clipping import crop_planes
 from splatgl.viewer.clip_tool import Held, cut, handles, on_sphere, outline, plane_middle, under
-from splatgl.viewer.commands import acted, add_plane
+from splatgl.viewer.commands import add_plane
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import picked
 from splatgl.viewer.saving import save_scene
 from splatgl.viewer.state import WHOLE, Cuts, History, State
 from splatgl.viewer.trackball import nearest_on_line, ray, seen, segment
+from tests.helpers.commands import acted
 
 SIZE = (120, 80)
 ORTHOGRAPHIC = sg.Camera.orthographic((1.0, -30.0, 4.0), (2.0, 3.0, 1.0), (0, 0, 1), 40.0, SIZE)
@@ -181,9 +182,9 @@ def test_keys_cut_and_undo(document: Document) -> None:
     assert np.allclose(faced.settings.clip[0][:3], state.pose.camera.forward)
     history.note(faced)
     off = acted(faced, "cuts", document)
-    assert off.settings.clip == () and off.cuts.planes == faced.cuts.planes and history.unsaved(faced)
+    assert off.settings.clip == () and off.cuts.planes == faced.cuts.planes and history.has_unsaved_edits(faced)
     history.note(off)
-    assert history.undone(off).settings.clip == faced.settings.clip
+    assert history.undo(off).settings.clip == faced.settings.clip
     assert acted(faced, "uncut", document).settings.clip == ()
     assert acted(faced, "uncut", document).cuts.sides == WHOLE
     # what would leave nothing is told and not done
@@ -197,15 +198,15 @@ def test_keys_cut_and_undo(document: Document) -> None:
 
 def test_a_cut_extracts_nothing(document: Document) -> None:
     state = acted(State.of(document, SIZE), "plane", document)
-    assert document.following(state.transfer, state.threshold, state.settings) is document
+    assert document.with_styles(state.styles, (), state.settings) is document
 
 
 def test_what_is_cut_off_is_not_picked(document: Document) -> None:
     state = State.of(document, SIZE)
     middle = (60.0, 40.0)
-    whole = picked(document.at(1), state.pose.camera, middle)
+    whole = picked(document.layers[0].at(1), state.pose.camera, middle)
     state = acted(state, "plane", document)
-    found = picked(document.at(1), state.pose.camera, middle, state.settings.clip)
+    found = picked(document.layers[0].at(1), state.pose.camera, middle, state.settings.clip)
     assert whole is not None and found is not None
     # near the plane through the middle, farther away than the ball's front
     depths = [float(state.pose.camera.eye_from_points(point)[2]) for point in (whole, found)]
@@ -218,10 +219,12 @@ def test_cuts_are_saved(renderer: sg.Renderer, document: Document, tmp_path: Pat
     """`splatgl render` of the saved scene gives the same picture, bit for bit, also after it was opened again."""
     state = State.of(document, SIZE)
     state = replace(state, settings=state.settings.but(classification=classification))
-    whole = renderer.render(document.classified(state.settings).at(1), state.pose.camera, state.settings).pixels
+    whole = renderer.render(
+        document.for_settings(state.settings).layers[0].at(1), state.pose.camera, state.settings
+    ).pixels
     state = acted(replace(state, pose=state.pose.rotated((3, 4), (50, 60))), "plane", document)
     state = cut(state, document, state.cuts.with_side(2, 1, 10 / 16))
-    document = document.following(state.transfer, state.threshold, state.settings)
+    document = document.with_styles(state.styles, (), state.settings)
     save_scene(state, document, renderer.render, tmp_path)
     given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
     assert main([*given, "-o", str(tmp_path / "again.npy")]) == 0

@@ -14,13 +14,14 @@ from splatgl.cli.main import main
 from splatgl.errors import Choice, InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import acted, drawable
-from splatgl.viewer.document import Document, Together, read_meshes
+from splatgl.viewer.commands import why_not
+from splatgl.viewer.document import Document, read_meshes
 from splatgl.viewer.file_watch import watched
-from splatgl.viewer.loading import opened
+from splatgl.viewer.loading import open_document
 from splatgl.viewer.saving import picture_of, save_scene, scene_of
 from splatgl.viewer.state import History, State
 from tests.helpers.blobs import blob
+from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window
 
 SIZE = (96, 72)
@@ -76,7 +77,7 @@ def state(document: Document) -> State:
 def saved(state: State, document: Document, renderer: sg.Renderer, folder: Path) -> tuple[np.ndarray, np.ndarray]:
     """What the window draws of a state, and what `splatgl render` makes of the scene that it saves."""
     state = replace(state, annotate=())
-    drawn = document.followed(state.looks, state.meshes, state.settings)
+    drawn = document.with_styles(state.styles, state.mesh_files, state.settings)
     subject, settings = drawn.subject_at(1, state.settings)
     shown = renderer.render(subject, state.pose.camera, settings, verify_bound=False).pixels
     name = save_scene(state, document, renderer.render, folder).split()[-1]
@@ -102,10 +103,10 @@ def test_a_saved_scene_renders_equal(
     plain, again = saved(turned(state), document, renderer, folder)
     # the view is saved as numbers, which round
     assert np.abs(plain - again).max() < 1e-4 and plain[..., 3].max() > 0.9
-    look = replace(state.looks[1], opacity=0.8)
-    edited = turned(acted(state.looking(1, look).selecting(1), "opacity-down", document))
-    ball, wall = edited.meshes
-    edited = replace(edited, meshes=(replace(ball, visible=False), replace(wall, color="#30a0ff")))
+    look = replace(state.styles[1], opacity=0.8)
+    edited = turned(acted(replace(state.with_style(1, look), selected=1), "opacity-down", document))
+    ball, wall = edited.mesh_files
+    edited = replace(edited, mesh_files=(replace(ball, visible=False), replace(wall, color="#30a0ff")))
     other, again = saved(edited, document, renderer, folder)
     assert np.abs(other - again).max() < 1e-4 and np.abs(other - plain).max() > 0.2
 
@@ -113,18 +114,18 @@ def test_a_saved_scene_renders_equal(
 @pytest.mark.long
 def test_hidden_parts_are_not_drawn(state: State, document: Document, renderer: sg.Renderer, folder: Path) -> None:
     """The first one hidden, all hidden but meshes, and the volume alone, which is the picture of one volume."""
-    first, second = state.looks
-    hidden = state.looking(0, replace(first, visible=False))
+    first, second = state.styles
+    hidden = state.with_style(0, replace(first, visible=False))
     without, again = saved(hidden, document, renderer, folder)
     assert np.abs(without - again).max() < 1e-4
-    bare = hidden.looking(1, replace(second, visible=False))
+    bare = hidden.with_style(1, replace(second, visible=False))
     meshes, again = saved(bare, document, renderer, folder)
     assert np.abs(meshes - again).max() < 1e-4 and 0.9 < meshes[..., 3].max() <= 1
-    alone = state.looking(1, replace(second, opacity=0.0))
-    shown, again = saved(replace(alone, meshes=()), document, renderer, folder)
+    alone = state.with_style(1, replace(second, opacity=0.0))
+    shown, again = saved(replace(alone, mesh_files=()), document, renderer, folder)
     (folder / "one.toml").write_text(OPAQUE + '[settings]\nantialias = "off"\n')
     one = Document.open(SceneFile.from_toml(folder / "one.toml"))
-    right = renderer.render(one.at(1), state.pose.camera, sg.Settings(antialias="off")).pixels
+    right = renderer.render(one.layers[0].at(1), state.pose.camera, sg.Settings(antialias="off")).pixels
     assert np.abs(shown - again).max() < 1e-4 and np.array_equal(shown, right)
 
 
@@ -152,17 +153,17 @@ def test_channels_are_parts(folder: Path, renderer: sg.Renderer) -> None:
     planes = np.stack([blob(12).samples.astype(np.uint16) * 50, blob(12).samples[::-1].astype(np.uint16) * 40], 1)
     channel = {"Name": ["one", "two"]}
     tifffile.imwrite(folder / "c.ome.tif", planes, ome=True, metadata={"axes": "ZCYX", "Channel": channel})
-    document, picks = opened(
+    document, picks = open_document(
         SceneFile(str(folder / "c.ome.tif"), {"channel": "all"}, settings=sg.Settings(antialias="off"))
     )
     assert document.names == ("one", "two")
-    assert [(each.option, each.number(document.scene.load)) for each in picks] == [("channel", 0)]
-    assert [value for value, _ in picks[0].found] == ["all", "0", "1"]
+    assert [(option.option, option.selected(document.scene.load)) for option in picks] == [("channel", 0)]
+    assert [value for value, _ in picks[0].values] == ["all", "0", "1"]
     state = State.of(document, SIZE)
     plain, again = saved(state, document, renderer, folder)
     assert np.abs(plain - again).max() < 1e-4
-    look = replace(state.looks[1], base=replace(state.looks[1].base, colormap="#ff8800"))
-    other, again = saved(state.looking(1, look), document, renderer, folder)
+    look = replace(state.styles[1], base=replace(state.styles[1].base, colormap="#ff8800"))
+    other, again = saved(state.with_style(1, look), document, renderer, folder)
     assert np.abs(other - again).max() < 1e-4 and np.abs(other - plain).max() > 0.02
     # a scene file has one transfer function: the other channel is a layer of it
     assert [each.load["channel"] for each in scene_of(state, document).layers] == [1]
@@ -190,36 +191,34 @@ def test_coarser_strides_in_motion(folder: Path, renderer: sg.Renderer) -> None:
 
 
 def test_edits_are_of_what_is_selected(state: State, document: Document) -> None:
-    edited = acted(state.selecting(1), "opacity-up", document)
-    assert edited.looks[0] == state.looks[0] and edited.looks[1].extinction == 1.25
-    assert edited.transfer == edited.looks[1].given and edited.selecting(0).base == state.base
-    assert edited.selecting(0).looks == edited.looks
-    drawn = document.followed(edited.looks, edited.meshes, edited.settings)
-    assert isinstance(drawn, Together) and drawn.parts[0] is document.part(0) and drawn.parts[1] is not document.part(1)
-    assert drawn.followed(edited.looks, edited.meshes, edited.settings) is drawn
+    edited = acted(replace(state, selected=1), "opacity-up", document)
+    assert edited.styles[0] == state.styles[0] and edited.styles[1].extinction == 1.25
+    assert edited.style is edited.styles[1] and replace(edited, selected=0).style == state.style
+    drawn = document.with_styles(edited.styles, edited.mesh_files, edited.settings)
+    assert drawn.layers[0] is document.layers[0] and drawn.layers[1] is not document.layers[1]
+    assert drawn.with_styles(edited.styles, edited.mesh_files, edited.settings) is drawn
 
 
 def test_edits_are_undone(state: State) -> None:
     history = History(state)
-    assert not history.unsaved(state.selecting(1))
-    hidden = state.looking(1, replace(state.looks[1], visible=False))
+    assert not history.has_unsaved_edits(replace(state, selected=1))
+    hidden = state.with_style(1, replace(state.styles[1], visible=False))
     history.note(hidden)
-    assert history.unsaved(hidden)
-    faint = replace(hidden, meshes=(replace(hidden.meshes[0], opacity=0.2), hidden.meshes[1]))
+    assert history.has_unsaved_edits(hidden)
+    faint = replace(hidden, mesh_files=(replace(hidden.mesh_files[0], opacity=0.2), hidden.mesh_files[1]))
     history.note(faint)
-    assert history.unsaved(faint)
-    back = history.undone(faint)
-    assert back.meshes == state.meshes and back.looks == hidden.looks
-    back = history.undone(back)
-    assert back.looks == state.looks and not history.unsaved(back)
+    assert history.has_unsaved_edits(faint)
+    back = history.undo(faint)
+    assert back.mesh_files == state.mesh_files and back.styles == hidden.styles
+    back = history.undo(back)
+    assert back.styles == state.styles and not history.has_unsaved_edits(back)
 
 
 def test_meshes_look_as_their_files_say(folder: Path) -> None:
     """Colour and opacity are changed without reading again."""
     file = MeshFile(str(folder / "ball.ply"), "#3366cc", 0.3)
-    found = Together.with_meshes(Document.open(SceneFile(str(folder / "blob.npy"))), read_meshes([file]))
-    made = found.followed(found.looks, (file,), sg.Settings())
-    assert isinstance(made, Together)
+    found = Document.open(SceneFile(str(folder / "blob.npy"))).with_meshes(read_meshes([file]))
+    made = found.with_styles(found.styles, (file,), sg.Settings())
     (mesh,) = made.meshes
     right = file.open()
     assert np.array_equal(mesh.shades, right.shades) and mesh.opacity == right.opacity
@@ -227,7 +226,7 @@ def test_meshes_look_as_their_files_say(folder: Path) -> None:
 
 
 def test_blends_without_an_order_draw_no_meshes(state: State, document: Document) -> None:
-    assert not drawable(state.settings.but(blend="mip"), state, document)
+    assert why_not(state.settings.but(blend="mip"), state, document)
     assert acted(state, "blend", document).settings.blend == "composite"
 
 
@@ -241,7 +240,7 @@ def test_a_mesh_alone(folder: Path, renderer: sg.Renderer) -> None:
     state = State.of(document, SIZE)
     plain, again = saved(state, document, renderer, folder)
     assert np.abs(plain - again).max() < 1e-4 and plain[..., 3].max() > 0.9
-    blue = replace(state, meshes=(replace(state.meshes[0], color="blue"),))
+    blue = replace(state, mesh_files=(replace(state.mesh_files[0], color="blue"),))
     shown, again = saved(blue, document, renderer, folder)
     assert np.abs(shown - again).max() < 1e-4 and shown[..., 0].max() == 0 < shown[..., 2].max()
 
@@ -286,11 +285,11 @@ def test_one_of_several_arrays(folder: Path) -> None:
     for name, names in (("many.h5", ["/a", "/group/b"]), ("many.npz", ["first", "second"])):
         with pytest.raises(Choice):
             Document.open(SceneFile(str(folder / name)))
-        document, (pick,) = opened(SceneFile(str(folder / name)))
-        assert pick.option == "array" and [value for value, _ in pick.found] == names
-        assert document.scene.load == {"array": names[0]} and pick.number(document.scene.load) == 0
-        document, (pick,) = opened(SceneFile(str(folder / name), {"array": names[1]}))
-        assert pick.number(document.scene.load) == 1 and document.volume.shape[0] > 8
+        document, (pick,) = open_document(SceneFile(str(folder / name)))
+        assert pick.option == "array" and [value for value, _ in pick.values] == names
+        assert document.scene.load == {"array": names[0]} and pick.selected(document.scene.load) == 0
+        document, (pick,) = open_document(SceneFile(str(folder / name), {"array": names[1]}))
+        assert pick.selected(document.scene.load) == 1 and document.volume.shape[0] > 8
 
 
 # --- a window -----------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.viewer.loading import MOST, Recent
+from splatgl.viewer.loading import MOST_RECENT, Recent
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
@@ -30,14 +30,14 @@ def test_recent_files_are_kept(tmp_path: Path) -> None:
         recent = recent.opened(str(tmp_path / f"{number}.npy"))
     recent = recent.opened(str(tmp_path / "5.npy"))
     names = [Path(path).name for path in recent.paths]
-    assert len(names) == MOST and names[:3] == ["5.npy", "11.npy", "10.npy"] and names.count("5.npy") == 1
+    assert len(names) == MOST_RECENT and names[:3] == ["5.npy", "11.npy", "10.npy"] and names.count("5.npy") == 1
     assert Recent.of(environment).paths == recent.paths and recent.file is not None
     assert json.loads(recent.file.read_text()) == list(recent.paths)
     assert stat.S_IMODE(recent.file.parent.stat().st_mode) == 0o700
     assert [path.name for path in recent.file.parent.iterdir()] == ["recent.json"]
     # another window's are not lost
     other = Recent.of(environment).opened("/other.npy")
-    assert recent.opened("/this.npy").paths[:2] == ("/this.npy", "/other.npy") and len(other.paths) == MOST
+    assert recent.opened("/this.npy").paths[:2] == ("/this.npy", "/other.npy") and len(other.paths) == MOST_RECENT
     # no built-in scenes, and no addresses, which may hold keys
     assert recent.opened("tunnel").opened("https://host/v.zarr?key=1") == recent
     assert recent.forgotten().paths == () == Recent.of(environment).paths

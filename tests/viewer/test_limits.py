@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -19,10 +20,10 @@ from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.jobs import Done
+from splatgl.viewer.jobs import Done, Extractor, Kind
 from splatgl.viewer.reference_view import Reference
-from splatgl.viewer.saving import saved, saved_as
-from splatgl.viewer.state import State
+from splatgl.viewer.saving import save_as, save_picture, save_scene, try_save
+from splatgl.viewer.state import LayerStyle, State
 from splatgl.viewer.viewer import Viewer
 from tests.helpers.blobs import SIZE, blob
 from tests.helpers.memory import resident_mebibytes
@@ -41,10 +42,11 @@ def no_memory(*_: object) -> sg.Image:
 
 def test_no_memory_is_said(document: Document, tmp_path: Path) -> None:
     state = State.of(document, SIZE)
-    for ask in ("screenshot", "save"):
-        assert saved(state, ask, document, no_memory, tmp_path).message == "not enough memory"
-    assert saved_as(state, document, no_memory, tmp_path / "a.png")[0].message == "not enough memory"
-    reference = Reference(cast(Any, SimpleNamespace(collect=lambda: [Done("reference", error=MemoryError())])))
+    for save in (save_picture, save_scene):
+        assert try_save(partial(save, state, document, no_memory, tmp_path)) == ("not enough memory", False)
+    assert try_save(partial(save_as, state, document, no_memory, tmp_path / "a.png"))[0] == "not enough memory"
+    done = Done(Kind.REFERENCE, error=MemoryError())
+    reference = Reference(cast(Any, SimpleNamespace(collect=lambda: [done])))
     assert reference.collect() and reference.said == "no reference: not enough memory"
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
 
@@ -52,22 +54,24 @@ def test_no_memory_is_said(document: Document, tmp_path: Path) -> None:
 def test_too_many_splats_are_a_scene_without_a_picture(
     document: Document, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    document = document.changed(document.transfer, 0.001).classified(sg.Settings())
-    document.skin(2)
+    style = LayerStyle(document.styles[0].base, 0.001)
+    document = document.with_styles((style,), (), sg.Settings())
+    document.extract(2)
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 100)
-    assert document.heavy
+    assert document.exceeds_budget
     state = State.of(document, SIZE)
-    assert "too many" in saved(state, "screenshot", document, renderer.render, tmp_path).message
-    said = saved(state, "save", document, renderer.render, tmp_path).message
+    assert "too many" in try_save(partial(save_picture, state, document, renderer.render, tmp_path))[0]
+    said = save_scene(state, document, renderer.render, tmp_path)
     assert said.startswith("saved scene-001.toml") and "splatgl render" in said
-    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not document.whole
+    assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not document.has_full_resolution
     assert SceneFile.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
 
 
 @pytest.mark.parametrize("name", ["/", ".", "x" * 300 + ".png", "x" * 300])
 def test_names_that_cannot_be(document: Document, renderer: sg.Renderer, tmp_path: Path, name: str) -> None:
-    state, kept = saved_as(State.of(document, SIZE), document, renderer.render, tmp_path / name)
-    assert state.message and not kept and not state.message.startswith("saved")
+    save = partial(save_as, State.of(document, SIZE), document, renderer.render, tmp_path / name)
+    message, done = try_save(save)
+    assert message and not done and not message.startswith("saved")
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
 
 
@@ -84,7 +88,7 @@ def test_what_is_shown_is_not_overwritten(renderer: sg.Renderer, tmp_path: Path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
 
     def said(name: str) -> str:
-        return saved_as(state, document, renderer.render, tmp_path / name, times=(later,))[0].message
+        return try_save(partial(save_as, state, document, renderer.render, tmp_path / name, times=(later,)))[0]
 
     for taken in (*paths, "link"):
         assert "what is shown" in said(f"{taken}.npy")
@@ -98,17 +102,17 @@ def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -
         np.save(tmp_path / f"{name}.npy", blob(side).samples)
     document = Document.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
     state = State.of(document, SIZE)
-    state = state.looking(0, replace(state.looks[0], visible=False))
-    document = document.followed(state.looks, state.meshes, state.settings)
+    state = state.with_style(0, replace(state.styles[0], visible=False))
+    document = document.with_styles(state.styles, state.mesh_files, state.settings)
     for stride in STRIDES:
         document.extract(stride)
-    assert document.whole
+    assert document.has_full_resolution
     screen = SimpleNamespace(put=lambda name, pixels: None)
     frame = FrameRenderer(cast(Any, screen), renderer, ()).draw(state, document, FULL, False, lambda: False)
-    assert 1 not in document.part(0).made and document.part(1).whole and frame.hidden == 0
+    assert 1 not in document.layers[0].made and 1 in document.layers[1].shells and frame.hidden == 0
     # what is told is of what is drawn
     told = " ".join(hud.lines(state, document, frame, None))
-    assert f"{len(document.part(1).finest):,} of {40**3:,} voxels" in told
+    assert f"{len(document.layers[1].finest):,} of {40**3:,} voxels" in told
 
 
 def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,10 +122,12 @@ def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypa
     document = Document.open(SceneFile(str(tmp_path / "a.npy"), layers=(SceneFile(str(tmp_path / "b.npy")),)))
     for stride in STRIDES[1:]:
         document.extract(stride)
-    first, second = (len(document.part(number).at(2)) for number in (0, 1))
-    assert first != second and not document.complete
+    first, second = (len(document.layers[number].at(2)) for number in (0, 1))
+    assert first != second and not document.is_complete
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 4 * (first + second))
-    assert document.heavy and document.complete and sum(part.heavy for part in document.drawing) == 1
+    assert (
+        document.exceeds_budget and document.is_complete and sum(layer.exceeds_budget for layer in document.layers) == 1
+    )
 
 
 def test_another_picture_is_not_called_refined(document: Document) -> None:
@@ -129,8 +135,8 @@ def test_another_picture_is_not_called_refined(document: Document) -> None:
     state = State.of(document, SIZE)
     told = hud.short(state, document, None, "the picture before")
     assert told[-1] == "the picture before"
-    stale = cast(Any, Viewer.stale).fget
-    refiner, extractor = SimpleNamespace(refused=("x",)), SimpleNamespace(failed=None)
+    stale = cast(Any, Viewer.pending_reason).fget
+    refiner, extractor = SimpleNamespace(refused=("x",)), Extractor(lambda: None)
     viewer = SimpleNamespace(coming=None, refiner=refiner, extractor=extractor, wanted=lambda: ("x",))
     assert stale(viewer) and not stale(SimpleNamespace(**{**vars(viewer), "wanted": lambda: ("y",)}))
     viewer.coming = document

@@ -14,10 +14,11 @@ from splatgl.annotations.text import FONT, Text, _fitted
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer import loading
+from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
-from splatgl.viewer.key_bindings import BINDINGS, MOUSE
-from splatgl.viewer.loading import Files, News
+from splatgl.viewer.key_bindings import help_rows
+from splatgl.viewer.loading import Files, Opened
 from splatgl.viewer.state import State
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, silent
@@ -50,8 +51,7 @@ def window(shared: Window) -> Window:
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_the_help_fits_small_windows(scale: float) -> None:
     """All keys in 640 × 480 pixels, in letters of 10 pixels at least."""
-    rows = tuple("\t".join((", ".join(each.keys), each.about)) for each in BINDINGS)
-    text = Text((*rows, *("\t".join(row) for row in MOUSE)), "middle", fit=True)
+    text = Text(tuple("\t".join(row) for row in help_rows(COMMANDS)), "middle", fit=True)
     size = round(640 * scale), round(480 * scale)
     block = _fitted(text, size, scale)
     assert block.size[0] <= size[0] and block.size[1] <= size[1] and block.height >= 0.75 * FONT * scale
@@ -138,13 +138,13 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     """
     gates = {name: threading.Event() for name in ("a/v.npy", "b/v.npy")}
 
-    def opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> News:
+    def opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
         assert gates[scene.volume].wait(300.0)
-        return News(document)
+        return Opened(document)
 
     document = Document.open(SceneFile(str(folder / "blob.npy")))
     np.save(folder / "watched.npy", blob().samples)
-    monkeypatch.setattr(loading, "_opened_news", opened)
+    monkeypatch.setattr(loading, "_opened", opened)
     woken = threading.Semaphore(0)
     found = Files(Jobs(woken.release), (str(folder / "watched.npy"),), lambda: document.scene, 0.0)
     for name in gates:
@@ -155,19 +155,19 @@ def test_a_dropped_file_is_not_replaced(folder: Path, monkeypatch: pytest.Monkey
     gates["a/v.npy"].set()
     assert woken.acquire(timeout=300.0)
     for done in found.jobs.collect():
-        found.finished(done.name)
+        found.finish(done.kind)
     os.utime(folder / "watched.npy", (1, 1))
     state = State.of(document, (120, 80))
-    found.look(state, 1e9)
+    found.check(state, 1e9)
     assert not found.jobs.waiting and (found.jobs.busy or "").startswith("opening")
     gates["b/v.npy"].set()
-    assert found.jobs.settled(300.0)
+    assert found.jobs.wait(300.0)
     for done in found.jobs.collect():
-        found.finished(done.name)
+        found.finish(done.kind)
     # now it is
     os.utime(folder / "watched.npy", (2, 2))
-    found.look(state, 2e9)
-    assert found.opening == "" and found.jobs.settled(300.0)
+    found.check(state, 2e9)
+    assert found.opening == "" and found.jobs.wait(300.0)
     assert [done.name for done in found.jobs.collect()] == ["reading again"]
 
 

@@ -13,13 +13,14 @@ from splatgl.annotations.text import beside, label
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import TURN, acted, angles, name_of
+from splatgl.viewer.commands import TURN, angles, name_of
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import clicked, told, under_cursor
 from splatgl.viewer.overlays import RULER, TIP, AnnotationInputs, Legend, cropped, of_ruler
 from splatgl.viewer.saving import save_picture, save_scene, with_marks
 from splatgl.viewer.state import Ruler, State
 from splatgl.viewer.trackball import Mouse, Pose, seen, up_of
+from tests.helpers.commands import acted
 
 SIZE = (160, 120)
 BLACK, USUAL = (0.0, 0.0, 0.0), ("scale", "axes")
@@ -101,7 +102,7 @@ def test_labels_stay_in_the_window() -> None:
 
 def scenery(document: Document, state: State, **changes: object) -> AnnotationInputs:
     camera = state.pose.camera
-    found = AnnotationInputs(state.annotate, document.volume, state.transfer, camera, "composite", BLACK)
+    found = AnnotationInputs(state.annotate, document.volume, state.style.stated, camera, "composite", BLACK)
     return replace(found, **changes)
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,12 +16,11 @@ from splatgl.annotations.axes import letters
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import acted
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import with_slices
 from splatgl.viewer.slice_views import (
     Pane,
-    Slicing,
+    SliceTool,
     colors,
     column,
     grey,
@@ -35,7 +32,9 @@ from splatgl.viewer.slice_views import (
     world_axes,
 )
 from splatgl.viewer.state import Slices, State
+from splatgl.viewer.tool import View
 from tests.helpers.blobs import blob
+from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
@@ -279,7 +278,7 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
         lines, found = (np.ptp(each[40:140, :300].astype(int), axis=2) > 60 for each in (shot, saved))
         assert 0.01 < lines.mean() < found.mean() < 2 * lines.mean() and (lines & ~found).mean() < 1e-3
     # while the window's size changes
-    told = window.ask("set", state={"fullscreen": True}, asks=["screenshot"])
+    told = window.ask("set", state={"fullscreen": True}, effects=["SAVE_PICTURE"])
     shape = sg.Image.load(window.folder / told["message"].split()[-1]).pixels.shape
     assert told["fullscreen"] and shape == (told["size"][1], window.shot().shape[1], 4)
     window.key("F11")
@@ -318,11 +317,8 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
     assert not isinstance(document.volume.samples, np.ndarray)
     state = replace(State.of(document, (400, 300)), slices=Slices(shown=True))
     said: list[str] = []
-    window = SimpleNamespace(wake=lambda: None, scale=1.0)
-    viewer = SimpleNamespace(
-        window=window, state=state, document=document, whole=(400, 300), say=said.append, now=time.monotonic
-    )
-    slicing, asked = Slicing(cast(Any, viewer)), []
+    view = View((400, 300))
+    tool, asked = SliceTool(lambda: None), []
 
     def plane(*given: object) -> None:
         asked.append(given)
@@ -330,23 +326,17 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
 
     monkeypatch.setattr("splatgl.viewer.slice_views.plane", plane)
     for _ in range(8):
-        marks = slicing.marks()
-        assert slicing.jobs.settled(300.0)
-        slicing.collect()
+        marks = tool.marks(state, document, view)
+        assert tool.jobs.wait(300.0)
+        said += tool.collect() or ()
     assert len(asked) == 3 == len(said) and "slice cannot be read" in said[0]
     assert not any(each.smooth for each in marks.sprites)
     # nor is it saved, under a number that it has not; once it can be read, it is, after slices were hidden
     with pytest.raises(sg.InputError, match="cannot be read: 'chunk'; hide the slices"):
-        slicing.picture()
+        tool.complete_marks(state, document, view)
     monkeypatch.undo()
-    viewer.state = replace(state, slices=Slices())
-    assert not slicing.marks()
-    viewer.state = state
-    for _ in range(3):
-        slicing.marks()
-        assert slicing.jobs.settled(300.0)
-        slicing.collect()
-    assert sum(each.smooth for each in slicing.marks().sprites) == 3 and not slicing.failed
+    assert not tool.marks(replace(state, slices=Slices()), document, view)
+    assert sum(sprite.smooth for sprite in tool.complete_marks(state, document, view).sprites) == 3 and not tool.failed
 
 
 @pytest.mark.long
@@ -366,7 +356,7 @@ def test_samples_in_parts_are_read_behind_the_window(tmp_path: Path) -> None:
     assert window.ask("settle")["slices"]["place"][2] < told["slices"]["place"][2]
     assert window.shot()[top:bottom, left:right].mean() < first - 3
     # a picture that is saved at once has the slice that it names
-    name = window.ask("set", place=[0.5, 0.5, 0.9], asks=["screenshot"])["message"].split()[-1]
+    name = window.ask("set", place=[0.5, 0.5, 0.9], effects=["SAVE_PICTURE"])["message"].split()[-1]
     window.ask("settle")
     saved = (sg.Image.load(tmp_path / name).over((0.0, 0.0, 0.0)).straight()[..., :3] * 255).round()
     assert np.abs(saved[top:bottom, left:right] - window.shot()[top:bottom, left:right]).max() <= 1

@@ -13,10 +13,10 @@ from splatgl.splat.bricks import EACH, FIXED, SAMPLE
 from splatgl.splat.settings import Settings
 from splatgl.viewer import stand_in
 from splatgl.viewer.document import Document
-from splatgl.viewer.loading import News
+from splatgl.viewer.loading import Reloaded
 from splatgl.viewer.saving import scene_of
 from splatgl.viewer.stand_in import choose_stand_in, every
-from splatgl.viewer.state import State
+from splatgl.viewer.state import LayerStyle, State
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
 
@@ -82,15 +82,15 @@ def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, mon
     np.save(tmp_path / "v.npy", volume.samples)
     scene = SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points})
     whole = Document.open(scene)
-    assert whole.transfer.unit is None and whole.portion is not None and not whole.portion.told
+    assert whole.layers[0].transfer.unit is None and whole.stand_in is not None and not whole.stand_in.told
     allow(volume.count / 60, monkeypatch)
     document = Document.open(scene)
-    finer = document.finer()
-    assert document.transfer.unit == pytest.approx(1.0) == finer.transfer.unit
-    assert finer.volume.count < volume.count / 7 and finer.portion and finer.portion.finer is None
+    finer = document.refined()
+    assert document.layers[0].transfer.unit == pytest.approx(1.0) == finer.layers[0].transfer.unit
+    assert finer.volume.count < volume.count / 7 and finer.stand_in and finer.stand_in.finer is None
     # what is edited stays the same portion
-    edited = finer.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
-    assert edited.portion is finer.portion and edited.volumes is finer.volumes
+    edited = finer.layers[0].with_transfer(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
+    assert edited.stand_in is finer.stand_in and edited.volumes is finer.layers[0].volumes
 
 
 @pytest.mark.long
@@ -111,7 +111,9 @@ def test_a_level_is_saved_with_its_scene(
     document = Document.open(SceneFile(str(tmp_path / "v.zarr"), transfer={"points": SOFT.points}))
     found = scene_of(State.of(document, (20, 16)), document)
     assert found.load == {"level": 1} and found.open().shape == document.volume.shape
-    assert np.array_equal(found.splats(found.open(), found.transfer_for(found.open())).records, document.at(1).records)
+    assert np.array_equal(
+        found.splats(found.open(), found.transfer_for(found.open())).records, document.layers[0].at(1).records
+    )
 
 
 @pytest.mark.long
@@ -122,8 +124,9 @@ def test_a_finer_portion_of_what_is_no_longer_shown_is_not_taken(
     np.save(tmp_path / "v.npy", volume.samples)
     scenes = [SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points}) for _ in range(2)]
     shown, other = (Document.open(scene) for scene in scenes)
-    news = News(shown.finer(), finer=True)
-    edited = shown.changed(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]), 0.0)
-    assert [news.stale(document) for document in (shown, edited, other)] == [False, False, True]
+    finer = Reloaded(shown.refined(), is_finer=True)
+    style = LayerStyle(sg.Transfer([(0.3, 0.0), (0.8, 0.1)]))
+    edited = shown.with_styles((style,), (), shown.scene.settings)
+    assert [finer.is_outdated(document) for document in (shown, edited, other)] == [False, False, True]
     # another file is taken whatever is shown
-    assert not News(other).stale(shown)
+    assert not Reloaded(other).is_outdated(shown)

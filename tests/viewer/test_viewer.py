@@ -24,27 +24,20 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.statistics import statistics
 from splatgl.viewer import hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
-from splatgl.viewer.commands import ACTIONS, acted
-from splatgl.viewer.document import Document
+from splatgl.viewer.commands import COMMANDS
+from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.file_watch import Watch, watched
 from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, crossing, share_beyond, tinted
-from splatgl.viewer.jobs import Jobs
-from splatgl.viewer.key_bindings import (
-    BINDINGS,
-    checked,
-    from_character,
-    from_key,
-    keymap,
-    listing,
-    load_bindings,
-    remapped,
-)
+from splatgl.viewer.jobs import Jobs, Kind
+from splatgl.viewer.key_bindings import keymap, list_bindings, load_bindings, normalized, rebind
 from splatgl.viewer.measure_tool import picked
 from splatgl.viewer.reference_view import enlarged
 from splatgl.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
-from splatgl.viewer.state import History, State, stronger
+from splatgl.viewer.state import History, LayerStyle, State, scale_opacity
 from splatgl.viewer.trackball import Mouse, Pose, wheeled
+from splatgl.viewer.window import from_character, from_key
 from tests.helpers.blobs import LONGEST, SIZE, blob
+from tests.helpers.commands import acted
 
 
 @pytest.fixture
@@ -203,22 +196,22 @@ def test_double_clicks(pose: Pose) -> None:
 
 
 def test_the_table_is_whole() -> None:
-    assert {binding.action for binding in BINDINGS} == set(ACTIONS)
-    assert len(keymap(BINDINGS)) == sum(len(binding.keys) for binding in BINDINGS)
-    for binding in BINDINGS:
-        assert all(checked(binding.action, key) == key for key in binding.keys)
+    assert len({command.id for command in COMMANDS}) == len(COMMANDS)
+    assert len(keymap(COMMANDS)) == sum(len(command.keys) for command in COMMANDS)
+    for command in COMMANDS:
+        assert all(normalized(command.id, key) == key for key in command.keys)
 
 
 def test_list_bindings(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(["view", "--list-bindings"])
     assert end.value.code == 0
-    assert capsys.readouterr().out.strip() == listing(BINDINGS).strip()
+    assert capsys.readouterr().out.strip() == list_bindings(COMMANDS).strip()
 
 
 def test_remapping(tmp_path: Path) -> None:
     (tmp_path / "keys.toml").write_text('[bindings]\nturn = ["t", "Ctrl+Space"]\nquit = "h"\n')
-    keys = keymap(load_bindings(tmp_path / "keys.toml"))
+    keys = {key: command.id for key, command in keymap(load_bindings(tmp_path / "keys.toml")).items()}
     assert keys["t"] == keys["ctrl+space"] == "turn" and keys["h"] == "quit"
     assert "space" not in keys and "q" not in keys and keys["r"] == "reset"
 
@@ -235,7 +228,7 @@ def test_remapping(tmp_path: Path) -> None:
 )
 def test_bad_bindings(changes: dict[str, object], message: str) -> None:
     with pytest.raises(sg.InputError, match="^" + message.replace("+", r"\+")):
-        remapped(changes)
+        rebind(changes)
 
 
 def test_keys_as_glfw_tells_them() -> None:
@@ -414,16 +407,19 @@ def test_undo_and_redo(scene: SceneFile) -> None:
     turned = acted(denser, "top", document)
     history.note(denser)
     history.note(replace(denser, message="said"))
-    back = history.undone(turned)
-    assert back.pose.camera.eye == pytest.approx(denser.pose.camera.eye) and back.extinction == denser.extinction
-    assert back.help and history.unsaved(back)
-    back = history.undone(back)
-    assert back.extinction == 1.0 and not history.unsaved(back)
-    assert history.undone(back).message == "nothing to undo"
-    again = history.redone(back)
-    assert again.extinction == denser.extinction
+    back = history.undo(turned)
+    assert (
+        back.pose.camera.eye == pytest.approx(denser.pose.camera.eye)
+        and back.style.extinction == denser.style.extinction
+    )
+    assert back.help and history.has_unsaved_edits(back)
+    back = history.undo(back)
+    assert back.style.extinction == 1.0 and not history.has_unsaved_edits(back)
+    assert history.undo(back).message == "nothing to undo"
+    again = history.redo(back)
+    assert again.style.extinction == denser.style.extinction
     history.note(acted(again, "threshold-up", document))
-    assert history.redone(again).message == "nothing to redo" or not history.future
+    assert history.redo(again).message == "nothing to redo" or not history.future
 
 
 # --- what is shown ------------------------------------------------------------------------------------------------
@@ -452,14 +448,14 @@ def test_coarse_colours_are_those_of_the_matter() -> None:
 def test_coarse_pictures_look_alike(renderer: sg.Renderer, scene: SceneFile) -> None:
     """Opacities are per the finest volume's length: a coarse picture is as bright as the fine one."""
     document = Document.open(scene)
+    (layer,) = document.layers
     # a volume this small is drawn as it is
-    assert document.at(2) is document.at(1)
+    assert layer.at(2) is layer.at(1)
     volume = blob(48)
-    document = replace(
-        document, volumes=(volume, halve_volume(volume), halve_volume(halve_volume(volume)), volume), made={}, skins={}
-    )
-    camera = document.home(SIZE).camera
-    fine, coarse = (renderer.render(document.at(stride), camera).pixels for stride in (1, 2))
+    volumes = (volume, halve_volume(volume), halve_volume(halve_volume(volume)), volume)
+    layer = replace(layer, volumes=volumes, made={}, shells={})
+    camera = replace(document, layers=(layer,)).home(SIZE).camera
+    fine, coarse = (renderer.render(layer.at(stride), camera).pixels for stride in (1, 2))
     assert coarse.mean() == pytest.approx(fine.mean(), rel=0.1)
     assert np.sqrt(((coarse - fine) ** 2).mean()) < 0.05
 
@@ -607,13 +603,13 @@ def test_opacity_keys_undo_each_other(scene: SceneFile) -> None:
     document = Document.open(scene)
     state = State.of(document, SIZE)
     more = acted(state, "opacity-up", document)
-    assert more.transfer.points[1][1] == pytest.approx(1 - 0.4**1.25)
-    assert acted(more, "opacity-down", document).transfer == state.transfer
-    assert stronger(1.0, 0.2) == 1.0 and stronger(0.0, 5.0) == 0.0
+    assert more.style.transfer.points[1][1] == pytest.approx(1 - 0.4**1.25)
+    assert acted(more, "opacity-down", document).styles == state.styles
+    assert scale_opacity(1.0, 0.2) == 1.0 and scale_opacity(0.0, 5.0) == 0.0
 
 
 def test_settings_that_a_volume_does_not_allow_are_passed_over(scene: SceneFile) -> None:
-    document = replace(Document.open(scene), volumes=(blob(),) * len(STRIDES), made={}, skins={})
+    document = Document.open(scene)
     state, met = State.of(document, SIZE), []
     state = replace(state, settings=state.settings.but(technique="tiles"))
     for _ in range(6):
@@ -629,108 +625,128 @@ POST, PRE = sg.Settings(classification="post"), sg.Settings(classification="pre"
 
 
 @pytest.fixture
-def after(scene: SceneFile) -> Document:
+def document(scene: SceneFile) -> Document:
     return Document.open(replace(scene, settings=POST))
 
 
-def test_splats_are_classified_as_the_settings_say(after: Document) -> None:
+@pytest.fixture
+def after(document: Document) -> LayerSplats:
+    return document.layers[0]
+
+
+def test_splats_are_classified_as_the_settings_say(after: LayerSplats) -> None:
     """What takes splats of the other kind gets them; both kinds are kept."""
-    assert after.after and after.whole and after.skin(1) is after.at(1) and after.at(1).post is not None
+    assert (
+        after.is_post_classified
+        and 1 in after.shells
+        and after.shell(1) is after.at(1)
+        and after.at(1).post is not None
+    )
     assert after.counts[0] == len(after.at(1)) and after.at(1).post.kernel == "b-spline"
-    assert after.classified(POST) is after and after.only_before(POST, False) is None
-    assert after.classified(POST.but(blend="xray")) is after
-    assert after.classified(POST, moving=True) is after
+    assert after.for_settings(POST) is after and after.why_pre_classified(POST, False) is None
+    assert after.for_settings(POST.but(blend="xray")) is after
+    assert after.for_settings(POST, moving=True) is after
     streaked = POST.but(motion="exact")
-    before = after.classified(streaked, moving=True)
-    assert before.at(1).post is None and len(before.at(1)) < len(after.at(1)) and not before.after
-    assert before.classified(streaked, moving=True) is before and before.classified(POST) is after
-    every = after.classified(POST.but(blend="mip"))
+    before = after.for_settings(streaked, moving=True)
+    assert before.at(1).post is None and len(before.at(1)) < len(after.at(1)) and not before.is_post_classified
+    assert before.for_settings(streaked, moving=True) is before and before.for_settings(POST) is after
+    every = after.for_settings(POST.but(blend="mip"))
     assert every.at(1).post is not None and len(every.at(1)) == after.volume.samples.size
-    assert after.classified(PRE) is before and before.only_before(streaked, True) == "motion exact"
-    other = after.classified(POST.but(kernel="crawfis-max"))
+    assert after.for_settings(PRE) is before and before.why_pre_classified(streaked, True) == "motion exact"
+    other = after.for_settings(POST.but(kernel="crawfis-max"))
     assert other.at(1).post is not None and other.at(1).post.kernel == "crawfis-max"
 
 
-def test_blends_of_one_value_have_no_threshold(after: Document) -> None:
+def test_blends_of_one_value_have_no_threshold(document: Document) -> None:
     """Voxels that are left out would change means and minima without a word."""
-    state = State.of(after, SIZE)
+    state = State.of(document, SIZE)
     mean = replace(state, settings=POST.but(blend="mean"))
-    told = acted(mean, "threshold-up", after)
-    assert told.threshold == 0.0 and told.message == "no threshold: blend mean takes the values of all voxels"
-    assert acted(state, "threshold-up", after).threshold > 0
+    told = acted(mean, "threshold-up", document)
+    assert told.style.threshold == 0.0 and told.message == "no threshold: blend mean takes the values of all voxels"
+    assert acted(state, "threshold-up", document).style.threshold > 0
     # nor are they chosen while one is about to be extracted
-    pending, met = replace(state, threshold=0.1), set()
+    pending, met = state.edit(threshold=0.1), set()
     for _ in range(6):
-        pending = acted(pending, "blend", after)
+        pending = acted(pending, "blend", document)
         met.add(pending.settings.blend)
     assert met == {"composite", "xray", "mip"}
     # nor are values that were extracted without one taken for it
-    every = after.classified(POST.but(blend="mean"))
+    every = document.layers[0].for_settings(POST.but(blend="mean"))
     assert every.at(1).post is not None
     with pytest.raises(sg.InputError, match="only classification pre is possible, because of threshold"):
-        every.following(every.transfer, 0.1, POST.but(blend="mean")).at(1)
+        every.for_style(LayerStyle(every.transfer, 0.1), POST.but(blend="mean")).at(1)
 
 
-def test_edits_of_kept_values_extract_nothing(after: Document) -> None:
+def test_edits_of_kept_values_extract_nothing(after: LayerSplats) -> None:
     points = {
         "colours": replace(after.transfer, colormap="viridis"),
         "fewer": replace(after.transfer, points=((8.0, 0.0), (30.0, 0.9))),
     }
     for transfer in points.values():
-        edited = after.following(transfer, 0.0, POST)
-        assert edited.whole and edited.at(1).records is after.at(1).records and edited.counts == after.counts
+        edited = after.for_style(LayerStyle(transfer, 0.0), POST)
+        assert 1 in edited.shells and edited.at(1).records is after.at(1).records and edited.counts == after.counts
         assert edited.at(1).post is not None and edited.at(1).post.transfer == transfer
-        again = edited.following(after.transfer, 0.0, POST)
-        assert again.at(1).records is after.at(1).records and again.fresh
-    assert after.following(points["colours"], 0.0, POST).fresh and not after.following(points["fewer"], 0.0, POST).fresh
-    more = after.following(replace(after.transfer, points=((3.0, 0.0), (30.0, 0.6))), 0.0, POST)
-    assert more.after and not more.whole and len(more.at(1)) > len(after.at(1))
+        again = edited.for_style(LayerStyle(after.transfer, 0.0), POST)
+        assert again.at(1).records is after.at(1).records and again.is_current
+    assert (
+        after.for_style(LayerStyle(points["colours"], 0.0), POST).is_current
+        and not after.for_style(LayerStyle(points["fewer"], 0.0), POST).is_current
+    )
+    more = after.for_style(LayerStyle(replace(after.transfer, points=((3.0, 0.0), (30.0, 0.6))), 0.0), POST)
+    assert more.is_post_classified and 1 not in more.shells and len(more.at(1)) > len(after.at(1))
     # what cannot be classified after, in between, leaves the values kept
-    faint = after.following(after.transfer, 0.1, POST)
-    assert not faint.after and faint.only_before(POST, False) == "threshold" and faint.at(1).post is None
-    assert faint.following(after.transfer, 0.0, POST).at(1).records is after.at(1).records
+    faint = after.for_style(LayerStyle(after.transfer, 0.1), POST)
+    assert (
+        not faint.is_post_classified
+        and faint.why_pre_classified(POST, False) == "threshold"
+        and faint.at(1).post is None
+    )
+    assert faint.for_style(LayerStyle(after.transfer, 0.0), POST).at(1).records is after.at(1).records
 
 
-def test_edits_at_every_stride_keep_their_unit(after: Document) -> None:
+def test_edits_at_every_stride_keep_their_unit(after: LayerSplats) -> None:
     volume = blob(48)
     coarse = (volume, halve_volume(volume), halve_volume(halve_volume(volume)), volume)
-    document = replace(after, volumes=coarse, made={}, skins={})
-    assert document.at(2).unit == document.at(1).unit
-    edited = document.following(replace(after.transfer, colormap="viridis"), 0.0, POST)
-    assert edited.at(2).records is document.at(2).records and edited.at(2).unit == edited.at(1).unit
+    layer = replace(after, volumes=coarse, made={}, shells={})
+    assert layer.at(2).unit == layer.at(1).unit
+    edited = layer.for_style(LayerStyle(replace(after.transfer, colormap="viridis"), 0.0), POST)
+    assert edited.at(2).records is layer.at(2).records and edited.at(2).unit == edited.at(1).unit
 
 
 @pytest.mark.long
-def test_the_window_draws_values_and_what_they_cannot_be(after: Document, renderer: sg.Renderer) -> None:
-    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
+def test_the_window_draws_values_and_what_they_cannot_be(document: Document, renderer: sg.Renderer) -> None:
+    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), State.of(document, SIZE)
     for level in (FULL, LADDER[6]):
-        frame = painter.draw(state, after, level, False, lambda: False)
+        frame = painter.draw(state, document, level, False, lambda: False)
         assert frame.info["classification"] == "post" and not any(
-            "takes" in line for line in said_of(state, after, frame)
+            "takes" in line for line in said_of(state, document, frame)
         )
     sheets = replace(state, settings=PRE)
-    frame = painter.draw(sheets, after.classified(sheets.settings), LADDER[6], False, lambda: False)
+    frame = painter.draw(sheets, document.for_settings(sheets.settings), LADDER[6], False, lambda: False)
     assert frame.info["classification"] == "pre" and frame.info["sheets"] == 2
     for blend in ("xray", "mip"):
         other = replace(state, settings=POST.but(blend=blend))
-        frame = painter.draw(other, after.classified(other.settings), FULL, False, lambda: False)
+        frame = painter.draw(other, document.for_settings(other.settings), FULL, False, lambda: False)
         assert (frame.info["classification"], frame.info["blend"]) == ("post", blend)
-    blurred, before = replace(state, blur="exact"), after.classified(POST.but(motion="exact"), moving=True)
+    blurred, before = replace(state, blur="exact"), document.for_settings(POST.but(motion="exact"), moving=True)
     painter.draw(blurred, before, FULL, True, lambda: False)
     blurred = replace(blurred, pose=blurred.pose.spun(5.0, np.array([0.0, 0.0, 1.0])))
     frame = painter.draw(blurred, before, FULL, True, lambda: False)
     assert frame.blurred and any("motion exact takes" in line for line in said_of(blurred, before, frame))
 
 
-def test_slow_pictures_blur_no_longer_paths(after: Document, renderer: sg.Renderer) -> None:
+def test_slow_pictures_blur_no_longer_paths(document: Document, renderer: sg.Renderer) -> None:
     """Of a path however long, few moments; of a slow picture's, the last tenth of a second."""
-    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), replace(State.of(after, SIZE), blur="moments")
+    painter, state = (
+        FrameRenderer(cast(Screen, Kept()), renderer, ()),
+        replace(State.of(document, SIZE), blur="moments"),
+    )
     turned = replace(state, pose=state.pose.spun(90.0, np.array([0.0, 0.0, 1.0])))
 
     def moments(seconds: float) -> object:
-        painter.draw(state, after, FULL, True, lambda: False)
+        painter.draw(state, document, FULL, True, lambda: False)
         painter.begun = time.perf_counter() - seconds
-        return painter.draw(turned, after, FULL, True, lambda: False).info["moments"]
+        return painter.draw(turned, document, FULL, True, lambda: False).info["moments"]
 
     assert moments(0.0) == MOMENTS and moments(20.0) == 2
 
@@ -739,29 +755,29 @@ def said_of(state: State, document: Document, frame: hud.Frame) -> tuple[str, ..
     return hud.lines(state, document, frame, None)
 
 
-def test_classification_is_a_choice(after: Document, scene: SceneFile) -> None:
+def test_classification_is_a_choice(document: Document, scene: SceneFile) -> None:
     """It is passed over where it cannot be had."""
-    document, met = Document.open(scene), []
-    state = State.of(document, SIZE)
+    default, met = Document.open(scene), []
+    state = State.of(default, SIZE)
     for _ in range(3):
-        state = acted(state, "classification", document)
+        state = acted(state, "classification", default)
         met.append(state.settings.classification)
     assert met == ["post", "pre", "auto"]
     table = replace(state, settings=sg.Settings(footprint="table", classification="pre"))
-    assert acted(table, "classification", document).settings.classification == "auto"
-    assert acted(State.of(after, SIZE), "compositing", after).settings.compositing == "sheets"
+    assert acted(table, "classification", default).settings.classification == "auto"
+    assert acted(State.of(document, SIZE), "compositing", document).settings.compositing == "sheets"
 
 
 @pytest.mark.long
-def test_light_beyond_z_k_is_tinted(after: Document, renderer: sg.Renderer) -> None:
+def test_light_beyond_z_k_is_tinted(document: Document, renderer: sg.Renderer) -> None:
     """All of it far off, none of it near, and in between the part that is beyond."""
-    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), State.of(after, SIZE)
+    painter, state = FrameRenderer(cast(Screen, Kept()), renderer, ()), State.of(document, SIZE)
     state = replace(state, settings=POST.but(antialias="paper", background=(0.1, 0.1, 0.4)))
     shares = []
     for notches in (0.0, -5.0, -9.5, -12.0):
         seen_from = replace(state, pose=wheeled(state.pose, (60.0, 40.0), notches))
-        plain = renderer.render(after.at(1), seen_from.pose.camera, sg.Settings(antialias="paper")).pixels
-        frame = painter.draw(replace(seen_from, beyond=True), after, FULL, False, lambda: False)
+        plain = renderer.render(document.layers[0].at(1), seen_from.pose.camera, sg.Settings(antialias="paper")).pixels
+        frame = painter.draw(replace(seen_from, show_zk=True), document, FULL, False, lambda: False)
         changed = np.abs(painter.pixels - plain).max()
         shares.append(frame.beyond())
         assert (changed > 0.05) == (frame.beyond() > 0) and plain[..., 3].max() > 0.1
@@ -771,16 +787,16 @@ def test_light_beyond_z_k_is_tinted(after: Document, renderer: sg.Renderer) -> N
     assert shares[0] == 0 and shares[-1] == 1 and any(0 < share < 1 for share in shares)
 
 
-def test_values_are_picked_where_they_are_opaque(after: Document) -> None:
-    camera = after.home(SIZE).camera
+def test_values_are_picked_where_they_are_opaque(document: Document, after: LayerSplats) -> None:
+    camera = document.home(SIZE).camera
     for place in ((60.0, 40.0), (64.0, 30.0)):
-        found, right = (picked(document.at(1), camera, place) for document in (after, after.classified(PRE)))
+        found, right = (picked(layer.at(1), camera, place) for layer in (after, after.for_settings(PRE)))
         assert found is not None and right is not None and np.abs(found - right).max() < 2.0
     # voxels around opaque ones are kept, but are not there to be picked
-    shown = after.following(replace(after.transfer, points=((38.0, 0.0), (39.0, 0.9))), 0.0, POST)
+    shown = after.for_style(LayerStyle(replace(after.transfer, points=((38.0, 0.0), (39.0, 0.9))), 0.0), POST)
     depth = (shown.at(1).records["position"][shown.at(1).depths > 0] - (11.5, 11.5, 11.5)) / 24
     assert 0 < len(depth) < 0.5 * len(shown.at(1))
-    clear = after.following(replace(after.transfer, points=((4.0, 0.0), (30.0, 0.0))), 0.0, POST)
+    clear = after.for_style(LayerStyle(replace(after.transfer, points=((4.0, 0.0), (30.0, 0.0))), 0.0), POST)
     assert len(clear.at(1)) and picked(clear.at(1), camera, (60.0, 40.0)) is None
 
 
@@ -835,15 +851,15 @@ def test_what_is_saved_is_what_render_makes(
 
 @pytest.mark.parametrize("edit", ["nothing", "fewer values", "threshold-up", "blend"])
 def test_what_is_saved_of_values_is_what_render_makes(
-    renderer: sg.Renderer, after: Document, tmp_path: Path, edit: str
+    renderer: sg.Renderer, document: Document, tmp_path: Path, edit: str
 ) -> None:
     """Also where the window holds more voxels than the scene needs, and where it shows splats classified before."""
-    state = State.of(after, SIZE)
-    if edit in ACTIONS:
-        state = acted(state, edit, after)
+    state = State.of(document, SIZE)
+    if edit in ("threshold-up", "blend"):
+        state = acted(state, edit, document)
     elif edit == "fewer values":
-        state = replace(state, base=replace(state.base, points=((12.0, 0.0), (30.0, 0.9))))
-    document = after.following(state.transfer, state.threshold, state.settings)
+        state = state.edit(base=replace(state.style.base, points=((12.0, 0.0), (30.0, 0.9))))
+    document = document.with_styles(state.styles, (), state.settings)
     save_scene(state, document, renderer.render, tmp_path)
     given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]
     assert main([*given, "-o", str(tmp_path / "again.npy")]) == 0
@@ -855,7 +871,7 @@ def test_what_is_saved_of_values_is_what_render_makes(
 def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: SceneFile, tmp_path: Path) -> None:
     document = Document.open(scene)
     state = replace(State.of(document, SIZE), annotate=())
-    shown = renderer.render(document.at(1), state.pose.camera, state.settings).pixels
+    shown = renderer.render(document.layers[0].at(1), state.pose.camera, state.settings).pixels
     saved = picture_of(scene_of(state, document), document, renderer.render).pixels
     assert np.abs(shown - saved).max() < 1e-5
 
@@ -901,38 +917,38 @@ def test_what_is_watched() -> None:
 def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: SceneFile) -> None:
     """A transfer function that keeps everything of something big stays coarse."""
     monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 3000)
-    document = Document.open(scene)
     volume = blob(48)
-    document = replace(document, volumes=(volume, halve_volume(volume), halve_volume(volume), halve_volume(volume)))
-    changed = document.changed(sg.Transfer([(-1, 0.5)]), 0.0)
-    changed.skin(2)
-    assert changed.heavy
-    assert not document.changed(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).heavy
+    volumes = (volume, halve_volume(volume), halve_volume(volume), halve_volume(volume))
+    layer = replace(Document.open(scene).layers[0], volumes=volumes)
+    changed = layer.with_transfer(sg.Transfer([(-1, 0.5)]), 0.0)
+    changed.shell(2)
+    assert changed.exceeds_budget
+    assert not layer.with_transfer(sg.Transfer([(39, 0.0), (40, 0.5)]), 0.0).exceeds_budget
 
 
 def test_values_that_are_kept_serve_no_threshold(scene: SceneFile) -> None:
     """mip keeps values through a threshold; minip, which takes the same, still allows none."""
     document = Document.open(replace(scene, settings=Settings(blend="mip")))
     state = acted(State.of(document, SIZE), "threshold-up", document)
-    document = document.followed(state.looks, state.meshes, state.settings)
-    assert state.threshold > 0 and not document.after
+    document = document.with_styles(state.styles, state.mesh_files, state.settings)
+    assert state.style.threshold > 0 and not document.layers[0].is_post_classified
     for _ in BLENDS:
         state = acted(state, "blend", document)
         assert not BLENDS[state.settings.blend].post_only
-        document = document.followed(state.looks, state.meshes, state.settings)
-        assert all(len(document.at(stride)) for stride in STRIDES)
+        document = document.with_styles(state.styles, state.mesh_files, state.settings)
+        assert all(len(document.layers[0].at(stride)) for stride in STRIDES)
     # the values are still there for what they are of
-    less = replace(state, threshold=0.0, settings=state.settings.but(blend="mip"))
-    assert document.followed(less.looks, less.meshes, less.settings).made
+    less = replace(state.edit(threshold=0.0), settings=state.settings.but(blend="mip"))
+    assert document.with_styles(less.styles, less.mesh_files, less.settings).layers[0].made
 
 
 def test_jobs_do_the_newest() -> None:
     started, gate, woken = threading.Event(), threading.Event(), threading.Event()
     jobs = Jobs(woken.set)
-    jobs.submit("first", lambda: started.set() or (gate.wait(LONGEST) and 1))
+    jobs.submit(Kind.OPEN, "first", lambda: started.set() or (gate.wait(LONGEST) and 1))
     assert started.wait(LONGEST)
-    jobs.submit("dropped", lambda: 2)
-    jobs.submit("last", lambda: 1 / 0)
+    jobs.submit(Kind.OPEN, "dropped", lambda: 2)
+    jobs.submit(Kind.OPEN, "last", lambda: 1 / 0)
     assert jobs.busy == "last"
     gate.set()
     end = time.monotonic() + LONGEST
@@ -940,7 +956,7 @@ def test_jobs_do_the_newest() -> None:
         # woken before it is done with the job
         time.sleep(0)
     first, last = jobs.collect()
-    assert first.result == 1 and isinstance(last.error, ZeroDivisionError) and woken.is_set()
+    assert first.value == 1 and isinstance(last.error, ZeroDivisionError) and woken.is_set()
     assert jobs.collect() == []
 
 
@@ -960,5 +976,5 @@ def test_a_frame_tells_the_plan_it_was_drawn_by(scene: SceneFile, renderer: sg.R
     painter, state = FrameRenderer(cast(Screen, kept), renderer, ()), State.of(document, SIZE)
     frame = painter.draw(state, document, FULL, False, lambda: False)
     assert kept.pictures["picture"] is painter.pixels
-    drawn_by = renderer.plan(document.finest, state.pose.camera, state.settings)
+    drawn_by = renderer.plan(document.layers[0].finest, state.pose.camera, state.settings)
     assert frame.info["technique"] == frame.plan.program.technique == drawn_by.program.technique

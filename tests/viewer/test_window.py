@@ -18,7 +18,7 @@ from splatgl.comparison.image_regression import ImageRegression
 from splatgl.data.color import linear_from_srgb
 from splatgl.splat.settings import choices
 from splatgl.viewer import transfer_editor
-from splatgl.viewer.key_bindings import BINDINGS
+from splatgl.viewer.commands import COMMANDS
 from tests.helpers.blobs import blob
 from tests.helpers.window import (
     DRAG_SOURCE,
@@ -184,7 +184,7 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
 
 
 @pytest.mark.parametrize(
-    ("action", "key"), [(binding.action, key) for binding in BINDINGS for key in binding.keys], ids=str
+    ("action", "key"), [(command.id, key) for command in COMMANDS for key in command.keys], ids=str
 )
 @pytest.mark.long
 def test_every_key_does_what_the_help_says(window: Window, action: str, key: str) -> None:
@@ -417,7 +417,7 @@ def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
     """The window says why, its keys work on, and it goes on once something else is asked for."""
     window = values
     plain = window.ask("settle")
-    told = window.ask("set", state={"threshold": 0.2}, settings={"blend": "mean"})
+    told = window.ask("set", style={"threshold": 0.2}, settings={"blend": "mean"})
     assert "because of threshold" in told["message"] and told["splats"] == plain["splats"]
     # the views need something to look at
     for key in ("r", "1", "ctrl+z", "ctrl+shift+z"):
@@ -428,7 +428,7 @@ def test_what_cannot_be_extracted_leaves_the_picture(values: Window) -> None:
     window.hands("key", "r")
     window.ask("look")
     assert "because of threshold" in window.ask("look")["message"]
-    told = window.ask("set", state={"threshold": 0.0})
+    told = window.ask("set", style={"threshold": 0.0})
     assert "because of" not in window.ask("settle")["message"]
     told = window.ask("settle")
     assert told["full"] and told["settings"]["blend"] == "mean" and told["splats"] > plain["splats"]
