@@ -13,24 +13,24 @@ class InputError(ValueError):
 
 
 class Choice(InputError):
-    """What a file can't be read without: an option that picks one of several things, or tells what the file does not.
+    """Missing option: the file holds several things, of which the option picks one, or lacks what the option states.
 
-    option: the reader option (a field of LoadOptions). found: what there is, a name and a few words each, to be listed
-    by `splatgl info`; the message is complete without them.
+    option: the reader option (a field of LoadOptions). choices: (name, description) of the possible choices, listed by
+    `splatgl info`; the message is complete without them.
     """
 
-    def __init__(self, message: str, option: str = "", found: Sequence[tuple[str, str]] = ()) -> None:
+    def __init__(self, message: str, option: str = "", choices: Sequence[tuple[str, str]] = ()) -> None:
         super().__init__(message)
         self.option = option
-        self.found = tuple(found)
+        self.choices = tuple(choices)
 
 
-# what is said in a line, and ends nothing that could go on
+# errors that the user gets as one line, and that end neither the window nor a batch
 USER_ERRORS = (InputError, MemoryError)
 
 
 def error_text(error: BaseException) -> str:
-    """What one of TOLD says."""
+    """The message of one of USER_ERRORS."""
     return str(error) or "not enough memory"
 
 

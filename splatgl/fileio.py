@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> None:
-    """InputError, before any work, if `path` cannot be written or has none of the suffixes."""
+    """Raises InputError, before any work, if `path` cannot be written or has none of the suffixes."""
     if path.suffix.lower() not in suffixes:
         raise expected(path, f"a name that ends in {' or '.join(suffixes)}", repr(path.suffix))
     if path.is_dir():
@@ -34,21 +34,23 @@ def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> No
 
 
 def check_folder(folder: Path, name: Path | str) -> None:
-    """InputError, which begins with `name`, if a folder is neither one that can be written nor can be made."""
-    there = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
-    if not there.is_dir():
-        raise expected(name, "a folder", f"the file {there}", "choose another name")
-    if not os.access(there, os.W_OK | os.X_OK):
+    """Raises InputError, which begins with `name`, if a folder can neither be written to nor be made."""
+    parent = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not parent.is_dir():
+        raise expected(name, "a folder", f"the file {parent}", "choose another name")
+    if not os.access(parent, os.W_OK | os.X_OK):
         raise InputError(f"{name}: cannot be written: permission denied")
 
 
 def overwrites(path: Path, sources: Iterable[str | None]) -> bool:
-    """Whether writing `path` would overwrite one of the sources, by whatever name; None is none."""
-    return os.path.exists(path) and any(each and os.path.exists(each) and path.samefile(each) for each in sources)
+    """Whether writing `path` would overwrite one of the sources, also through a link; None is no source."""
+    return os.path.exists(path) and any(
+        source and os.path.exists(source) and path.samefile(source) for source in sources
+    )
 
 
 def check_source(path: Path, *sources: str | None) -> None:
-    """InputError if writing `path` would overwrite one of the sources; None is none."""
+    """Raises InputError if writing `path` would overwrite one of the sources; None is no source."""
     if overwrites(path, sources):
         raise expected(path, "another file than the source", "the source itself", "name another one with -o")
 
@@ -61,20 +63,20 @@ def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
     return math.prod(int(size) for size in shape) * dtype.itemsize
 
 
-# share of what is available now that is used unless a budget is given
+# share of the available memory that is used unless a budget is set
 SHARE = 0.5
-# free bytes where the system tells none
+# free bytes where the system reports none
 ASSUMED_FREE = 4 << 30
-# the budget that was given, if any
+# the budget that was set, if any
 _budget: list[int] = []
 
 
 def parse_bytes(text: str) -> int:
     """Parses a number of bytes: 4GiB, 500MB, 1e9. Raises InputError for other text."""
-    found = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *(?:([kmgt])(i?)b?|b?)", text.strip().lower())
+    match = re.fullmatch(r"([0-9.]+(?:e[0-9]+)?) *(?:([kmgt])(i?)b?|b?)", text.strip().lower())
     try:
-        assert found is not None
-        number, unit, binary = found.groups()
+        assert match is not None
+        number, unit, binary = match.groups()
         return int(float(number) * (1024 if binary else 1000) ** ("kmgt".index(unit) + 1 if unit else 0))
     except (AssertionError, ValueError):
         raise expected("memory", "a number of bytes, such as 4GiB or 500MB", repr(text)) from None
@@ -89,14 +91,14 @@ def format_bytes(count: int) -> str:
 
 
 def set_budget(memory: int | None) -> None:
-    """Sets the budget of this process, bytes; None: what is free."""
+    """Sets the memory budget of this process, bytes; None: a share of the free memory."""
     _budget[:] = [] if memory is None else [memory]
 
 
 def require_memory(
     needed: int, there: int, fix: str = "read it where more is free, or save a part of it", what: str = "samples"
 ) -> None:
-    """Raises InputError for what takes `needed` bytes, in `there` packed ones, if memory is too small for it."""
+    """Raises InputError if `needed` bytes exceed the budget. there: bytes that they are packed in; what: their name."""
     most = budget()
     if needed > most:
         got = f"{format_bytes(needed)}, packed in {format_bytes(max(there, 0))}"
@@ -104,9 +106,7 @@ def require_memory(
 
 
 def budget() -> int:
-    """The bytes that were given; else SHARE of those that this process may still take, by the system and by its control
-    group.
-    """
+    """Memory budget in bytes: as set, else SHARE of what the system and the control group leave free."""
     if _budget:
         return _budget[0]
     free = [_available(), *(limit - used for limit, used in _group_limits())]
@@ -114,7 +114,7 @@ def budget() -> int:
 
 
 def _available() -> int:
-    """Free bytes as Linux or psutil tell; else those of the machine, or ASSUMED where nothing tells, as on Windows."""
+    """Free bytes by Linux or psutil; else the machine's memory, or ASSUMED_FREE where neither is known (Windows)."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         (line,) = (line for line in lines if line.startswith("MemAvailable:"))
@@ -134,18 +134,18 @@ def _available() -> int:
 
 
 def _group_limits() -> list[tuple[int, int]]:
-    """Limit and use of the control group's memory, of either version."""
-    found = []
+    """(limit, use) of the memory of the control group, version 1 or 2."""
+    limits = []
     root = Path("/sys/fs/cgroup")
     for limit, used in (
         ("memory.max", "memory.current"),
         ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),
     ):
         try:
-            found.append((int((root / limit).read_text()), int((root / used).read_text())))
+            limits.append((int((root / limit).read_text()), int((root / used).read_text())))
         except (OSError, ValueError):
             continue
-    return found
+    return limits
 
 
 # longest file in bytes: a transfer function with a node for each of 65536 values
@@ -195,25 +195,22 @@ def toml_value(what: str, value: Any) -> str:
     raise expected(what, "text, numbers or lists of them", type(value).__name__)
 
 
-# most bytes of a name that is made of another: file systems have 255, of which an ending takes some
+# most bytes of a shortened name: file systems allow 255, of which an ending takes some
 LONGEST = 200
 
 
 def write_file(target: Path, data: bytes) -> None:
-    """Writes a file atomically: to a temporary name, then renamed. Makes the folders that are missing.
-
-    Raises InputError if it cannot be written; no new folder is left then.
-    """
+    """Writes a file as `atomic_write` does. Raises InputError if it cannot be written."""
     with atomic_write(target) as temporary:
         temporary.write_bytes(data)
 
 
 @contextmanager
 def atomic_write(target: Path) -> Iterator[Path]:
-    """A file beside `target` to write into, which takes its place and its mode at the end, or goes if the work fails.
-    Links are followed: what they lead to is replaced. Makes the folders that are missing.
+    """Yields a temporary file beside `target`, which replaces it at the end and takes its mode; removed on failure.
 
-    Raises InputError if it cannot be written; no new folder is left then.
+    The target of a link is replaced, not the link. Missing folders are made. Raises InputError if the file cannot be
+    written; no new folder is left then.
     """
     try:
         real = Path(os.path.realpath(target))
@@ -236,35 +233,35 @@ def atomic_write(target: Path) -> Iterator[Path]:
 
 
 def shorten_name(name: str) -> str:
-    """A file's name, to which an ending can be added: its beginning, if it is long."""
+    """A file name, cut so that an ending can be added."""
     return name.encode(errors="surrogateescape")[:LONGEST].decode(errors="ignore")
 
 
 def _mode(real: Path) -> int:
-    """The permissions of a file that is there, else those of a new one. Raises OSError for what is no file."""
+    """The permissions of an existing file, else of a new one. Raises OSError for anything but a file."""
     try:
-        told = os.lstat(real).st_mode
+        mode = os.lstat(real).st_mode
     except FileNotFoundError:
         return 0o666 & ~_umask()
-    if stat.S_ISLNK(told):
+    if stat.S_ISLNK(mode):
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
-    if stat.S_ISDIR(told):
+    if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if not stat.S_ISREG(told):
+    if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "a pipe or device")
-    return stat.S_IMODE(told)
+    return stat.S_IMODE(mode)
 
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[None]:
-    """Makes a folder, and those above it that are missing; they are removed if the work in it fails and left none."""
+    """Makes a folder and its missing parents; removes them if the work in it fails, unless they hold files."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:
         for path in missing:
-            # one that holds something stays, as do those above
+            # a folder that holds something stays, and so do its parents
             with suppress(OSError):
                 path.rmdir()
         raise

@@ -80,7 +80,7 @@ def describe_choice(source: str, choice: Choice, message: str) -> str:
     in the words of the command line.
     """
     advice = message.split("; ")[1:2] or [f"--{choice.option}"]
-    lines = [f"  {name:<{_LABEL - 1}} {about}" for name, about in (*choice.found, ("to see it", advice[0]))]
+    lines = [f"  {name:<{_LABEL - 1}} {about}" for name, about in (*choice.choices, ("to see it", advice[0]))]
     return "\n".join(_fit(one_line(line)) for line in (Path(source).name, *lines))
 
 

@@ -14,9 +14,9 @@ from splatgl.fileio import WHOLE_BYTES, byte_count
 
 # deviation from even steps, in steps: coordinates are often written with few digits
 _MOST_UNEVEN = 1e-3
-# the same of axes that can be resampled: what is less is not worth it
+# the same of axes that can be resampled: smaller deviations are not worth it
 _NEARLY_EVEN = 0.01
-# most planes that stand for one of an uneven axis: levels of the ocean are from 1 m to 200 m apart
+# most resampled planes per plane of an uneven axis: ocean levels are from 1 m to 200 m apart
 _MOST_PLANES = 8
 
 # kinds of axes by their names, lower case
@@ -46,7 +46,7 @@ _DEGREES = "°"
 
 @dataclass(frozen=True)
 class Coordinate:
-    """An axis: name; number of samples; their places [N], None where none are told; unit; whether it points down."""
+    """An axis: name; number of samples; their coordinates [N] or None; unit; whether it points down."""
 
     name: str
     size: int
@@ -55,13 +55,13 @@ class Coordinate:
     is_down: bool = False
 
     @classmethod
-    def of(cls, name: str, places: np.ndarray, told: Mapping[str, Any]) -> Coordinate:
-        """As attributes tell it. told: units, positive, standard_name."""
-        unit = unit_name(str(told.get("units") or told.get("unit") or ""))
+    def of(cls, name: str, places: np.ndarray, attributes: Mapping[str, Any]) -> Coordinate:
+        """The axis by its attributes units, positive and standard_name."""
+        unit = unit_name(str(attributes.get("units") or attributes.get("unit") or ""))
         unit = _DEGREES if unit.lower().startswith("degree") or unit.lower() in ("deg", _DEGREES) else unit
-        positive, standard = (str(told.get(key) or "").strip().lower() for key in ("positive", "standard_name"))
+        positive, standard = (str(attributes.get(key) or "").strip().lower() for key in ("positive", "standard_name"))
         is_down = positive == "down"
-        if positive not in ("up", "down") and axis_kind(name, told) == "z":
+        if positive not in ("up", "down") and axis_kind(name, attributes) == "z":
             heights = ("atmosphere_sigma", "atmosphere_hybrid_sigma")
             down = standard == "depth" or "pressure" in standard or standard.startswith(heights)
             short = name.lower()
@@ -71,8 +71,8 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Lattice:
-    """matrix: world-from-index [3, 3]; origin (x, y, z); unit of length. between: of z, y, x, the places of the planes
-    among the samples, None for as they are. notes: what is resampled, and what is drawn in an aspect.
+    """matrix: world-from-index [3, 3]; origin (x, y, z); unit of length. between: fractional sample indices of the
+    resampled planes along z, y, x, or None. notes: on resampled axes and on scaled ones.
     """
 
     matrix: np.ndarray
@@ -82,22 +82,22 @@ class Lattice:
     notes: tuple[str, ...]
 
     def resampled(self, samples: Any) -> Any:
-        """The samples [z, y, x] at the planes; read in parts where they are many."""
+        """The samples [z, y, x] at the planes; read in parts if they take more than WHOLE_BYTES."""
         if all(places is None for places in self.between):
             return samples
-        found = Resampled(samples, self.between)
-        return found if byte_count(found.shape, found.dtype) > WHOLE_BYTES else found[()]
+        resampled = Resampled(samples, self.between)
+        return resampled if byte_count(resampled.shape, resampled.dtype) > WHOLE_BYTES else resampled[()]
 
 
-def axis_kind(name: str, told: Mapping[str, Any]) -> str:
-    """What an axis is: x, y, z, time, c or "", by CF's attributes, else by its name."""
-    axis, units = str(told.get("axis") or "").strip().lower(), str(told.get("units") or "").strip().lower()
-    standard = str(told.get("standard_name") or "").strip().lower()
+def axis_kind(name: str, attributes: Mapping[str, Any]) -> str:
+    """The kind of an axis: x, y, z, time, c or "", by CF's attributes, else by its name."""
+    axis, units = str(attributes.get("axis") or "").strip().lower(), str(attributes.get("units") or "").strip().lower()
+    standard = str(attributes.get("standard_name") or "").strip().lower()
     if axis in ("x", "y", "z", "t"):
         return "time" if axis == "t" else axis
     if standard in _STANDARD:
         return _STANDARD[standard]
-    if standard.endswith("_coordinate") or told.get("positive") or units in _PRESSURES:
+    if standard.endswith("_coordinate") or attributes.get("positive") or units in _PRESSURES:
         return "z"
     if " since " in units:
         return "time"
@@ -109,26 +109,25 @@ def axis_kind(name: str, told: Mapping[str, Any]) -> str:
 
 
 def even_steps(places: np.ndarray, what: str, fix: str) -> tuple[float, float]:
-    """(first place, step) of samples at `places` [N]; the step of one sample is NaN, that of falling ones negative.
+    """(first coordinate, step) of samples at `places` [N]; the step is NaN for one sample, negative for falling ones.
 
-    Raises InputError, which ends with `fix`, unless each lies within _MOST_UNEVEN steps, or a rounding of float32, of
-    its even place.
+    Raises InputError, which ends with `fix`, for steps that differ by more than _MOST_UNEVEN, or float32 rounding.
     """
-    found = _check_finite(places, what)
-    if found.size == 1:
-        return float(found[0]), float("nan")
-    step = (found[-1] - found[0]) / (found.size - 1)
-    if step == 0 or _unevenness(found) > max(_MOST_UNEVEN * abs(step), 1e-6 * np.abs(found).max()):
-        steps = np.diff(found)
+    coordinates = _check_finite(places, what)
+    if coordinates.size == 1:
+        return float(coordinates[0]), float("nan")
+    step = (coordinates[-1] - coordinates[0]) / (coordinates.size - 1)
+    if step == 0 or _unevenness(coordinates) > max(_MOST_UNEVEN * abs(step), 1e-6 * np.abs(coordinates).max()):
+        steps = np.diff(coordinates)
         raise expected(what, "even steps", f"steps from {steps.min():.6g} to {steps.max():.6g}", fix)
-    return float(found[0]), float(step)
+    return float(coordinates[0]), float(step)
 
 
 def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lattice:
-    """The grid of axes z, y, x: what points down runs down, uneven places are resampled at their least step, and axes
-    whose units are unlike get an aspect. of: the name of the samples. even: places are taken for even, of step 1.
+    """The grid of axes z, y, x: axes that point down run down, uneven coordinates are resampled at their least step,
+    and axes of different units are scaled. of: name of the samples. even: assume even coordinates of step 1.
 
-    Raises InputError for places that neither rise nor fall throughout.
+    Raises InputError for coordinates that neither rise nor fall throughout.
     """
     notes: list[str] = []
     starts, steps, between = [], [], list[np.ndarray | None]()
@@ -144,21 +143,21 @@ def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -
     factors, unit = [1.0] * 3, ""
     if not even:
         counts = [axis.size if planes is None else len(planes) for axis, planes in zip(axes, between, strict=True)]
-        factors, unit, told = _unit_factors(
+        factors, unit, scaled = _unit_factors(
             axes, [abs(step) * count for step, count in zip(steps, counts, strict=True)]
         )
-        notes += told
-    drawn = [step * factor for step, factor in zip(steps, factors, strict=True)]
-    known = [abs(step) for step in drawn if np.isfinite(step)] or [1.0]
-    drawn = [step if np.isfinite(step) else min(known) for step in drawn]
+        notes += scaled
+    scaled_steps = [step * factor for step, factor in zip(steps, factors, strict=True)]
+    known = [abs(step) for step in scaled_steps if np.isfinite(step)] or [1.0]
+    scaled_steps = [step if np.isfinite(step) else min(known) for step in scaled_steps]
     origin = [0.0] * 3 if even else [start * factor for start, factor in zip(starts, factors, strict=True)]
-    return Lattice(np.diag(drawn[::-1]), origin[::-1], unit, tuple(between), tuple(notes))
+    return Lattice(np.diag(scaled_steps[::-1]), origin[::-1], unit, tuple(between), tuple(notes))
 
 
 def _regular_steps(
     places: np.ndarray, what: str, axis: Coordinate, even: bool
 ) -> tuple[float, float, np.ndarray | None, str]:
-    """First place, step, planes among the places where these are uneven, and what is told of it."""
+    """First coordinate, step, fractional indices of resampled planes of uneven coordinates or None, and a note."""
     if even and not (np.isfinite(places).all() and _is_monotonic(places)):
         return 0.0, 1.0, None, ""
     places = _check_finite(places, what)
@@ -177,22 +176,22 @@ def _regular_steps(
         return float(places[0]), step, None, ""
     span = float(places[-1] - places[0])
     count = min(round(abs(span) / float(np.abs(apart).min())) + 1, _MOST_PLANES * len(places))
-    drawn = np.linspace(0, abs(span), count)
-    planes = np.interp(drawn, np.abs(places - places[0]), np.arange(len(places)))
+    distances = np.linspace(0, abs(span), count)
+    planes = np.interp(distances, np.abs(places - places[0]), np.arange(len(places)))
     step = span / (count - 1)
     note = f"{axis.name}: {len(places)} samples in steps of {sizes}, resampled every {abs(step):.4g} {axis.unit}"
     return float(places[0]), step, planes, note.strip()
 
 
 def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple[list[float], str, list[str]]:
-    """World lengths per unit along z, y, x, the world's unit, and what is told: lengths are converted to that along x,
-    and where units are unlike, y is drawn as long as x, and z half as high.
+    """World lengths per unit along z, y, x, the world's unit, and notes. Lengths are converted to the unit of x; where
+    units differ, y is drawn as long as x, and z half as high.
     """
     units = [axis.unit if axis.places is not None else "samples" for axis in axes]
     if all(axis.places is None for axis in axes):
         units = [""] * 3
     if not any(unit == _DEGREES or unit.lower() in _PRESSURES for unit in units):
-        # what is not told is as the others are
+        # an unknown unit is taken for that of the other axes
         first = next((unit for unit in reversed(units) if unit and unit != "samples"), "")
         units = [unit or first for unit in units]
     kinds = ["length" if unit in METRES else unit for unit in units]
@@ -204,11 +203,11 @@ def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple
         if kinds[n] not in drawn:
             size = extents[n] * scales[n]
             drawn[kinds[n]] = share * max(reach) / size if size > 0 and np.isfinite(size * max(reach)) else 1.0
-            one, other = (
+            unit_z, other = (
                 f"{unit or 'unit'} of {axis.name}" for unit, axis in ((units[n], axes[n]), (units[2], axes[2]))
             )
             factor = drawn[kinds[n]] * scales[n]
-            notes.append(f"1 {one} is drawn as {factor:.4g} {other}, chosen for the picture: --spacing sets another")
+            notes.append(f"1 {unit_z} is drawn as {factor:.4g} {other}, chosen for the picture: --spacing sets another")
         reach.append(extents[n] * scales[n] * drawn[kinds[n]])
     factors = [drawn[kind] * scale for kind, scale in zip(kinds, scales, strict=True)]
     is_known = all(axis.unit in METRES for axis in axes)
@@ -216,10 +215,10 @@ def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple
 
 
 def _check_finite(places: np.ndarray, what: str) -> np.ndarray:
-    found = np.asarray(places, np.float64).ravel()
-    if not found.size or not np.isfinite(found).all():
-        raise expected(what, "finite coordinates", "none" if not found.size else "others")
-    return found
+    coordinates = np.asarray(places, np.float64).ravel()
+    if not coordinates.size or not np.isfinite(coordinates).all():
+        raise expected(what, "finite coordinates", "none" if not coordinates.size else "others")
+    return coordinates
 
 
 def _is_monotonic(places: np.ndarray) -> bool:
@@ -228,55 +227,57 @@ def _is_monotonic(places: np.ndarray) -> bool:
 
 
 def _unevenness(places: np.ndarray) -> float:
-    """How far places are from even ones between the same ends."""
+    """Largest distance of coordinates from even ones between the same ends."""
     return float(np.abs(places - np.linspace(places[0], places[-1], len(places))).max())
 
 
 def interpolate_planes(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Planes [D, …] at places among the given ones, linear between two; NaN where the place is, which makes float32.
+    """Planes [D, …] at fractional indices, linear between two; NaN (and float32) where the index is NaN.
 
-    Beside a value that is not there, the nearer plane's.
+    Beside a value that is not finite, the nearer plane's value.
     """
     empty = np.isnan(places)
-    found = np.zeros((len(places), *planes.shape[1:]), np.float32 if empty.any() else planes.dtype)
+    result = np.zeros((len(places), *planes.shape[1:]), np.float32 if empty.any() else planes.dtype)
     for n, place in enumerate(np.where(empty, 0.0, places)):
         first, share = int(place), place % 1
         near, far = planes[first], planes[min(first + 1, len(planes) - 1)]
         mixed = near + share * (far.astype(np.float64) - near) if share else near
         mixed = np.where(np.isfinite(mixed), mixed, near if share < 0.5 else far) if planes.dtype.kind == "f" else mixed
-        found[n] = mixed if found.dtype.kind == "f" else np.rint(mixed)
+        result[n] = mixed if result.dtype.kind == "f" else np.rint(mixed)
     if empty.any():
-        found[empty] = np.nan
-    return found
+        result[empty] = np.nan
+    return result
 
 
 class Resampled:
-    """Samples [z, y, x] at other planes, computed where they are read: linear, of whole numbers the nearest."""
+    """Samples [z, y, x] at other planes, computed when they are read: linear; whole numbers take the nearest plane."""
 
     def __init__(self, samples: Any, between: Sequence[np.ndarray | None]) -> None:
         self.samples, self.dtype = samples, np.dtype(samples.dtype)
         whole = self.dtype.kind in "bui"
         sizes = zip(between, samples.shape, strict=True)
-        self.places = [np.arange(float(n)) if each is None else np.rint(each) if whole else each for each, n in sizes]
+        self.places = [
+            np.arange(float(n)) if indices is None else np.rint(indices) if whole else indices for indices, n in sizes
+        ]
         self.shape = tuple(map(len, self.places))
 
     def __getitem__(self, key: Any) -> np.ndarray:
-        given = key if isinstance(key, tuple) else (key,)
-        given = given[: given.index(Ellipsis)] if Ellipsis in given else given
-        asked = [places[each] for places, each in zip(self.places, given, strict=False)] + self.places[len(given) :]
+        keys = key if isinstance(key, tuple) else (key,)
+        keys = keys[: keys.index(Ellipsis)] if Ellipsis in keys else keys
+        wanted = [places[entry] for places, entry in zip(self.places, keys, strict=False)] + self.places[len(keys) :]
         box, within = [], []
-        for places in map(np.atleast_1d, asked):
+        for places in map(np.atleast_1d, wanted):
             low = int(places.min()) if len(places) else 0
             box.append(slice(low, int(np.ceil(places.max())) + 1 if len(places) else 0))
             within.append(places - low)
-        found = np.asarray(self.samples[tuple(box)])
+        block = np.asarray(self.samples[tuple(box)])
         for axis, places in enumerate(within):
-            if len(places) != found.shape[axis] or (places != np.arange(len(places))).any():
-                found = np.moveaxis(interpolate_planes(np.moveaxis(found, axis, 0), places), 0, axis)
-        return found[tuple(0 if np.ndim(each) == 0 else slice(None) for each in asked)]
+            if len(places) != block.shape[axis] or (places != np.arange(len(places))).any():
+                block = np.moveaxis(interpolate_planes(np.moveaxis(block, axis, 0), places), 0, axis)
+        return block[tuple(0 if np.ndim(places) == 0 else slice(None) for places in wanted)]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        """All of them."""
+        """All samples."""
         return np.asarray(self[()], dtype)
 
 
@@ -297,18 +298,18 @@ _SPELLINGS = {
 _SHORT = {spelling: short for short, spellings in _SPELLINGS.items() for spelling in spellings}
 
 
-# of pure numbers, and of what is not known
+# units of pure numbers, and of unknown ones
 NO_UNITS = ("1", "none", "unknown", "dimensionless", "unitless", "n/a", "us")
 
 
 def unit_name(text: str) -> str:
-    """The short name of a unit of length ("millimeter" → "mm"), "" for none; unknown names are kept."""
+    """The short name of a unit of length ("millimeter" → "mm"), "" for none; other names are returned as they are."""
     text = text.strip()
     return _SHORT.get(text.lower(), text)
 
 
 def value_unit_name(unit: object) -> str:
-    """The unit of values that a file states, "" for none: a short text, and no pure number."""
+    """The unit of values that a file states: a short text; "" for none and for pure numbers."""
     text = str(unit or "").strip()
     return text if 0 < len(text) <= 24 and text.lower() not in NO_UNITS and text.isprintable() else ""
 

@@ -1,7 +1,6 @@
 """`volume_of`: volumes from arrays and images of other libraries, chosen by the type's module.
 
-No library is imported here that `x` does not come from. Samples are views where the library permits, and stay on disk
-where they are there.
+Only the library that `x` comes from is imported. Samples are views where the library permits, and stay on disk.
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ _SOURCES = {
 
 @dataclass(frozen=True)
 class ArrayOptions:
-    """Options beside an array; those that are None come from `x`, if it knows them.
+    """Options for an array; None: as the array itself states.
 
-    spacing, origin: (x, y, z) in world units. unit: of length. array: name or number, where x holds several. values:
-    "labels" or "amounts", what samples are.
+    spacing, origin: (x, y, z) in world units. unit: of length. array: name or number, where x holds several arrays.
+    values: the meaning of samples, "labels" or "amounts".
     """
 
     spacing: Triple | None = None
@@ -46,12 +45,12 @@ class ArrayOptions:
 
     @property
     def given(self) -> dict[str, Any]:
-        """The fields of `Volume` among them that are not None."""
-        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("array", "values")}
-        return {name: value for name, value in named.items() if value is not None}
+        """The options that are fields of `Volume` and not None."""
+        options = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("array", "values")}
+        return {name: value for name, value in options.items() if value is not None}
 
     def no_array(self, what: str) -> None:
-        """InputError if `array` was given for what holds one."""
+        """Raises InputError if `array` was given for an object that holds one array."""
         if self.array is not None:
             raise expected("array", f"none, as {what} holds one", repr(self.array), "leave it out")
 
@@ -61,18 +60,18 @@ def volume_of(x: Any, **options: Any) -> Volume:
     unknown = sorted(set(options) - {f.name for f in fields(ArrayOptions)})
     if unknown:
         raise expected("options", f"some of {', '.join(f.name for f in fields(ArrayOptions))}", ", ".join(unknown))
-    asked = ArrayOptions(**options)
-    found = x if isinstance(x, Volume) else _find_converter(x)(x, asked)
-    # an array that does not know its spacing does not know that of its levels
-    levels = {"coarser": ()} if asked.spacing is not None or asked.origin is not None else {}
-    found = replace(found, **asked.given, **levels)
-    if asked.values not in (None, "labels", "amounts"):
-        raise expected("values", "labels or amounts", repr(asked.values))
-    return found if asked.values is None else found.of_values(asked.values)
+    array_options = ArrayOptions(**options)
+    volume = x if isinstance(x, Volume) else _find_converter(x)(x, array_options)
+    # where the array does not know its spacing, its levels do not either
+    levels = {"coarser": ()} if array_options.spacing is not None or array_options.origin is not None else {}
+    volume = replace(volume, **array_options.given, **levels)
+    if array_options.values not in (None, "labels", "amounts"):
+        raise expected("values", "labels or amounts", repr(array_options.values))
+    return volume if array_options.values is None else volume.of_values(array_options.values)
 
 
 def _find_converter(x: Any) -> Any:
-    """The function that makes volumes of what is like `x`."""
+    """The function that converts objects of the type of `x`."""
     for base in type(x).__mro__:
         place = _SOURCES.get(base.__module__.partition(".")[0])
         if place is not None:
@@ -82,7 +81,7 @@ def _find_converter(x: Any) -> Any:
 
 
 def of_xarray(x: Any, options: ArrayOptions) -> Volume:
-    """The volume of a DataArray, or of one variable of a Dataset, which `array` names."""
+    """The volume of a DataArray, or of the variable `array` of a Dataset."""
     array = _variable(x, options).squeeze(drop=True) if len(x.dims) > 3 else _variable(x, options)
     if array.ndim > 3:
         extra = next(
@@ -93,7 +92,7 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
     check_samples(array, "DataArray")
     axes = _order_axes([_kind_of_dimension(array, name) for name in array.dims])
     names = [array.dims[axis] for axis in axes]
-    # 1. samples: views in memory and of dask; what is still in a file is read in parts
+    # 1. samples: views in memory and of dask; arrays in a file are read in parts
     if getattr(array.variable, "_in_memory", False) or array.chunks is not None:
         samples = array.transpose(*names).data
         samples = samples if array.chunks is not None else check_samples(samples, "DataArray")
@@ -136,14 +135,14 @@ def _kind_of_dimension(array: Any, name: Any) -> str:
 
 
 def _order_axes(kinds: list[str]) -> list[int]:
-    """For z, y, x, the dimension that it is; those of unknown or doubtful kinds fill the rest in order."""
+    """The numbers of the dimensions z, y, x; dimensions of unknown or doubtful kinds fill the rest in order."""
     sure = {axis: kinds.index(axis) for axis in "zyx" if kinds.count(axis) == 1}
     rest = iter(i for i in range(len(kinds)) if i not in sure.values())
     return [sure[axis] if axis in sure else next(rest) for axis in "zyx"]
 
 
 def _coordinate(array: Any, name: Any, options: ArrayOptions) -> Coordinate:
-    """A dimension, with its places if it has a coordinate."""
+    """A dimension, with its coordinates if it has some."""
     is_known = name in array.coords and (options.spacing is None or array.coords[name].dtype.kind in "uif")
     if not is_known:
         return Coordinate(str(name), int(array.sizes[name]))
@@ -154,7 +153,7 @@ def _coordinate(array: Any, name: Any, options: ArrayOptions) -> Coordinate:
     return Coordinate.of(str(name), values.astype(np.float64), coordinate.attrs)
 
 
-# colour maps that are there without a library, and those that napari shares with cmap and matplotlib
+# colour maps that need no library, and those that napari shares with cmap and matplotlib
 BUILTIN_MAPS, SHARED_MAPS = (
     ("gray", "viridis"),
     ("magma", "inferno", "plasma", "turbo", "twilight", "twilight_shifted", "hsv"),
@@ -164,7 +163,7 @@ BUILTIN_MAPS, SHARED_MAPS = (
 def of_napari(x: Any, options: ArrayOptions) -> Volume:
     """The volume of a napari layer: world (x, y, z) is napari's (z, y, x); `array` picks along a fourth axis.
 
-    Multiscale data keep their levels. Contrast limits are the window, a colour map that is known its name.
+    Multiscale data keep their levels. Contrast limits become the window; the colour map is named if it is known.
     """
     kind = type(x).__name__
     if not hasattr(x, "data_to_world") or not hasattr(x, "data") or kind not in ("Image", "Labels"):
@@ -174,13 +173,13 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
     levels = list(x.data) if x.multiscale else [x.data]
     finest = tuple(levels[0].shape)
     lead = _lead_index(finest, options)
-    # napari's world, as its own function places the first voxel and its neighbours
+    # napari's world coordinates of the first voxel and of its neighbours
     corners = np.vstack([np.zeros(3), np.eye(3)])
     world = np.array([x.data_to_world((*lead, *corner))[-3:] for corner in corners])
     origin, matrix = world[0][::-1], (world[1:] - world[0]).T[::-1, ::-1]
     hints = _hints(x)
     unit = _unit(x)
-    made = []
+    volumes = []
     for data in levels:
         factor = np.array(finest[-3:]) / data.shape[-3:]
         scaled = matrix * factor[::-1]
@@ -191,24 +190,24 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
         samples = check_samples(
             data if not lead else data[lead] if _is_view(data) else Transposed(data, lead=lead), "layer"
         )
-        made.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
+        volumes.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
     if kind == "Labels":
-        made = [replace(each, labels=()) for each in made]
-    first, *coarser = made
+        volumes = [replace(volume, labels=()) for volume in volumes]
+    first, *coarser = volumes
     object.__setattr__(first, "coarser", tuple(coarser))
     return first
 
 
 def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...]:
-    """The place along the axes before z, y, x."""
+    """The index along the axes before z, y, x."""
     count = len(shape) - 3
     if count <= 0:
         options.no_array("the layer")
         return ()
-    asked = options.array
-    if count == 1 and isinstance(asked, int) and 0 <= asked < shape[0]:
-        return (asked,)
-    if asked is None and all(size == 1 for size in shape[:count]):
+    number = options.array
+    if count == 1 and isinstance(number, int) and 0 <= number < shape[0]:
+        return (number,)
+    if number is None and all(size == 1 for size in shape[:count]):
         return (0,) * count
     what = "channel or time" if shape[0] <= CHANNELS else "time"
     fix = f"pick a {what}: array=0 … array={shape[0] - 1}" if count == 1 else "take a volume of its data"
@@ -216,17 +215,19 @@ def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...
 
 
 def _is_view(data: Any) -> bool:
-    """Whether a part of the data costs nothing before it is used."""
+    """Whether indexing the data reads nothing."""
     return isinstance(data, np.ndarray) or type(data).__module__.partition(".")[0] == "dask"
 
 
 def _hints(x: Any) -> Hints:
-    """The window and colour map that the layer is shown with; labels have none."""
+    """The window and colour map of the layer; labels have none."""
     if type(x).__name__ == "Labels":
         return Hints()
     low, high = (float(limit) for limit in x.contrast_limits)
     name = str(x.colormap.name)
-    known = name in BUILTIN_MAPS or (name in SHARED_MAPS and any(find_spec(each) for each in ("cmap", "matplotlib")))
+    known = name in BUILTIN_MAPS or (
+        name in SHARED_MAPS and any(find_spec(package) for package in ("cmap", "matplotlib"))
+    )
     return Hints(window=(low, high) if low < high else None, colormap=name if known else None)
 
 
@@ -312,7 +313,7 @@ class Transposed:
 
 
 def keep_owner(view: np.ndarray, owner: Any) -> np.ndarray:
-    """The same memory as an array that keeps `owner`, whose memory it is, alive."""
+    """An array of the same memory, which keeps its `owner` alive."""
     return np.asarray(_OwnedView(view, owner))
 
 
@@ -322,9 +323,9 @@ class _OwnedView:
         self.held = (view, owner)
 
 
-# most entries of a first or last axis that are taken for channels
+# a first or last axis of at most so many entries is taken for channels
 CHANNELS = 8
-# most names of a group's members that are told
+# most names of a group's members in a message
 MAX_NAMES = 8
 
 
@@ -335,7 +336,7 @@ def of_array(x: Any, options: ArrayOptions) -> Volume:
 
 
 def check_samples(x: Any, what: str = "array") -> Any:
-    """`x` as 3-D samples of real numbers: itself or a view, a copy only of what is no array. InputError otherwise."""
+    """`x` as 3-D samples of real numbers: itself or a view; lists are copied. Raises InputError for anything else."""
     samples = _fill_masked(x) if isinstance(x, np.ma.MaskedArray) else _as_array(x, what)
     if samples.dtype.kind not in "buif":
         raise expected(what, "real numbers", f"samples of type {samples.dtype}", _real_fix(samples.dtype))
@@ -346,7 +347,7 @@ def check_samples(x: Any, what: str = "array") -> Any:
 
 
 def check_axes(shape: tuple[int, ...], what: str = "array") -> None:
-    """InputError unless there are three axes, naming what the others may be."""
+    """Raises InputError unless there are three axes; the message says how to pick or stack."""
     got, count = "×".join(map(str, shape)) or "a single number", len(shape)
     if count == 3:
         return
@@ -361,7 +362,7 @@ def check_axes(shape: tuple[int, ...], what: str = "array") -> None:
 
 
 def _as_array(x: Any, what: str) -> Any:
-    """What has a shape, a numpy dtype and slices; other libraries' arrays and lists as numpy's."""
+    """`x` if it has a shape, a numpy dtype and slices; other libraries' arrays and lists as numpy arrays."""
     if isinstance(x, str | bytes | PurePath):
         raise expected(what, "an array or image", f"the text {str(x)[:80]!r}", "read a file by sg.load(path)")
     if hasattr(x, "keys"):
@@ -373,7 +374,7 @@ def _as_array(x: Any, what: str) -> Any:
         dtype = getattr(x, "dtype", None)
         if isinstance(dtype, np.dtype) and hasattr(x, "shape") and hasattr(x, "__getitem__"):
             return x
-        found = np.asarray(x)
+        array = np.asarray(x)
     except InputError:
         raise
     except Exception as error:
@@ -381,13 +382,13 @@ def _as_array(x: Any, what: str) -> Any:
         raise expected(
             what, "an array [z, y, x]", f"{type(x).__name__} ({reason})", "convert it by np.asarray"
         ) from error
-    if found.dtype == object:
+    if array.dtype == object:
         raise expected(what, "an array [z, y, x]", f"a {type(x).__name__}", "convert it to an array of numbers")
-    return found
+    return array
 
 
 def _fill_masked(x: Any) -> np.ndarray:
-    """A masked array with NaN where it is masked, which is not drawn."""
+    """A masked array with NaN where it is masked: NaN is not drawn."""
     if not np.ma.is_masked(x) or x.dtype.kind not in "buif":
         return np.asarray(x.data)
     wide = x.dtype if x.dtype.kind == "f" else np.dtype(np.float32 if x.dtype.itemsize < 4 else np.float64)
@@ -395,12 +396,12 @@ def _fill_masked(x: Any) -> np.ndarray:
 
 
 def _real_fix(dtype: np.dtype) -> str:
-    """How to convert samples of that type."""
+    """Advice on converting samples of that type to real numbers."""
     return "take abs(x), x.real or x.imag" if dtype.kind == "c" else "convert it by x.astype(…)"
 
 
 def _name(x: Any) -> str:
-    """The last part of an array's own path in its file; "" for what has none."""
+    """The last part of an array's path in its file; "" for arrays without a path."""
     name = getattr(x, "name", None)
     inside = type(x).__module__.partition(".")[0] in ("h5py", "zarr")
     return name.strip("/").rpartition("/")[2] if inside and isinstance(name, str) else ""

@@ -28,10 +28,10 @@ def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
 
 def luma(color: np.ndarray) -> np.ndarray:
     """The luma, uint8 [D, H, W], of sRGB colours, uint8 [D, H, W, 3] (ITU-R BT.709)."""
-    found = np.empty(color.shape[:-1], np.uint8)
-    for plane, source in zip(found, color, strict=True):
+    result = np.empty(color.shape[:-1], np.uint8)
+    for plane, source in zip(result, color, strict=True):
         np.rint(source @ LUMA, out=plane, casting="unsafe")
-    return found
+    return result
 
 
 Color = tuple[float, float, float]

@@ -31,7 +31,7 @@ from splatgl.data.image_files import (
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory, write_file
 
-# endings of the files that are written
+# endings of the files that `Image.save` writes
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR)
 # rows per band: numpy converts samples to 8-byte indices, which should stay in the cache
 BAND_ROWS = 16
@@ -57,7 +57,7 @@ class Image:
         write_file(Path(path), self.encoded(Path(path), bits, background))
 
     def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:
-        """What `save` writes into a file of that name."""
+        """The bytes that `save` writes into a file of that name."""
         if name.suffix.lower() == ".npy":
             return _npy(self.pixels)
         if name.suffix.lower() in TIFF:
@@ -83,8 +83,8 @@ class Image:
             return cls(*load_exr(source))
         if source.suffix.lower() in TIFF:
             _check_file(source)
-            if (found := load_tiff(source)) is not None:
-                return cls(*found)
+            if (image := load_tiff(source)) is not None:
+                return cls(*image)
         samples, info = _load_png(source)
         return cls(_linear_pixels(samples), info)
 
@@ -131,18 +131,18 @@ class Image:
         return np.array(self.pixels, dtype, copy=copy)
 
     def __repr__(self) -> str:
-        """One line: size, and what was drawn how."""
+        """One line: size, source and blend mode."""
         height, width, _ = self.pixels.shape
-        told = [str(self.info[name]) for name in ("source", "blend") if self.info.get(name)]
-        return f"<Image {width}×{height}{': ' if told else ''}{', '.join(told)}>"
+        parts = [str(self.info[name]) for name in ("source", "blend") if self.info.get(name)]
+        return f"<Image {width}×{height}{': ' if parts else ''}{', '.join(parts)}>"
 
     def _repr_png_(self) -> bytes:
-        """What notebooks show."""
+        """PNG for notebooks."""
         return self.encoded(Path("image.png"), 8, self._ground)
 
     @property
     def _ground(self) -> tuple[float, float, float] | None:
-        """The background that an X-ray is shown on, which its pixels do not hold; None for others."""
+        """The background of an X-ray, whose pixels do not hold it; None for other images."""
         ground = self.info.get("background") if self.info.get("blend") == "xray" else None
         return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
 
@@ -266,31 +266,31 @@ def _decode_deep(source: Path) -> np.ndarray:
     return np.concatenate([color, alpha], axis=-1)
 
 
-# endings of the files that are written
+# endings of the files that `save_map` writes
 MAPS = (".npy", *TIFF, *EXR, ".png")
 # grey of the farthest depth, sRGB; the nearest is white
 FARTHEST = 0.15
 
 
 def save_map(values: np.ndarray, path: str | Path, info: Mapping[str, object] | None = None) -> None:
-    """Writes numbers [H, W], row 0 on top, NaN where there is none: float32 in .npy, .tif and .exr (channel Z).
+    """Writes numbers [H, W], row 0 on top, NaN for no value: float32 in .npy, .tif and .exr (channel Z).
 
-    .png: grey, the least white, the greatest dark, clear where there is none; both are in the file's text. Raises
-    InputError for another ending, a missing library, and a file that cannot be written.
+    .png: grey, the least number white, the greatest dark, no value transparent; the file's text holds both numbers.
+    Raises InputError for another ending, a missing library, and a file that cannot be written.
     """
     name = Path(path)
-    ending, told = name.suffix.lower(), dict(info or {})
+    ending, text = name.suffix.lower(), dict(info or {})
     if ending not in MAPS:
         raise expected(name, f"a name that ends in {' or '.join(MAPS)}", repr(name.suffix))
     require_library(ending)
     if ending == ".png":
-        write_file(name, _grey_image(values, told).encoded(name, bits=16))
+        write_file(name, _grey_image(values, text).encoded(name, bits=16))
         return
-    found = np.ascontiguousarray(values, np.float32)
+    numbers = np.ascontiguousarray(values, np.float32)
     if ending == ".npy":
-        write_file(name, _npy(found))
+        write_file(name, _npy(numbers))
     else:
-        write_file(name, encode_tiff(found, told) if ending in TIFF else encode_exr(found, told))
+        write_file(name, encode_tiff(numbers, text) if ending in TIFF else encode_exr(numbers, text))
 
 
 def _grey_image(values: np.ndarray, info: dict[str, object]) -> Image:

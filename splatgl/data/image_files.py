@@ -21,7 +21,7 @@ Info = Mapping[str, object]
 
 
 def require_library(suffix: str) -> None:
-    """InputError, before any work, if the library of a suffix is missing."""
+    """Raises InputError, before any work, if the library of a suffix is missing."""
     if suffix in TIFF:
         tiff_library()
     elif suffix in EXR:
@@ -80,9 +80,7 @@ def _is_float_rgba(page: Any) -> bool:
 
 
 def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
-    """Pixels float32 [H, W, 4] and the provenance of a TIFF that splatgl wrote; None for others, and without
-    tifffile.
-    """
+    """Pixels float32 [H, W, 4] and provenance of a TIFF of splatgl; None for other files, and without tifffile."""
     try:
         library = tiff_library()
     except InputError:
@@ -93,8 +91,8 @@ def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
             page = tiff.pages[0]
             return (page.asarray(), page.description) if _is_float_rgba(page) else None
 
-    found = _read_with(source, read)
-    return None if found is None else (found[0], provenance(found[1]))
+    image = _read_with(source, read)
+    return None if image is None else (image[0], provenance(image[1]))
 
 
 def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
@@ -115,7 +113,7 @@ def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
 
 
 def _read_with(source: Path, read: Callable[[], Any]) -> Any:
-    """What a library reads; any of its exceptions as InputError."""
+    """The result of `read`; any exception of the library becomes InputError."""
     try:
         return read()
     except Exception as error:
@@ -125,10 +123,10 @@ def _read_with(source: Path, read: Callable[[], Any]) -> Any:
 def provenance(text: str) -> dict[str, object]:
     """The provenance in JSON text; empty for other text."""
     try:
-        found = json.loads(text or "{}")
+        table = json.loads(text or "{}")
     except ValueError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return table if isinstance(table, dict) else {}
 
 
 def tiff_library() -> Any:

@@ -1,4 +1,4 @@
-"""`Mask`: which places of the world are kept, voxel by voxel of a grid of its own."""
+"""`Mask`: the part of the world that is kept, voxel by voxel on its own grid."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ import numpy as np
 from splatgl.data.volume import Places, Volume, with_parts
 from splatgl.errors import InputError, expected
 
-# numbers of labels behind a file's name; and the word behind it that keeps what lies outside
+# label numbers behind a file name, and the word that keeps the outside instead
 LABELS = re.compile(r"-?\d+(,-?\d+)*")
 OUTSIDE = "outside"
-# steps by which rows of a mask may leave those of a volume, at their ends, and still be alike
+# steps by which the rows of mask and volume may diverge at their ends and still count as parallel
 ROW_TOLERANCE = 1e-3
-# what rounding may take from a place between two voxels
+# rounding error of a position between two voxels
 SLACK = 1e-6
-# numbers that a message names
+# most label numbers in a message
 MOST_SHOWN = 20
 
 
 @dataclass(frozen=True, eq=False)
 class Mask:
-    """inside bool [D, H, W] (z, y, x), of voxels of `grid`, whose samples are not read. outside: whether what lies
-    outside of these is kept instead, and all beyond the grid.
+    """inside: bool [D, H, W] (z, y, x), for the voxels of `grid`, whose samples are not used. outside: whether all
+    other voxels are kept instead, and everything beyond the grid.
     """
 
     inside: np.ndarray
@@ -36,30 +36,30 @@ class Mask:
 
     @classmethod
     def of(cls, source: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
-        """Inside are the voxels of a volume that are not 0 (nor NaN), or those of some labels. Raises InputError for a
-        label that there is not, and if nothing is inside.
+        """Mask of the voxels that are neither 0 nor NaN, or that have one of `labels`. Raises InputError for a label
+        that the volume lacks, and for an empty mask.
         """
         what = f"mask {source.name}".strip()
-        # of segments that overlap, each in its channel
-        parts = source.channels if source.channels and all(each.labels for each in source.channels) else (source,)
-        every = [np.asarray(each.samples) for each in parts]
+        # segments that overlap are in several channels
+        parts = source.channels if source.channels and all(channel.labels for channel in source.channels) else (source,)
+        arrays = [np.asarray(part.samples) for part in parts]
         if labels:
-            there = np.unique(np.concatenate([np.unique(samples) for samples in every]))
+            known = np.unique(np.concatenate([np.unique(samples) for samples in arrays]))
             for number in labels:
-                if number not in there:
-                    shown = ", ".join(f"{each:g}" for each in there[:MOST_SHOWN]) + ", …" * (len(there) > MOST_SHOWN)
-                    raise expected(what, f"labels among {shown}", number)
-            inside = np.logical_or.reduce([np.isin(samples, list(labels)) for samples in every])
+                if number not in known:
+                    listed = ", ".join(f"{value:g}" for value in known[:MOST_SHOWN]) + ", …" * (len(known) > MOST_SHOWN)
+                    raise expected(what, f"labels among {listed}", number)
+            inside = np.logical_or.reduce([np.isin(samples, list(labels)) for samples in arrays])
         else:
-            inside = np.logical_or.reduce([(samples != 0) & (samples == samples) for samples in every])
+            inside = np.logical_or.reduce([(samples != 0) & (samples == samples) for samples in arrays])
         if not inside.any():
             raise expected(what, "voxels that are not 0", "none")
-        bare = replace(source, samples=inside, color=None, vectors=None, coarser=(), channels=(), masks=())
-        return cls(inside, bare, outside)
+        grid = replace(source, samples=inside, color=None, vectors=None, coarser=(), channels=(), masks=())
+        return cls(inside, grid, outside)
 
     def keeps(self, volume: Volume, low: Places, high: Places) -> np.ndarray:
-        """bool: which voxels low ≤ (z, y, x) < high of a volume are kept: those whose centres lie in voxels inside,
-        or in none. Where one says LPS and the other RAS, x and y are turned.
+        """bool: whether each voxel low ≤ (z, y, x) < high of a volume is kept: its centre lies in a voxel inside (or
+        outside, if so). Between LPS and RAS, x and y are flipped.
         """
         turn = np.diag([-1.0, -1.0, 1.0]) if {self.grid.frame, volume.frame} == {"LPS", "RAS"} else np.eye(3)
         into = np.linalg.inv(self.grid.world_from_index)
@@ -67,35 +67,37 @@ class Mask:
         start = into @ (turn @ np.asarray(volume.origin) - np.asarray(self.grid.origin))
         across = step - np.diag(np.diag(step))
         if (np.abs(across) * max(volume.shape)).max() < ROW_TOLERANCE:
-            found = self._along(np.diag(step), start, low, high)
+            inside = self._along(np.diag(step), start, low, high)
         else:
             # plane by plane
             planes = range(low[0], high[0])
-            found = np.stack([self._plane(step, start, z, low, high) for z in planes])
-        return ~found if self.outside else found
+            inside = np.stack([self._plane(step, start, z, low, high) for z in planes])
+        return ~inside if self.outside else inside
 
     def _along(self, step: np.ndarray, start: np.ndarray, low: Places, high: Places) -> np.ndarray:
-        """What is inside, where rows of both grids have the same directions."""
+        """bool: voxels inside, for grids whose axes are parallel."""
         shape = self.inside.shape
-        found = np.zeros([b - a for a, b in zip(low, high, strict=True)], bool)
-        at, some = [], []
+        inside = np.zeros([b - a for a, b in zip(low, high, strict=True)], bool)
+        sources, targets = [], []
         for axis, (first, last) in enumerate(zip(low, high, strict=True)):
             place = _nearest(np.arange(first, last) * step[2 - axis] + start[2 - axis])
-            there = np.flatnonzero((place >= 0) & (place < shape[axis]))
-            at.append(place[there])
-            some.append(there)
-        found[np.ix_(*some)] = self.inside[np.ix_(*at)]
-        return found
+            valid = np.flatnonzero((place >= 0) & (place < shape[axis]))
+            sources.append(place[valid])
+            targets.append(valid)
+        inside[np.ix_(*targets)] = self.inside[np.ix_(*sources)]
+        return inside
 
     def _plane(self, step: np.ndarray, start: np.ndarray, z: int, low: Places, high: Places) -> np.ndarray:
-        """What is inside of a plane of a volume."""
+        """bool: voxels inside, for one plane of a volume."""
         y, x = np.meshgrid(np.arange(low[1], high[1]), np.arange(low[2], high[2]), indexing="ij")
-        places = [_nearest(row[0] * x + row[1] * y + (row[2] * z + own)) for row, own in zip(step, start, strict=True)]
-        there = np.ones(x.shape, bool)
+        places = [
+            _nearest(row[0] * x + row[1] * y + (row[2] * z + offset)) for row, offset in zip(step, start, strict=True)
+        ]
+        valid = np.ones(x.shape, bool)
         for place, size in zip(places, self.inside.shape[::-1], strict=True):
-            there &= (place >= 0) & (place < size)
-        x, y, z_ = (np.where(there, place, 0) for place in places)
-        return np.asarray(there & self.inside[z_, y, x])
+            valid &= (place >= 0) & (place < size)
+        x, y, z_ = (np.where(valid, place, 0) for place in places)
+        return np.asarray(valid & self.inside[z_, y, x])
 
 
 def make_mask(given: Any, volume: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
@@ -136,28 +138,30 @@ def parse_mask(text: str) -> tuple[str, tuple[int, ...], bool]:
 
 
 def apply_mask(volume: Volume, mask: Mask) -> Volume:
-    """The volume, its channels and levels, cut by one more mask, with a note on how much is left. Raises InputError if
-    nothing is.
+    """The volume, its channels and levels with one more mask, and a note on how much is left. Raises InputError if
+    nothing is left.
     """
-    found = replace(volume, masks=(*volume.masks, mask))
-    left = sum(int(found.kept((z, 0, 0), (z + 1, *volume.shape[1:])).sum()) for z in range(volume.shape[0]))
+    masked = replace(volume, masks=(*volume.masks, mask))
+    left = sum(int(masked.kept((z, 0, 0), (z + 1, *volume.shape[1:])).sum()) for z in range(volume.shape[0]))
     what = f"mask {mask.grid.name}".strip()
     if not left:
-        ours, theirs = (_describe_box(each, turned) for each, turned in ((mask.grid, volume.frame), (volume, None)))
-        places = f"voxels of {volume.name or 'the volume'}, which lies at {theirs}"
-        raise expected(what, places, f"none: it lies at {ours}" if not mask.outside else "none outside of it")
+        mask_box, volume_box = (
+            _describe_box(grid, turned) for grid, turned in ((mask.grid, volume.frame), (volume, None))
+        )
+        places = f"voxels of {volume.name or 'the volume'}, which lies at {volume_box}"
+        raise expected(what, places, f"none: it lies at {mask_box}" if not mask.outside else "none outside of it")
     share = "all" if left == volume.count else f"{left / volume.count:.3g}" if left * 1000 < volume.count else ""
     of_mask = (f"{what}: {note}" for note in mask.grid.notes)
-    told = f"{what} keeps {share or f'{left / volume.count:.1%}'} of the voxels"
-    made = replace(found, notes=(*volume.notes, *of_mask, told))
-    made = with_parts(made, lambda part: replace(part, masks=(*part.masks, mask)))
-    # not to be looked up again
-    vars(made).update({name: value for name, value in vars(found).items() if name == "_kept"})
-    return made
+    note = f"{what} keeps {share or f'{left / volume.count:.1%}'} of the voxels"
+    result = replace(masked, notes=(*volume.notes, *of_mask, note))
+    result = with_parts(result, lambda part: replace(part, masks=(*part.masks, mask)))
+    # reuse the mask that was computed above
+    vars(result).update({name: value for name, value in vars(masked).items() if name == "_kept"})
+    return result
 
 
 def _describe_box(volume: Volume, frame: str | None) -> str:
-    """The ends of a volume's box, for a message, in a frame."""
+    """The ends of a volume's box in a frame, as text."""
     corners = volume.corners * ((-1, -1, 1) if {volume.frame, frame} == {"LPS", "RAS"} else (1, 1, 1))
     ends = zip("xyz", corners.min(axis=0), corners.max(axis=0), strict=True)
     return ", ".join(f"{axis} {low:.4g}…{high:.4g}" for axis, low, high in ends)

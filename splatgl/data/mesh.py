@@ -14,13 +14,13 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.errors import expected
 
-# a corner has its vertex' mean normal if that is within this angle of its triangle's, else the triangle's
+# a corner takes its vertex' mean normal if that is within this angle of the triangle's normal, else the latter
 SMOOTH = np.cos(np.radians(45.0))
 # sides of tubes
 SIDES = 8
 # a bone's colour, sRGB
 COLOR = "#e8dcc8"
-# of values
+# colour map of values
 COLORMAP = "viridis"
 
 
@@ -30,10 +30,10 @@ class Mesh:
 
     color: "#rrggbb", or linear RGB. colors uint8 [N, 3]: sRGB of each vertex instead, or None. opacity: from 0 to 1, of
     each triangle. frame: "LPS", "RAS" or None, as of volumes.
-    values float64 [N]: numbers of vertices, which are drawn in the colours of `colormap` over `window` (None: from the
-    least to the largest) unless there are colours; NaN in `color`. quantity: their name.
-    clipped: whether planes of scenes and settings cut it, too. corner_normals [M, 3, 3]: of the corners of triangles,
-    instead of those of the surface. Raises InputError for other shapes and numbers.
+    values float64 [N]: numbers of vertices, drawn in the colours of `colormap` over `window` (None: from the least to
+    the largest) unless there are colours; NaN is drawn in `color`. quantity: their name.
+    clipped: whether clipping planes of scenes and settings cut it, too. corner_normals [M, 3, 3]: normals of the
+    corners of triangles, instead of the surface's. Raises InputError for other shapes and numbers.
     """
 
     vertices: np.ndarray
@@ -83,7 +83,7 @@ class Mesh:
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Unit normals float64 [M, 3, 3] of the corners of triangles; 0 of those without an area."""
+        """Unit normals float64 [M, 3, 3] of the corners of triangles; 0 for triangles without area."""
         if self.corner_normals is not None:
             return np.asarray(self.corner_normals, np.float64)
         corners = self.vertices[self.faces]
@@ -106,7 +106,7 @@ class Mesh:
         return np.asarray(linear_from_srgb(self.colors / 255.0))[self.faces]
 
     def placed(self, frame: str | None) -> Mesh:
-        """The mesh in another frame; as it is, if either is not known."""
+        """The mesh in another frame; unchanged if either frame is unknown."""
         if {self.frame, frame} != {"LPS", "RAS"}:
             return self
         turn = np.array([-1.0, -1.0, 1.0])
@@ -124,11 +124,11 @@ class Mesh:
 
     @property
     def mapped(self) -> bool:
-        """Whether its values give its colours."""
+        """Whether the values give the colours."""
         return self.values is not None and self.colors is None
 
     def cut(self, planes: Sequence[Sequence[float]]) -> Mesh:
-        """What lies where n · x ≥ d of all planes (n_x, n_y, n_z, d): triangles are cut, whatever their size."""
+        """The part where n · x ≥ d for all planes (n_x, n_y, n_z, d); triangles of any size are cut."""
         return clip_mesh(self, planes)
 
     def to_pyvista(self) -> Any:
@@ -147,7 +147,7 @@ class Mesh:
 
     @classmethod
     def of_lines(cls, lines: Sequence[Any], radius: float, **look: Any) -> Mesh:
-        """Tubes around lines, each of points [N, 3], world units; of one point, none. look: color, opacity, name."""
+        """Tubes around lines of points [N, 3], world units; none for a single point. look: color, opacity, name."""
         tubes = [_tube(_array("lines", line, np.float64), _radius(radius)) for line in lines]
         tubes = [tube for tube in tubes if len(tube)]
         rings = [np.arange(len(tube) // SIDES) for tube in tubes]
@@ -159,26 +159,26 @@ class Mesh:
 
 def _array(what: str, given: Any, kind: Any) -> np.ndarray:
     try:
-        found: np.ndarray = np.ascontiguousarray(given, kind)
+        array: np.ndarray = np.ascontiguousarray(given, kind)
     except (TypeError, ValueError) as error:
         raise expected(what, "an array [N, 3] of numbers", type(given).__name__) from error
-    if found.size == 0:
+    if array.size == 0:
         return np.zeros((0, 3), kind)
-    if found.ndim != 2 or found.shape[1] != 3:
-        raise expected(what, "an array [N, 3]", str(found.shape))
-    return found
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise expected(what, "an array [N, 3]", str(array.shape))
+    return array
 
 
 def _values(given: Any, count: int) -> np.ndarray:
     """float64 [N], NaN where they are not finite."""
     try:
-        found: np.ndarray = np.array(given, np.float64)
+        values: np.ndarray = np.array(given, np.float64)
     except (TypeError, ValueError) as error:
         raise expected("values", "numbers", type(given).__name__) from error
-    if found.shape != (count,):
-        raise expected("values", f"one for each of {count} vertices", f"shape {found.shape}")
-    found[~np.isfinite(found)] = np.nan
-    return found
+    if values.shape != (count,):
+        raise expected("values", f"one for each of {count} vertices", f"shape {values.shape}")
+    values[~np.isfinite(values)] = np.nan
+    return values
 
 
 def _window(given: Any) -> tuple[float, float]:
@@ -197,10 +197,10 @@ def _color(given: str | Sequence[float]) -> tuple[float, float, float]:
         if not re.fullmatch("#[0-9a-fA-F]{6}", given):
             raise expected("color", "#rrggbb, or three linear numbers from 0 to 1", repr(given)[:80])
         given = linear_from_srgb(np.array([int(given[n : n + 2], 16) for n in (1, 3, 5)]) / 255.0).tolist()
-    found = np.asarray(given, np.float64)
-    if found.shape != (3,) or not ((found >= 0) & (found <= 1)).all():
+    rgb = np.asarray(given, np.float64)
+    if rgb.shape != (3,) or not ((rgb >= 0) & (rgb <= 1)).all():
         raise expected("color", "#rrggbb, or three linear numbers from 0 to 1", repr(given)[:80])
-    r, g, b = found.tolist()
+    r, g, b = rgb.tolist()
     return r, g, b
 
 
@@ -216,20 +216,20 @@ def _normalize(vectors: np.ndarray) -> np.ndarray:
 
 
 def _icosphere() -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [162, 3] and faces [320, 3] of an icosahedron whose faces are divided twice, on the unit sphere."""
+    """Vertices [162, 3] and faces [320, 3] of an icosahedron, divided twice, on the unit sphere."""
     golden = (1 + 5**0.5) / 2
     sides = [(0, a, b * golden) for a in (-1, 1) for b in (-1, 1)]
     vertices = _normalize(np.array([np.roll(side, n) for n in range(3) for side in sides], np.float64))
     near = np.linalg.norm(vertices[:, None] - vertices, axis=2) < 1.1
     faces = np.array([three for three in combinations(range(12), 3) if near[np.ix_(three, three)].sum() == 9])
-    # all round the same way
+    # the same winding for all
     inward = np.linalg.det(vertices[faces]) < 0
     faces[inward] = faces[inward][:, ::-1]
     for _ in range(2):
         edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        every, number = np.unique(edges, axis=0, return_inverse=True)
+        ends, number = np.unique(edges, axis=0, return_inverse=True)
         middle = number.reshape(-1, 3) + len(vertices)
-        vertices = np.concatenate([vertices, _normalize(vertices[every].sum(axis=1))])
+        vertices = np.concatenate([vertices, _normalize(vertices[ends].sum(axis=1))])
         a, b, c = faces.T
         ab, bc, ca = middle.T
         parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
@@ -238,13 +238,13 @@ def _icosphere() -> tuple[np.ndarray, np.ndarray]:
 
 
 def ring_points(line: np.ndarray) -> np.ndarray:
-    """The points of a line [N, 3] around which its tube has SIDES vertices each; none of fewer than two that differ."""
+    """Indices of a line's points [N, 3] that get a ring of SIDES vertices; none if fewer than two points differ."""
     moves = np.flatnonzero(np.append(True, (np.diff(line, axis=0) != 0).any(axis=1))) if len(line) else np.zeros(0, int)
     return moves if len(moves) > 1 else moves[:0]
 
 
 def _tube(line: np.ndarray, radius: float) -> np.ndarray:
-    """Rings [n · SIDES, 3] around a line's points; none of fewer than two that differ."""
+    """Rings [n · SIDES, 3] around a line's points; none if fewer than two points differ."""
     line = line[ring_points(line)]
     if len(line) < 2:
         return np.zeros((0, 3))
@@ -253,7 +253,7 @@ def _tube(line: np.ndarray, radius: float) -> np.ndarray:
     side = np.eye(3)[np.abs(along[0]).argmin()]
     rings = []
     for point, forward in zip(line, along, strict=True):
-        # each ring is turned as little as can be from the one before
+        # turn as little as possible from ring to ring
         side = _normalize(side - (side @ forward) * forward)
         other = np.cross(forward, side)
         rings.append(point + radius * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * other))
@@ -268,11 +268,11 @@ def _ring_triangles(rings: np.ndarray) -> np.ndarray:
 
 
 def clip_mesh(mesh: Mesh, planes: Sequence[Sequence[float]]) -> Mesh:
-    """What lies where n · x ≥ d of all planes (n_x, n_y, n_z, d), open where it is cut; as it is, if that is all."""
+    """The part where n · x ≥ d for all planes (n_x, n_y, n_z, d), open at the cut; the mesh itself if all of it is."""
     rows = np.asarray(planes, np.float64).reshape(-1, 4)
     if not len(mesh) or (mesh.vertices @ rows[:, :3].T >= rows[:, 3]).all():
         return mesh
-    # of each corner: place, normal, linear colour, value
+    # per corner: position, normal, linear colour, value
     parts = [mesh.vertices[mesh.faces], mesh.normals]
     if mesh.colors is not None:
         parts.append(linear_from_srgb(mesh.colors / 255.0)[mesh.faces])
@@ -299,23 +299,23 @@ def clip_mesh(mesh: Mesh, planes: Sequence[Sequence[float]]) -> Mesh:
 
 
 def _clip_triangles(corners: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Triangles [M, 3, K] of the parts of others where `beyond` [M, 3], linear between corners, is at least 0."""
+    """The parts of triangles [M, 3, K] where `beyond` [M, 3], linear between corners, is at least 0, as triangles."""
     inside = beyond >= 0
     count = inside.sum(axis=1)
     whole = corners[count == 3]
-    # one corner inside: a triangle; one outside: two; turned so that this corner is the first
+    # one corner inside gives one triangle, one outside two; rotated so that this corner is the first
     tips, stumps = (_rotate_corners(corners, beyond, count == n, inside if n == 1 else ~inside) for n in (1, 2))
     (a, *_), (ab, ac) = tips
     (_, e, f), (de, df) = stumps
-    found = [whole, np.stack([a, ab, ac], axis=1), np.stack([de, e, f], axis=1), np.stack([de, f, df], axis=1)]
-    return np.concatenate(found)
+    parts = [whole, np.stack([a, ab, ac], axis=1), np.stack([de, e, f], axis=1), np.stack([de, f, df], axis=1)]
+    return np.concatenate(parts)
 
 
 def _rotate_corners(
     corners: np.ndarray, beyond: np.ndarray, some: np.ndarray, first: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Of some triangles: their corners [m, K], from the one that is `first` on; and where the plane crosses the sides
-    from it to the next and to the last.
+    """The corners [m, K] of selected triangles, beginning with the one marked by `first`, and the points where the
+    plane crosses the sides from it to the next and to the last corner.
     """
     numbers = np.flatnonzero(some)
     start = first[numbers].argmax(axis=1)

@@ -20,7 +20,7 @@ Triple = tuple[float, float, float]
 Places = tuple[int, int, int]
 # limits in world units: float64 holds the fourth powers of these and of far larger distances
 LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
-# most voxels that masks are looked up for once, and kept, 1 byte each
+# most voxels whose combined mask is cached, 1 byte each
 MAX_CACHED = 2**28
 # maximum ratio of a voxel's sides: float32 holds its square, and distances in either
 MOST_OBLONG = 1e9
@@ -34,7 +34,7 @@ class Hints:
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
     units; fov is the full vertical angle in degrees. color: "#rrggbb" of a channel at its brightest.
-    stack: whether the samples are planes of a microscope. values: "labels", "mask" or "amounts", what samples are.
+    stack: whether the samples are planes of a microscope. values: "labels", "mask" or "amounts", their meaning.
     """
 
     window: tuple[float, float] | None = None
@@ -58,7 +58,7 @@ class Hints:
 class Label:
     """A segment of an image: the number of its voxels, its name, and its colour "#rrggbb" (None: any).
 
-    opacity: a factor from 0 to 1 of what labels have; hidden: not shown unless it is asked for.
+    opacity: a factor from 0 to 1; hidden: not shown unless requested.
     """
 
     number: int
@@ -85,17 +85,17 @@ class Slab:
 class Volume:
     """Samples on an affine grid: world = direction · diag(spacing) · (x, y, z) + origin.
 
-    samples: [D, H, W] (z, y, x), any real dtype: an array, possibly memory-mapped, or what has shape, dtype and slices
-    that become arrays (of Zarr, HDF5, Dask), which is read in parts.
+    samples: [D, H, W] (z, y, x), any real dtype: an array, possibly memory-mapped, or an object with shape, dtype and
+    slices (of Zarr, HDF5, Dask), which is read in parts.
     spacing, origin: (x, y, z) in world units. direction: [3, 3], its columns the unit axes of x, y, z.
     unit: name of the world's unit of length ("mm", "um", ""). frame: "LPS", "RAS" or None.
     color: uint8 [D, H, W, 3] sRGB, also read in parts, or None. vectors: [D, H, W, 3] along world x, y, z, or None.
-    coarser: the same in fewer voxels, finer first: the further levels of a multiscale image.
-    labels: of samples that number segments, the table of these (empty: none in the file); None: samples are amounts.
-    channels: of a file of several, all that were read, each named; samples are those of the first.
+    coarser: the further levels of a multiscale image, with fewer voxels, finer first.
+    labels: table of the segments that samples number (empty: the file has none); None: samples are amounts.
+    channels: all channels that were read, with names, if the file has several; samples are the first channel's.
     times: time points of the file, of which this is one; time_step: seconds between two.
-    value_unit: name of the unit of samples ("HU", "K"), as the file states it. masks: what cuts it; see `masked`.
-    notes: what the reader left out or assumed, each a line for the user.
+    value_unit: name of the unit of samples ("HU", "K"), as the file states it. masks: restrict it; see `masked`.
+    notes: lines for the user on what the reader left out or assumed.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
     """
 
@@ -137,12 +137,12 @@ class Volume:
 
     @classmethod
     def of(cls, x: Any, **options: Any) -> Volume:
-        """The volume in an array or image of another library, with its grid, unit and name; a view where it can be.
+        """The volume in an array or image of another library, with its grid, unit and name; a view where possible.
 
         x: numpy arrays and lists [z, y, x]; arrays of dask, zarr and h5py, which are read in parts; DataArrays of
         xarray; images of SimpleITK, nibabel and VTK or PyVista; Image layers of napari. options: spacing, origin
-        (x, y, z), unit, name replace what x says; array: name or number of the one to take, where x holds several.
-        Raises InputError for what makes no volume.
+        (x, y, z), unit, name replace those of x; array: name or number of the array to take, where x holds several.
+        Raises InputError for objects that make no volume.
         """
         from splatgl.data.arrays import volume_of
 
@@ -151,32 +151,32 @@ class Volume:
     def of_values(self, values: str) -> Volume:
         """The same samples as "labels", in the colours of its table if it has one, or as "amounts"; channels too."""
         labels = (self.labels or ()) if values == "labels" else None
-        made = replace(self, labels=labels, hints=replace(self.hints, values=values))
-        return with_parts(made, lambda part: part.of_values(values))
+        changed = replace(self, labels=labels, hints=replace(self.hints, values=values))
+        return with_parts(changed, lambda part: part.of_values(values))
 
     def masked(self, mask: Any, labels: Sequence[int] = (), outside: bool = False) -> Volume:
-        """The same samples, of which pictures show what a mask keeps: where it is not 0, or one of some labels.
+        """The same samples, drawn only where a mask is not 0, or has one of `labels`.
 
-        mask: a Volume on any grid, which lies in the same world; an array [D, H, W] on this one; a file, or
-        "FILE:3,7:outside" as on the command line. Voxels are kept whose centres lie in voxels of the mask that are.
-        outside: keeps the others instead. Masks of masks keep what all do. Raises InputError where nothing is left.
+        mask: a Volume on any grid in the same world; an array [D, H, W] on this grid; a file, or "FILE:3,7:outside" as
+        on the command line. A voxel is kept if its centre lies in a kept voxel of the mask. outside: keeps the others
+        instead. Several masks keep what all of them keep. Raises InputError if nothing is left.
         """
         from splatgl.data.mask import apply_mask, make_mask
 
         return apply_mask(self, make_mask(mask, self, labels, outside))
 
     def placed(self, frame: str | None) -> Volume:
-        """The volume in another frame, its channels and levels with it; as it is, if either is not known."""
+        """The volume in another frame, with its channels and levels; unchanged if either frame is unknown."""
         if {self.frame, frame} != {"LPS", "RAS"}:
             return self
         turn = np.array([-1.0, -1.0, 1.0])
         x, y, z = (turn * self.origin).tolist()
         vectors = None if self.vectors is None else self.vectors * turn.astype(self.vectors.dtype)
-        made = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame, vectors=vectors)
-        return with_parts(made, lambda part: part.placed(frame))
+        placed = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame, vectors=vectors)
+        return with_parts(placed, lambda part: part.placed(frame))
 
     def kept(self, low: Places, high: Places) -> np.ndarray:
-        """bool: which voxels low ≤ (z, y, x) < high all masks keep; all, if there are none."""
+        """bool: whether all masks keep each voxel low ≤ (z, y, x) < high; True without masks."""
         if self.masks and self.count <= MAX_CACHED:
             return np.asarray(self._kept[tuple(map(slice, low, high))])
         return self._looked_up(low, high)
@@ -186,10 +186,10 @@ class Volume:
         return self._looked_up((0, 0, 0), self.shape)
 
     def _looked_up(self, low: Places, high: Places) -> np.ndarray:
-        found = np.ones([b - a for a, b in zip(low, high, strict=True)], bool)
+        inside = np.ones([b - a for a, b in zip(low, high, strict=True)], bool)
         for mask in self.masks:
-            found &= mask.keeps(self, low, high)
-        return found
+            inside &= mask.keeps(self, low, high)
+        return inside
 
     def to_pyvista(self) -> Any:
         """A pyvista.ImageData with the samples in its points, colours and vectors too. InputError without PyVista."""
@@ -201,10 +201,10 @@ class Volume:
         """One line: size, type, spacing, frame."""
         size = "×".join(map(str, self.shape[::-1]))
         spacing = "×".join(f"{length:g}" for length in self.spacing)
-        told = [f"{size} {self.samples.dtype}", f"spacing {spacing} {self.unit}".strip(), self.frame or ""]
-        told += ["colours"] * (self.color is not None) + ["vectors"] * (self.vectors is not None)
-        told += [f"{1 + len(self.coarser)} levels"] * bool(self.coarser) + ["masked"] * bool(self.masks)
-        return f"<Volume {self.name!r}: {', '.join(each for each in told if each)}>"
+        parts = [f"{size} {self.samples.dtype}", f"spacing {spacing} {self.unit}".strip(), self.frame or ""]
+        parts += ["colours"] * (self.color is not None) + ["vectors"] * (self.vectors is not None)
+        parts += [f"{1 + len(self.coarser)} levels"] * bool(self.coarser) + ["masked"] * bool(self.masks)
+        return f"<Volume {self.name!r}: {', '.join(part for part in parts if part)}>"
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -249,18 +249,18 @@ class Volume:
             yield Slab(start, stop, start - first, np.asarray(self.samples[first:last]))
 
     def extent(self, low: Places, high: Places, halo: int) -> np.ndarray | None:
-        """Two samples between which all finite ones of `box` lie, none if there are none; None if not known yet."""
+        """Range of the finite samples of `box`: two numbers, none if none is finite; None if not known yet."""
         first, last = self.around(low, high, halo)
         known = getattr(self.samples, "extent", None)
         return known(first, last) if known else None
 
     def box(self, low: Places, high: Places, halo: int) -> tuple[np.ndarray, Places]:
-        """The samples of voxels low ≤ (z, y, x) < high, and up to `halo` more on each side; the place of the first."""
+        """The samples of voxels low ≤ (z, y, x) < high, and up to `halo` more on each side; index of the first."""
         first, last = self.around(low, high, halo)
         return np.asarray(self.samples[tuple(map(slice, first, last))]), first
 
     def part(self, low: Places, high: Places) -> Volume:
-        """The voxels low ≤ (z, y, x) < high as a volume of their own, without vectors and coarser levels."""
+        """The voxels low ≤ (z, y, x) < high as a volume, without vectors and coarser levels."""
         box = tuple(map(slice, low, high))
         color = None if self.color is None else np.asarray(self.color[box])
         x, y, z = (self.world_from_index @ np.array(low[::-1]) + self.origin).tolist()
@@ -319,10 +319,9 @@ FEWEST = 4
 def halve_volume(volume: Volume, labels: bool = False) -> Volume:
     """The volume of means over 2×2×2 voxels, float32; short axes stay. A block with a non-finite voxel is non-finite.
 
-    labels: whether samples number segments, as a volume's own table says, too: then the numbers that most voxels of
-    each block have, of equally many the one of a segment, in their own type. Between two numbers there is none.
-
-    Colours are weighted by the samples' height above the minimum, so that empty voxels do not contribute.
+    labels: whether samples number segments, as a volume with a table always does: then each block gets its most
+    frequent number, in its type; of equally frequent ones a segment's. Colours are weighted by the samples' height
+    above the minimum, so that empty voxels do not contribute.
     """
     steps = [2 if count >= FEWEST else 1 for count in volume.shape]
     depth, height, width = (-(-count // step) for count, step in zip(volume.shape, steps, strict=True))
@@ -373,13 +372,15 @@ def _mean(planes: np.ndarray, steps: list[int]) -> np.ndarray:
 
 
 def _majority(planes: np.ndarray, steps: list[int]) -> np.ndarray:
-    """[H', W'] numbers that most voxels of blocks of planes [d, H, W] have; the last of an odd count counts twice."""
+    """[H', W'] most frequent numbers of blocks of planes [d, H, W]; the last of an odd count counts twice."""
     odd = [(0, -count % step) for count, step in zip(planes.shape[1:], steps[1:], strict=True)]
     padded = np.pad(planes, [(0, 0), *odd], mode="edge")
-    corners = [each[y :: steps[1], x :: steps[2]] for each in padded for y in range(steps[1]) for x in range(steps[2])]
-    found, most = corners[0], np.zeros(corners[0].shape, np.int8)
+    corners = [
+        plane[y :: steps[1], x :: steps[2]] for plane in padded for y in range(steps[1]) for x in range(steps[2])
+    ]
+    winner, best = corners[0], np.zeros(corners[0].shape, np.int8)
     for corner in corners:
-        # of equally many, what is not the background
+        # of equally frequent numbers, not the background
         votes = 2 * sum((other == corner).astype(np.int8) for other in corners) + (corner != 0)
-        found, most = np.where(votes > most, corner, found), np.maximum(votes, most)
-    return np.asarray(found)
+        winner, best = np.where(votes > best, corner, winner), np.maximum(votes, best)
+    return np.asarray(winner)

@@ -22,8 +22,8 @@ __all__ = ["FORMATS", "Format", "LoadOptions", "list_volumes", "load", "terrain_
 class Format:
     """A format: its name, suffixes, reader (module.function), supported options and magic bytes.
 
-    kinds: whether a volume is a file, a folder, or either. tells: a function of a path (module.function) that knows the
-    format by what is in a file or folder. lists: one that gives a line for each volume in it.
+    kinds: a volume is a "file", a "folder", or either. tells: function of a path (module.function) that recognizes the
+    format by the contents of a file or folder. lists: function that returns a line for each volume in it.
     """
 
     title: str
@@ -37,12 +37,12 @@ class Format:
 
     def read(self, path: Path, options: LoadOptions) -> Volume:
         """Reads a volume."""
-        found: Volume = _import_function(self.reader)(path, options)
-        return found
+        volume: Volume = _import_function(self.reader)(path, options)
+        return volume
 
 
 def _import_function(name: str) -> Any:
-    """A reader's function; only now is its module imported, so that one format does not wait for all."""
+    """Imports a function module.function of this folder; late, so that one format does not import all readers."""
     module, function = name.split(".")
     return getattr(import_module(f"{__name__}.{module}"), function)
 
@@ -50,7 +50,7 @@ def _import_function(name: str) -> Any:
 _TERRAIN = ("color", "relief", "levels")
 _TIFF = ("array", "channel", "level", "time", "series")
 
-# all formats; every one takes `spacing` and `values` too
+# all formats; each takes `spacing` and `values` too
 FORMATS = (
     Format("NumPy", (".npy",), "raw.read_npy", starts=("NumPy",)),
     Format("NumPy archive", (".npz",), "raw.read_npz", ("array",), ("ZIP",)),
@@ -96,12 +96,12 @@ FORMATS = (
     Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN),
 )
 
-# endings of Zarr stores in a zip, which are told what unpacks them
+# endings of zipped Zarr stores, whose error says how to unpack them
 ZIPPED = (".ozx", ".zarr.zip")
-# most characters of a message behind the path: some quote the file
+# most characters of a message after the path: some quote the file
 LINE_LIMIT = 400
 
-# first bytes that tell a format for certain
+# first bytes that identify a format
 _STARTS = {
     b"\x93NUMPY": "NumPy",
     b"\x89PNG": "PNG",
@@ -124,19 +124,19 @@ _STARTS = {
 
 
 def load(path: str | Path, options: LoadOptions | None = None, **given: object) -> Volume:
-    """Loads the volume in a file or Zarr folder, or behind an address (https, s3, gs); the suffix selects the reader.
+    """Loads the volume in a file or Zarr folder, or at an address (https, s3, gs); the suffix selects the reader.
 
-    path: see `FORMATS` for the endings; an address without one is a Zarr store, whose chunks are read when needed. A
-    2-D picture or CSV becomes a terrain. FILE.h5:/NAME stands for array="/NAME". Further keywords are fields of
-    `LoadOptions`. Samples that can be memory-mapped are; the name is the file's stem. Raises InputError, which begins
-    with the path, for a file or an option that makes no volume.
+    path: see `FORMATS` for the endings; an address without ending is a Zarr store, whose chunks are read when needed.
+    A 2-D picture or CSV becomes a terrain. FILE.h5:/NAME stands for array="/NAME". Further keywords are fields of
+    `LoadOptions`. Samples are memory-mapped where possible; the name is the file's stem. Raises InputError, which
+    begins with the path, for a file or an option that makes no volume.
     """
     source, array = inside(str(path))
     path = source if is_address(source) else Path(source)
     try:
         with silence_libraries():
-            asked = _options(options, given if array is None else {"array": array, **given})
-            return _load_remote(str(path), asked) if is_address(path) else _load(Path(path), asked)
+            load_options = _options(options, given if array is None else {"array": array, **given})
+            return _load_remote(str(path), load_options) if is_address(path) else _load(Path(path), load_options)
     except InputError as error:
         raise _with_path(path, error) from error.__cause__
     except OSError as error:
@@ -146,8 +146,8 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
 
 
 def list_volumes(path: str | Path) -> list[str]:
-    """A line for each volume in a file or folder that holds several (series of DICOM, datasets of HDF5); none of other
-    formats, and of what cannot be read.
+    """A line for each volume in a file or folder with several (DICOM series, HDF5 datasets); none for other formats,
+    and if it cannot be read.
     """
     try:
         with silence_libraries():
@@ -168,7 +168,7 @@ def _load(path: Path, options: LoadOptions) -> Volume:
 
 
 def _load_remote(address: str, options: LoadOptions) -> Volume:
-    """The volume behind an address: a copy of the file, or of the parts of a Zarr store that are needed."""
+    """The volume at an address: a copy of the file, or of the needed parts of a Zarr store."""
     from splatgl.readers import ome_zarr
 
     name, remote = address_name(address), Remote(address)
@@ -181,10 +181,10 @@ def _load_remote(address: str, options: LoadOptions) -> Volume:
 
 
 def _apply_name(volume: Volume, name: str, form: Format, options: LoadOptions) -> Volume:
-    """The volume as the file's name and the options have it."""
+    """The volume with the file's name, and with the spacing and meaning of values that the options state."""
     if options.spacing is not None:
-        # a file that does not know its spacing does not know that of its levels
-        channels = tuple(replace(each, spacing=options.spacing, coarser=()) for each in volume.channels)
+        # where the file does not know its spacing, the levels do not either
+        channels = tuple(replace(channel, spacing=options.spacing, coarser=()) for channel in volume.channels)
         volume = replace(volume, spacing=options.spacing, coarser=(), channels=channels)
     if options.values not in (None, "heights"):
         volume = volume.of_values(options.values)
@@ -193,11 +193,11 @@ def _apply_name(volume: Volume, name: str, form: Format, options: LoadOptions) -
 
 
 def _with_path(path: Path | str, error: InputError) -> InputError:
-    """The error as one line that begins with the path; text from a damaged header is shortened and sanitized."""
+    """The error as one line that begins with the path, with text of a damaged header shortened and sanitized."""
     message = str(error)
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
     line = "".join(c if c.isprintable() else "?" for c in f"{path}: {short}")
-    return Choice(line, error.option, error.found) if isinstance(error, Choice) else InputError(line)
+    return Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line)
 
 
 def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptions:
@@ -209,17 +209,17 @@ def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptio
 
 
 def _find_format(path: Path) -> Format:
-    """The format of a name; of a folder, or of a file without such a name, the one that its contents tell."""
+    """The format by the name; of a folder, or of a file with another name, by the contents."""
     kind = "folder" if path.is_dir() else "file"
     zipped = path.name.lower().endswith(ZIPPED)
     named = next((form for form in FORMATS if _suffix(path, form) and not zipped), None)
-    told = [form for form in FORMATS if form.tells and kind in form.kinds]
+    detectable = [form for form in FORMATS if form.tells and kind in form.kinds]
     if kind == "folder" or (named is None and path.is_file() and not zipped):
-        named = next((form for form in told if _import_function(form.tells)(path)), named)
+        named = next((form for form in detectable if _import_function(form.tells)(path)), named)
     if named:
         return named
     if kind == "folder":
-        names = " or ".join(form.title for form in told)
+        names = " or ".join(form.title for form in detectable)
         raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
     known, fix = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)
     this = "one that is read" if fix else f"a name that ends in one of {known}"
@@ -231,7 +231,7 @@ def _suffix(path: Path, form: Format) -> str:
 
 
 def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
-    """Checks before any reader runs: InputError for no file, no bytes, another format, unsupported options."""
+    """Raises InputError for no file, no bytes, another format and unsupported options, before any reader runs."""
     kind = "folder" if path.is_dir() else "file" if path.is_file() else "pipe or device"
     if not path.exists():
         raise expected("path", "a file", "nothing of that name", "check the path")
@@ -247,7 +247,7 @@ def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
 
 
 def _refuse_options(form: Format, options: LoadOptions) -> None:
-    """InputError for options that the format doesn't support."""
+    """Raises InputError for options that the format doesn't support."""
     if options.values == "heights" and "relief" not in form.takes:
         raise expected("values", f"labels or amounts for {form.title}", "heights")
     refused = sorted(options.given - {"spacing", "values", *form.takes})
@@ -264,15 +264,15 @@ def _detect_format(path: Path) -> str | None:
 
 ENDINGS = (".label", ".lbl", ".txt")
 MARK = "ITK-SnAP Label Description File"
-# letters of a table at most, and of its first lines that tell what it is
+# most letters of a table, and of its first lines that identify it
 MOST, FIRST = 1 << 20, 400
-# number, red, green, blue, opacity, whether it is shown, whether as a mesh, and the name in quotation marks
+# number, red, green, blue, opacity, visible, mesh visible, and the name in quotation marks
 NUMBER_AND_COLOR = r"\s*(\d{1,9})\s+(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})\s+"
 ROW = re.compile(NUMBER_AND_COLOR + r'(\d+\.?\d*|\.\d+)\s+(\d{1,9})\s+\d+\s+"([^"]*)"\s*')
 
 
 def load_label_table(path: Path, stem: str) -> tuple[Label, ...] | None:
-    """The labels of stem.label, stem.lbl or stem.txt beside `path`, but 0; None without such a table of ITK-SNAP.
+    """The labels except 0 of ITK-SNAP's table stem.label, stem.lbl or stem.txt beside `path`; None without a table.
 
     Raises InputError for a table with other lines, or without labels.
     """
@@ -288,7 +288,7 @@ def load_label_table(path: Path, stem: str) -> tuple[Label, ...] | None:
 
 
 def _parse_labels(name: str, text: str) -> tuple[Label, ...]:
-    found: dict[int, Label] = {}
+    labels: dict[int, Label] = {}
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.startswith("#"):
             continue
@@ -298,8 +298,8 @@ def _parse_labels(name: str, text: str) -> tuple[Label, ...]:
         if row is None or max(rgb) > 255 or opacity > 1:
             raise expected(f"{name}, line {number}", 'NUMBER R G B A VIS MSH "NAME"', repr(line[:60]))
         color, hidden = "#{:02x}{:02x}{:02x}".format(*rgb), not int(row[6])
-        found[int(row[1])] = Label(int(row[1]), row[7], color, opacity, hidden)
-    found.pop(0, None)
-    if not found:
+        labels[int(row[1])] = Label(int(row[1]), row[7], color, opacity, hidden)
+    labels.pop(0, None)
+    if not labels:
         raise expected(name, "labels", "none", "remove the file")
-    return tuple(sorted(found.values(), key=lambda label: label.number))
+    return tuple(sorted(labels.values(), key=lambda label: label.number))

@@ -1,4 +1,4 @@
-"""Channels and time points of one file: which are read, and the volume that they make."""
+"""Channels and time points of a file: their selection, and the volume of them."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ SECONDS = {
 MOST_CHANNELS = 4096
 # most channels that a message names
 MOST_SHOWN = 8
-# the end of a note on the time point that is read if none is asked for
+# advice in the note on a time point that is read without option
 TIME_HINT = "--time picks another"
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel: its name, its colour "#rrggbb" and the values that its file shows from black to full, if told."""
+    """A channel: its name, its colour "#rrggbb" and its window of values from black to full, if the file has them."""
 
     name: str
     color: str | None = None
@@ -41,9 +41,9 @@ class Channel:
 
 @dataclass(frozen=True)
 class ChannelSet:
-    """channels: of a file, none if it has one only. together: whether the file says that they are one picture.
-    times: number of time points; step: seconds between two, None if not told. components: of a voxel without channels,
-    such as those of a colour, of which a number picks one.
+    """channels: of a file, empty if it has only one. together: whether the file shows them as one picture.
+    times: number of time points; step: seconds between two, None if unknown. components: numbers per voxel without
+    channels, such as those of a colour; `channel` picks one.
     """
 
     channels: tuple[Channel, ...] = ()
@@ -53,25 +53,31 @@ class ChannelSet:
     components: int = 1
 
     def chosen(self, options: LoadOptions) -> list[int | None]:
-        """Numbers of the channels that are read; [None]: the file has no more than one. Raises InputError for names and
-        numbers that there are not, and a Choice where one has to be picked.
+        """Numbers of the selected channels; [None]: the file has no more than one. Raises InputError for an unknown
+        name or number, and a Choice if one has to be picked.
         """
-        count, asked = len(self.channels), options.channel
+        count, requested = len(self.channels), options.channel
         if count < 2:
-            if isinstance(asked, int) and asked >= self.components:
+            if isinstance(requested, int) and requested >= self.components:
                 this = f"a number from 0 to {self.components - 1}" if self.components > 1 else "a file of channels"
-                raise expected("channel", this, asked)
-            return [None if asked in ("all", None) else asked if isinstance(asked, int) else self._number(asked, count)]
-        if asked is None and not self.together:
+                raise expected("channel", this, requested)
+            return [
+                None
+                if requested in ("all", None)
+                else requested
+                if isinstance(requested, int)
+                else self._number(requested, count)
+            ]
+        if requested is None and not self.together:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
             error = expected("axes", "one sample per voxel", f"{count} channels", fix)
-            raise Choice(str(error), "channel", [(str(n), each.name) for n, each in enumerate(self.channels)])
-        if asked is None or asked == "all":
+            raise Choice(str(error), "channel", [(str(n), channel.name) for n, channel in enumerate(self.channels)])
+        if requested is None or requested == "all":
             return list(range(count))
-        return [self._number(part.strip(), count) for part in str(asked).split(",")]
+        return [self._number(part.strip(), count) for part in str(requested).split(",")]
 
     def _number(self, text: str, count: int) -> int:
-        names = [each.name for each in self.channels]
+        names = [channel.name for channel in self.channels]
         if text in names:
             return names.index(text)
         if re.fullmatch("[0-9]{1,6}", text) and int(text) < count:
@@ -81,28 +87,28 @@ class ChannelSet:
         raise expected("channel", this, repr(text))
 
     def volume(self, options: LoadOptions, read: Callable[[int | None], Volume]) -> Volume:
-        """The volume of the chosen channels. read: the volume of one, by its number."""
+        """The volume of the selected channels. read: reads the channel of a number."""
         if options.time is not None and options.time >= self.times:
             this = f"a number from 0 to {self.times - 1}" if self.times > 1 else "a file of several time points"
             raise expected("time", this, options.time)
         numbers = self.chosen(options)
-        made = [self._named(read(number), number) for number in numbers]
-        notes = made[0].notes
+        volumes = [self._named(read(number), number) for number in numbers]
+        notes = volumes[0].notes
         if self.times > 1 and options.time is None and options.array is None:
             notes = (*notes, f"time 0 of {self.times}: {TIME_HINT}")
-        first = replace(made[0], times=self.times, time_step=self.step, notes=notes)
-        return replace(first, channels=tuple(made)) if len(made) > 1 else first
+        first = replace(volumes[0], times=self.times, time_step=self.step, notes=notes)
+        return replace(first, channels=tuple(volumes)) if len(volumes) > 1 else first
 
     def _named(self, volume: Volume, number: int | None) -> Volume:
         if number is None or len(self.channels) < 2:
             return volume
-        told = self.channels[number]
-        hints = replace(volume.hints, window=told.window, color=told.color)
-        return replace(volume, name=told.name or str(number), hints=hints)
+        channel = self.channels[number]
+        hints = replace(volume.hints, window=channel.window, color=channel.color)
+        return replace(volume, name=channel.name or str(number), hints=hints)
 
 
 def mark_microscope(volume: Volume) -> Volume:
-    """The volume, marked as planes of a microscope."""
+    """The volume, marked as a microscope's planes."""
     return replace(volume, hints=replace(volume.hints, stack=True))
 
 
@@ -112,16 +118,16 @@ def hex_color(color: Sequence[int]) -> str:
 
 
 def parse_window(low: object, high: object) -> tuple[float, float] | None:
-    """A window of values, if both are numbers and the first is below the second."""
+    """(low, high) if both are numbers and low is below high; else None."""
     try:
-        found = float(str(low)), float(str(high))
+        window = float(str(low)), float(str(high))
     except ValueError:
         return None
-    return found if -1e300 < found[0] < found[1] < 1e300 else None
+    return window if -1e300 < window[0] < window[1] < 1e300 else None
 
 
 def split_components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """(samples [D, H, W], colours or None, vectors or None) out of [D, H, W, components]: luma, or lengths."""
+    """(samples [D, H, W], colours or None, vectors or None) of [D, H, W, components]: samples are luma or lengths."""
     if is_color:
         if values.dtype != np.uint8:
             raise expected("colours", "uint8", values.dtype, "pick one with channel=0, channel=1 or channel=2")

@@ -1,4 +1,4 @@
-"""Chunked arrays that are read in parts, in any order of axes, with a cache of each chunk's extremes."""
+"""Chunked arrays that are read in parts, in any order of axes, with a cache of the extremes of chunks."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from splatgl.errors import InputError
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
-# bytes of decoded chunks that are kept
+# bytes of decoded chunks in the cache
 CACHE_BYTES = 2**27
 
 
 class Files(Protocol):
-    """What lies behind an array's chunks, named by the place of any sample of theirs."""
+    """The files of an array's chunks; a chunk is named by the index of any of its samples."""
 
     def tag(self) -> str:
-        """What changes with the contents."""
+        """Text that changes with the contents."""
         ...
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Called before chunks are read, with all that are."""
+        """Called before chunks are read, with an index for each."""
 
     def holds(self, place: Sequence[int]) -> bool:
         """Whether anything is stored for a chunk; may raise InputError."""
@@ -44,10 +44,10 @@ class Files(Protocol):
 
 
 class Chunked:
-    """A Zarr array, or what `index` leaves free of it, as samples [D, H, W]. Slices of it are numpy arrays.
+    """The part of a Zarr array that `index` leaves free, as samples [D, H, W]. Slices of it are numpy arrays.
 
-    form: the format of the file that it is in. Raises InputError, which begins with `name`, the file's path or address,
-    if a part can't be read.
+    form: the file's format. Raises InputError, which begins with `name`, the file's path or address, if a part can't be
+    read.
     """
 
     def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: Files, form: str = "Zarr") -> None:
@@ -56,12 +56,12 @@ class Chunked:
         self.shape = tuple(int(array.shape[axis]) for axis in axes)
         self.chunks = tuple(int(array.chunks[axis]) for axis in axes)
         self.dtype = np.dtype(array.dtype)
-        self.kept: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
+        self.cache: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
         self.lock = Lock()
 
     @cached_property
     def extents(self) -> Extents | None:
-        """Of the chunks that were read, now or before; None of colours, and of very many."""
+        """Extremes of the chunks that were read, now or before; None for colours, and for very many chunks."""
         if len(self.shape) != 3:
             return None
         counts = tuple(-(-size // chunk) for size, chunk in zip(self.shape, self.chunks, strict=True))
@@ -69,54 +69,54 @@ class Chunked:
         return Extents(counts, self.dtype, tag) if math.prod(counts) <= MOST else None
 
     def extent(self, low: Sequence[int], high: Sequence[int]) -> np.ndarray | None:
-        """[2]: a range that holds all finite samples from low to below high, [0] if there are none; None if one is not
-        known without reading.
+        """Range [2] of all finite samples from low to below high, [0] if none is finite; None if it is unknown before
+        reading.
         """
         touched = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.chunks, strict=True))
         return self.extents.of(product(*touched)) if self.extents else None
 
     def __getitem__(self, key: Key) -> np.ndarray:
-        given = key if isinstance(key, tuple) else (key,)
-        whole = given + (slice(None),) * (len(self.shape) - len(given))
-        asked = [
+        keys = key if isinstance(key, tuple) else (key,)
+        whole = keys + (slice(None),) * (len(self.shape) - len(keys))
+        steps = [
             range(size)[place] if isinstance(place, slice) else range(place, place + 1)
             for size, place in zip(self.shape, whole, strict=True)
         ]
-        # all from the first to the last
-        ranges = [range(min(each), max(each) + 1) if len(each) else range(0) for each in asked]
-        found = np.empty([len(each) for each in ranges], self.dtype)
+        # from the first to the last sample along each axis
+        ranges = [range(min(span), max(span) + 1) if len(span) else range(0) for span in steps]
+        result = np.empty([len(span) for span in ranges], self.dtype)
         touched = [
-            range(each.start // chunk, (each.stop - 1) // chunk + 1) if len(each) else range(0)
-            for each, chunk in zip(ranges, self.chunks, strict=True)
+            range(span.start // chunk, (span.stop - 1) // chunk + 1) if len(span) else range(0)
+            for span, chunk in zip(ranges, self.chunks, strict=True)
         ]
         with self.lock:
-            missing = [place for place in product(*touched) if place not in self.kept]
+            missing = [place for place in product(*touched) if place not in self.cache]
         self.files.ready(self._begin(place) for place in missing)
         for place in product(*touched):
             low = [n * chunk for n, chunk in zip(place, self.chunks, strict=True)]
             high = [min(a + chunk, size) for a, chunk, size in zip(low, self.chunks, self.shape, strict=True)]
-            first = [max(a, each.start) for a, each in zip(low, ranges, strict=True)]
-            last = [min(b, each.stop) for b, each in zip(high, ranges, strict=True)]
-            to = tuple(slice(a - each.start, b - each.start) for a, b, each in zip(first, last, ranges, strict=True))
+            first = [max(a, span.start) for a, span in zip(low, ranges, strict=True)]
+            last = [min(b, span.stop) for b, span in zip(high, ranges, strict=True)]
+            to = tuple(slice(a - span.start, b - span.start) for a, b, span in zip(first, last, ranges, strict=True))
             of = tuple(slice(a - start, b - start) for a, b, start in zip(first, last, low, strict=True))
-            found[to] = self._chunk(place, low, high)[of]
-        return found[
+            result[to] = self._chunk(place, low, high)[of]
+        return result[
             tuple(
-                slice(None, None, each.step) if isinstance(place, slice) else 0
-                for place, each in zip(whole, asked, strict=True)
+                slice(None, None, span.step) if isinstance(place, slice) else 0
+                for place, span in zip(whole, steps, strict=True)
             )
         ]
 
     def _begin(self, place: tuple[int, ...]) -> list[int]:
-        """Where a chunk begins, along all axes of the array."""
+        """The index of a chunk's first sample, along all axes of the array."""
         free = iter(n * chunk for n, chunk in zip(place, self.chunks, strict=True))
         return [next(free) if isinstance(at, slice) else at for at in self.index]
 
     def _chunk(self, place: tuple[int, ...], low: list[int], high: list[int]) -> np.ndarray:
         with self.lock:
-            if place in self.kept:
-                self.kept.move_to_end(place)
-                return self.kept[place]
+            if place in self.cache:
+                self.cache.move_to_end(place)
+                return self.cache[place]
         free = iter(map(slice, low, high))
         part = tuple(next(free) if isinstance(at, slice) else at for at in self.index)
         try:
@@ -133,38 +133,38 @@ class Chunked:
         with self.lock:
             if self.extents:
                 self.extents.add(place, chunk)
-            self.kept[place] = chunk
+            self.cache[place] = chunk
             most = max(CACHE_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
-            while len(self.kept) > most:
-                self.kept.popitem(last=False)
+            while len(self.cache) > most:
+                self.cache.popitem(last=False)
         return chunk
 
 
-# what is known of a chunk: nothing; its extent; that no sample is finite
+# state of a chunk's extremes: not known; known; no finite sample
 UNKNOWN, KNOWN, EMPTY = 0, 1, 2
-# most chunks of an array whose extents are kept
+# most chunks of an array whose extremes are stored
 MOST = 1 << 24
 
 Place = tuple[int, ...]
 
 
 class Extents:
-    """Those of an array of chunks. tag: of the store's contents; those of another tag are not taken."""
+    """Extremes of an array's chunks, stored in the cache folder by `tag`, which changes with the contents."""
 
     def __init__(self, counts: Place, dtype: np.dtype, tag: str) -> None:
         self.file = cache_folder() / "extents" / f"{hashlib.sha256(tag.encode()).hexdigest()[:32]}.npz"
         self.low, self.high = np.zeros(counts, dtype), np.zeros(counts, dtype)
         self.known, self.changed = np.zeros(counts, np.uint8), False
         try:
-            with np.load(self.file) as kept:
-                found = [np.asarray(kept[name]) for name in ("low", "high", "known")]
+            with np.load(self.file) as archive:
+                arrays = [np.asarray(archive[name]) for name in ("low", "high", "known")]
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return
-        if [(each.shape, each.dtype) for each in found] == [(counts, dtype)] * 2 + [(counts, np.dtype(np.uint8))]:
-            self.low, self.high, self.known = found
+        if [(array.shape, array.dtype) for array in arrays] == [(counts, dtype)] * 2 + [(counts, np.dtype(np.uint8))]:
+            self.low, self.high, self.known = arrays
 
     def add(self, place: Place, chunk: np.ndarray) -> None:
-        """Takes note of a chunk that was read."""
+        """Stores the extremes of a chunk that was read."""
         if self.known[place] != UNKNOWN:
             return
         if not self.changed:
@@ -176,7 +176,7 @@ class Extents:
         self.known[place] = KNOWN if finite.size else EMPTY
 
     def of(self, places: Iterable[Place]) -> np.ndarray | None:
-        """[2]: least and largest finite sample of those chunks, [0] if there is none; None if one is not known."""
+        """Least and largest finite sample [2] of some chunks, [0] if none is finite; None if a chunk is not known."""
         at = tuple(np.array(list(places)).T)
         known = self.known[at]
         if (known == UNKNOWN).any():
@@ -187,7 +187,7 @@ class Extents:
         return np.array([self.low[at][some].min(), self.high[at][some].max()])
 
     def save(self) -> None:
-        """Writes what is known; a folder that can't be written is left as it is."""
+        """Writes the known extremes, if the folder can be written."""
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile(dir=self.file.parent, delete=False) as file:
@@ -199,8 +199,8 @@ class Extents:
 
 
 def folder_tag(folder: Path) -> str:
-    """The path, sizes and times of all files of an array: whatever is written into it changes the tag."""
-    found = []
+    """Paths, sizes and times of all files of an array: any change of the array changes the tag."""
+    files = []
     folders = [str(folder.resolve())]
     while folders:
         with os.scandir(folders.pop()) as entries:
@@ -208,9 +208,9 @@ def folder_tag(folder: Path) -> str:
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(entry.path)
                 else:
-                    told = entry.stat()
-                    found.append(f"{entry.path} {told.st_size} {told.st_mtime_ns}")
-    return "\n".join(sorted(found))
+                    status = entry.stat()
+                    files.append(f"{entry.path} {status.st_size} {status.st_mtime_ns}")
+    return "\n".join(sorted(files))
 
 
 class TransposedChunks(Transposed):

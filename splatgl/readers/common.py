@@ -19,19 +19,19 @@ from splatgl.data.volume import Hints
 from splatgl.errors import Choice, InputError, expected
 from splatgl.fileio import byte_count, require_memory
 
-# anywhere in a name, and whole words
+# parts of names of simulated fields, anywhere in a name, and whole words
 PARTS = (
     *("density", "temperature", "pressure", "velocity", "vorticity", "speed", "entropy", "enstrophy", "energy"),
     *("helicity", "concentration", "salinity", "humidity", "viscosity", "divergence", "streamfunction", "turbulence"),
 )
 WORDS = ("rho", "temp", "vel", "mach", "wind", "flow", "flux", "theta", "phi", "qcriterion")
-# names of arrays are what a program calls its variables
+# names of arrays that are a program's variables
 LETTERS = ("u", "v", "w", "p", "t")
 FIELD = "field"
 
 
 def is_field(name: str, array: bool = False) -> bool:
-    """Whether a name is that of a field of a simulation. array: of one array in a file, not of a file."""
+    """Whether a simulated field has that name. array: the name of an array in a file, not of the file."""
     lower = name.lower()
     words = re.split(r"[^a-z]+", lower)
     named = any(part in lower for part in PARTS) or any(word in WORDS for word in words)
@@ -47,7 +47,7 @@ def has_whole_numbers(values: np.ndarray) -> bool:
 
 
 def field_hints(array: str, vectors: bool) -> Hints:
-    """What a file's array says of how it is drawn. vectors: the samples are lengths of vectors."""
+    """Hints by the name of an array. vectors: whether the samples are lengths of vectors."""
     return Hints(preset=FIELD) if vectors or is_field(array, array=True) else Hints()
 
 
@@ -58,7 +58,7 @@ DEFLATE_RATIO = 1032
 MAX_BYTES = 2**29
 # bytes inflated or read at a time: small beside a volume, large beside a call's cost
 CHUNK_BYTES = 2**20
-# most characters of a library's complaint that are passed on: some quote the file
+# most characters of a library's message that are passed on: some quote the file
 REASON_LIMIT = 200
 
 # loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to
@@ -118,12 +118,12 @@ def is_mapped(array: np.ndarray) -> bool:
 
 
 def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> np.ndarray:
-    """An array [shape] from zlib or gzip data in `path` at `offset`; never inflates more than the array holds."""
+    """The array [shape] in zlib or gzip data of `path` at `offset`; inflates no more bytes than the array holds."""
     # 1. the file must be large enough for the header's sizes
     needed, there = byte_count(shape, dtype), path.stat().st_size - offset
     require_plausible(needed, max(there, 0))
     require_memory(needed, there)
-    # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, told by the header) + 15 (window bits)
+    # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, by the header) + 15 (window bits)
     engine, out, filled = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0
     with path.open("rb") as file, decoder_errors("zlib data"):
         file.seek(offset)
@@ -141,7 +141,7 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
 
 
 def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
-    """The data file `name` in the folder of `header` or below; InputError for any other place, if not `anywhere`."""
+    """The data file `name` in the folder of `header` or below. Raises InputError for others, if not `anywhere`."""
     path = header.parent / name.replace("\0", "?")
     if not anywhere:
         _require_inside(header, name)
@@ -170,9 +170,9 @@ def _require_inside(header: Path, name: str) -> None:
 
 
 def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]]) -> tuple[int | slice, ...]:
-    """An index that keeps the axes not in `extra` and picks one entry of each that is.
+    """An index that picks one entry along the axes in `extra`, and keeps the other axes.
 
-    extra: axis → (option's name, entry asked for or None). Raises InputError naming the choices if one must be made.
+    extra: axis → (option's name, requested entry or None). Raises InputError naming the choices if one is missing.
     """
     index: list[int | slice] = [slice(None)] * len(shape)
     for axis, (option, entry) in extra.items():

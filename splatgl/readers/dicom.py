@@ -1,8 +1,8 @@
-"""DICOM series: chooses one, sorts its slices into a grid, and reads it.
+"""DICOM series: selects one, sorts its slices into a grid, and reads it.
 
 Slices are sorted by ImagePositionPatient along the normal of ImageOrientationPatient (PS3.3 C.7.6.2); the patient's
-frame is LPS in millimetres. Stored windows (VOI) are meant for slices and don't become the volume's: most begin below
-air or background, which would be drawn, too.
+frame is LPS in millimetres. Stored windows (VOI) are for slices and not used: most begin below air or background,
+which would be drawn, too.
 """
 
 from __future__ import annotations
@@ -35,23 +35,27 @@ from splatgl.readers.options import LoadOptions
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of the largest series of a file, folder or zip, or of the one that `series` names, in LPS.
+    """The volume in LPS of the largest series of a file, folder or zip, or of the series that `series` names.
 
     `array` picks one of several images at each place. Samples are rescaled (Hounsfield units); they stay whole numbers
-    unless a scale, padding or a missing slice makes them float32, where NaN stands for what is not there.
+    unless a scale, padding or a missing slice makes them float32; NaN stands for no value.
     """
-    # 1. which images
-    found = find_series(path)
-    if not found.series:
-        return _read_segments(found, options)
+    # 1. the images
+    contents = find_series(path)
+    if not contents.series:
+        return _read_segments(contents, options)
     if options.channel is not None:
         raise expected("channel", "none, for images", options.channel)
-    series = select_series(found.series, options)
-    notes = [f"{found.damaged} damaged file{'s are' if found.damaged > 1 else ' is'} left out"] if found.damaged else []
-    if len(found.series) > 1 and options.series is None:
-        notes.append(f"series {series.number} of {len(found.series)} is read, the largest; series=N picks another")
+    series = select_series(contents.series, options)
+    notes = (
+        [f"{contents.damaged} damaged file{'s are' if contents.damaged > 1 else ' is'} left out"]
+        if contents.damaged
+        else []
+    )
+    if len(contents.series) > 1 and options.series is None:
+        notes.append(f"series {series.number} of {len(contents.series)} is read, the largest; series=N picks another")
     for kind, title in SEGMENTS.items():
-        count = sum(head.modality == kind for head in found.segments)
+        count = sum(head.modality == kind for head in contents.segments)
         notes += [f"{title} in {count} files ({kind}) beside the images are not drawn: --labels FILE adds one"] * (
             count > 0
         )
@@ -60,7 +64,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         with _with_file_name(head, group):
             check_header(head)
     notes += dict.fromkeys(note for frame in group for note in frame.header.notes)
-    # 2. where they lie, and their samples
+    # 2. their grid and samples
     grid = make_grid(group, options)
     samples, color = _read_samples(grid)
     if grid.between is not None:
@@ -79,9 +83,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
     )
 
 
-def _read_segments(found: Contents, options: LoadOptions) -> Volume:
-    """The labels of the only segmentation, or the only contours, that there are."""
-    several = found.segments
+def _read_segments(contents: Contents, options: LoadOptions) -> Volume:
+    """The labels of the only segmentation or set of contours."""
+    several = contents.segments
     if len(several) > 1:
         names = ", ".join(head.source.name for head in several[:5])
         raise expected("DICOM", "one segmentation", f"{len(several)}: {names}", "name one of the files")
@@ -90,7 +94,7 @@ def _read_segments(found: Contents, options: LoadOptions) -> Volume:
 
 @contextmanager
 def _with_file_name(head: Header, group: Sequence[Frame]) -> Iterator[None]:
-    """Puts the file's name before an error, where there are several."""
+    """Puts the file's name before an error, if there are several files."""
     try:
         yield
     except InputError as error:
@@ -100,7 +104,7 @@ def _with_file_name(head: Header, group: Sequence[Frame]) -> Iterator[None]:
 
 
 def _read_samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
-    """Samples [D, H, W], and colours uint8 [D, H, W, 3] if the frames have some."""
+    """Samples [D, H, W], and colours uint8 [D, H, W, 3] of coloured frames, else None."""
     planes = [(plane, frame) for plane, frame in enumerate(grid.planes) if frame is not None]
     group = [frame for _, frame in planes]
     shape = (len(grid.planes), *group[0].header.size)
@@ -114,9 +118,9 @@ def _read_samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
     files: dict[int, list[Frame]] = {}
     for frame in group:
         files.setdefault(id(frame.header), []).append(frame)
-    for each in files.values():
-        with _with_file_name(each[0].header, group):
-            for frame, stored, colors in decode_frames(each[0].header, each):
+    for file_frames in files.values():
+        with _with_file_name(file_frames[0].header, group):
+            for frame, stored, colors in decode_frames(file_frames[0].header, file_frames):
                 plane = places[id(frame)]
                 values = _rescale(frame, stored, samples.dtype)
                 samples = _widen(samples, values)
@@ -142,13 +146,13 @@ def _choose_dtype(group: Sequence[Frame], gaps: bool) -> np.dtype:
         low = min(low, least + min(shifts))
         high = max(high, least + 2.0**bits - 1 + max(shifts))
     fitting = [np.dtype(name) for name in ("uint8", "int8", "uint16", "int16", "int32")]
-    found = next((t for t in fitting if np.iinfo(t).min <= low and high <= np.iinfo(t).max), np.dtype(np.float32))
-    # 16 bits shifted to Hounsfield units fit into as many, but for values that hardly ever are: see `_widened`
-    return np.dtype(np.int16) if found == np.int32 and max(head.allocated for head in heads) <= 16 else found
+    smallest = next((t for t in fitting if np.iinfo(t).min <= low and high <= np.iinfo(t).max), np.dtype(np.float32))
+    # 16 bits shifted to Hounsfield units nearly always fit into 16 bits; `_widen` handles the exceptions
+    return np.dtype(np.int16) if smallest == np.int32 and max(head.allocated for head in heads) <= 16 else smallest
 
 
 def _widen(samples: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The samples, as int32 if they are whole numbers that don't hold these values."""
+    """The samples; as int32 if their type cannot hold these values."""
     if samples.dtype.kind == "f" or np.can_cast(values.dtype, samples.dtype):
         return samples
     limits = np.iinfo(samples.dtype)
@@ -157,7 +161,7 @@ def _widen(samples: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _rescale(frame: Frame, stored: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Values of a frame: rescaled, MONOCHROME1 turned so that more is brighter, NaN for padding."""
+    """Values of a frame: rescaled, MONOCHROME1 inverted so that larger is brighter, NaN for padding."""
     head, (slope, shift) = frame.header, frame.scale
     if is_color(head):
         return stored
@@ -176,23 +180,23 @@ def _rescale(frame: Frame, stored: np.ndarray, dtype: np.dtype) -> np.ndarray:
     return scaled
 
 
-# shares of a slice's distance: positions within are the same place; an even grid is told if it's off by more than
-# EVEN, and not taken beyond UNEVEN
+# shares of the slice distance: positions within SAME are the same place; deviations from even slices above EVEN get a
+# note, above UNEVEN there is no even grid
 SAME, EVEN, UNEVEN = 0.01, 0.02, 0.25
-# slices touch whose thickness is this share of their distance: where one is missing, it is at most a half
+# slices touch if their thickness is this share of their distance: where one is missing, the share is at most a half
 TOUCH = 0.65
-# of uneven slices, distances above this multiple of the least may be gaps; planes for each slice at most
+# distances of uneven slices above this multiple of the least may be gaps; most planes per slice
 GAP, MOST_PLANES = 1.5, 8
-# cosines, and shares of pixels' sizes, that are taken as equal
+# differences of cosines, and shares of pixel sizes, that count as equal
 ALIKE = 2e-3
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Frames by plane, None where a slice is missing; spacing, origin, direction as `Volume` has them; notes.
+    """Frames by plane, None where a slice is missing; spacing, origin, direction as in `Volume`; notes.
 
-    between: of uneven slices, the places of the volume's planes among those read (1.5: midway from the second to the
-    third; NaN: left empty); None: planes as they are.
+    between: fractional slice numbers of the volume's planes, for uneven slices (1.5: midway from the second to the
+    third; NaN: left empty); None: one plane per slice.
     """
 
     planes: tuple[Frame | None, ...]
@@ -206,7 +210,7 @@ class Grid:
 
 
 def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]]:
-    """The frames of one size, kind and orientation that are largest; what is told of the others."""
+    """The largest group of frames of one size, kind and orientation; notes on the others."""
     groups: dict[tuple[object, ...], list[tuple[np.ndarray, list[Frame]]]] = {}
     for frame in frames:
         head = frame.header
@@ -225,7 +229,7 @@ def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]
 
 
 def rank(frames: Sequence[Frame]) -> tuple[bool, int]:
-    """Orders frames of a volume by size: stacks after single pictures, then by voxels."""
+    """Sort key of frames by size: stacks after single pictures, then by voxels."""
     return len(frames) > 1, sum(frame.header.size[0] * frame.header.size[1] for frame in frames)
 
 
@@ -237,7 +241,7 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     unit = "mm" if first.spacing else ""
     if first.position is None or first.orientation is None:
         return _stack_by_number(frames, options, across, unit)
-    # 1. the images of each place, along the normal
+    # 1. the images at each place, along the normal
     axes = np.array(first.orientation).reshape(2, 3)
     normal = slice_normal(first.orientation)
     places = np.array([frame.position for frame in frames])
@@ -247,15 +251,15 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     by_place = [[frames[order[n]] for n in group] for _, group in groupby(range(len(order)), lambda n: same[n])]
     chosen, notes = _select_images(by_place, options)
     notes += unsized
-    # 2. the planes that they are, and the even step between them
+    # 2. their plane numbers, and the even step between planes
     positions = np.array([frame.position for frame in chosen])
     between = None
     indices = np.zeros(1, np.int64) if len(chosen) == 1 else _plane_numbers(positions @ normal, chosen)
     if len(chosen) == 1:
         origin, step = positions[0], normal * abs(first.step or across[0])
     elif indices is None:
-        origin, step, between, told = _resample_planes(positions, positions @ normal, chosen)
-        notes += told
+        origin, step, between, new_notes = _resample_planes(positions, positions @ normal, chosen)
+        notes += new_notes
     else:
         # the even positions nearest to those of the planes, by least squares
         n = indices - indices.mean()
@@ -285,31 +289,31 @@ def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tupl
 
 
 def _least_distance(along: np.ndarray, step: float) -> float:
-    """Distance below which two images are at the same place; step: from slice to slice, as the header has it, or 0."""
+    """Distance below which two images are at the same place. step: from slice to slice by the header, or 0."""
     widest = float(np.diff(np.sort(along)).max(initial=0))
     return max(min(SAME * widest, SAME * (step or np.inf)), 1e-4)
 
 
 def _select_images(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[Frame], tuple[str, ...]]:
-    """One image of each place: the one of that number in the order of TIMES, else the first; what is told of it."""
-    each = [sorted(images, key=lambda frame: (*frame.order, frame.number)) for images in by_place]
-    most, least = max(map(len, each)), min(map(len, each))
+    """One image of each place, by its number `array` in the order of TIMES, else the first; notes on it."""
+    ordered = [sorted(images, key=lambda frame: (*frame.order, frame.number)) for images in by_place]
+    most, least = max(map(len, ordered)), min(map(len, ordered))
     if most == 1 or most != least:
         if options.array is not None:
             raise expected("array", "a series with as many images at each place", f"{least} to {most}")
-        repeated = sum(map(len, each)) - len(each)
-        told = f"{repeated} images repeat the place of another: the first of each is read"
-        return [images[0] for images in each], (told,) if repeated else ()
+        repeated = sum(map(len, ordered)) - len(ordered)
+        note = f"{repeated} images repeat the place of another: the first of each is read"
+        return [images[0] for images in ordered], (note,) if repeated else ()
     number = options.array_number(most)
-    titles = zip(*(images[n].times for n in range(most) for images in each[:1]), strict=True)
+    titles = zip(*(images[n].times for n in range(most) for images in ordered[:1]), strict=True)
     kinds = [title for (_, _, title), times in zip(TIMES, titles, strict=True) if len(set(times)) == most]
-    told = f"{most} {(*kinds, 'images')[0]} at each place: number {number or 0} is read; array=N picks another"
-    return [images[number or 0] for images in each], () if number is not None else (told,)
+    note = f"{most} {(*kinds, 'images')[0]} at each place: number {number or 0} is read; array=N picks another"
+    return [images[number or 0] for images in ordered], () if number is not None else (note,)
 
 
 def _plane_numbers(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | None:
-    """Plane numbers of sorted places: multiples of the usual distance, where all others lack slices; consecutive ones
-    where distances are about even; None of other slices, which are resampled.
+    """Plane numbers of sorted places: multiples of the usual distance if larger distances are gaps, consecutive numbers
+    if distances are about even; None for other slices, which are resampled.
     """
     apart = np.diff(along)
     lacking = _find_gaps(apart, frames)
@@ -329,10 +333,10 @@ def _plane_numbers(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | N
 
 
 def _find_gaps(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
-    """bool: between which slices, so far apart, others are missing.
+    """bool: whether slices are missing in each of the distances `apart`.
 
-    Where slices at the least distance touch, by their thickness, those that don't lack some. Of others, those whose
-    distance is a multiple of that on both sides.
+    If slices at the least distance touch by their thickness: where slices don't touch. Otherwise: where the distance
+    is a multiple of the distances on both sides.
     """
     least = float(apart.min())
     thick = np.array([max(frame.thickness or 0.0, abs(frame.step or 0.0)) for frame in frames])
@@ -350,8 +354,8 @@ def _find_gaps(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
 def _resample_planes(
     positions: np.ndarray, along: np.ndarray, frames: Sequence[Frame]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Origin [3] and step [3] of planes at the least distance of uneven slices, their places among the slices, and what
-    is told of them. Raises InputError where that makes far more planes than there are slices.
+    """Origin [3] and step [3] of planes at the least distance of uneven slices, their fractional slice numbers, and
+    notes. Raises InputError if there were far more planes than slices.
     """
     apart = np.diff(along)
     least, span = float(apart.min()), float(along[-1] - along[0])
@@ -365,7 +369,7 @@ def _resample_planes(
     between = np.interp(at, along, np.arange(len(along)))
     lacking = _find_gaps(apart, frames)
     inside = lacking[np.minimum(between.astype(np.int64), len(apart) - 1)]
-    # half a plane belongs to the slice on either side
+    # up to half a step around a slice belongs to it
     near = np.abs(at - along[np.rint(between).astype(np.int64)]) <= least / 2
     between = np.where(inside & near, np.rint(between), np.where(inside, np.nan, between))
     notes = [f"uneven slices, {least:.4g} to {apart.max():.4g} mm apart: resampled every {least:.4g} mm"]
@@ -375,7 +379,7 @@ def _resample_planes(
 
 
 def _check_line(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, step: np.ndarray) -> tuple[str, ...]:
-    """What is told of missing slices and uneven distances. Raises InputError for slices that leave a line."""
+    """Notes on missing slices and uneven distances. Raises InputError for slices that do not lie on a line."""
     length = float(np.linalg.norm(step))
     off = float(np.linalg.norm(positions - origin - indices[:, None] * step, axis=1).max()) / length
     if off > UNEVEN:
@@ -390,7 +394,7 @@ def _check_line(indices: np.ndarray, positions: np.ndarray, origin: np.ndarray, 
     return tuple(notes)
 
 
-# kinds of files that hold no volume, and what to do with them
+# kinds of files without a volume, as messages name them
 OTHERS = {
     "SEG": "a segmentation",
     "RTSTRUCT": "contours",
@@ -415,20 +419,20 @@ class Series:
     frames: tuple[Frame, ...]
 
     def __str__(self) -> str:
-        """What may be shown of it: nothing that identifies a patient, no UID."""
+        """Description without UID or anything that identifies a patient."""
         rows, columns = self.frames[0].header.size
-        told = f"{self.number}: {self.modality}, {len(self.frames)} × {columns} × {rows}"
-        return f"{told}, {self.description}" if self.description else told
+        text = f"{self.number}: {self.modality}, {len(self.frames)} × {columns} × {rows}"
+        return f"{text}, {self.description}" if self.description else text
 
     @property
     def rank(self) -> tuple[bool, int]:
-        """Orders series by the size of their largest stack."""
+        """Sort key by the size of the largest stack."""
         return rank(largest_group(self.frames)[0])
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a path holds: its series, in the order of their numbers; files that are damaged, or without images."""
+    """Contents of a path: series in the order of their numbers; number of damaged files; headers without images."""
 
     series: tuple[Series, ...]
     damaged: int
@@ -436,73 +440,79 @@ class Contents:
 
     @property
     def segments(self) -> list[Header]:
-        """Those of the others that label voxels."""
+        """Headers of files that label voxels."""
         return [head for head in self.others if head.modality in SEGMENTS]
 
 
 def find_series(path: Path) -> Contents:
-    """The series of a path. Raises InputError if there are none, nor segments, which says what is there instead."""
-    found = find_sources(path)
-    if not found:
+    """The series and segments of a path. Raises InputError, which says what else is there, if there are none."""
+    files = find_sources(path)
+    if not files:
         raise expected("DICOM", "files of slices", "none", "name the folder or file that holds them")
     members: dict[str, list[Frame]] = {}
     others: list[Header] = []
     failed: list[InputError] = []
-    for source in found:
+    for source in files:
         try:
-            head, each = _read_frames(source)
+            head, file_frames = _read_frames(source)
         except InputError as error:
-            if len(found) == 1 or "splatgl[" in str(error):
+            if len(files) == 1 or "splatgl[" in str(error):
                 raise
             failed.append(error)
             continue
-        if each:
-            members.setdefault(head.series, []).extend(each)
+        if file_frames:
+            members.setdefault(head.series, []).extend(file_frames)
         else:
             others.append(head)
     if not members and not any(head.modality in SEGMENTS for head in others):
         raise _no_images_error(others, failed)
-    ordered = sorted(members.values(), key=lambda each: (each[0].header.number, each[0].header.series))
-    heads = [each[0].header for each in ordered]
+    ordered = sorted(
+        members.values(), key=lambda file_frames: (file_frames[0].header.number, file_frames[0].header.series)
+    )
+    heads = [file_frames[0].header for file_frames in ordered]
     series = (
-        Series(number, head.series, head.modality, head.description, tuple(each))
-        for number, (head, each) in enumerate(zip(heads, ordered, strict=True), 1)
+        Series(number, head.series, head.modality, head.description, tuple(file_frames))
+        for number, (head, file_frames) in enumerate(zip(heads, ordered, strict=True), 1)
     )
     return Contents(tuple(series), len(failed), tuple(others))
 
 
 def _read_frames(source: Source) -> tuple[Header, list[Frame]]:
-    """A file's header and frames, none if it is no image. Raises InputError for a damaged one."""
-    head, told = read_header(source)
+    """A file's header and frames, none if it is no image. Raises InputError for a damaged file."""
+    head, tags = read_header(source)
     if min(head.size) < 1 or head.modality in OTHERS:
         return head, []
     if not head.pixels:
         raise expected("file", "pixels behind its header", "none", "it is cut short, or holds no image")
-    return head, list_frames(head, told)
+    return head, list_frames(head, tags)
 
 
 def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> InputError:
-    """What is there instead of images: the kind that can be converted, if there is one."""
+    """The error for a path without images, naming the kind of file that is there instead."""
     if not others and failed:
         return InputError(f"none of {len(failed)} DICOM files can be read: {failed[0]}")
     kinds = {"DICOMDIR" if head.sop == DICOMDIR_CLASS else head.modality for head in others}
     return expected("DICOM", "images", next((OTHERS[kind] for kind in OTHERS if kind in kinds), "files without pixels"))
 
 
-def select_series(found: Sequence[Series], options: LoadOptions) -> Series:
-    """The series of that number, UID or end of a UID; without one, the largest. InputError for none and several."""
+def select_series(candidates: Sequence[Series], options: LoadOptions) -> Series:
+    """The series that `series` names by number, UID or end of a UID, else the largest. Raises InputError for no or
+    several matches.
+    """
     if options.series is None:
-        return max(found, key=lambda series: series.rank)
-    asked = str(options.series)
-    if asked.isascii() and asked.isdigit() and 1 <= int(asked[:9]) <= len(found):
-        return found[int(asked[:9]) - 1]
-    ends = [series for series in found if series.uid.endswith(asked)]
-    whole = [series for series in ends if series.uid == asked] or ends
-    if len(whole) != 1:
-        listed = "; ".join(map(str, found[:LISTED])) + ("; …" if len(found) > LISTED else "")
-        got = f"{len(whole)} of that end" if whole else "another"
-        raise expected("series", f"a number from 1 to {len(found)}, or the end of one UID", got, f"there are {listed}")
-    return whole[0]
+        return max(candidates, key=lambda candidate: candidate.rank)
+    requested = str(options.series)
+    if requested.isascii() and requested.isdigit() and 1 <= int(requested[:9]) <= len(candidates):
+        return candidates[int(requested[:9]) - 1]
+    ends = [candidate for candidate in candidates if candidate.uid.endswith(requested)]
+    matches = [candidate for candidate in ends if candidate.uid == requested] or ends
+    if len(matches) != 1:
+        listed = "; ".join(map(str, candidates[:LISTED])) + ("; …" if len(candidates) > LISTED else "")
+        got = f"{len(matches)} of that end" if matches else "another"
+        raise expected(
+            "series", f"a number from 1 to {len(candidates)}, or the end of one UID", got, f"there are {listed}"
+        )
+    return matches[0]
 
 
 # most series that a message lists

@@ -19,17 +19,17 @@ from splatgl.readers.common import require_plausible
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128
-# groups 2 and 8, which a file without preamble begins with, in either byte order
+# a file without preamble begins with group 2 or 8, in either byte order
 BARE = (b"\x02\x00", b"\x08\x00", b"\x00\x08")
-# folders below folders that are looked into: those of a CD (patient, study, series) and one more
+# depth of searched folders: those of a CD (patient, study, series) and one more
 DEPTH = 5
-# most files of a source, and most that are tried to tell whether a folder holds any
+# most files of a source, and most that are examined to see whether a folder holds DICOM
 MOST_FILES, MOST_TRIED = 100_000, 2_000
 
 
 @dataclass(frozen=True)
 class Source:
-    """A file, or a member of a zip. name: as it is told in messages, from the given path on."""
+    """A file, or a member of a zip. name: for messages, relative to the given path."""
 
     path: Path
     name: str
@@ -37,7 +37,7 @@ class Source:
 
     @contextmanager
     def open(self) -> Iterator[Bounded]:
-        """The bytes; InputError if a zip's member cannot be read."""
+        """Opens the file. Raises InputError if a zip's member cannot be read."""
         if self.member is None:
             with self.path.open("rb") as file:
                 yield Bounded(file, self.path.stat().st_size)
@@ -47,31 +47,31 @@ class Source:
 
 
 class Bounded:
-    """A file that never reads beyond its end: libraries ask for whatever length a damaged header states, and buffers
-    of that length would be allocated.
+    """A file that never reads beyond its end: libraries would allocate buffers of any length that a damaged header
+    states.
     """
 
     def __init__(self, file: IO[bytes], size: int) -> None:
         self.file, self.size = file, size
 
     def read(self, count: int | None = -1) -> bytes:
-        """At most `count` bytes. The whole rest is never read: pydicom asks for it where it inflates."""
+        """At most `count` bytes. The whole rest is never read: pydicom would inflate it."""
         if count is None or count < 0:
             raise expected("transfer syntax", "one that isn't deflated", "deflated", "save it uncompressed")
         return self.file.read(min(count, max(self.size - self.file.tell(), 0)))
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        """Moves; returns the place."""
+        """Moves to an offset, and returns the position."""
         return self.file.seek(offset, whence)
 
     def tell(self) -> int:
-        """The place."""
+        """The position."""
         return self.file.tell()
 
 
 @contextmanager
 def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
-    """An opened zip; its own failures, also of members that are read meanwhile, as InputError."""
+    """Opens a zip; its failures, also of members that are read meanwhile, become InputError."""
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive
@@ -85,36 +85,36 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def is_dicom_start(head: bytes, name: str) -> bool:
-    """Whether a file is DICOM: the magic after the preamble, or a DICOM name and the first group of a bare one."""
+    """Whether a file is DICOM: it has the magic after the preamble, or a DICOM name and begins with a first group."""
     return head[MAGIC_AT:] == MAGIC or (name.lower().endswith(SUFFIXES) and head.startswith(BARE))
 
 
 def is_dicom(path: Path) -> bool:
-    """Whether a file is one, or a folder holds one among its first files."""
+    """Whether a file is DICOM, or one of a folder's first files is."""
     files = islice(_files(path), MOST_TRIED) if path.is_dir() else iter([path])
     return any(is_dicom_start(_first_bytes(file), file.name) for file in files)
 
 
 def find_sources(path: Path) -> list[Source]:
-    """All DICOM files of a path, by name. Raises InputError for too many, and for a bad zip."""
+    """All DICOM files of a path, sorted by name. Raises InputError for too many files, and for a bad zip."""
     if path.is_dir():
-        files = list(islice(_files(path), MOST_FILES + 1))
-        found = [Source(file, file.relative_to(path).as_posix()) for file in files]
-        found = [source for source in _limit_files(found) if is_dicom_start(_first_bytes(source.path), source.name)]
-        return sorted(found, key=lambda source: source.name)
+        paths = list(islice(_files(path), MOST_FILES + 1))
+        files = [Source(file, file.relative_to(path).as_posix()) for file in paths]
+        files = [source for source in _limit_files(files) if is_dicom_start(_first_bytes(source.path), source.name)]
+        return sorted(files, key=lambda source: source.name)
     if is_dicom(path):
         return [Source(path, path.name)]
     return _zip_members(path) if zipfile.is_zipfile(path) else []
 
 
-def _limit_files(found: list[Source]) -> list[Source]:
-    if len(found) > MOST_FILES:
+def _limit_files(sources: list[Source]) -> list[Source]:
+    if len(sources) > MOST_FILES:
         raise expected("folder", f"at most {MOST_FILES} files", "more", "name the folder of one study")
-    return found
+    return sources
 
 
 def _files(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
-    """Files of a folder, then of the folders in it; hidden ones and those that may not be read are left out."""
+    """Files of a folder, then of its subfolders, without hidden and unreadable ones."""
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError:
@@ -135,24 +135,24 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _zip_members(path: Path) -> list[Source]:
-    """Members of a zip that are DICOM."""
+    """The DICOM members of a zip."""
     with open_zip(path) as archive:
         infos = [info for info in archive.infolist() if not info.is_dir()]
         if sum(info.compress_size for info in infos) > path.stat().st_size:
             raise expected("zip", "members beside each other", "members that overlap", "the file is damaged")
         for info in infos:
             require_plausible(info.file_size, info.compress_size)
-        found = []
+        members = []
         for source in _limit_files([Source(path, info.filename, info.filename) for info in infos]):
             with archive.open(source.name) as file:
                 if is_dicom_start(file.read(MAGIC_AT + len(MAGIC)), source.name):
-                    found.append(source)
-    return sorted(found, key=lambda source: source.name)
+                    members.append(source)
+    return sorted(members, key=lambda source: source.name)
 
 
 Numbers = tuple[float, ...]
 
-# (0028,xxxx) and the pixels' own tags go to the decoder; the others tell the grid, the order and the list of series
+# (0028,xxxx) and the pixels' tags are for the decoder; the others for the grid, the order and the list of series
 TAGS = """
     SpecificCharacterSet SOPClassUID AcquisitionTime Modality SeriesDescription SliceThickness
     SpacingBetweenSlices TriggerTime EchoTime DiffusionBValue SeriesInstanceUID SeriesNumber AcquisitionNumber
@@ -169,7 +169,7 @@ TAGS = """
     BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths
 """
 
-# rows of the first overlay
+# tag of the rows of the first overlay
 OVERLAY = 0x60000010
 
 LONG_VRS = (b"OB", b"OW", b"OF", b"OD", b"UN")
@@ -184,7 +184,7 @@ PIXELS = {
     b"\xe0\x7f\x09\x00": "DoubleFloatPixelData",
 }
 
-# what tells images at the same place apart, in this order: tag, the sequence of enhanced files that holds it, its name
+# tags that distinguish images at the same place, in this order: tag, its sequence in enhanced files, name
 TIMES = (
     ("EnergyWindowVector", "", "energy windows"),
     ("DetectorVector", "", "detectors"),
@@ -208,11 +208,11 @@ TIMES = (
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image: its header, its number in the file; position [3] and orientation [6] as DICOM has them, LPS mm.
+    """An image: its header, its number in the file; position [3] and orientation [6] in LPS mm, as in DICOM.
 
-    spacing: (x, y) of its pixels or None. step: from slice to slice as the header has it, or None; negative where
-    frames of nuclear medicine are stacked against the normal. thickness: of the slice, or None. scale: (slope,
-    intercept). times: values of TIMES, NaN where there is none.
+    spacing: (x, y) of its pixels or None. step: from slice to slice by the header, or None; negative if frames of
+    nuclear medicine are stacked against the normal. thickness: of the slice, or None. scale: (slope, intercept).
+    times: values of TIMES, NaN for missing ones.
     """
 
     header: Header
@@ -231,7 +231,7 @@ class Frame:
         return tuple(-math.inf if math.isnan(time) else time for time in self.times)
 
 
-# of the image storages of nuclear medicine, in which SpacingBetweenSlices has a sign (PS3.3 C.8.4.15)
+# classes of nuclear medicine images, where SpacingBetweenSlices has a sign (PS3.3 C.8.4.15)
 NUCLEAR = ("1.2.840.10008.5.1.4.1.1.20", "1.2.840.10008.5.1.4.1.1.5")
 
 # names of units of values
@@ -240,11 +240,11 @@ UNITS = {"HU": "HU", "BQML": "Bq/ml", "CNTS": "counts", "PROPCNTS": "counts", "G
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What the frames of a file share. stored: (bits stored, whether signed); 0 bits for floating point.
+    """Header that the frames of a file share. stored: (bits stored, whether signed); 0 bits for floating point.
 
-    padding: least and largest stored value that stands for nothing. lut: first stored value and the values of a
-    modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without one; the byte
-    of their values; room: bytes from there on. notes: what it states that is not drawn, a line each.
+    padding: least and largest stored value that stands for no value. lut: first stored value and the values of a
+    modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without pixels; the byte
+    of their values; room: bytes from there on. notes: on header entries that are not drawn.
     """
 
     source: Source
@@ -271,7 +271,7 @@ class Header:
 
 @contextmanager
 def dicom_errors() -> Iterator[None]:
-    """Any failure of pydicom as one InputError, which never quotes it: it may quote the file, names included."""
+    """Turns any failure of pydicom into an InputError that does not quote it: it may quote names from the file."""
     try:
         yield
     except (InputError, OSError, MemoryError):
@@ -281,120 +281,120 @@ def dicom_errors() -> Iterator[None]:
 
 
 def read_dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
-    """The tags of TAGS, and more; the file is at the element of the pixels afterwards, or at its end."""
+    """Reads TAGS and `more` tags; the file is at the pixels' element afterwards, or at its end."""
     pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
     with dicom_errors():
-        tags: list[Any] = [*TAGS.split(), *more, OVERLAY]
-        found: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=tags)
-        if "TransferSyntaxUID" not in found.file_meta:
-            implicit, little = found.original_encoding
+        names: list[Any] = [*TAGS.split(), *more, OVERLAY]
+        tags: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=names)
+        if "TransferSyntaxUID" not in tags.file_meta:
+            implicit, little = tags.original_encoding
             uid = pydicom.uid
             plain = uid.ExplicitVRLittleEndian if little else uid.ExplicitVRBigEndian
-            found.file_meta.TransferSyntaxUID = uid.ImplicitVRLittleEndian if implicit else plain
-        return found
+            tags.file_meta.TransferSyntaxUID = uid.ImplicitVRLittleEndian if implicit else plain
+        return tags
 
 
 def read_header(source: Source) -> tuple[Header, Any]:
-    """The header of a file, and its data set. Raises InputError for a damaged one."""
+    """The header of a file, and its data set. Raises InputError for a damaged file."""
     with source.open() as file:
-        told = read_dataset(file)
+        tags = read_dataset(file)
         at = file.tell()
         pixels = file.read(6)
     # an element in explicit VR, whatever the syntax says, has 12 bytes before its value, in implicit VR 8
     at += 12 if pixels[4:] in LONG_VRS else 8
     with dicom_errors():
-        palette = str(told.get("PhotometricInterpretation") or "MONOCHROME2")
-        rows, columns, count = (whole_number(told.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
-        allocated, stored = whole_number(told.get("BitsAllocated"), 0), whole_number(told.get("BitsStored"), 0)
+        palette = str(tags.get("PhotometricInterpretation") or "MONOCHROME2")
+        rows, columns, count = (whole_number(tags.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
+        allocated, stored = whole_number(tags.get("BitsAllocated"), 0), whole_number(tags.get("BitsStored"), 0)
         keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
         return Header(
             source,
-            series=str(told.get("SeriesInstanceUID") or ""),
-            number=whole_number(_optional(told, "SeriesNumber"), -(2**31)),
-            modality=plain_text(told.get("Modality")) or "?",
-            description=plain_text(_optional(told, "SeriesDescription")),
+            series=str(tags.get("SeriesInstanceUID") or ""),
+            number=whole_number(_optional(tags, "SeriesNumber"), -(2**31)),
+            modality=plain_text(tags.get("Modality")) or "?",
+            description=plain_text(_optional(tags, "SeriesDescription")),
             size=(rows, columns),
             frames=max(count, 1),
             photometric=palette,
-            samples=max(whole_number(told.get("SamplesPerPixel"), 0), 1),
+            samples=max(whole_number(tags.get("SamplesPerPixel"), 0), 1),
             allocated=allocated,
-            stored=(0 if "Float" in keyword else stored or allocated, told.get("PixelRepresentation") == 1),
-            padding=_read_padding(told, "" if keyword == "PixelData" else keyword.removesuffix("PixelData")),
-            lut=_read_lut(told),
-            syntax=str(told.file_meta.TransferSyntaxUID),
-            sop=str(told.get("SOPClassUID") or told.file_meta.get("MediaStorageSOPClassUID") or ""),
+            stored=(0 if "Float" in keyword else stored or allocated, tags.get("PixelRepresentation") == 1),
+            padding=_read_padding(tags, "" if keyword == "PixelData" else keyword.removesuffix("PixelData")),
+            lut=_read_lut(tags),
+            syntax=str(tags.file_meta.TransferSyntaxUID),
+            sop=str(tags.get("SOPClassUID") or tags.file_meta.get("MediaStorageSOPClassUID") or ""),
             pixels=keyword,
             offset=at,
             room=max(file.size - at, 0),
-            value_unit=_value_unit(told),
-            notes=_ignored_notes(told, max(count, 1)),
-        ), told
+            value_unit=_value_unit(tags),
+            notes=_ignored_notes(tags, max(count, 1)),
+        ), tags
 
 
-def _ignored_notes(told: Any, count: int) -> tuple[str, ...]:
-    """Lines on what a header of so many frames states that its volume has not."""
-    views = [str(each) for each in told.get("ImageType") or ()][2:3]
-    found = {
-        "overlays in the file are not drawn": OVERLAY in told,
+def _ignored_notes(tags: Any, count: int) -> tuple[str, ...]:
+    """Notes on header entries of a file of `count` frames that do not affect its volume."""
+    views = [str(kind) for kind in tags.get("ImageType") or ()][2:3]
+    notes = {
+        "overlays in the file are not drawn": OVERLAY in tags,
         "values are not mapped to real-world units, for which the file has a table": "RealWorldValueMappingSequence"
-        in told,
-        "the frames are views from around the patient, not slices: stacked as they come": told.get("Modality") == "NM"
+        in tags,
+        "the frames are views from around the patient, not slices: stacked as they come": tags.get("Modality") == "NM"
         and count > 1
         and views in (["TOMO"], ["GATED TOMO"]),
         "a negative SpacingBetweenSlices has no meaning but in nuclear medicine: taken as positive": count > 1
-        and told.get("Modality") != "NM"
-        and (finite_numbers([told.get("SpacingBetweenSlices")], 1) or (0.0,))[0] < 0
-        and "PerFrameFunctionalGroupsSequence" not in told,
+        and tags.get("Modality") != "NM"
+        and (finite_numbers([tags.get("SpacingBetweenSlices")], 1) or (0.0,))[0] < 0
+        and "PerFrameFunctionalGroupsSequence" not in tags,
     }
-    return tuple(note for note, is_there in found.items() if is_there)
+    return tuple(note for note, is_there in notes.items() if is_there)
 
 
-def _value_unit(told: Any) -> str:
-    """The unit of rescaled values: Hounsfield's of a CT, unless it says otherwise; of a PET its own."""
-    kind = plain_text(_optional(told, "RescaleType")) or plain_text(_optional(told, "Units"))
-    if not kind and plain_text(told.get("Modality")) == "CT":
+def _value_unit(tags: Any) -> str:
+    """The unit of rescaled values: RescaleType, or Units of a PET, else HU for a CT."""
+    kind = plain_text(_optional(tags, "RescaleType")) or plain_text(_optional(tags, "Units"))
+    if not kind and plain_text(tags.get("Modality")) == "CT":
         return "HU"
     return UNITS.get(kind, "")
 
 
-def list_frames(of: Header, told: Any) -> list[Frame]:
+def list_frames(of: Header, tags: Any) -> list[Frame]:
     """All frames of a file. Raises InputError for a damaged header, and for more frames than it has bytes."""
     if of.frames > min(of.room, MOST_FRAMES):
         this = f"at most {min(of.room, MOST_FRAMES)} frames, in {of.room} bytes"
         raise expected("pixels", this, of.frames, "the header is damaged")
     with dicom_errors():
-        shared = next(iter(told.get("SharedFunctionalGroupsSequence") or ()), None)
-        each = told.get("PerFrameFunctionalGroupsSequence")
-        if each is not None and len(each) != of.frames:
-            raise expected("frames", f"{of.frames}, as the header says", len(each), "the file is damaged")
-        if each is None:
-            (first,) = [_read_frame(of, 0, _Groups(told, ()))]
-            return _multiframe(told, first) if of.frames > 1 else [first]
-        places = (tuple(group for group in (own, shared) if group is not None) for own in each)
-        return [_read_frame(of, number, _Groups(told, groups)) for number, groups in enumerate(places)]
+        shared = next(iter(tags.get("SharedFunctionalGroupsSequence") or ()), None)
+        per_frame = tags.get("PerFrameFunctionalGroupsSequence")
+        if per_frame is not None and len(per_frame) != of.frames:
+            raise expected("frames", f"{of.frames}, as the header says", len(per_frame), "the file is damaged")
+        if per_frame is None:
+            (first,) = [_read_frame(of, 0, _Groups(tags, ()))]
+            return _multiframe(tags, first) if of.frames > 1 else [first]
+        places = (tuple(item for item in (group, shared) if item is not None) for group in per_frame)
+        return [_read_frame(of, number, _Groups(tags, groups)) for number, groups in enumerate(places)]
 
 
 @dataclass(frozen=True)
 class _Groups:
-    """Functional groups of a frame, its own before the shared ones, and the data set that they are in."""
+    """Functional groups of a frame, before the shared ones, and their data set."""
 
-    told: Any
+    tags: Any
     groups: tuple[Any, ...]
 
     def get(self, tag: str, sequence: str = "") -> Any:
-        """The value of a tag, in a sequence of a functional group first; None if there is none."""
+        """The value of a tag: in a sequence of a functional group, else in the data set; None without one."""
         for group in self.groups if sequence else ():
             items = group.get(sequence)
             if items and items[0].get(tag) is not None:
                 return items[0].get(tag)
-        return self.told.get(tag)
+        return self.tags.get(tag)
 
 
 def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
-    """A frame's own header."""
+    """Reads the header of a frame."""
     position = finite_numbers(groups.get("ImagePositionPatient", "PlanePositionSequence"), 3)
     orientation = finite_numbers(groups.get("ImageOrientationPatient", "PlaneOrientationSequence"), 6)
-    detector = next(iter(groups.told.get("DetectorInformationSequence") or ()), None)
+    detector = next(iter(groups.tags.get("DetectorInformationSequence") or ()), None)
     if detector is not None and position is None:
         position = finite_numbers(detector.get("ImagePositionPatient"), 3)
         orientation = orientation or finite_numbers(detector.get("ImageOrientationPatient"), 6)
@@ -402,9 +402,9 @@ def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
     (gap,) = finite_numbers([groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")], 1) or (0.0,)
     step = (gap if of.sop in NUCLEAR or of.modality == "NM" else abs(gap)) or abs(thickness)
     pixel = finite_numbers(
-        groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.told.get("ImagerPixelSpacing"), 2
+        groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.tags.get("ImagerPixelSpacing"), 2
     )
-    dose = finite_numbers([groups.told.get("DoseGridScaling")], 1)
+    dose = finite_numbers([groups.tags.get("DoseGridScaling")], 1)
     slope = dose or finite_numbers([groups.get("RescaleSlope", "PixelValueTransformationSequence")], 1)
     shift = finite_numbers([groups.get("RescaleIntercept", "PixelValueTransformationSequence")], 1)
     times = [_read_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
@@ -422,36 +422,36 @@ def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
 
 
 def _read_time(groups: _Groups, tag: str, sequence: str) -> float:
-    """A number that orders images, NaN if there is none. A time of day HHMMSS.F is ordered as a number, too."""
+    """A tag as a number that orders images, NaN without one. A time of day HHMMSS.F is ordered as a number, too."""
     try:
         return float(str(groups.get(tag, sequence)))
     except Exception:
         return math.nan
 
 
-def _multiframe(told: Any, first: Frame) -> list[Frame]:
-    """The frames of a multi-frame file without functional groups: along the normal, by what steps there are.
+def _multiframe(tags: Any, first: Frame) -> list[Frame]:
+    """The frames of a multi-frame file without functional groups: along the normal, by offsets or the step.
 
-    Frames of nuclear medicine say which slice they are, and which of several images of it.
+    Frames of nuclear medicine state their slice, and their number among several images of it.
     """
     count = first.header.frames
-    given = told.get("GridFrameOffsetVector")
-    offsets = finite_numbers(given, count)
-    if given is None and first.step:
-        slices = finite_numbers(told.get("SliceVector"), count) or tuple(range(1, count + 1))
+    stated = tags.get("GridFrameOffsetVector")
+    offsets = finite_numbers(stated, count)
+    if stated is None and first.step:
+        slices = finite_numbers(tags.get("SliceVector"), count) or tuple(range(1, count + 1))
         offsets = tuple(first.step * (number - 1) for number in slices)
-    vectors = [finite_numbers(told.get(tag), count) if tag.endswith("Vector") else None for tag, _, _ in TIMES]
+    vectors = [finite_numbers(tags.get(tag), count) if tag.endswith("Vector") else None for tag, _, _ in TIMES]
     times = [
-        tuple(found[n] if found else time for found, time in zip(vectors, first.times, strict=True))
+        tuple(vector[n] if vector else time for vector, time in zip(vectors, first.times, strict=True))
         for n in range(count)
     ]
     if first.position is None or first.orientation is None or offsets is None:
         return [replace(first, number=number, position=None, times=times[number]) for number in range(count)]
     normal, start = slice_normal(first.orientation), np.array(first.position)
-    if given is not None and offsets[0] and abs(offsets[0] - start[2]) < 1e-3:
-        # of a dose, offsets that begin with the position's z are places along z (PS3.3 C.8.8.3.2)
+    if stated is not None and offsets[0] and abs(offsets[0] - start[2]) < 1e-3:
+        # a dose's offsets that begin with the position's z are coordinates along z (PS3.3 C.8.8.3.2)
         normal = np.array([0.0, 0.0, 1.0])
-    places = [start + (offset - (offsets[0] if given is not None else 0.0)) * normal for offset in offsets]
+    places = [start + (offset - (offsets[0] if stated is not None else 0.0)) * normal for offset in offsets]
     return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
 
 
@@ -462,7 +462,7 @@ def slice_normal(orientation: Numbers) -> np.ndarray:
 
 
 def _unit_axes(orientation: Numbers | None) -> Numbers | None:
-    """Both directions with length 1; None if they are no directions."""
+    """Both directions with length 1; None for invalid directions."""
     if orientation is None:
         return None
     axes = np.array(orientation).reshape(2, 3)
@@ -472,50 +472,50 @@ def _unit_axes(orientation: Numbers | None) -> Numbers | None:
     return tuple((axes / lengths).ravel().tolist())
 
 
-def _optional(told: Any, tag: str) -> Any:
-    """The value of a tag that can be done without: None if it is damaged."""
+def _optional(tags: Any, tag: str) -> Any:
+    """The value of an optional tag: None if it is damaged."""
     try:
-        return told.get(tag)
+        return tags.get(tag)
     except Exception:
         return None
 
 
-def _read_padding(told: Any, pixels: str) -> tuple[float, float] | None:
-    """The range of stored values that stand for nothing. Zero is no such value: MRI pads with its background.
+def _read_padding(tags: Any, pixels: str) -> tuple[float, float] | None:
+    """The range of stored values that stand for no value. Zero is not padding: MRI pads with its background.
 
     pixels: "Float" or "DoubleFloat" of floating-point pixels, else "".
     """
-    tags = (f"{pixels}PixelPadding{name}" for name in ("Value", "RangeLimit"))
-    found = [_stored_number(told, tag) if not pixels else finite_numbers([told.get(tag)], 1) for tag in tags]
-    first, last = found[0], found[1] or found[0]
+    names = (f"{pixels}PixelPadding{name}" for name in ("Value", "RangeLimit"))
+    limits = [_stored_number(tags, tag) if not pixels else finite_numbers([tags.get(tag)], 1) for tag in names]
+    first, last = limits[0], limits[1] or limits[0]
     if not first or not last or first[0] == 0:
         return None
     return min(first[0], last[0]), max(first[0], last[0])
 
 
-def _stored_number(told: Any, tag: str) -> Numbers | None:
-    """The number of a tag that is of the pixels' type (US or SS), whatever the file writes: its bits as pixels."""
-    value = told.get(tag)
+def _stored_number(tags: Any, tag: str) -> Numbers | None:
+    """The number of a tag of the pixels' type (US or SS), whatever type the file states."""
+    value = tags.get(tag)
     if isinstance(value, bytes) and len(value) == 2:
-        value = int.from_bytes(value, "little" if told.original_encoding[1] else "big")
-    found = finite_numbers([value], 1)
-    return None if found is None else (_wrap_sign(told, found[0]),)
+        value = int.from_bytes(value, "little" if tags.original_encoding[1] else "big")
+    number = finite_numbers([value], 1)
+    return None if number is None else (_wrap_sign(tags, number[0]),)
 
 
-def _wrap_sign(told: Any, value: float) -> float:
-    """A number of 16 bits as the type of the pixels has it: 63536 is −2000 of signed ones, and the reverse."""
-    signed, bits = told.get("PixelRepresentation") == 1, whole_number(told.get("BitsAllocated"), 16)
+def _wrap_sign(tags: Any, value: float) -> float:
+    """A number of 16 bits in the pixels' type: 63536 becomes −2000 for signed pixels, and the reverse."""
+    signed, bits = tags.get("PixelRepresentation") == 1, whole_number(tags.get("BitsAllocated"), 16)
     if bits > 16 or not -(2**15) <= value < 2**16:
         return value
     return value - 2**16 if signed and value >= 2**15 else value + 2**16 if not signed and value < 0 else value
 
 
-def _read_lut(told: Any) -> tuple[int, np.ndarray] | None:
-    """First stored value and entries of the modality LUT; None without one. Raises for a damaged one."""
-    items = told.get("ModalityLUTSequence")
+def _read_lut(tags: Any) -> tuple[int, np.ndarray] | None:
+    """First stored value and entries of the modality LUT; None without one. Raises InputError for a damaged LUT."""
+    items = tags.get("ModalityLUTSequence")
     if not items:
         return None
-    count, first, bits = (int(each) for each in items[0].LUTDescriptor)
+    count, first, bits = (int(entry) for entry in items[0].LUTDescriptor)
     data = items[0].LUTData
     wide = np.frombuffer(data, "<u2") if isinstance(data, bytes) else np.atleast_1d(np.asarray(data))
     if (
@@ -525,20 +525,20 @@ def _read_lut(told: Any) -> tuple[int, np.ndarray] | None:
         or not 8 <= bits <= 16
     ):
         raise expected("modality LUT", "as many entries as its descriptor says", len(wide), "the header is damaged")
-    return int(_wrap_sign(told, first)), wide.astype(np.int64)
+    return int(_wrap_sign(tags, first)), wide.astype(np.int64)
 
 
 def finite_numbers(value: Any, count: int) -> Numbers | None:
-    """That many finite numbers; None for anything else."""
+    """`count` finite numbers; None for anything else."""
     try:
-        found = tuple(float(each) for each in value)
+        numbers = tuple(float(number) for number in value)
     except (TypeError, ValueError):
         return None
-    return found if len(found) == count and all(map(math.isfinite, found)) else None
+    return numbers if len(numbers) == count and all(map(math.isfinite, numbers)) else None
 
 
 def whole_number(value: Any, least: int) -> int:
-    """A whole number; `least` for none and for less."""
+    """A whole number of at least `least`; `least` if there is none."""
     try:
         return max(int(value), least)
     except (TypeError, ValueError):

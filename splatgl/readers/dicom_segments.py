@@ -92,7 +92,7 @@ def _join_layers(
         return Volume(samples, *at, unit="mm", frame="LPS", labels=labels, notes=notes)
 
     volume = told.volume(options, one)
-    every = tuple(label for each in volume.channels for label in each.labels or ())
+    every = tuple(label for channel in volume.channels for label in channel.labels or ())
     return replace(volume, labels=tuple(sorted(every, key=lambda label: label.number))) if every else volume
 
 

@@ -434,7 +434,7 @@ def dimension_scales(dataset: Any) -> list[Any]:
 
     if "DIMENSION_LIST" not in dataset.attrs or dataset.attrs.get_id("DIMENSION_LIST").shape != (len(dataset.shape),):
         return []
-    named = [np.asarray(each).ravel() for each in dataset.attrs["DIMENSION_LIST"]]
+    named = [np.asarray(attr).ravel() for attr in dataset.attrs["DIMENSION_LIST"]]
     nodes = [dataset.file[each[0]] if each.size and isinstance(each[0], h5py.Reference) else None for each in named]
     return [node if isinstance(node, h5py.Dataset) else None for node in nodes]
 

@@ -158,7 +158,7 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
     numbers = select_numbers(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
     fans, owners = _fan_polygons(*kinds["Polys"])
     strips = [_strip_triangles(cell) for cell in np.split(*kinds["Strips"])]
-    cells = [each + starts["Polys"] for each in owners]
+    cells = [owner + starts["Polys"] for owner in owners]
     cells += [np.full(len(each), starts["Strips"] + n) for n, each in enumerate(strips)]
     surface = Mesh(points, np.concatenate([np.zeros((0, 3), np.int64), *fans, *strips]))
     lines = np.split(*kinds["Lines"])
@@ -331,7 +331,7 @@ def assign_cell_numbers(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Meshes as one; what has no value or colour is drawn as the file's default."""
-    some = [each for each in meshes if len(each)]
+    some = [mesh for mesh in meshes if len(mesh)]
     if len(some) < 2:
         return some[0] if some else Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
     first = np.cumsum([0, *(len(each.vertices) for each in some)])

@@ -426,7 +426,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
         got = "several arrays" if name is None else repr(name)
         fix = f"pick one with array=NAME; there are: {', '.join(names)}"
         error = expected("array", "the name of one array", got, fix)
-        listed = [_describe_array(each) for each in arrays if each[0] in names]
+        listed = [_describe_array(array) for array in arrays if array[0] in names]
         raise Choice(str(error), "array", listed) if options.array is None else error
     return node
 

@@ -64,7 +64,7 @@ def read_parallel(path: Path, options: LoadOptions) -> Volume:
     found = [_read_pieces(file) for file in files]
     pieces = [piece for each, _ in found for piece in each]
     if parent.kind == "PRectilinearGrid":
-        return _volume(pieces, _rectilinear(pieces, [each for _, axes in found for each in axes]), options)
+        return _volume(pieces, _rectilinear(pieces, [axis for _, axes in found for axis in axes]), options)
     grids = [_grid(file, each, []) for file, (each, _) in zip(files, found, strict=True)]
     if any(not np.allclose(grid[0], grids[0][0]) or not np.allclose(grid[1], grids[0][1]) for grid in grids):
         raise expected("pieces", "one spacing, origin and direction", "several", "merge them with ParaView")

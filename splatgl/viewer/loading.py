@@ -86,7 +86,7 @@ def _other_values(scene: SceneFile, option: str) -> tuple[tuple[str, str], ...]:
 
 def _values_of(path: str, error: Choice) -> tuple[tuple[str, str], ...]:
     """The values that an error offers; for HDF5, datasets that may be volumes."""
-    values = tuple((value, words) for value, words in error.found if "…" not in value)
+    values = tuple((value, words) for value, words in error.choices if "…" not in value)
     return values or (_arrays(path) if error.option == "array" else ())
 
 

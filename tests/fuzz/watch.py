@@ -50,7 +50,7 @@ def read(path: Path, kind: str) -> None:
     try:
         volume = sg.load(path)
     except Choice as needed:
-        first = needed.found[0][0] if needed.found else None
+        first = needed.choices[0][0] if needed.choices else None
         picked = {"channel": "all", "array": first, "series": 1}.get(needed.option)
         if picked is None:
             raise
