@@ -1,4 +1,4 @@
-"""Decodes frames with pydicom, after their stated sizes are checked."""
+"""Decodes frames with pydicom, after checks of their stated sizes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from splatgl.errors import expected, missing_extra
 from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, require_bytes
 from splatgl.readers.dicom_headers import Bounded, Frame, Header, dicom_errors, read_dataset
 
-# most tiles of a JPEG 2000 picture: its decoder allocates all of them at once
+# most tiles of a JPEG 2000 picture: its decoder allocates all at once
 MOST_TILES = 4096
-# begins a JPEG 2000 picture in a file's boxes; others begin with their codestream
+# start of a JPEG 2000 picture in boxes; others start with their codestream
 JP2 = b"\0\0\0\x0cjP  "
 
 
@@ -42,7 +42,7 @@ def picture_size(data: bytes) -> tuple[tuple[int, ...], int]:
     return (), 0
 
 
-# bytes of a frame that few compressed bytes may stand for: 64 MiB. Decoders hold several times as many.
+# most bytes of a frame, 64 MiB, whatever its compressed size: decoders hold several times as many
 FREE_FRAME = MAX_BYTES // 8
 COLORS = ("RGB", "YBR_FULL", "YBR_FULL_422", "YBR_ICT", "YBR_RCT", "YBR_PARTIAL_422", "YBR_PARTIAL_420")
 PALETTE = "PALETTE COLOR"
@@ -52,12 +52,12 @@ RLE = "1.2.840.10008.1.2.5"
 
 
 def is_color(header: Header) -> bool:
-    """Whether frames are pictures in colour."""
+    """Whether the frames are in colour."""
     return header.photometric in (*COLORS, PALETTE)
 
 
 def check_header(header: Header) -> None:
-    """InputError for pixels that are not read, and for sizes that the file cannot hold."""
+    """Raises InputError for unsupported pixels, and for sizes that the file cannot hold."""
     uid = find_decoder(header.syntax)
     rows, columns = header.size
     fine = header.photometric in GREYS if header.samples == 1 else header.samples == 3 and is_color(header)
@@ -81,33 +81,33 @@ def check_header(header: Header) -> None:
 
 
 def frame_bytes(header: Header) -> int:
-    """Bytes of a frame as it is stored without compression."""
+    """Bytes of an uncompressed frame."""
     rows, columns = header.size
     pixels = rows * columns * header.samples * header.allocated // 8
     return pixels * 2 // 3 if header.photometric == "YBR_FULL_422" and find_decoder(header.syntax).is_native else pixels
 
 
 def find_decoder(syntax: str) -> Any:
-    """pydicom's decoder. Raises InputError where there is none, or what it needs is not installed."""
+    """pydicom's decoder. Raises InputError if there is none, or if its library is not installed."""
     from pydicom.pixels.decoders.base import get_decoder
 
     with dicom_errors():
         try:
-            found = get_decoder(syntax)
+            decoder = get_decoder(syntax)
         except NotImplementedError:
             from pydicom.uid import UID
 
             name = UID(syntax).name if UID(syntax).is_transfer_syntax else "an unknown one"
             fix = "save the file uncompressed, for example with dcmdjpeg or gdcmconv --raw"
             raise expected("transfer syntax", "uncompressed, RLE, JPEG, JPEG-LS or JPEG 2000", name, fix) from None
-        if not found.is_available:
-            wavelets = "2000" in found.UID.name
+        if not decoder.is_available:
+            wavelets = "2000" in decoder.UID.name
             library, extra = ("pylibjpeg-openjpeg", "dicom") if wavelets else ("pylibjpeg-libjpeg", "dicom-jpeg")
-            raise missing_extra(f"DICOM files in {UID_NAMES.get(syntax, found.UID.name)}", library, extra)
-        return found
+            raise missing_extra(f"DICOM files in {UID_NAMES.get(syntax, decoder.UID.name)}", library, extra)
+        return decoder
 
 
-# short names of transfer syntaxes, whose own are long
+# short names of transfer syntaxes with long names
 UID_NAMES = {"1.2.840.10008.1.2.4.50": "JPEG Baseline", "1.2.840.10008.1.2.4.70": "JPEG Lossless"}
 
 
@@ -115,12 +115,12 @@ def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Fra
     """(frame, stored values [H, W], colours uint8 [H, W, 3] or None) of frames of one file, by their numbers."""
     decoder = find_decoder(header.syntax)
     with header.source.open() as file:
-        told = read_dataset(file)
+        tags = read_dataset(file)
         wanted = {frame.number: frame for frame in frames}
         for number, data in _read_stored(file, header, sorted(wanted)):
             with dicom_errors():
-                array = _decode(decoder, header, data, told)
-                color = _to_rgb(array, header, told) if is_color(header) else None
+                array = _decode(decoder, header, data, tags)
+                color = _to_rgb(array, header, tags) if is_color(header) else None
             if array.shape[:2] != header.size:
                 raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
             if color is not None:
@@ -129,7 +129,7 @@ def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Fra
 
 
 def _read_stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tuple[int, bytes]]:
-    """(number, bytes) of the frames as they are in the file."""
+    """(number, stored bytes) of the frames."""
     decoder = find_decoder(header.syntax)
     file.seek(header.offset)
     if not decoder.is_encapsulated:
@@ -143,18 +143,18 @@ def _read_stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterat
     from pydicom.encaps import generate_frames
 
     with dicom_errors():
-        found = generate_frames(file, number_of_frames=header.frames)
+        stored = generate_frames(file, number_of_frames=header.frames)
         last = -1
         for number in wanted:
-            data = next(islice(found, number - last - 1, None), b"")
+            data = next(islice(stored, number - last - 1, None), b"")
             last = number
             if not data:
                 raise expected("pixels", f"{header.frames} frames", number, "the file is cut short")
             yield number, data
 
 
-def _decode(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
-    """A frame's values; of a compressed frame the sizes that its own header states are checked first."""
+def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
+    """A frame's values; the sizes that a compressed frame's header states are checked first."""
     from pydicom.encaps import encapsulate
     from pydicom.pixels.utils import as_pixel_options
 
@@ -164,13 +164,13 @@ def _decode(decoder: Any, header: Header, data: bytes, told: Any) -> np.ndarray:
         data = encapsulate([data], has_bot=False)
     wide = "OB" if header.allocated <= 8 else "OW"
     plain = {"bits_stored": header.stored[0] or header.allocated} if header.stored[0] else {}
-    options: Any = as_pixel_options(told, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
+    options: Any = as_pixel_options(tags, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
     options.pop("extended_offsets", None)
     return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
 
 
 def _check_stream(data: bytes, header: Header) -> None:
-    """InputError if a JPEG or JPEG 2000 picture has another size than the header says, or too many tiles."""
+    """Raises InputError if a JPEG or JPEG 2000 picture has another size than the header states, or too many tiles."""
     size, tiles = picture_size(data)
     if size != header.size or not 1 <= tiles <= MOST_TILES:
         rows, columns = header.size
@@ -178,12 +178,12 @@ def _check_stream(data: bytes, header: Header) -> None:
         raise expected("compressed picture", f"{columns} × {rows} pixels", got, "the file is damaged")
 
 
-def _to_rgb(array: np.ndarray, header: Header, told: Any) -> np.ndarray:
+def _to_rgb(array: np.ndarray, header: Header, tags: Any) -> np.ndarray:
     """RGB, uint8 [H, W, 3]."""
     if header.photometric == PALETTE:
         from pydicom.pixels.processing import apply_color_lut
 
-        array = apply_color_lut(array, told)[..., :3]
+        array = apply_color_lut(array, tags)[..., :3]
     if array.dtype.itemsize > 1:
         bits = array.dtype.itemsize * 8 if header.photometric == PALETTE else header.stored[0] or header.allocated
         array = array >> max(bits - 8, 0)
@@ -191,5 +191,5 @@ def _to_rgb(array: np.ndarray, header: Header, told: Any) -> np.ndarray:
 
 
 def known_photometric(text: str) -> str:
-    """A code word of DICOM; anything else, which a damaged file may hold, is not shown."""
+    """A photometric interpretation of DICOM; "unknown" for other text, which a damaged file may hold."""
     return text if text in (*COLORS, *GREYS, PALETTE, "ARGB", "CMYK", "HSV") else "unknown"

@@ -1,6 +1,6 @@
-"""Segments of DICOM as labels: segmentations (SEG, PS3.3 A.51), frame by frame, and contours (RTSTRUCT, PS3.3 C.8.8.6).
+"""DICOM segments as labels: segmentations (SEG, PS3.3 A.51), frame by frame, and contours (RTSTRUCT, PS3.3 C.8.8.6).
 
-Segments that overlap are in several channels, each with the table of its own.
+Segments that overlap are in several channels with a table each.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from splatgl.readers.dicom_headers import (
 from splatgl.readers.dicom_pixels import check_header, decode_frames, find_decoder
 from splatgl.readers.options import LoadOptions
 
-# kinds of files that are read here, and their tags beside those of images
+# kinds of files that are read here, and their tags besides those of images
 TAGS = {
     "SEG": ("SegmentSequence", "SegmentationType", "MaximumFractionalValue"),
     "RTSTRUCT": ("StructureSetROISequence", "ROIContourSequence"),
 }
 
-# most channels of segments that overlap, and most segments of a file
+# most channels for segments that overlap, and most segments of a file
 MOST_LAYERS, MOST_SEGMENTS = 8, 4096
-# most planes between the first and the last slice of segments
+# most planes from the first to the last slice of segments
 MOST_PLANES = 4096
-# most voxels, and least size in mm, of the grid that contours are filled on
+# most voxels, and least voxel size in mm, of the grid for contours
 MOST_VOXELS, FINEST = 2**25, 0.25
-# voxels of that grid before the first contour
+# voxels of the contours' grid before the first contour
 MARGIN = 1.382
 # most points of contours
 MOST_POINTS = 10_000_000
@@ -54,7 +54,7 @@ Planes = Mapping[int, np.ndarray]
 
 @dataclass(frozen=True)
 class Grid:
-    """Planes at even places: shape [D, H, W], and world-from-index as `Volume` has it, in LPS and mm."""
+    """Even planes: shape [D, H, W], and the grid as in `Volume`, in LPS and mm."""
 
     shape: tuple[int, int, int]
     spacing: tuple[float, float, float]
@@ -63,15 +63,15 @@ class Grid:
 
 
 def read(source: Source, kind: str, options: LoadOptions) -> Volume:
-    """The labels of a segmentation or of contours; `channel` picks one of those that overlapping segments take."""
+    """The labels of a segmentation or of contours; `channel` picks one if overlapping segments take several."""
     if options.array is not None or options.series is not None:
         raise expected("array and series", "none, for segments", "one of them", "pick segments by --only-labels")
     with source.open() as file:
-        told = read_dataset(file, TAGS[kind])
+        tags = read_dataset(file, TAGS[kind])
     head, _ = read_header(source)
     with dicom_errors():
-        table = _segment_labels(told) if kind == "SEG" else _region_labels(told)
-        grid, masks, notes = (_frame_masks if kind == "SEG" else _contour_masks)(head, told, table)
+        table = _segment_labels(tags) if kind == "SEG" else _region_labels(tags)
+        grid, masks, notes = (_frame_masks if kind == "SEG" else _contour_masks)(head, tags, table)
         layers, left = _pack_layers(grid, table, masks)
     return _join_layers(grid, layers, (*notes, *left), options)
 
@@ -79,30 +79,30 @@ def read(source: Source, kind: str, options: LoadOptions) -> Volume:
 def _join_layers(
     grid: Grid, layers: Sequence[tuple[np.ndarray, tuple[Label, ...]]], notes: tuple[str, ...], options: LoadOptions
 ) -> Volume:
-    """The volume of layers: samples [D, H, W] and what their numbers mean."""
+    """The volume of layers: (samples [D, H, W], labels of their numbers); several layers become channels."""
     names = [
         ", ".join(label.name for label in labels) if len(labels) < 4 else f"segments {n}"
         for n, (_, labels) in enumerate(layers)
     ]
-    told = ChannelSet(tuple(map(Channel, names)) if len(layers) > 1 else (), together=True)
+    channels = ChannelSet(tuple(map(Channel, names)) if len(layers) > 1 else (), together=True)
 
-    def one(channel: int | None) -> Volume:
+    def read_layer(channel: int | None) -> Volume:
         samples, labels = layers[channel or 0]
         at = (grid.spacing, grid.origin, grid.direction)
         return Volume(samples, *at, unit="mm", frame="LPS", labels=labels, notes=notes)
 
-    volume = told.volume(options, one)
-    every = tuple(label for channel in volume.channels for label in channel.labels or ())
-    return replace(volume, labels=tuple(sorted(every, key=lambda label: label.number))) if every else volume
+    volume = channels.volume(options, read_layer)
+    all_labels = tuple(label for channel in volume.channels for label in channel.labels or ())
+    return replace(volume, labels=tuple(sorted(all_labels, key=lambda label: label.number))) if all_labels else volume
 
 
 def _pack_layers(
     grid: Grid, table: Sequence[Label], masks: Callable[[int], Iterator[tuple[int, np.ndarray]]]
 ) -> tuple[list[tuple[np.ndarray, tuple[Label, ...]]], tuple[str, ...]]:
-    """Each segment in the first layer where it overlaps no other; what is told of those that are left out."""
+    """Puts each segment into the first layer where it overlaps no other; notes on segments that are left out."""
     dtype = np.dtype(np.uint8 if max((label.number for label in table), default=0) < 256 else np.uint16)
     layers: list[np.ndarray] = []
-    kept: list[list[Label]] = []
+    layer_labels: list[list[Label]] = []
     left, empty = 0, 0
     for label in table:
         planes = {n: mask for n, mask in masks(label.number) if mask.any()}
@@ -117,39 +117,39 @@ def _pack_layers(
                 left += 1
                 continue
             layers.append(np.zeros(grid.shape, dtype))
-            kept.append([])
+            layer_labels.append([])
             place = len(layers) - 1
         for n, mask in planes.items():
             layers[place][n][mask] = label.number
-        kept[place].append(label)
+        layer_labels[place].append(label)
     if not layers:
         raise expected("segments", "voxels that are in one", "none")
     notes = (f"{empty} of {len(table)} segments are empty",) * bool(empty)
     notes += (f"{left} of {len(table)} segments overlap more than {MOST_LAYERS} others: left out",) * bool(left)
-    return [(layer, tuple(labels)) for layer, labels in zip(layers, kept, strict=True)], notes
+    return [(layer, tuple(labels)) for layer, labels in zip(layers, layer_labels, strict=True)], notes
 
 
 # --- segmentations ----------------------------------------------------------------------------------------------------
 
 
-def _segment_labels(told: Any) -> tuple[Label, ...]:
+def _segment_labels(tags: Any) -> tuple[Label, ...]:
     """Number, name and colour of each segment."""
-    items = list(told.get("SegmentSequence") or ())
+    items = list(tags.get("SegmentSequence") or ())
     if not 1 <= len(items) <= MOST_SEGMENTS:
         raise expected("segments", f"1 to {MOST_SEGMENTS}", len(items), "the file is damaged")
-    found = {}
+    labels = {}
     for item in items:
         lab = finite_numbers(item.get("RecommendedDisplayCIELabValue"), 3)
         number = int(item.SegmentNumber)
         if 0 < number < 2**16:
-            found[number] = Label(number, plain_text(item.get("SegmentLabel")), hex_color(_srgb(lab)) if lab else None)
-    return tuple(found.values())
+            labels[number] = Label(number, plain_text(item.get("SegmentLabel")), hex_color(_srgb(lab)) if lab else None)
+    return tuple(labels.values())
 
 
 def _srgb(lab: Sequence[float]) -> list[int]:
-    """sRGB from 0 to 255 of CIELab as DICOM codes it (PS3.3 C.10.7.1.1), of white D65, as programs write it."""
+    """sRGB from 0 to 255 of CIELab as DICOM codes it (PS3.3 C.10.7.1.1), with white D65, as programs write it."""
     level = lab[0] / 65535 * 100
-    a, b = (each / 65535 * 255 - 128 for each in lab[1:])
+    a, b = (part / 65535 * 255 - 128 for part in lab[1:])
     f = (level + 16) / 116
     xyz = np.array([f + a / 500, f, f - b / 200])
     xyz = np.where(xyz > 6 / 29, xyz**3, 3 * (6 / 29) ** 2 * (xyz - 4 / 29)) * (0.95047, 1.0, 1.08883)
@@ -158,62 +158,64 @@ def _srgb(lab: Sequence[float]) -> list[int]:
 
 
 def _frame_masks(
-    head: Header, told: Any, table: Sequence[Label]
+    head: Header, tags: Any, table: Sequence[Label]
 ) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
-    """The grid of a segmentation's frames, its planes of a segment, and what is told."""
+    """The grid of a segmentation, a function from a segment's number to its (plane, mask) pairs, and notes."""
     rows, columns = head.size
-    kind = str(told.get("SegmentationType") or "BINARY").upper()
+    kind = str(tags.get("SegmentationType") or "BINARY").upper()
     if head.allocated == 1:
         if find_decoder(head.syntax).is_encapsulated or head.samples != 1:
             raise expected("pixels", "plain ones of 1 bit", "others", "convert the file")
         require_bytes(-(-rows * columns * head.frames // 8), head.room, "pixels")
     else:
         check_header(head)
-    each = list_frames(head, told)
-    if any(frame.position is None or frame.orientation is None or frame.spacing is None for frame in each):
+    frames = list_frames(head, tags)
+    if any(frame.position is None or frame.orientation is None or frame.spacing is None for frame in frames):
         raise expected(
             "segments", "slices with positions, orientations and sizes of pixels", "none", "convert the file"
         )
-    grid, planes = _place_frames(each, (rows, columns))
-    owners = [0] * len(each) if kind == "LABELMAP" else _frame_segments(told, len(each))
-    most = float((finite_numbers([told.get("MaximumFractionalValue")], 1) or (255.0,))[0])
+    grid, planes = _place_frames(frames, (rows, columns))
+    owners = [0] * len(frames) if kind == "LABELMAP" else _frame_segments(tags, len(frames))
+    most = float((finite_numbers([tags.get("MaximumFractionalValue")], 1) or (255.0,))[0])
 
     def masks(number: int) -> Iterator[tuple[int, np.ndarray]]:
-        mine = [frame for frame, owner in zip(each, owners, strict=True) if owner == number or kind == "LABELMAP"]
-        found: dict[int, np.ndarray] = {}
-        for frame, values in _frame_values(head, mine):
+        segment_frames = [
+            frame for frame, owner in zip(frames, owners, strict=True) if owner == number or kind == "LABELMAP"
+        ]
+        masks_by_plane: dict[int, np.ndarray] = {}
+        for frame, values in _frame_values(head, segment_frames):
             mask = (
                 values == number if kind == "LABELMAP" else values * 2.0 >= most if kind == "FRACTIONAL" else values > 0
             )
             for plane in planes[frame.number]:
-                found[plane] = found[plane] | mask if plane in found else mask
-        yield from found.items()
+                masks_by_plane[plane] = masks_by_plane[plane] | mask if plane in masks_by_plane else mask
+        yield from masks_by_plane.items()
 
     return grid, masks, ("fractions of segments are drawn from a half on",) * (kind == "FRACTIONAL")
 
 
-def _frame_segments(told: Any, count: int) -> list[int]:
-    """The number of the segment that each frame is of."""
-    shared = next(iter(told.get("SharedFunctionalGroupsSequence") or ()), None)
-    own = list(told.get("PerFrameFunctionalGroupsSequence") or [None] * count)
-    found = []
-    for group in own:
-        items = [each.get("SegmentIdentificationSequence") for each in (group, shared) if each is not None]
+def _frame_segments(tags: Any, count: int) -> list[int]:
+    """The segment number of each frame."""
+    shared = next(iter(tags.get("SharedFunctionalGroupsSequence") or ()), None)
+    per_frame = list(tags.get("PerFrameFunctionalGroupsSequence") or [None] * count)
+    segments = []
+    for group in per_frame:
+        items = [source.get("SegmentIdentificationSequence") for source in (group, shared) if source is not None]
         if not any(items):
             raise expected("frames", "the segment that each is of", "none", "the file is damaged")
-        found.append(int(next(filter(None, items))[0].ReferencedSegmentNumber))
-    return found
+        segments.append(int(next(filter(None, items))[0].ReferencedSegmentNumber))
+    return segments
 
 
-def _frame_values(head: Header, mine: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray]]:
+def _frame_values(head: Header, selected: Sequence[Frame]) -> Iterator[tuple[Frame, np.ndarray]]:
     """Frames and their stored values [H, W]."""
     if head.allocated != 1:
-        yield from ((frame, stored) for frame, stored, _ in decode_frames(head, mine))
+        yield from ((frame, stored) for frame, stored, _ in decode_frames(head, selected))
         return
     size = head.size[0] * head.size[1]
     with head.source.open() as file:
-        for frame in mine:
-            # bits run on from frame to frame
+        for frame in selected:
+            # a frame's bits begin where the last frame's end
             first, last = frame.number * size, (frame.number + 1) * size
             file.seek(head.offset + first // 8)
             data = np.frombuffer(file.read(-(-last // 8) - first // 8), np.uint8)
@@ -222,16 +224,16 @@ def _frame_values(head: Header, mine: Sequence[Frame]) -> Iterator[tuple[Frame, 
             yield frame, bits.reshape(head.size)
 
 
-def _place_frames(each: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:
-    """The grid of frames, and the planes that each frame, by its number, is in: one, or those that its thickness spans
-    where places are no multiples of a step.
+def _place_frames(frames: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:
+    """The grid of frames, and the planes of each frame, by its number: one, or all that its thickness spans if places
+    are not multiples of a step.
     """
-    first = each[0]
+    first = frames[0]
     assert first.orientation is not None and first.spacing is not None
     axes = np.array(first.orientation).reshape(2, 3)
     normal = slice_normal(first.orientation)
-    positions = np.array([frame.position for frame in each])
-    if np.abs(np.array([frame.orientation for frame in each]) - first.orientation).max() > 2e-3:
+    positions = np.array([frame.position for frame in frames])
+    if np.abs(np.array([frame.orientation for frame in frames]) - first.orientation).max() > 2e-3:
         raise expected("segments", "frames of one orientation", "several", "convert the file")
     along = positions @ normal
     places = np.unique(np.round(along, 3))
@@ -251,7 +253,7 @@ def _place_frames(each: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, d
     planes = {
         frame.number: np.flatnonzero(np.abs(at - place) <= reach * (1 + 1e-6)).tolist()
         or [int(np.abs(at - place).argmin())]
-        for frame, place in zip(each, along, strict=True)
+        for frame, place in zip(frames, along, strict=True)
     }
     length = float(np.linalg.norm(slope)) * step
     x, y, z = start.tolist()
@@ -268,29 +270,29 @@ def _is_multiple(apart: np.ndarray, step: float) -> bool:
 # --- contours ---------------------------------------------------------------------------------------------------------
 
 
-def _region_labels(told: Any) -> tuple[Label, ...]:
-    """Number, name and colour of each region of interest that has contours."""
-    names = {int(item.ROINumber): plain_text(item.get("ROIName")) for item in told.get("StructureSetROISequence") or ()}
-    found = {}
-    for item in list(told.get("ROIContourSequence") or ())[:MOST_SEGMENTS]:
+def _region_labels(tags: Any) -> tuple[Label, ...]:
+    """Labels of the regions of interest with contours: number, name and colour."""
+    names = {int(item.ROINumber): plain_text(item.get("ROIName")) for item in tags.get("StructureSetROISequence") or ()}
+    labels = {}
+    for item in list(tags.get("ROIContourSequence") or ())[:MOST_SEGMENTS]:
         number, color = int(item.ReferencedROINumber), finite_numbers(item.get("ROIDisplayColor"), 3)
         if item.get("ContourSequence") and 0 < number < 2**16:
-            found[number] = Label(number, names.get(number, ""), hex_color([int(c) for c in color]) if color else None)
-    if not found:
+            labels[number] = Label(number, names.get(number, ""), hex_color([int(c) for c in color]) if color else None)
+    if not labels:
         raise expected("contours", "some", "none")
-    return tuple(found.values())
+    return tuple(labels.values())
 
 
 def _contour_masks(
-    head: Header, told: Any, table: Sequence[Label]
+    head: Header, tags: Any, table: Sequence[Label]
 ) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
-    """A grid that holds all contours, its planes inside those of a region, and what is told."""
+    """A grid for all contours, a function from a region's number to its (plane, mask) pairs, and notes."""
     regions: dict[int, dict[float, list[np.ndarray]]] = {label.number: {} for label in table}
     left = 0
     room = MOST_POINTS
-    for item in told.ROIContourSequence:
-        mine = regions.get(int(item.ReferencedROINumber))
-        for contour in (item.get("ContourSequence") or ()) if mine is not None else ():
+    for item in tags.ROIContourSequence:
+        contours = regions.get(int(item.ReferencedROINumber))
+        for contour in (item.get("ContourSequence") or ()) if contours is not None else ():
             data = np.array(contour.get("ContourData") or (), np.float64)
             room -= data.size
             if room < 0:
@@ -299,34 +301,32 @@ def _contour_masks(
             closed = str(contour.get("ContourGeometricType") or "").startswith("CLOSED_PLANAR")
             if not closed or len(points) < 3 or not np.isfinite(points).all() or np.ptp(points[:, 2]) > 0.1:
                 left += 1
-            elif mine is not None:
-                mine.setdefault(round(float(points[:, 2].mean()), 2), []).append(points[:, :2])
+            elif contours is not None:
+                contours.setdefault(round(float(points[:, 2].mean()), 2), []).append(points[:, :2])
     notes = (f"{left} contours are left out: points, open ones, or across the axial planes",) * bool(left)
-    every = [points for mine in regions.values() for some in mine.values() for points in some]
-    if not every:
+    outlines = [points for contours in regions.values() for some in contours.values() for points in some]
+    if not outlines:
         raise expected("contours", "closed ones in axial planes", "others", "convert the file")
-    grid = _contour_grid(every, np.unique([z for mine in regions.values() for z in mine]))
+    grid = _contour_grid(outlines, np.unique([z for contours in regions.values() for z in contours]))
     at = grid.origin[2] + grid.spacing[2] * np.arange(grid.shape[0])
-    told_of = (
-        f"contours are filled on a grid of {grid.spacing[0]:.3g} × {grid.spacing[1]:.3g} × {grid.spacing[2]:.3g} mm"
-    )
+    note = f"contours are filled on a grid of {grid.spacing[0]:.3g} × {grid.spacing[1]:.3g} × {grid.spacing[2]:.3g} mm"
 
     def masks(number: int) -> Iterator[tuple[int, np.ndarray]]:
-        mine = regions[number]
-        places = np.array(sorted(mine))
-        # of a region that is drawn in every other slice, a contour stands for two
+        contours = regions[number]
+        places = np.array(sorted(contours))
+        # if a region is drawn in every other slice, a contour stands for two slices
         thick = max(float(np.diff(places).min()) if len(places) > 1 else 0.0, grid.spacing[2])
         for n, z in enumerate(at):
             k = int(np.abs(places - z).argmin())
             if abs(places[k] - z) <= thick / 2 * (1 + 1e-6):
-                yield n, _fill_contours(mine[float(places[k])], grid)
+                yield n, _fill_contours(contours[float(places[k])], grid)
 
-    return grid, masks, (told_of, *notes)
+    return grid, masks, (note, *notes)
 
 
-def _contour_grid(every: Sequence[np.ndarray], places: np.ndarray) -> Grid:
-    """Axial planes at the contours' distance, as fine as MOST_VOXELS permits."""
-    low, high = (np.array([pick(points, axis=0) for points in every]) for pick in (np.min, np.max))
+def _contour_grid(outlines: Sequence[np.ndarray], places: np.ndarray) -> Grid:
+    """A grid of axial planes at the contours' distance, as fine as MOST_VOXELS permits."""
+    low, high = (np.array([pick(points, axis=0) for points in outlines]) for pick in (np.min, np.max))
     low, high = low.min(axis=0), high.max(axis=0)
     apart = np.diff(places)
     step = float(apart.min()) if len(apart) else 1.0
@@ -334,7 +334,7 @@ def _contour_grid(every: Sequence[np.ndarray], places: np.ndarray) -> Grid:
     if count > MOST_PLANES:
         raise expected("contours", f"planes of which {MOST_PLANES} hold all", count, "convert the file")
     size = max(FINEST, float(np.sqrt((high - low).prod() * count / MOST_VOXELS)))
-    # a margin that is no part of what contours are symmetric about: their areas would all be off alike
+    # no simple fraction of a voxel: symmetric contours would all have the same error of area
     low = low - MARGIN * size
     columns, rows = (int(n) for n in np.ceil((high - low) / size) + 2)
     if byte_count((count, rows, columns), np.dtype("u1")) > 4 * MOST_VOXELS:
@@ -344,7 +344,7 @@ def _contour_grid(every: Sequence[np.ndarray], places: np.ndarray) -> Grid:
 
 
 def _fill_contours(contours: Sequence[np.ndarray], grid: Grid) -> np.ndarray:
-    """bool [H, W]: which centres of voxels an odd number of contours [N, 2] go around, so that inner ones are holes."""
+    """bool [H, W]: voxels whose centre an odd number of contours [N, 2] encloses, so that inner contours are holes."""
     _, rows, columns = grid.shape
     crossed = np.zeros((rows, columns + 1), np.int32)
     for points in contours:

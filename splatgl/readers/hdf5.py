@@ -1,11 +1,11 @@
 """HDF5 and NetCDF-4 datasets.
 
-The last three axes are z, y, x unless labels of the dimensions, ilastik's "axistags" or names of dimension scales say
-otherwise. Spacing comes from dimension scales, else from attributes; none is guessed. NetCDF's packed and missing
+The last three axes are z, y, x unless dimension labels, ilastik's "axistags" or names of dimension scales say
+otherwise. Spacing comes from dimension scales, else from attributes; it is never guessed. NetCDF's packed and missing
 values are unpacked (CF conventions 1.11, sections 2.5.1 and 8.1).
 
-An HDF5 file can name others (external links, external storage, virtual datasets): they are not followed unless that is
-permitted. Only filters whose results have a bound are run.
+An HDF5 file can refer to others (external links, external storage, virtual datasets): they are read only if that is
+permitted. Only filters with bounded results are run.
 """
 
 from __future__ import annotations
@@ -51,19 +51,19 @@ from splatgl.readers.common import (
 )
 from splatgl.readers.options import LoadOptions
 
-# attributes with the steps along a dataset's axes, or one for all, in the order of its axes; the first one counts
+# attributes with the steps along a dataset's axes in their order, or one step for all; the first attribute counts
 _SPACINGS = (
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize"),
     *("pixel_size", "pixelSize", "resolution", "Resolution"),
 )
 
-# most entries of a first or last axis without a label that is taken for channels
+# an unlabelled first or last axis of at most so many entries is taken for channels
 _FEW = 16
 
 
 @dataclass(frozen=True)
 class _Axes:
-    """Numbers of the axes z, y, x of a dataset, and of the others that have several entries."""
+    """Numbers of the axes z, y, x of a dataset, and of its other axes with several entries."""
 
     space: tuple[int, int, int]
     others: tuple[int, ...]
@@ -72,11 +72,11 @@ class _Axes:
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a dataset: `array` names it (/a/b), else it is the only one that may be a volume.
 
-    `channel` picks an entry along a fourth axis, `time` one along an axis of time. Samples of over WHOLE bytes are read
-    in parts.
+    `channel` picks an entry along a fourth axis, `time` one along an axis of time. Samples of more than WHOLE_BYTES are
+    read in parts.
     """
     file = open_hdf5(path)
-    # all that a file says is untrusted: any failure is attributed to it
+    # a file's contents are untrusted: any failure is attributed to the file
     with decoder_errors("HDF5"):
         dataset = _select_dataset(file, options)
         kinds = _axis_kinds(dataset)
@@ -87,13 +87,16 @@ def read(path: Path, options: LoadOptions) -> Volume:
                 dataset.name, this, _join_shape(dataset.shape), "label its dimensions, or save one part of it"
             )
         time = next((axis for axis in axes.others if kinds[axis] == "time"), None)
-        told = _find_channels(path, dataset, axes, time, options)
+        channels = _find_channels(path, dataset, axes, time, options)
         grid = _grid(path, dataset, axes, options)
         spacing, direction = spacing_and_direction(grid.matrix, "spacing")
 
-        def one(channel: int | None) -> Volume:
+        def read_channel(channel: int | None) -> Volume:
             extra: dict[int, tuple[str, int | None]] = {
-                axis: ("channel", (channel if told.channels else options.channel_number) if axis in axes.others else 0)
+                axis: (
+                    "channel",
+                    (channel if channels.channels else options.channel_number) if axis in axes.others else 0,
+                )
                 for axis in range(len(dataset.shape))
                 if axis not in axes.space
             }
@@ -111,12 +114,12 @@ def read(path: Path, options: LoadOptions) -> Volume:
                 notes=grid.notes,
             )
 
-        # the array is a dataset, not a time point
-        return told.volume(replace(options, array=None), one)
+        # here the option `array` is a dataset, not a time point
+        return channels.volume(replace(options, array=None), read_channel)
 
 
 def _find_channels(path: Path, dataset: Any, axes: _Axes, time: int | None, options: LoadOptions) -> ChannelSet:
-    """The time points, and the channels by their numbers, if one axis beside them is left."""
+    """The time points, and the channels, named by number, if there is one more axis."""
     others = [axis for axis in axes.others if axis != time]
     count = dataset.shape[others[0]] if len(others) == 1 else 1
     channels = tuple(Channel(str(n)) for n in range(count)) if 1 < count <= MOST_CHANNELS else ()
@@ -128,11 +131,11 @@ def _find_channels(path: Path, dataset: Any, axes: _Axes, time: int | None, opti
 
 
 def list_datasets(path: Path) -> list[str]:
-    """A line per dataset: name, type and shape; those that may be volumes begin with a star."""
+    """A line per dataset: name, type and shape; a star marks datasets that may be volumes."""
     with decoder_errors("HDF5"), open_hdf5(path) as file:
-        found = find_datasets(file)
+        nodes = find_datasets(file)
         return [
-            f"{'*' if _is_volume(node) else ' '} {name}   {_describe_dataset(node)}" for name, node in found.items()
+            f"{'*' if _is_volume(node) else ' '} {name}   {_describe_dataset(node)}" for name, node in nodes.items()
         ]
 
 
@@ -145,27 +148,27 @@ def _join_shape(shape: tuple[int, ...]) -> str:
 
 
 def _select_dataset(file: Any, options: LoadOptions) -> Any:
-    """The dataset that is asked for, else the only one that may be a volume."""
+    """The dataset that `array` names, else the only one that may be a volume."""
     if options.array is not None:
         node = find_node(file, str(options.array), options.anywhere)
         if not hasattr(node, "shape") or not has_real_numbers(node):
-            every = find_datasets(file)
-            names = [name for name, each in every.items() if _is_volume(each)] or list(every)
+            datasets = find_datasets(file)
+            names = [name for name, dataset in datasets.items() if _is_volume(dataset)] or list(datasets)
             got = f"the group {options.array!r}" if hasattr(node, "keys") else repr(options.array)
             raise expected("array", f"a dataset of real numbers: {', '.join(names) or 'the file has no dataset'}", got)
         return node
-    found = find_datasets(file)
-    volumes = [node for node in found.values() if _is_volume(node)]
+    nodes = find_datasets(file)
+    volumes = [node for node in nodes.values() if _is_volume(node)]
     if len(volumes) != 1:
-        listed = ", ".join(f"{name} {_join_shape(node.shape or ())}" for name, node in found.items()) or "nothing"
-        told = f"{len(volumes) or 'none'} in {listed}"
-        error = expected("datasets", "one volume", told, "pick one with array=/NAME, or FILE:/NAME")
+        listed = ", ".join(f"{name} {_join_shape(node.shape or ())}" for name, node in nodes.items()) or "nothing"
+        count = f"{len(volumes) or 'none'} in {listed}"
+        error = expected("datasets", "one volume", count, "pick one with array=/NAME, or FILE:/NAME")
         raise Choice(str(error), "array", []) if volumes else error
     return volumes[0]
 
 
 def _is_volume(node: Any) -> bool:
-    """Whether a dataset is plausibly a volume: of real numbers, with three axes of space that are longer than one."""
+    """Whether a dataset may be a volume: real numbers, with three axes of space that are longer than one."""
     if not has_real_numbers(node):
         return False
     axes = _find_axes(node.shape, _axis_kinds(node))
@@ -173,7 +176,7 @@ def _is_volume(node: Any) -> bool:
 
 
 def _axis_kinds(dataset: Any) -> list[str]:
-    """What each axis is, see `kind_of`: by labels, by "axistags", or by dimension scales."""
+    """The kind of each axis, see `axis_kind`: by labels, by "axistags", or by dimension scales."""
     scales = dimension_scales(dataset) or [None] * len(dataset.shape)
     names = [text.lower() for text in attribute_texts(dataset, "DIMENSION_LABELS")]
     if not any(names) and "axistags" in dataset.attrs:
@@ -195,13 +198,13 @@ def _last_name(node: Any) -> str:
 
 
 def _attributes(scale: Any) -> dict[str, str]:
-    """What a dimension scale tells of its axis."""
+    """The attributes of a dimension scale that describe its axis."""
     return {name: attribute_text(scale, name) for name in ("units", "unit", "positive", "standard_name", "axis")}
 
 
 def _find_axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
-    """The axes of space: those that are told, else three of them without those of one entry, and without a short first
-    or last one of four; None if they are not clear.
+    """The axes of space: those of known kind, else the three that remain without axes of one entry and without a short
+    first or last of four axes; None if that is ambiguous.
     """
     if len(shape) < 3 or min(shape) < 1:
         return None
@@ -223,7 +226,7 @@ def _find_axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
 
 
 def _transpose(samples: Any, axes: _Axes) -> Any:
-    """Samples in the order z, y, x."""
+    """Transposes samples to z, y, x."""
     order = np.argsort(axes.space).tolist()
     if order == [0, 1, 2]:
         return samples
@@ -233,11 +236,13 @@ def _transpose(samples: Any, axes: _Axes) -> Any:
 
 
 def _read_packing(dataset: Any) -> Packing | None:
-    """How NetCDF packs the numbers, None if they are values."""
-    told = {
+    """NetCDF's packing of the numbers, None if they are values."""
+    stated = {
         name: attribute_numbers(dataset, name) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
     }
-    scale, offset, *fills = (None if found is None or found.size != 1 else float(found[0]) for found in told.values())
+    scale, offset, *fills = (
+        None if numbers is None or numbers.size != 1 else float(numbers[0]) for numbers in stated.values()
+    )
     return Packing.of(scale, offset, next((fill for fill in fills if fill is not None and np.isfinite(fill)), None))
 
 
@@ -247,19 +252,19 @@ def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattic
     sizes = [dataset.shape[axis] for axis in axes.space]
     plain = [Coordinate(name, size) for name, size in zip("zyx", sizes, strict=True)]
     for name in () if all(scale is not None for scale in scales) else _SPACINGS:
-        given = _steps(attribute_numbers(dataset, name), len(dataset.shape), axes)
-        if given is not None:
+        steps = _steps(attribute_numbers(dataset, name), len(dataset.shape), axes)
+        if steps is not None:
             unit = "um" if name == "element_size_um" else _unit(dataset)
-            return replace(make_lattice(plain), matrix=np.diag(given[::-1]), unit=unit)
-    told = [
+            return replace(make_lattice(plain), matrix=np.diag(steps[::-1]), unit=unit)
+    coordinates = [
         known
         if scale is None
         else Coordinate.of(_last_name(scale), _read_scale(path, scale, options), _attributes(scale))
         for known, scale in zip(plain, scales, strict=True)
     ]
-    grid = make_lattice(told, dataset.name, even=options.spacing is not None)
+    grid = make_lattice(coordinates, dataset.name, even=options.spacing is not None)
     named = attribute_text(dataset, "coordinates").split()
-    # coordinates along two axes at once, of curved grids
+    # curved grids have coordinates along two axes at once
     curved = [name for name in named if axis_kind(name, {}) in ("x", "y")] if None in scales[1:] else []
     note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
     return replace(grid, notes=(*grid.notes, *[note] * bool(curved)))
@@ -270,7 +275,7 @@ def _read_scale(path: Path, scale: Any, options: LoadOptions) -> np.ndarray:
 
 
 def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
-    """Seconds between two time points, if the scale of their axis says so: CF's "hours since …" too."""
+    """Seconds between two time points by the scale of their axis, also in CF's "hours since …"; None if unknown."""
     scales = dimension_scales(dataset)
     scale = scales[axis] if axis < len(scales) else None
     if not _is_scale(scale, dataset.shape[axis]):
@@ -283,35 +288,35 @@ def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> flo
 
 
 def _unit(node: Any) -> str:
-    """The unit of length that is stated, "" for none; NetCDF's is mostly that of the values."""
-    found = {unit_name(attribute_text(node, name)) for name in ("unit", "units")} & set(METRES)
-    return found.pop() if len(found) == 1 else ""
+    """The stated unit of length, "" for none; NetCDF's unit is mostly that of the values."""
+    units = {unit_name(attribute_text(node, name)) for name in ("unit", "units")} & set(METRES)
+    return units.pop() if len(units) == 1 else ""
 
 
 def _value_unit(dataset: Any) -> str:
-    """The unit of values; a length may as well be that of the grid."""
-    told = attribute_text(dataset, "units") or attribute_text(dataset, "unit")
-    return "" if unit_name(told) in METRES else value_unit_name(told)
+    """The unit of values; "" for a length, which may be the grid's."""
+    unit = attribute_text(dataset, "units") or attribute_text(dataset, "unit")
+    return "" if unit_name(unit) in METRES else value_unit_name(unit)
 
 
 def _find_scales(dataset: Any, axes: _Axes) -> list[Any]:
-    """The dimension scales of the axes of space, None for one without a number per sample."""
-    found = dimension_scales(dataset)
+    """The dimension scales of the axes of space, None for an axis without a number per sample."""
+    scales = dimension_scales(dataset)
     return [
-        found[axis] if axis < len(found) and _is_scale(found[axis], dataset.shape[axis]) else None
+        scales[axis] if axis < len(scales) and _is_scale(scales[axis], dataset.shape[axis]) else None
         for axis in axes.space
     ]
 
 
 def _is_scale(scale: Any, size: int) -> bool:
-    # of a dimension without coordinates NetCDF writes a scale that says so
+    # for a dimension without coordinates NetCDF writes a scale with this name
     none = "This is a netCDF dimension but not"
     plain = scale is not None and has_real_numbers(scale) and scale.shape == (size,) and size <= MOST_VALUES
     return plain and not attribute_text(scale, "NAME").startswith(none)
 
 
 def _steps(numbers: np.ndarray | None, count: int, axes: _Axes) -> list[float] | None:
-    """Steps along z, y, x out of one number, or one per axis of space or of the dataset."""
+    """Steps along z, y, x from one number, or one per axis of space or of the dataset; None for anything else."""
     if numbers is None or not np.isfinite(numbers).all():
         return None
     if numbers.size == 1:
@@ -321,19 +326,19 @@ def _steps(numbers: np.ndarray | None, count: int, axes: _Axes) -> list[float] |
     return numbers.tolist() if numbers.size == 3 and (numbers > 0).all() else None
 
 
-# filters by number whose results are bounded by what is stored; others state a size of their own, or are plug-ins
+# filters by number whose results are bounded by the stored bytes; others state a size themselves, or are plug-ins
 _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
 _GZIP = 1
 
-# bytes that are read together at least, if the file's chunks are smaller
+# least bytes that are read together, if the file's chunks are smaller
 _PART_BYTES = 2**20
-# most objects that are looked at, soft links that lead to one, and numbers of an attribute or a dimension scale
+# most objects that are visited, soft links to one object, and numbers of an attribute or a dimension scale
 _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
 _PROBE = Path(__file__).with_name("hdf5_probe.py")
 
-# seconds after which a process that looks at a file is ended, where none can end itself by its processor time
+# seconds until the probe of a file is ended, on systems where it cannot limit its processor time
 _PROBE_TIMEOUT = None if importlib.util.find_spec("resource") else 60.0
-# files that a process of its own has looked at: path, bytes, time
+# files that passed the probe: path, bytes, time
 _PROBED: set[tuple[str, int, int]] = set()
 
 
@@ -346,9 +351,9 @@ def open_hdf5(path: Path) -> Any:
 
 
 def _probe(path: Path) -> None:
-    """InputError if HDF5's C library crashes or loops on the file: found in a process of its own, once a file."""
-    told = path.stat()
-    key = (str(path.resolve()), told.st_size, told.st_mtime_ns)
+    """Raises InputError if HDF5's C library crashes or loops on the file; tried in another process, once per file."""
+    status = path.stat()
+    key = (str(path.resolve()), status.st_size, status.st_mtime_ns)
     if key in _PROBED:
         return
     # -P: the folder of the script holds modules with common names
@@ -356,7 +361,7 @@ def _probe(path: Path) -> None:
     none, out = subprocess.DEVNULL, subprocess.PIPE
     try:
         ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PROBE_TIMEOUT)
-        # a process that did not get as far says nothing about the file
+        # a probe that failed before it opened the file proves nothing
         failed = ended.returncode != 0 and bool(ended.stdout)
     except subprocess.TimeoutExpired:
         failed = True
@@ -369,25 +374,25 @@ def _probe(path: Path) -> None:
 
 
 def find_datasets(file: Any) -> dict[str, Any]:
-    """All datasets by name that lie in the file itself. Raises InputError for very many objects."""
+    """All datasets of the file itself by name. Raises InputError for very many objects."""
     import h5py
 
-    found, seen = dict[str, Any](), 0
+    nodes, visited = dict[str, Any](), 0
 
     def look(name: str, node: Any) -> None:
-        nonlocal seen
-        seen += 1
-        if seen > _MOST_OBJECTS:
+        nonlocal visited
+        visited += 1
+        if visited > _MOST_OBJECTS:
             raise expected("file", f"at most {_MOST_OBJECTS} groups and datasets", "more", "name one by array=/…")
         if isinstance(node, h5py.Dataset):
-            found["/" + name] = node
+            nodes["/" + name] = node
 
     file.visititems(look)
-    return found
+    return nodes
 
 
 def find_node(file: Any, name: str, anywhere: bool) -> Any:
-    """The group or dataset of that name, None if there is none. InputError for another file's, if not `anywhere`."""
+    """The group or dataset of that name, None without one. Raises InputError for another file's, if not `anywhere`."""
     import h5py
 
     node, parts, links = file, [part for part in name.split("/") if part not in ("", ".")], 0
@@ -403,19 +408,19 @@ def find_node(file: Any, name: str, anywhere: bool) -> Any:
             if links > _MOST_LINKS:
                 raise expected(name, f"at most {_MOST_LINKS} links that lead there", "more")
             node = file if link.path.startswith("/") else node
-            parts = [each for each in link.path.split("/") if each not in ("", ".")] + parts
+            parts = [step for step in link.path.split("/") if step not in ("", ".")] + parts
             continue
         node = node.get(part)
     return node
 
 
 def attribute_numbers(node: Any, name: str) -> np.ndarray | None:
-    """An attribute's real numbers, or those that its text has, flat; None if it has none."""
+    """An attribute's real numbers, also from text, flat; None without numbers."""
     if name not in node.attrs:
         return None
-    told = node.attrs.get_id(name)
-    if math.prod(told.shape or ()) > MOST_VALUES:
-        raise expected(name, f"at most {MOST_VALUES} values", told.shape)
+    attribute = node.attrs.get_id(name)
+    if math.prod(attribute.shape or ()) > MOST_VALUES:
+        raise expected(name, f"at most {MOST_VALUES} values", attribute.shape)
     values = np.asarray(node.attrs[name])
     if values.dtype.kind in "buif":
         return values.astype(np.float64).ravel()
@@ -426,7 +431,7 @@ def attribute_numbers(node: Any, name: str) -> np.ndarray | None:
 
 
 def dimension_scales(dataset: Any) -> list[Any]:
-    """The first dimension scale of each axis, None where there is none; [] if none has.
+    """The first dimension scale of each axis, None for an axis without one; [] if no axis has one.
 
     Read from the attribute that names them: HDF5's own functions loop on damaged ones.
     """
@@ -434,13 +439,16 @@ def dimension_scales(dataset: Any) -> list[Any]:
 
     if "DIMENSION_LIST" not in dataset.attrs or dataset.attrs.get_id("DIMENSION_LIST").shape != (len(dataset.shape),):
         return []
-    named = [np.asarray(attr).ravel() for attr in dataset.attrs["DIMENSION_LIST"]]
-    nodes = [dataset.file[each[0]] if each.size and isinstance(each[0], h5py.Reference) else None for each in named]
+    references = [np.asarray(entry).ravel() for entry in dataset.attrs["DIMENSION_LIST"]]
+    nodes = [
+        dataset.file[reference[0]] if reference.size and isinstance(reference[0], h5py.Reference) else None
+        for reference in references
+    ]
     return [node if isinstance(node, h5py.Dataset) else None for node in nodes]
 
 
 def attribute_texts(node: Any, name: str) -> list[str]:
-    """An attribute's texts, [] if there are none."""
+    """An attribute's texts, [] without any."""
     if name not in node.attrs or math.prod(node.attrs.get_id(name).shape or ()) > MOST_VALUES:
         return []
     values = np.asarray(node.attrs[name]).ravel().tolist()
@@ -448,17 +456,17 @@ def attribute_texts(node: Any, name: str) -> list[str]:
 
 
 def attribute_text(node: Any, name: str) -> str:
-    """An attribute's text, also where it is an array of letters; "" if there is none."""
+    """An attribute's text, also from an array of letters; "" without one."""
     if name not in node.attrs:
         return ""
-    told = node.attrs.get_id(name)
-    if math.prod(told.shape or ()) > MOST_VALUES:
-        raise expected(name, f"at most {MOST_VALUES} letters", told.shape)
+    attribute = node.attrs.get_id(name)
+    if math.prod(attribute.shape or ()) > MOST_VALUES:
+        raise expected(name, f"at most {MOST_VALUES} letters", attribute.shape)
     return "".join(attribute_texts(node, name))
 
 
 def has_real_numbers(dataset: Any) -> bool:
-    """Whether a dataset has real numbers; types that numpy does not know are none."""
+    """Whether a dataset has real numbers, of a type that numpy knows."""
     try:
         return dataset.dtype.kind in "buif" and dataset.shape is not None
     except (TypeError, ValueError, RuntimeError, OverflowError):
@@ -468,9 +476,9 @@ def has_real_numbers(dataset: Any) -> bool:
 def read_samples(
     path: Path, dataset: Any, index: Sequence[int | slice], anywhere: bool, packed: Packing | None = None
 ) -> np.ndarray | Chunked:
-    """What `index` picks of a dataset, as [D, H, W]: mapped, read, or of over WHOLE bytes read in parts.
+    """The part `index` of a dataset, as [D, H, W]: mapped, read, or from WHOLE_BYTES on read in parts.
 
-    Slices of the index begin at 0. Raises InputError for what must not be decoded.
+    Slices of the index begin at 0. Raises InputError for data that must not be decoded.
     """
     _check_storage(dataset, anywhere)
     if anywhere:
@@ -488,7 +496,7 @@ def read_samples(
 
 
 def _check_storage(dataset: Any, anywhere: bool) -> None:
-    """InputError for data in other files, for filters without a bound, and for very large chunks."""
+    """Raises InputError for data in other files, for filters with unbounded results, and for very large chunks."""
     if not anywhere and (dataset.external or dataset.is_virtual):
         raise _external_error(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
     stated = dataset.id.get_create_plist()
@@ -510,7 +518,7 @@ def _external_error(name: str, where: str) -> InputError:
 
 
 class _DatasetPart:
-    """A dataset as `Chunked` reads it, and the file behind it; each chunk is checked before HDF5 decodes it."""
+    """A dataset for `Chunked`, and its file; each chunk is checked before HDF5 decodes it."""
 
     def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
         self.path, self.dataset, self.index, self.packed = path.resolve(), dataset, tuple(index), packed
@@ -526,7 +534,7 @@ class _DatasetPart:
             self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
 
     def _joined(self) -> tuple[int, ...]:
-        """Samples along each axis that are read together: chunks of the file, many if they are small."""
+        """Samples along each axis that are read together: one chunk of the file, or several small ones."""
         sizes = list(self.stored or (1,) * len(self.shape))
         while byte_count(sizes, self.dtype) <= _PART_BYTES // 2:
             short = [
@@ -534,7 +542,7 @@ class _DatasetPart:
             ]
             if not short:
                 break
-            # the shortest; of several that which runs faster in the file
+            # the shortest axis; of equal ones the faster one in the file
             axis = min(short, key=lambda axis: (sizes[axis], -axis))
             sizes[axis] *= 2
         return tuple(sizes)
@@ -549,7 +557,7 @@ class _DatasetPart:
             return self._values(np.asarray(self.dataset[key]))
 
     def _touched(self, key: tuple[int | slice, ...]) -> Iterable[tuple[int, ...]]:
-        """The first sample of each chunk in the file that is to be read."""
+        """Index of the first sample of each chunk of the file that is to be read."""
         ends = [(at, at + 1) if isinstance(at, int) else (at.start or 0, at.stop) for at in key]
         return product(
             *(
@@ -559,22 +567,22 @@ class _DatasetPart:
         )
 
     def _check_chunk(self, place: tuple[int, ...]) -> None:
-        """InputError if the chunk expands beyond its size."""
-        told = self.dataset.id.get_chunk_info_by_coord(place)
-        if told.byte_offset is not None and told.size * DEFLATE_RATIO > MAX_BYTES:
-            require_bytes(told.size, self.path.stat().st_size)
+        """Raises InputError if the chunk expands beyond its size."""
+        chunk = self.dataset.id.get_chunk_info_by_coord(place)
+        if chunk.byte_offset is not None and chunk.size * DEFLATE_RATIO > MAX_BYTES:
+            require_bytes(chunk.size, self.path.stat().st_size)
             _check_inflated(self.dataset.id.read_direct_chunk(place)[1], byte_count(self.stored, self.dataset.dtype))
 
     def tag(self) -> str:
         """The path, size and time of the file, and the dataset in it."""
-        told = self.path.stat()
-        return f"{self.path} {told.st_size} {told.st_mtime_ns} {self.dataset.name} {self.packed}"
+        status = self.path.stat()
+        return f"{self.path} {status.st_size} {status.st_mtime_ns} {self.dataset.name} {self.packed}"
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Nothing is to be brought here."""
+        """Does nothing: all chunks are in the file."""
 
     def holds(self, place: Sequence[int]) -> bool:
-        """Whether anything may be stored for the samples that are read together there."""
+        """Whether the file may store the samples that are read together there."""
         if self.empty or self.chunks != self.stored:
             return not self.empty
         begin = tuple(at - at % size for at, size in zip(place, self.stored, strict=True))
@@ -582,7 +590,7 @@ class _DatasetPart:
 
 
 def _check_inflated(data: bytes, room: int) -> None:
-    """InputError if zlib data expand beyond `room` bytes."""
+    """Raises InputError if zlib data expand beyond `room` bytes."""
     engine, size, piece = zlib.decompressobj(), 0, data
     while size <= room and piece:
         size += len(engine.decompress(piece, CHUNK_BYTES))

@@ -1,6 +1,6 @@
-"""Run by itself, on a file: looks at all that `hdf5_file` asks HDF5 about it, in a process of its own.
+"""Script that reads of an HDF5 file whatever readers/hdf5.py reads, in another process.
 
-HDF5's C library crashes or loops on some damaged files, where no exception can be caught.
+HDF5's C library crashes or loops on some damaged files, which no exception handler can catch.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ import h5py
 try:
     import resource
 except ImportError:
-    # not on Windows, where the process that waits ends this one
+    # on Windows, the waiting process ends this one
     resource = None  # type: ignore[assignment]
 
-# most processor time: ten thousand objects take about one
+# most processor time in seconds: ten thousand objects take about one
 SECONDS = 3
-# printed before the file is opened: what ends the process then is the file's fault
+# printed before the file is opened: a later failure is the file's fault
 STARTED = "looking"
 
 
-# attributes that the readers look at by name, whether or not the list of all can be read
+# attributes that the readers read by name, even if the list of all attributes is damaged
 ATTRIBUTES = (
     *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
@@ -48,7 +48,7 @@ ATTRIBUTES = (
 
 
 def attribute_names(node: object) -> list[str]:
-    """The names of all attributes; of a damaged list those that the readers ask for."""
+    """The names of all attributes; ATTRIBUTES if their list is damaged."""
     try:
         return list(node.attrs)  # type: ignore[attr-defined]
     except Exception:
@@ -56,11 +56,11 @@ def attribute_names(node: object) -> list[str]:
 
 
 def read_node(_name: str, node: object) -> None:
-    """Reads what describes a group or a dataset, and for the latter one value."""
+    """Reads the attributes of a group or dataset, and a dataset's fill value and chunk information."""
     for name in attribute_names(node):
         try:
-            told = node.attrs.get_id(name)  # type: ignore[attr-defined]
-            if told.get_storage_size() < 1 << 20:
+            attribute = node.attrs.get_id(name)  # type: ignore[attr-defined]
+            if attribute.get_storage_size() < 1 << 20:
                 str(node.attrs[name])  # type: ignore[attr-defined]
         except Exception:
             continue
@@ -85,5 +85,5 @@ if __name__ == "__main__":
         with h5py.File(sys.argv[1], "r", locking=False) as opened:
             opened.visititems(read_node)
     except Exception:
-        # what raises is told where it is read
+        # the reader itself reports exceptions
         sys.exit(0)

@@ -78,10 +78,10 @@ def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: py
             hdf5_file._probe(file)
     for code in ("import nothing_of_that_name", "print(1)"):
         probe.write_text(code)
-        hdf5_file._SOUND.clear()
+        hdf5_file._PROBED.clear()
         hdf5_file._probe(file)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
-    hdf5_file._SOUND.clear()
+    hdf5_file._PROBED.clear()
     hdf5_file._probe(file)
 
 
