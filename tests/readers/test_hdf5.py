@@ -108,7 +108,7 @@ def test_what_is_only_declared_takes_no_memory(tmp_path: Path, chunks: tuple[int
         file.create_dataset("a", (10**5,) * 3, "f4", chunks=chunks, fillvalue=7)
     volume = load(tmp_path / "a.h5")
     assert volume.count == 10**15
-    assert (volume.samples[50_000:50_002, :3, 99_999] == 7).all() and not volume.samples.kept
+    assert (volume.samples[50_000:50_002, :3, 99_999] == 7).all() and not volume.samples.cache
 
 
 def test_a_chunk_that_inflates_beyond_its_size_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
