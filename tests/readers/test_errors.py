@@ -185,7 +185,7 @@ def test_zarr_of_missing_chunks_is_refused(tmp_path: Path) -> None:
     zarr.create_array(tmp_path / "b.zarr", shape=(9000, 9000, 9000), chunks=(500,) * 3, dtype="u1", fill_value=7)
     volume = load(tmp_path / "b.zarr")
     found = volume.samples[4000:4600, 8, :3]
-    assert found.shape == (600, 3) and (found == 7).all() and not volume.samples.kept
+    assert found.shape == (600, 3) and (found == 7).all() and not volume.samples.cache
 
 
 @pytest.mark.parametrize(

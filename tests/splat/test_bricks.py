@@ -361,7 +361,7 @@ def test_a_large_store_is_read_in_parts(
         slice(None, None, -3),
     ):
         assert np.array_equal(volume.samples[key], samples[key])
-    assert len(volume.samples.kept) == 3
+    assert len(volume.samples.cache) == 3
     transfer = sg.default_transfer(volume)
     assert transfer == sg.default_transfer(whole)
     camera = sg.Camera.orbit(volume, size=(24, 24))
