@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
 from splatgl.splat.settings import Settings
@@ -38,6 +39,13 @@ def keys() -> str:
     return Table(("keys", "action", "name"), tuple(rows)).markdown()
 
 
+def annotations() -> str:
+    """Table of all annotations."""
+    names = {row.name: f"`{row.name}{'=TEXT' if row.example else ''}`" for row in ANNOTATIONS.values()}
+    rows = ((names[row.name], row.about, f"`{row.key}`" if row.key else "") for row in ANNOTATIONS.values())
+    return Table(("name", "draws", "key in the window"), tuple(rows)).markdown()
+
+
 def settings() -> str:
     """Tables of all settings, one for each group of the command line."""
     groups: dict[str, list[tuple[str, str, str]]] = {}
@@ -51,6 +59,7 @@ def settings() -> str:
 
 TABLES = {
     "settings": settings,
+    "annotations": annotations,
     "keys": keys,
     "methods": lambda: registry().markdown(),
     "techniques": lambda: Table(("setting", *TECHNIQUES), tuple(combinations())).markdown(),

@@ -24,6 +24,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser, main
 from splatgl.readers import FORMATS
 from splatgl.scene.scene_file import SceneFile
@@ -485,6 +486,7 @@ def test_generated_tables_have_all_rows() -> None:
     assert sorted(markers) == sorted(mkdocs_hooks.TABLES)
     page = mkdocs_hooks.site_page("<!-- table: keys --> <!-- table: methods -->")
     assert all(f"`{row.action}`" in page for row in BINDINGS)
+    assert all(name in mkdocs_hooks.annotations() for name in ANNOTATIONS)
     table = mkdocs_hooks.site_page("<!-- table: settings -->")
     assert all(f"`--{field.name.replace('_', '-')}`" in table for field in fields(Settings))
     assert all(value in table for values in choices().values() for value in values)
