@@ -26,6 +26,7 @@ STYLE = """
 .md-typeset table:not([class]) { font-size: .62rem; }
 .md-typeset table:not([class]) th { min-width: 3rem; }
 .md-typeset table:not([class]) td:first-child code { white-space: nowrap; }
+.md-typeset table:not([class]) td code { word-break: normal; overflow-wrap: normal; }
 .md-typeset table:not([class]) td:last-child { min-width: 8rem; }
 .md-typeset pre > code { font-size: .74em; }
 .md-typeset details { font-size: inherit; }
