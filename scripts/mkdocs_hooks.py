@@ -15,7 +15,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.technique import TECHNIQUES, combinations
 from splatgl.studies.accuracy.content import registry
 from splatgl.studies.tables import Table
-from splatgl.viewer.key_bindings import BINDINGS
+from splatgl.viewer import commands
 
 ROOT = Path(__file__).resolve().parents[1]
 # pages of the site that are kept elsewhere, because code hosts look for them there
@@ -36,7 +36,9 @@ STYLE = """
 
 def keys() -> str:
     """Table of the default keys of the window."""
-    rows = ((" or ".join(f"`{key}`" for key in row.keys), row.about, f"`{row.action}`") for row in BINDINGS)
+    rows = (
+        (" or ".join(f"`{key}`" for key in row.keys), row.title, f"`{row.id}`") for row in commands.COMMANDS if row.keys
+    )
     return Table(("keys", "action", "name"), tuple(rows)).markdown()
 
 

@@ -32,7 +32,8 @@ from splatgl.splat import kernels
 from splatgl.splat.settings import Settings, choices
 from splatgl.studies.accuracy.methods import methods
 from splatgl.studies.stress import CASES
-from splatgl.viewer.key_bindings import BINDINGS, load_bindings
+from splatgl.viewer import commands
+from splatgl.viewer.key_bindings import load_bindings
 
 ROOT = Path(__file__).parents[2]
 TOP, DOCS = ROOT / "README.md", ROOT / "splatgl" / "docs"
@@ -364,7 +365,7 @@ def test_scene_file(here: Path) -> None:
 
 
 def test_key_bindings_file(here: Path) -> None:
-    changed = {binding.action: binding.keys for binding in load_bindings("keys.toml")}
+    changed = {command.id: command.keys for command in load_bindings("keys.toml")}
     assert changed["turn"] == ("space", "t") and changed["quit"] == ("q",)
 
 
@@ -485,7 +486,7 @@ def test_generated_tables_have_all_rows() -> None:
     markers = [name for path in GUIDE for name in re.findall(r"<!-- table: (\w+) -->", path.read_text())]
     assert sorted(markers) == sorted(mkdocs_hooks.TABLES)
     page = mkdocs_hooks.site_page("<!-- table: keys --> <!-- table: methods -->")
-    assert all(f"`{row.action}`" in page for row in BINDINGS)
+    assert all(f"`{row.id}`" in page for row in commands.COMMANDS if row.keys)
     assert all(name in mkdocs_hooks.annotations() for name in ANNOTATIONS)
     table = mkdocs_hooks.site_page("<!-- table: settings -->")
     assert all(f"`--{field.name.replace('_', '-')}`" in table for field in fields(Settings))
