@@ -97,8 +97,9 @@ def names_of(*records: Any) -> list[str]:
 def check_options(record: Any, prefix: str = "") -> None:
     """Checks each option of a frozen dataclass and stores its plain value. Raises InputError naming the option."""
     for each in fields(record):
-        value = getattr(record, each.name)
-        if "option" in each.metadata and value is not each.default:
+        value, default = getattr(record, each.name), each.default
+        is_default = value is default or (type(value) is type(default) and value == default)
+        if "option" in each.metadata and not is_default:
             object.__setattr__(record, each.name, checked(each.metadata["option"].kind, prefix + each.name, value))
 
 

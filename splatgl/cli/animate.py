@@ -6,7 +6,7 @@ import argparse
 
 from splatgl.animation.animation import FRAMES, FULL_TURN, Animation, Frames, draw_frames
 from splatgl.animation.movie import need, write_movie
-from splatgl.cli.options import add_drawing, add_layers, add_source, add_workers, asked, drawing_of, scene_from
+from splatgl.cli.options import add_drawing, add_source, add_workers, asked, drawing_of, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_source
 from splatgl.options import numbers
@@ -52,7 +52,6 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--annotate", metavar="NAMES", help=about)
     parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
-    add_layers(parser)
     add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)

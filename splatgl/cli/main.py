@@ -132,7 +132,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         prog="splatgl",
         usage="splatgl COMMAND [options] …\n       splatgl FILE        (as splatgl view FILE)",
         description="Volume rendering by texture splats in OpenGL.",
-        epilog="splatgl COMMAND --help tells a command's options.",
+        epilog="splatgl COMMAND --help lists the options of a command.",
     )
     parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, prog="splatgl")
@@ -149,21 +149,21 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-# help of each command, and the module whose add_parser adds its options, or that function
+# help of each command, and its module with `add_parser`, or module:function
 COMMANDS = {
-    "render": ("draw a volume or a scene into a picture", "render"),
+    "render": ("draw a picture of a volume or a scene", "render"),
     "view": ("open a window on a volume or a scene", "view"),
-    "animate": ("draw a turning volume, keyframes or a series in time into frames or a movie", "animate"),
-    "compare": ("tell whether two pictures, or folders of them, are the same, and what changed", "compare"),
-    "info": ("tell what is in a volume file", "info:add_info_parser"),
-    "presets": ("tell which transfer functions there are by name, or draw a volume by each of them", "presets"),
-    "pyramid": ("write a volume, classified, with coarser levels that keep thin things", "pyramid"),
-    "pick": ("tell the value and place under a pixel", "pick"),
-    "doctor": ("tell what this machine draws with, and whether it draws right", "info:add_doctor_parser"),
-    "report": ("tell what accuracy costs: error against run time of every method", "report"),
-    "figure": ("draw a figure of the paper, or tell which of its claims hold", "figure"),
-    "stress": ("draw scenes at the extremes, and tell whether each keeps its bound", "stress"),
-    "explain-splat": ("tell how right each kind of splat is for one voxel", "explain"),
+    "animate": ("draw frames or a movie: a turntable, keyframes, or a series in time", "animate"),
+    "compare": ("compare two pictures, or folders of them, and describe the changes", "compare"),
+    "info": ("describe a volume file", "info:add_info_parser"),
+    "presets": ("list transfer functions by name, or draw a volume with each", "presets"),
+    "pyramid": ("write a classified volume with coarser levels that keep thin parts", "pyramid"),
+    "pick": ("print the value and position under a pixel", "pick"),
+    "doctor": ("describe and check the OpenGL of this machine", "info:add_doctor_parser"),
+    "report": ("measure error against run time of every method", "report"),
+    "figure": ("draw a figure of the paper, or check its claims", "figure"),
+    "stress": ("draw extreme scenes, and check the bound of each", "stress"),
+    "explain-splat": ("print the error of each form of splat for one voxel", "explain"),
 }
 # positional arguments by command
 OPERANDS = {

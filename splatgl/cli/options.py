@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from splatgl.cli.parser import OPENGL, WORKERS
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
-from splatgl.options import BASIC, LAYERS, PAPER, PICTURE, TRANSFER, Option, declared, instance
+from splatgl.options import BASIC, LAYERS, PAPER, PICTURE, TRANSFER, Option, declared, instance, names_of
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import VECTORS, Vectors, is_mesh
@@ -29,20 +29,6 @@ ANNOTATE = Option(
     PICTURE,
     BASIC,
 )
-# options of a scene that leave a part of the volume out
-CUTS = ("clip", "crop", "mask")
-
-
-def add_layers(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of further layers, of meshes and of vectors."""
-    add_options(parser, SceneFile, "threshold", *CUTS)
-    add_options(parser, TransferChoice, "preset", "only_labels")
-    group = group_of(parser, LAYERS)
-    group.add_argument("--clip-meshes", action="store_true", default=None, help="--clip and --crop clip meshes, too")
-    labels: Any = group.add_argument("--labels", metavar="FILE", help="segmentation that is drawn over the volume")
-    labels.summary = labels.help
-    for name, field in VECTORS.items():
-        add_option(parser, name, declared(Vectors)[field])
 
 
 def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
@@ -53,51 +39,66 @@ def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
 
 
 def add_transfer(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of the transfer function."""
-    add_options(parser, TransferChoice, "color_of", "window_of")
-    group = group_of(parser, TRANSFER)
-    group.add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
+    """Adds the options of the transfer function of one volume."""
+    add_options(parser, TransferChoice, "preset")
+    group_of(parser, TRANSFER).add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
     add_options(parser, Transfer)
-    add_options(parser, SceneFile, "layers", "meshes", "surfaces", *CUTS)
+    add_options(parser, SceneFile, "threshold")
+    add_options(parser, TransferChoice, "only_labels")
 
 
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
     """Adds the OpenGL backend options."""
     group = group_of(parser, OPENGL)
-    group.add_argument("--backend", default=default, metavar="NAME", help=f"auto, egl, osmesa or window ({default})")
-    group.add_argument("--device", type=int, metavar="N", help="which EGL device, from 0; splatgl doctor lists several")
-    group.add_argument("--gpu", action="store_true", help="fail if only a software renderer is there")
+    about = f"auto, egl, osmesa or window (default {default})"
+    group.add_argument("--backend", default=default, metavar="NAME", help=about)
+    about = "number of the EGL device, from 0; splatgl doctor lists them"
+    group.add_argument("--device", type=int, metavar="N", help=about)
+    group.add_argument("--gpu", action="store_true", help="fail if OpenGL is a software renderer")
 
 
-def add_drawing(parser: argparse.ArgumentParser, default: str = "auto") -> None:
-    """Adds all rendering options but the source: backend, view, transfer function and settings."""
-    add_backend(parser, default)
-    add_options(parser, ViewOptions)
+def add_view(parser: argparse.ArgumentParser, size: str) -> None:
+    """Adds the options of the camera. size: the default size of a picture."""
+    sized = replace(option := declared(ViewOptions)["size"], help=f"{option.help} (default {size})")
+    add_option(parser, "size", sized)
+    add_options(parser, ViewOptions, *(name for name in names_of(ViewOptions) if name != "size"))
+
+
+def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: str = "512x512") -> None:
+    """Adds all options of a picture but the source: OpenGL, view, transfer function, layers and settings."""
+    add_backend(parser, backend)
+    add_view(parser, size)
     add_transfer(parser)
-    add_options(parser, SceneFile, "threshold", "layers", "meshes", "surfaces")
+    add_options(parser, TransferChoice, "color_of", "window_of")
+    add_options(parser, SceneFile, "clip", "crop", "mask", "layers", "meshes", "surfaces")
+    group = group_of(parser, LAYERS)
+    labels: Any = group.add_argument("--labels", metavar="FILE", help="segmentation that is drawn over the volume")
+    labels.summary = labels.help
+    group.add_argument("--clip-meshes", action="store_true", default=None, help="--clip and --crop clip meshes, too")
+    for name, field in VECTORS.items():
+        add_option(parser, name, declared(Vectors)[field])
     add_settings(parser)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Adds the options of Settings, and their presets of earlier versions."""
-    add_options(parser, Settings, "moments", "shutter")
+    add_options(parser, Settings, *(name for name in names_of(Settings) if name not in ("moments", "shutter")))
     group = group_of(parser, PAPER)
     group.add_argument("--like", metavar="VERSION", help=f"defaults of an earlier version: {', '.join(LIKE)}")
     group.add_argument("--paper", action="store_true", help="hardware path of 1998: hybrid, 8-bit table and target")
 
 
-def add_options(parser: argparse.ArgumentParser, record: Any, *leave: str) -> None:
-    """Adds the options that a dataclass declares, but those to leave out, in groups by their titles."""
-    defaults = {each.name: each.default for each in fields(record)}
-    for name, option in declared(record).items():
-        if option.group and name not in leave:
-            add_option(parser, name, option, defaults[name])
+def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> None:
+    """Adds the options that a dataclass declares, or some of them, in groups by their titles."""
+    options, defaults = declared(record), {each.name: each.default for each in fields(record)}
+    for name in names or names_of(record):
+        add_option(parser, name, options[name], defaults[name])
 
 
 def add_option(parser: argparse.ArgumentParser, name: str, option: Option, default: Any = None) -> None:
     """Adds an option. A BASIC one gets the attribute `summary`: its line of `--help`."""
     kind, rest = option.kind, option.help.removeprefix(option.summary)
-    summary = option.summary + (f": {', '.join(option.choices)}" if option.choices else "")
+    summary = option.summary + (f": {', '.join(option.choices)}" if option.choices and kind.metavar else "")
     if isinstance(default, int | float) and default and "default" not in option.help:
         summary += f" (default {default:g})"
     arguments: dict[str, Any] = {"dest": name, "help": (summary + rest).replace("%", "%%")}
@@ -158,7 +159,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     group = group_of(parser, WORKERS)
     group.add_argument("--workers", type=int, metavar="N", help="draw in N processes of this machine")
     group.add_argument("--scheduler", metavar="ADDRESS", help="draw with the workers of a Dask scheduler, tcp://…:8786")
-    group.add_argument("--devices", type=_devices, metavar="N,…", help="their EGL devices in turn (one card each)")
+    group.add_argument("--devices", type=_devices, metavar="N,…", help="EGL devices of the workers, in turn")
 
 
 def asked(args: argparse.Namespace) -> bool:

@@ -17,18 +17,23 @@ NEGATIVE = re.compile(r"-([0-9.]|inf\b|nan\b)")
 WORKERS, OPENGL = "several processes or machines (extra scale)", "OpenGL"
 # groups of `--help-all` in their order; others stand before them
 GROUPS = (VIEW, PICTURE, TRANSFER, CLIPPING, LAYERS, READING, "output", ACCURACY, SPEED, WORKERS, OPENGL, PAPER)
+COMMON = "basic options of the picture (the first of several values is the default)"
+# options of a command that `--help` lists in whole, at most
+MANY = 40
 
 
 class Parser(argparse.ArgumentParser):
     """Argument parser that reports a usage error in one line, as for any bad input, and takes negative values.
 
-    `--help` shows the options that are in no titled group, and those with a `summary`; `--help-all` shows all.
+    `--help` of many options shows those in groups of the command's own, and of the groups that commands share those
+    with a `summary`; `--help-all` shows all.
     """
 
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **{"formatter_class": Formatter, **named})
         # argparse takes what fits for a value, not an option: its own pattern knows single numbers, no -1,2,3
         self._negative_number_matcher = NEGATIVE
+        self._positionals.title = "arguments"
 
     def error(self, message: str) -> NoReturn:
         """Exits with BAD_INPUT and one line on stderr."""
@@ -69,20 +74,21 @@ class Parser(argparse.ArgumentParser):
     @property
     def is_long(self) -> bool:
         """Whether `--help` leaves options out."""
-        return any(getattr(action, "summary", "") for action in self._actions)
+        return len(self._actions) > MANY
 
     def format_help(self, everything: bool = False) -> str:
-        """Help on the basic options, or on all in groups."""
+        """Help on all options in groups, or on the basic options."""
         places = {title: place for place, title in enumerate(GROUPS)}
         self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
             return super().format_help()
-        operands, options, *groups = self._action_groups
-        basic = [*options._group_actions, *(a for g in groups for a in g._group_actions if getattr(a, "summary", ""))]
         form = Short(self.prog)
         form.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         form.add_text(self.description)
-        for title, actions in (("arguments", operands._group_actions), ("options", basic)):
+        shared = [action for group in self._action_groups if group.title in places for action in group._group_actions]
+        basic = [action for action in shared if getattr(action, "summary", "")]
+        own = [group for group in self._action_groups if group.title not in places]
+        for title, actions in [(group.title, group._group_actions) for group in own] + [(COMMON, basic)]:
             form.start_section(title)
             form.add_arguments(actions)
             form.end_section()

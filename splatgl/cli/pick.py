@@ -8,7 +8,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from splatgl.cli.options import add_drawing, add_layers, add_source, scene_from
+from splatgl.cli.options import add_drawing, add_source, scene_from
 from splatgl.errors import expected
 from splatgl.scene.draw import camera_of, layered, tell
 
@@ -29,7 +29,6 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mode", choices=("first", "max"), metavar="first|max", help=about)
     parser.add_argument("--json", action="store_true", help="print one line of JSON")
     parser.add_argument("--quiet", action="store_true", help="no notes about the file")
-    add_layers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)
 

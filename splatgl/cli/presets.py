@@ -8,13 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.cli.options import add_backend, add_options, add_source, scene_from
+from splatgl.cli.options import add_backend, add_source, add_view, scene_from
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.scene.background import suited
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -40,7 +39,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     add_source(parser, optional=True)
     parser.add_argument("-o", "--output", metavar="FILE.png", help="the sheet to write (presets.png)")
     add_backend(parser)
-    add_options(parser, ViewOptions)
+    add_view(parser, f"{SIDE}x{SIDE}")
     parser.set_defaults(run=run)
 
 

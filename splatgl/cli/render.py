@@ -15,7 +15,6 @@ from splatgl import __version__
 from splatgl.cli.options import (
     ANNOTATE,
     add_drawing,
-    add_layers,
     add_option,
     add_source,
     add_workers,
@@ -133,7 +132,6 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     speed.add_argument("--savings", action="store_true", help="also measure the time saved by each skipped step")
     about = "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)"
     speed.add_argument("--memory", type=_bytes, metavar="SIZE", help=about)
-    add_layers(parser)
     add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.cli.options import add_drawing, add_layers, add_source, scene_from
+from splatgl.cli.options import add_drawing, add_source, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_folder
 from splatgl.viewer.adaptive_quality import TARGET
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl view`."""
     add_source(parser)
-    add_layers(parser)
     group = parser.add_argument_group("window")
     group.add_argument("--list-bindings", action=ListBindings, help="print which key does what")
     group.add_argument("--bindings", metavar="FILE.toml", help="other keys: a table [bindings] of action = keys")
@@ -28,7 +27,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (33)")
     group.add_argument("--ground", type=_ground, metavar="black|white|checks", help="behind it")
     group.add_argument("--no-panel", action="store_true", help="without the panel of the extra gui")
-    add_drawing(parser, "window")
+    add_drawing(parser, "window", "1024x768")
     parser.set_defaults(run=run)
 
 

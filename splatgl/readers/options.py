@@ -173,7 +173,9 @@ class LoadOptions:
         "time point of a file, from 0. animate draws several, FIRST:END:STEP",
     )
     level: int | None = _option(
-        None, whole(0, this="zero or more"), "level of a multiscale OME-Zarr or TIFF image, 0 the finest (measured)"
+        None,
+        whole(0, this="zero or more"),
+        "level of a multiscale OME-Zarr or TIFF image, 0 is the finest (by the view)",
     )
     series: str | int | None = _option(
         None,

@@ -219,7 +219,7 @@ class Vectors:
 
     show: str = _option(
         "",
-        choice(("", *SHOWN)),
+        choice(SHOWN),
         "draw the vectors' lengths instead of values, coloured by direction or not",
         flag="--vectors",
     )

@@ -62,9 +62,7 @@ class ViewOptions:
     but the size.
     """
 
-    size: tuple[int, int] = _option(
-        (512, 512), picture_size(), "pixels, such as 800x600 or 512 (default 512x512)", level=BASIC
-    )
+    size: tuple[int, int] = _option((512, 512), picture_size(), "pixels, such as 800x600 or 512", level=BASIC)
     azimuth: float | None = _option(
         None,
         number(metavar="A"),

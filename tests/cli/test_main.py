@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import re
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.cli.main import main
+from splatgl.cli.main import COMMANDS, _command_of, _parser, main
 
 NOISE = np.random.default_rng(6).random((6, 7, 8)).astype(np.float32)
 
@@ -254,6 +255,28 @@ def test_savings(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert found and float(found[1]) > 0 and float(found[2]) < 5e-4
     assert main(["render", "noise.npy", "--size", "16", "--savings", "--align", "grid"]) == 0
     assert "nothing that is left out can be drawn besides" in capsys.readouterr().out
+
+
+def test_help_shows_basic_options_in_a_line_each_and_help_all_shows_all(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for name in COMMANDS:
+        parser, pages = _command_of(_parser([name]), name), []
+        for flag in ("--help", "--help-all")[: 1 + parser.is_long]:
+            with pytest.raises(SystemExit) as stop:
+                main([name, flag])
+            pages.append(capsys.readouterr().out)
+            assert stop.value.code == 0 and max(map(len, pages[-1].splitlines())) <= 80
+        flags = {
+            flag for action in parser._actions if action.help != argparse.SUPPRESS for flag in action.option_strings
+        }
+        assert flags == set(re.findall(r"(?<=[ ])--?[a-z][\w-]*(?=[ ,\n])", pages[-1])) & flags
+        if parser.is_long:
+            basic, _, more = pages[0].rstrip().rpartition(" default):\n")[2].partition("\n\n")
+            lines = basic.splitlines()
+            assert 15 <= len(lines) <= 20 and all(line.startswith("  --") for line in lines)
+            assert more == f"More options: splatgl {name} --help-all"
 
 
 def test_help_fits_a_terminal() -> None:

@@ -58,11 +58,11 @@ def test_told_before_imports(command: str, tmp_path: Path) -> None:
     assert late + sorted({*CASES[command]} & {*imported}) == []
 
 
-def test_grounds_are_those_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_tells_the_defaults_of_the_window(capsys: pytest.CaptureFixture[str]) -> None:
     """They are imported with what draws; the help names them before."""
     for arguments in (["--help-all"], ["missing.nrrd", "--ground", "blue"]):
         with pytest.raises(SystemExit):
             main(["view", *arguments])
     told = capsys.readouterr()
     assert f"--ground {'|'.join(GROUNDS)}" in told.out and f"expected {' or '.join(GROUNDS)}" in told.err
-    assert Options.ground == GROUNDS[0]
+    assert Options.ground == GROUNDS[0] and "512 (default {}x{})".format(*Options.size) in told.out
