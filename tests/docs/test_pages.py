@@ -431,6 +431,15 @@ def test_paths_exist(path: Path) -> None:
             assert (ROOT / code.split()[0]).exists(), code
 
 
+def test_files_of_an_image_exist() -> None:
+    """Files without a room are in splatgl/splat."""
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"(?m)^\| input \|.*\n((?:\|.*\n)+)", text)
+    names = re.findall(r"`([\w/]+\.py)`", table)
+    missing = [name for name in names if not (ROOT / "splatgl" / ("" if "/" in name else "splat") / name).is_file()]
+    assert len(names) > 20 and missing == []
+
+
 @each_page
 def test_names_exist(path: Path) -> None:
     """Inline `sg.…` is public; dotted `splatgl.…` is a name in a module."""
