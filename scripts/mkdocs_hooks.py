@@ -12,7 +12,7 @@ from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser
 from splatgl.options import declared
 from splatgl.splat.settings import Settings
-from splatgl.splat.technique import TECHNIQUES, combinations
+from splatgl.splat.technique import TECHNIQUES, table_of_refusals
 from splatgl.studies.accuracy.content import registry
 from splatgl.studies.tables import Table
 from splatgl.viewer import commands
@@ -65,7 +65,7 @@ TABLES = {
     "annotations": annotations,
     "keys": keys,
     "methods": lambda: registry().markdown(),
-    "techniques": lambda: Table(("setting", *TECHNIQUES), tuple(combinations())).markdown(),
+    "techniques": lambda: Table(("setting", *TECHNIQUES), tuple(table_of_refusals())).markdown(),
 }
 """Tables by the name that a page gives in `<!-- table: NAME -->`."""
 

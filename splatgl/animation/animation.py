@@ -43,9 +43,9 @@ from splatgl.scene.draw import (
 )
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.bricks import Bricks, bricks_of, fits, required_bricks
+from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
 from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.motion import Motion, flow_of, moments
+from splatgl.splat.motion import Motion, count_moments, flow_of
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.ordering import order_for
 from splatgl.splat.resolve import blur, streaked
@@ -233,7 +233,7 @@ class Animation:
             return max(self.only.moments(camera, settings, turn) for camera in cameras)
         if blur(self.only, settings) != "moments" or settings.shutter == 0:
             return None
-        return max(moments(self.only, camera, turn, settings.shutter) for camera in cameras)
+        return max(count_moments(self.only, camera, turn, settings.shutter) for camera in cameras)
 
 
 def _matter(scene: SceneFile, volume: Volume, transfer: Transfer, args: argparse.Namespace) -> Splats | Layers:
@@ -295,7 +295,7 @@ def _bands(volume: Volume, transfer: Transfer, scene: SceneFile, flow: float | N
     """
     bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
     most = budget()
-    wanted = fits(bricks, scene.view.size, most) if bricks and most > 0 else None
+    wanted = excess_need(bricks, scene.view.size, most) if bricks and most > 0 else None
     if wanted is None:
         return 0
     if flow is not None or streaked(scene.settings):

@@ -14,7 +14,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
 from splatgl.fileio import budget, format_bytes
 from splatgl.readers.common import is_mapped
-from splatgl.splat.bricks import bricks_of, fits, need
+from splatgl.splat.bricks import bricks_of, estimate_need, excess_need
 from splatgl.splat.presets import default_transfer
 from splatgl.splat.settings import Settings
 
@@ -191,8 +191,8 @@ def _drawing_lines(volume: Volume) -> list[str]:
     if bricks is None:
         return []
     most = budget()
-    wanted = need(bricks, 4 * SIZE[0] * SIZE[1], 0)
-    many = fits(bricks, SIZE, most)
+    wanted = estimate_need(bricks, 4 * SIZE[0] * SIZE[1], 0)
+    many = excess_need(bricks, SIZE, most)
     how = "whole" if many is None else f"{len(bricks.low):,} bricks"
     level = "level 0; render takes the coarsest level that is right"
     told = wrap(f"{wanted}, of {format_bytes(most)}: {how}", WIDTH - _LABEL - 2)

@@ -251,13 +251,13 @@ def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]
 def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
     """On a worker: a part of the picture."""
     from splatgl.fileio import budget
-    from splatgl.splat.bricks import need
+    from splatgl.splat.bricks import estimate_need
 
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
     some = bricks.within(chosen.resolved.sheets, chosen.view, shell)
     most = budget() if job.memory is None else job.memory
-    bands = need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).bands(most)
+    bands = estimate_need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).bands(most)
     pixels = renderer(job.drawing).render_part(some, job.camera, job.settings, bands)
     return Part.of(pixels, sum(some.found.values()))
 

@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.shader import ABREAST
-from splatgl.splat.culling import boxes
+from splatgl.splat.culling import block_boxes
 from splatgl.splat.ordering import Order, back_to_front
 from splatgl.splat.splats import MOST_KEPT, Splats
 
@@ -204,7 +204,7 @@ class Textured:
         self._release_sorted()
         chosen = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
         first, rest = (self._texture(words[chosen]) for words in self._words(runs))
-        return Texels(first, rest, None, boxes(self.splats.records["position"][chosen]))
+        return Texels(first, rest, None, block_boxes(self.splats.records["position"][chosen]))
 
     def release(self) -> None:
         """Frees all textures; they are recreated on demand."""

@@ -18,7 +18,7 @@ from splatgl.data.volume import Volume, zyx_index
 from splatgl.fileio import budget
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import load
-from splatgl.splat.bricks import Bricks, bricks_of, fits, spread
+from splatgl.splat.bricks import Bricks, bricks_of, excess_need, spread_places
 from splatgl.splat.camera import Camera
 from splatgl.splat.grid import Grid
 from splatgl.splat.motion import Moments, Motion
@@ -139,7 +139,7 @@ def _boxes(
     step = np.maximum(np.rint(sides).astype(np.int64), 1)
     side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step, size)
     most, found = MOST_READ // (int(side.prod()) * volume.samples.dtype.itemsize), 0
-    lows = np.unique(spread(size - side, min(max(most, BOXES), PLACES)) // step * step, axis=0)
+    lows = np.unique(spread_places(size - side, min(max(most, BOXES), PLACES)) // step * step, axis=0)
     lost = [_lost(volume.part(zyx_index(low), zyx_index(low + side)), step, transfer) for low in lows]
     for low in lows[np.argsort(lost)[::-1]]:
         part = volume.part(zyx_index(low), zyx_index(low + side))
@@ -239,7 +239,7 @@ def render_slabs(
     with nullcontext(renderer) if renderer else Renderer() as drawing:
         level = level_for(volume, transfer, camera, settings, drawing)
         bricks = bricks_of(level.volume, level.transfer, settings)
-        many = fits(bricks, camera.size, most) if bricks else None
+        many = excess_need(bricks, camera.size, most) if bricks else None
         told = {**level.info, "bricks": 0}
         if bricks is None or many is None:
             image = drawing.render(extracted(level.volume, level.transfer, settings), camera, settings)

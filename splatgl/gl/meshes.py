@@ -18,7 +18,7 @@ from splatgl.gl.program import BLEND_STATES, Programs
 from splatgl.gl.target import Target, check_size, settle
 from splatgl.gl.tiles import set_uniforms
 from splatgl.splat.camera import Camera
-from splatgl.splat.colormaps import places_of, tables_of
+from splatgl.splat.colormaps import map_places, map_tables
 
 # texture units of depths before and behind; those of the units below are in use while volumes are drawn
 NEAREST_UNIT, FARTHEST_UNIT = 16, 17
@@ -91,7 +91,7 @@ class Surfaces:
         maps = sum(each.mapped for each in opaque)
         corners = [corners_of(opaque, 0, camera, unit), corners_of(clear, maps, camera, unit)]
         depths = depth_range(np.concatenate([each["place"][:, 2] for each in corners]), camera.perspective)
-        tables = tables_of([*opaque, *clear])
+        tables = map_tables([*opaque, *clear])
         mapped = self.ctx.texture(tables.shape[1::-1], 3, tables.tobytes(), dtype="f4")
         mapped.filter = (moderngl.NEAREST, moderngl.NEAREST)
         buffers = [self.ctx.buffer(each.tobytes()) if len(each) else None for each in corners]
@@ -195,7 +195,7 @@ def corners_of(meshes: Sequence[Mesh], maps: int, camera: Camera, unit: float) -
         some["color"][:, :3], some["color"][:, 3] = mesh.shades.reshape(-1, 3), mesh.opacity
         some["value"][:, 1] = maps if mesh.mapped else -1.0
         if mesh.mapped:
-            some["value"][:, 0] = places_of(mesh)[mesh.faces].ravel()
+            some["value"][:, 0] = map_places(mesh)[mesh.faces].ravel()
             maps += 1
         first += 3 * len(mesh)
     return found

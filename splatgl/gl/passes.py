@@ -23,7 +23,7 @@ from splatgl.gl.target import Portions, Target, Targets
 from splatgl.gl.textures import CueFields, MaskTexture, Tables
 from splatgl.gl.tiles import Tiles
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
-from splatgl.splat.culling import Window, ahead, exposed
+from splatgl.splat.culling import Window, clip_behind_eye, visible_boxes
 from splatgl.splat.ordering import order_for
 from splatgl.splat.plan import Plan
 from splatgl.splat.resolve import END_CORRECTION
@@ -103,7 +103,7 @@ class Passes:
         shell, the samples are returned.
         """
         if plan.exposure is None:
-            splats = exposed(ahead(splats, plan.resolved.camera), plan.resolved)
+            splats = visible_boxes(clip_behind_eye(splats, plan.resolved.camera), plan.resolved)
         target = self.targets.get(role, plan.view.size, plan.target)
         target.clear()
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
@@ -118,7 +118,9 @@ class Passes:
         plan = layers[0][1]
         target, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ("draw", "layer"))
         target.clear()
-        ahead_ = [(exposed(ahead(splats, own.resolved.camera), own.resolved), own) for splats, own in layers]
+        ahead_ = [
+            (visible_boxes(clip_behind_eye(splats, own.resolved.camera), own.resolved), own) for splats, own in layers
+        ]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self.layers.composite(target, scratch, ahead_, self._bind, portions)
         return self._read(target, replace(plan, window=union([each.window for _, each in layers])))
@@ -135,7 +137,7 @@ class Passes:
         camera, unit = plan.resolved.camera, first.grid.mean_spacing
         target, part, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ROLES)
         target.clear()
-        shown = [(exposed(ahead(splats, camera), own.resolved), own) for splats, own in layers]
+        shown = [(visible_boxes(clip_behind_eye(splats, camera), own.resolved), own) for splats, own in layers]
         shown = [each for each in shown if len(each[0])]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)

@@ -20,7 +20,7 @@ from splatgl.gl.context import check_process, context_info, current, inherited, 
 from splatgl.gl.passes import Passes
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
-from splatgl.splat.bricks import Bricks, Seen
+from splatgl.splat.bricks import Bricks, IsVisible
 from splatgl.splat.camera import Camera
 from splatgl.splat.error_bound import bound
 from splatgl.splat.extract_values import post_splats
@@ -245,7 +245,7 @@ class Renderer:
         # the splats that stand for all are not clipped: bricks are
         chosen = replace(self.plan(whole, camera, settings), splats=whole)
         self.require_tiles("a volume in bricks", chosen, "or give more --memory, to draw it whole")
-        return chosen.forced(half_line=True) if bricks.reached(chosen.view) else chosen
+        return chosen.with_choices(half_line=True) if bricks.surround_eye(chosen.view) else chosen
 
     def require_tiles(self, what: str, chosen: Plan, fix: str = "") -> None:
         """InputError, which says what the driver or the plan lacks, for a plan of what only tiles draw."""
@@ -265,7 +265,7 @@ class Renderer:
         bricks.found.clear()
         bricks.gaps.clear()
 
-        def batches(seen: Seen) -> Iterator[Splats]:
+        def batches(seen: IsVisible) -> Iterator[Splats]:
             nonlocal before
             assert chosen.resolved.sheets is not None
             for records, done in bricks.batches(chosen.resolved.sheets, chosen.view, seen):

@@ -19,14 +19,14 @@ from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_uniforms
 from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of, set_uniforms
 from splatgl.gl.uniforms import base_of
-from splatgl.splat.bricks import Seen, Shell
+from splatgl.splat.bricks import IsVisible, Shell
 from splatgl.splat.clipping import MOST_CLIPS, Clip
-from splatgl.splat.culling import Frustum, Window, beside_box, screen_bounds, shown
+from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
 from splatgl.splat.grid import corners_of
 from splatgl.splat.plan import Plan
 from splatgl.splat.sheets import NearField, index_direction
 from splatgl.splat.splats import Splats
-from splatgl.splat.technique import COLUMNS, ROWS, cuts
+from splatgl.splat.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.view import GridView
 
 # buffer binding of open sheets
@@ -50,7 +50,7 @@ class Batches:
     voxels around the eye.
     """
 
-    of: Callable[[Seen], Iterator[Splats]]
+    of: Callable[[IsVisible], Iterator[Splats]]
     bands: int = 1
     shell: Shell | None = None
     near: NearField | None = None
@@ -114,7 +114,7 @@ class SheetTiles(Tiles):
     ) -> None:
         """Composites a window of the picture; texels: of `_sorted`."""
         band = self._begin(splats, plan, window)
-        for which in pairwise(cuts(self.count, plan.hiding.depth_batches)):
+        for which in pairwise(batch_starts(self.count, plan.hiding.depth_batches)):
             self.gather(target, plan, texels, which, band, ask=portions.ask)
         self._flush(target, plan)
 
@@ -144,7 +144,7 @@ class SheetTiles(Tiles):
         def seen(low: np.ndarray, high: np.ndarray) -> bool:
             if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
                 return False
-            if not shown(np.concatenate([low + high, high - low])[None] / 2, frustum)[0]:
+            if not blocks_in_frustum(np.concatenate([low + high, high - low])[None] / 2, frustum)[0]:
                 return False
             x, y, width, height = screen_bounds(corners_of(low, high), plan.view).window.box
             x, y = x - window.x, y - window.y
@@ -176,7 +176,7 @@ class SheetTiles(Tiles):
         band, self.begun = self.band, np.zeros(self.band.closed.size, bool)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
-            band.closed |= beside_box(plan.view, splats.post.shape, window, (COLUMNS, ROWS))
+            band.closed |= tiles_beside_box(plan.view, splats.post.shape, window, (COLUMNS, ROWS))
         return band
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:

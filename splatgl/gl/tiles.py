@@ -20,11 +20,11 @@ from splatgl.gl.program import Programs
 from splatgl.gl.shader import ABREAST, LANES, LISTED, NOWHERE
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import HALF_LINE_UNIT
-from splatgl.splat.culling import BLOCK, Frustum, Window, shown
+from splatgl.splat.culling import BLOCK, Frustum, Window, blocks_in_frustum
 from splatgl.splat.kernels import single_reach
 from splatgl.splat.plan import Plan, Program
 from splatgl.splat.splats import MOST_KEPT, Splats
-from splatgl.splat.technique import COLUMNS, MOST, MOST_PIXELS, ROWS, cuts
+from splatgl.splat.technique import COLUMNS, MOST, MOST_PIXELS, ROWS, batch_starts
 
 # most entries of all lists together
 MOST_LISTED = 2**25
@@ -85,11 +85,11 @@ class Tiles:
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the splats into `target`, nearest first, chunk by chunk; raises Interrupted if cancelled."""
         frustum, kept = Frustum.of(plan.view), len(splats) <= MOST_KEPT
-        batches = pairwise(cuts(len(splats), plan.hiding.depth_batches))
+        batches = pairwise(batch_starts(len(splats), plan.hiding.depth_batches))
         bands = [self.begin(window) for window in bands_of(plan.window)]
         for begin, end in (chunk for batch in batches for chunk in chunks(batch)):
             texels = self.splats.of(splats).texels(plan.program.runs, order, None if kept else (begin, end))
-            seen = None if texels.boxes is None else shown(texels.boxes, frustum)
+            seen = None if texels.boxes is None else blocks_in_frustum(texels.boxes, frustum)
             if seen is not None and seen.all():
                 seen = None
             first = 0 if kept else begin

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.splat.clipping import Plane
-from splatgl.splat.colormaps import of_colors
+from splatgl.splat.colormaps import colormap_name
 from splatgl.splat.transfer import Nodes
 
 
@@ -24,5 +24,5 @@ def color_nodes(values: np.ndarray, colors: np.ndarray) -> tuple[tuple[float, fl
     """Window and colour map through sRGB colours [N, 3] of ascending values [N]; no window for a single value."""
     low, high = float(values[0]), float(values[-1])
     if not low < high:
-        return None, of_colors(np.zeros(1), colors[:1])
-    return (low, high), of_colors((values - low) / (high - low), np.clip(colors, 0.0, 1.0))
+        return None, colormap_name(np.zeros(1), colors[:1])
+    return (low, high), colormap_name((values - low) / (high - low), np.clip(colors, 0.0, 1.0))

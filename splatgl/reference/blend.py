@@ -68,18 +68,18 @@ class Band:
         return cls(Sum.zeros((pixels,)), Sum.zeros((pixels, 3)))
 
 
-def blended(depth: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+def blend_opacity(depth: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """Opacity of optical depths: the paper's attenuation scales opacity, not depth.  [M98 Eq. 6]"""
     return np.asarray(-np.expm1(-depth / coverage) * coverage)
 
 
 def add_over(band: Band, part: Part) -> None:
     """'Over', front to back: colour is weighted by the transmittance in front of it; optical depths add."""
-    order, start, where = _by_pixel(part.pixel)
+    order, start, where = _group_by_pixel(part.pixel)
     depth, coverage, color = part.depth[order], part.coverage[order], part.color[order]
-    opacity = blended(depth, coverage)
+    opacity = blend_opacity(depth, coverage)
     depth = np.where(coverage < 1, -np.log1p(-np.minimum(opacity, ALMOST_ONE)), depth)
-    before = _before(depth, start)
+    before = _depth_before(depth, start)
     length = np.diff(np.append(start, len(depth)))
     visible = np.exp(-(np.repeat(band.depth.value[where], length) + before)) * opacity
     band.color.add(where, np.add.reduceat(color * visible[:, None], start, axis=0))
@@ -88,7 +88,7 @@ def add_over(band: Band, part: Part) -> None:
 
 def add_sum(band: Band, part: Part) -> None:
     """The sum of optical depth and of depth · colour."""
-    order, start, where = _by_pixel(part.pixel)
+    order, start, where = _group_by_pixel(part.pixel)
     depth = part.depth[order]
     band.color.add(where, np.add.reduceat(part.color[order] * depth[:, None], start, axis=0))
     band.depth.add(where, np.add.reduceat(depth, start))
@@ -96,7 +96,7 @@ def add_sum(band: Band, part: Part) -> None:
 
 def add_max(band: Band, part: Part) -> None:
     """The maximum of opacity and, by channel, of opacity · colour."""
-    order, start, where = _by_pixel(part.pixel)
+    order, start, where = _group_by_pixel(part.pixel)
     opacity = part.depth[order]
     color = np.maximum.reduceat(part.color[order] * opacity[:, None], start, axis=0)
     band.color.total[where] = np.maximum(band.color.total[where], color)
@@ -112,7 +112,7 @@ def pixels(band: Band, blend: BlendMode) -> np.ndarray:
     return np.concatenate([band.color.value, alpha[:, None]], axis=1)
 
 
-def joined(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
+def join_values(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
     """Joins values [P] over `length` [P] ≥ 0 to rays `light` [P, 4], whose first columns are value and length so far.
 
     join: max, min, or mean, whose value is the sum by length. Values without length change nothing.
@@ -134,7 +134,7 @@ def joined_value(light: np.ndarray, join: str) -> np.ndarray:
     return np.asarray(light[:, 0] / length if join == "mean" else np.where(length > 0, light[:, 0], np.nan))
 
 
-def classified(transfer: Transfer, value: np.ndarray) -> np.ndarray:
+def classify_values(transfer: Transfer, value: np.ndarray) -> np.ndarray:
     """[P, 4]: colour · opacity, and opacity over the reference length, of values [P]; 0 for NaN."""
     opacity = np.asarray(transfer.opacity(value))[:, None]
     return np.concatenate([transfer.color(value) * opacity, opacity], axis=1)
@@ -147,7 +147,7 @@ def over_background(drawn: np.ndarray, resolved: Resolved) -> np.ndarray:
     return np.asarray(drawn + (1 - drawn[..., 3:]) * np.array([*resolved.background, 1.0]))
 
 
-def _by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _group_by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stable sort of pairs by pixel; the start of each pixel's pairs; and its pixel index."""
     # numpy uses radix sort for 16-bit integers
     small = pixel.astype(np.uint16) if pixel.max(initial=0) < 1 << 16 else pixel
@@ -157,7 +157,7 @@ def _by_pixel(pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return order, start, ordered[start]
 
 
-def _before(depth: np.ndarray, start: np.ndarray) -> np.ndarray:
+def _depth_before(depth: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Exclusive prefix sum of the depths within each pixel."""
     # each pixel's first entry subtracts the previous pixel's sum, so that the running sum stays small
     totals = np.add.reduceat(depth, start)

@@ -37,15 +37,15 @@ def check(
     Draws SQUARES squares of SIDE pixels in float64, distributed over the non-empty pixels. rows: number of rows of
     pixels to compare instead. field: also compares some of these pixels with the exact integral of the field, whose
     values are reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as
-    `refuse`.
+    `check_input`.
     """
     settings = settings or Settings()
-    refuse(splats, camera, settings, rows, field)
-    visible = _seen(image.pixels, settings)
+    check_input(splats, camera, settings, rows, field)
+    visible = _is_visible(image.pixels, settings)
     if rows == 0 or not visible.any():
         return image
     windows = _squares(visible) if rows is None else _rows(visible, rows)
-    checked = _compared(image, windows, render_windows(splats, camera, settings, windows))
+    checked = _compare(image, windows, render_windows(splats, camera, settings, windows))
     if field:
         inside = np.zeros_like(visible)
         for w in windows:
@@ -62,11 +62,11 @@ def check(
 def check_bricks(image: Image, bricks: Bricks, camera: Camera, settings: Settings | None = None) -> Image:
     """Like `check`, for squares of an image of `Renderer.render_bricks`."""
     settings = settings or Settings()
-    visible = _seen(image.pixels, settings)
+    visible = _is_visible(image.pixels, settings)
     if not visible.any():
         return image
     windows = _squares(visible)
-    checked = _compared(image, windows, render_windows_of(bricks, camera, settings, windows))
+    checked = _compare(image, windows, render_windows_of(bricks, camera, settings, windows))
     return Image(image.pixels, {**image.info, "checked": checked})
 
 
@@ -77,22 +77,22 @@ def check_layers(
     settings = settings or Settings()
     if rows is not None and not 0 <= rows <= camera.size[1]:
         raise expected("--check", f"0 to {camera.size[1]} rows", rows)
-    visible = _seen(image.pixels, settings)
+    visible = _is_visible(image.pixels, settings)
     if rows == 0 or not visible.any():
         return image
     windows = _squares(visible) if rows is None else _rows(visible, rows)
-    checked = _compared(image, windows, render_windows(scene, camera, settings, windows))
+    checked = _compare(image, windows, render_windows(scene, camera, settings, windows))
     return Image(image.pixels, {**image.info, "checked": checked})
 
 
-def _compared(image: Image, windows: list[Window], right: list[np.ndarray]) -> dict[str, object]:
+def _compare(image: Image, windows: list[Window], right: list[np.ndarray]) -> dict[str, object]:
     """The compared windows, their number of pixels and the errors. right: the exact pixels of the windows."""
     parts = [image.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
     off = np.concatenate([(part - pixels).reshape(-1, 4) for part, pixels in zip(parts, right, strict=True)])
     return {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
 
 
-def refuse(splats: Splats, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:
+def check_input(splats: Splats, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:
     """Raises InputError, before any drawing, for input that `check` cannot compare: a number of rows that the picture
     does not have, and a field of no rows, or of voxels classified before reconstruction.
     """
@@ -107,7 +107,7 @@ def refuse(splats: Splats, camera: Camera, settings: Settings, rows: int | None,
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
 
 
-def _seen(pixels: np.ndarray, settings: Settings) -> np.ndarray:
+def _is_visible(pixels: np.ndarray, settings: Settings) -> np.ndarray:
     """bool [H, W]: which pixels show more than the background."""
     if settings.background is None or BLENDS[settings.blend].unbounded:
         return np.asarray(pixels[..., 3] > 0)
@@ -116,7 +116,7 @@ def _seen(pixels: np.ndarray, settings: Settings) -> np.ndarray:
 
 def _rows(visible: np.ndarray, count: int) -> list[Window]:
     """Rows of pixels, evenly distributed over the non-empty rows."""
-    rows = _spread(np.flatnonzero(visible.any(axis=1)), count)
+    rows = _spread_evenly(np.flatnonzero(visible.any(axis=1)), count)
     return [Window(0, row, visible.shape[1], 1) for row in rows.tolist()]
 
 
@@ -125,11 +125,11 @@ def _squares(visible: np.ndarray) -> list[Window]:
     height, width = visible.shape
     padded = np.pad(visible, ((0, -height % SIDE), (0, -width % SIDE)))
     down, across = padded.shape[0] // SIDE, padded.shape[1] // SIDE
-    cells = _spread(np.argwhere(padded.reshape(down, SIDE, across, SIDE).any(axis=(1, 3))) * SIDE, SQUARES)
+    cells = _spread_evenly(np.argwhere(padded.reshape(down, SIDE, across, SIDE).any(axis=(1, 3))) * SIDE, SQUARES)
     return [Window(x, y, min(SIDE, width - x), min(SIDE, height - y)) for y, x in cells.tolist()]
 
 
-def _spread(places: np.ndarray, count: int) -> np.ndarray:
+def _spread_evenly(places: np.ndarray, count: int) -> np.ndarray:
     """At most `count` of the places, at equal steps."""
     return places[np.unique(((np.arange(count) + 0.5) / count * len(places)).astype(int))]
 

@@ -22,11 +22,11 @@ from splatgl.reference.rays import Rays
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.culling import Window
-from splatgl.splat.extract import only_pre
+from splatgl.splat.extract import why_only_pre
 from splatgl.splat.extract_values import gradients
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import kernel
-from splatgl.splat.mask_field import MaskField, kept_part
+from splatgl.splat.mask_field import MaskField, clip_to_mask
 from splatgl.splat.preintegration import ClassIntegral
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
@@ -49,7 +49,7 @@ EXTREMES = ("max", "min")
 
 At = float | str
 # whether values are visible
-Shown = Callable[[np.ndarray], np.ndarray]
+IsVisible = Callable[[np.ndarray], np.ndarray]
 
 
 def depths(
@@ -68,22 +68,24 @@ def depths(
     """
     settings = settings or Settings()
     scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
-    share, sign = _asked(at)
+    share, sign = _parse_at(at)
     cut = [(layer, (*settings.clip, *planes)) for layer, planes in zip(scene.shown, scene.planes, strict=True)]
     pre = settings.classification == "pre"
     fields = [LayerField.of(layer, planes, camera, pre, sign) for layer, planes in cut]
     count = camera.size[0] * camera.size[1]
     if sign:
-        walk = partial(_extreme, fields, [_shown(layer.seen, sign) for layer, _ in cut])
+        walk = partial(_extreme_depths, fields, [_visibility_test(layer.seen, sign) for layer, _ in cut])
     else:
-        walk = partial(_absorbed, fields, _surfaces(scene.surfaces(settings), camera), LEAST - float(np.log1p(-share)))
+        walk = partial(
+            _absorption_depths, fields, _surfaces(scene.surfaces(settings), camera), LEAST - float(np.log1p(-share))
+        )
     groups = [np.arange(first, min(first + RAYS, count)) for first in range(0, count, RAYS)]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, THREADS)) as pool:
         result = np.concatenate(list(pool.map(walk, groups)))
     return result.reshape(camera.size[::-1])
 
 
-def _asked(at: At) -> tuple[float, float]:
+def _parse_at(at: At) -> tuple[float, float]:
     """The absorbed share; and the sign of the values whose maximum is searched, 0 for a share."""
     if at in EXTREMES:
         return 0.0, 1.0 if at == "max" else -1.0
@@ -92,7 +94,7 @@ def _asked(at: At) -> tuple[float, float]:
     return float(at), 0.0
 
 
-def _shown(look: Transfer, sign: float) -> Shown:
+def _visibility_test(look: Transfer, sign: float) -> IsVisible:
     """Returns a test whether values, multiplied by a sign, are visible; the values of labels are their opacities."""
 
     def shown(values: np.ndarray) -> np.ndarray:
@@ -157,7 +159,7 @@ def _begin(fields: Sequence[LayerField], rays: np.ndarray) -> Walk:
     return Walk(rays, start, zero, np.zeros(count, np.int64), np.full((len(fields), count), np.nan))
 
 
-def _ends(fields: Sequence[LayerField], walk: Walk) -> np.ndarray:
+def _step_ends(fields: Sequence[LayerField], walk: Walk) -> np.ndarray:
     """End of each ray's next step: after half a voxel, at a plane of samples or a label's face, or at the start or end
     of a layer.
     """
@@ -169,7 +171,7 @@ def _ends(fields: Sequence[LayerField], walk: Walk) -> np.ndarray:
     return end
 
 
-def _through(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, number: int) -> np.ndarray:
+def _pass_step(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, number: int) -> np.ndarray:
     """Optical depths [N] of a layer along a step of some rays to depths `end`; stores the values there in the walk."""
     ray, depth = walk.ray[some], walk.depth[some]
     passed = np.zeros(len(some))
@@ -189,14 +191,14 @@ def _through(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray, n
     first, last, begin, to = first[known], last[known], depth[inside[known]], end[inside[known]]
     if field.mask is not None:
         at = field.kept(begin, ray[known]), field.kept(to, ray[known])
-        (low, high), slope = kept_part(at, (begin, to)), (last - first) / (to - begin)
+        (low, high), slope = clip_to_mask(at, (begin, to)), (last - first) / (to - begin)
         first, last, begin, to = first + slope * (low - begin), last + slope * (high - to), low, high
     mean = field.look.mean(first, last, (field.look.until(first), field.look.until(last)))
     passed[inside[known]] = mean * (to - begin) * field.length[ray[known]]
     return passed
 
 
-def _absorbed(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, rays: np.ndarray) -> np.ndarray:
+def _absorption_depths(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, rays: np.ndarray) -> np.ndarray:
     """Depths where the optical depth along rays reaches `enough`; NaN where it does not."""
     result = np.full(len(rays), np.nan)
     # decisive steps: their ends, and the optical depth still missing
@@ -204,7 +206,7 @@ def _absorbed(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, r
     walk, at = _begin(fields, rays), rays[0]
     while len(walk.ray):
         free = np.min([field.free(walk.depth, walk.ray) for field in fields], axis=0)
-        end = np.where(free > 0, walk.depth + free, _ends(fields, walk))
+        end = np.where(free > 0, walk.depth + free, _step_ends(fields, walk))
         # a step ends at a surface, too
         next_ = surfaces.depth[walk.ray, walk.surface]
         meets = next_ <= end
@@ -213,7 +215,7 @@ def _absorbed(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, r
         passed = np.zeros(len(end))
         for number, field in enumerate(fields):
             walk.value[number, free > 0] = np.nan
-            passed[some] += _through(field, walk, some, end[some], number)
+            passed[some] += _pass_step(field, walk, some, end[some], number)
         ends = np.flatnonzero(walk.passed + passed >= enough)
         within[:, walk.ray[ends] - at] = walk.depth[ends], end[ends], enough - walk.passed[ends]
         walk.passed += passed
@@ -227,11 +229,11 @@ def _absorbed(fields: Sequence[LayerField], surfaces: Surfaces, enough: float, r
         walk.keep((walk.passed < enough) & np.isfinite(end))
     some = np.flatnonzero(np.isfinite(within[0]))
     begin, end, left = within[:, some]
-    result[some] = _within(fields, rays[some], (begin, end), left)
+    result[some] = _refine(fields, rays[some], (begin, end), left)
     return result
 
 
-def _within(
+def _refine(
     fields: Sequence[LayerField], rays: np.ndarray, ends: tuple[np.ndarray, np.ndarray], left: np.ndarray
 ) -> np.ndarray:
     """Depth within a step where the missing optical depth is reached: divides the step, then the decisive part, by
@@ -246,7 +248,7 @@ def _within(
         walk = Walk(rays, begin, passed[0], passed[0], np.full((len(fields), len(rays)), np.nan))
         for n in range(PARTS):
             to = begin + part * (n + 1)
-            more = [_through(field, walk, all_rays, to, number) for number, field in enumerate(fields)]
+            more = [_pass_step(field, walk, all_rays, to, number) for number, field in enumerate(fields)]
             passed[n + 1] = passed[n] + np.sum(more, axis=0)
             walk.depth = to
         # the parts do not add up exactly to the step
@@ -259,7 +261,7 @@ def _within(
     return np.asarray(begin + (end - begin) * share)
 
 
-def _extreme(fields: Sequence[LayerField], shown: Sequence[Shown], rays: np.ndarray) -> np.ndarray:
+def _extreme_depths(fields: Sequence[LayerField], shown: Sequence[IsVisible], rays: np.ndarray) -> np.ndarray:
     """Depths of the largest values along rays; NaN where that value is invisible or there is none."""
     best, place, layer = np.full(len(rays), -np.inf), np.full(len(rays), np.nan), np.zeros(len(rays), np.int64)
     walk, at = _begin(fields, rays), rays[0]
@@ -283,7 +285,7 @@ def _extreme(fields: Sequence[LayerField], shown: Sequence[Shown], rays: np.ndar
         some = np.flatnonzero(free == 0)
         for number, field in enumerate(fields):
             look(number, field, some, walk.depth[some])
-        walk.depth = np.where(free > 0, walk.depth + free, _ends(fields, walk))
+        walk.depth = np.where(free > 0, walk.depth + free, _step_ends(fields, walk))
         walk.keep(np.isfinite(walk.depth))
     visible = np.zeros(len(rays), bool)
     for number, field in enumerate(fields):
@@ -327,7 +329,7 @@ class Samples:
         finite = np.isfinite(samples) if samples.dtype.kind == "f" else None
         if finite is None or finite.all():
             return cls(samples.ravel(), samples.shape, nearest)
-        return cls(_filled(samples, finite).ravel(), samples.shape, nearest, ~finite.ravel())
+        return cls(_fill_missing(samples, finite).ravel(), samples.shape, nearest, ~finite.ravel())
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """Values [N] at grid positions [3, N], linear between samples; NaN nearest to missing ones."""
@@ -427,9 +429,9 @@ class LayerField:
             fix = "draw a coarser --level, or a part of it"
             raise expected(volume.name or "volume", "samples in memory or mapped, for depths", "some in parts", fix)
         if sign:
-            samples, look = _of_values(layer, sign), Look()
+            samples, look = _search_samples(layer, sign), Look()
         else:
-            samples, look = _seen(layer, pre)
+            samples, look = _absorbing_samples(layer, pre)
         grid = Grid(volume.world_from_index, np.asarray(volume.origin))
         view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
         pixels = np.arange(camera.size[0] * camera.size[1])
@@ -438,12 +440,12 @@ class LayerField:
         length = np.sqrt(across**2 + down**2 + 1) if camera.perspective else np.ones(len(pixels))
         # index units of a ray per depth
         speed = length / (rays.stretch * grid.mean_spacing)
-        low, high = _extremes(samples)
+        low, high = _block_extremes(samples)
         holds = np.ones(low.shape, bool) if sign else look.holds(low, high)
         # masked voxels of labels are transparent already
         mask = MaskField.of(volume) if not samples.nearest else None
         if mask is not None:
-            unmasked = _extremes(Samples.of(volume.kept((0, 0, 0), volume.shape).astype(np.uint8)))[1] > 0
+            unmasked = _block_extremes(Samples.of(volume.kept((0, 0, 0), volume.shape).astype(np.uint8)))[1] > 0
             holds, high = holds & unmasked, np.where(unmasked, high, -np.inf)
         ends = rays.near / speed, rays.far / speed
         return cls(samples, look, rays.start, rays.direction * speed, *ends, length, low, high, holds, mask)
@@ -502,7 +504,7 @@ class LayerField:
         return np.where((depth >= self.far[rays]) | (self.far[rays] <= self.near[rays]), np.inf, distance)
 
 
-def _of_values(layer: Layer, sign: float) -> Samples:
+def _search_samples(layer: Layer, sign: float) -> Samples:
     """Values times a sign; for labels their opacities, as in pictures of maxima."""
     values = layer.volume.samples
     if layer.seen.labels:
@@ -518,7 +520,7 @@ def _opacities(layer: Layer) -> np.ndarray:
     return opacity * volume.kept((0, 0, 0), volume.shape) if volume.masks else opacity
 
 
-def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
+def _absorbing_samples(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     """Values with their extinctions; or extinctions of voxels classified before reconstruction."""
     volume, look = layer.volume, layer.seen
     unit = look.unit or Grid(volume.world_from_index, np.zeros(3)).mean_spacing
@@ -527,7 +529,7 @@ def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     if look.labels and not look.gradient:
         return Samples.of(look.extinction(_opacities(layer), unit).astype(np.float32), nearest=True), Look()
-    if pre or look.gradient or only_pre(volume, look, layer.threshold) or not low < high:
+    if pre or look.gradient or why_only_pre(volume, look, layer.threshold) or not low < high:
         opacity = look.opacity(values)
         if look.gradient:
             z, y, x = (index.ravel() for index in np.indices(values.shape))
@@ -539,7 +541,7 @@ def _seen(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     return Samples.of(values), Look(low, high, ClassIntegral.of(look, low, high, LEAST_CELLS).until(knots)[:, 3] / unit)
 
 
-def _extremes(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+def _block_extremes(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Least and greatest sample of each box of BLOCK cells [D, H, W], including its far faces."""
     extremes = []
     for extreme in (np.minimum, np.maximum):
@@ -556,7 +558,7 @@ def _extremes(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     return extremes[0], extremes[1]
 
 
-def _filled(samples: np.ndarray, finite: np.ndarray) -> np.ndarray:
+def _fill_missing(samples: np.ndarray, finite: np.ndarray) -> np.ndarray:
     """Replaces samples that are not finite by the mean of their finite neighbours, out of 26; NaN if there are none."""
     sums, count = np.where(finite, samples, 0.0).astype(np.float64), finite.astype(np.float64)
     for axis in range(3):

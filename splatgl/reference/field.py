@@ -16,15 +16,15 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.reference.blend import classified, joined, joined_value, over_background
-from splatgl.reference.ray_integral import OPAQUE, distances, samples_of, spread
+from splatgl.reference.blend import classify_values, join_values, joined_value, over_background
+from splatgl.reference.ray_integral import OPAQUE, dilate, distances, samples_of
 from splatgl.reference.rays import Rays
-from splatgl.reference.sheets import weighted
+from splatgl.reference.sheets import weight_extinction
 from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE, Clip
-from splatgl.splat.culling import ahead
-from splatgl.splat.extract_values import PREFILTERED, gradients, needed, prefiltered
+from splatgl.splat.culling import clip_behind_eye
+from splatgl.splat.extract_values import PREFILTERED, gradients, prefilter, select_needed
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
@@ -51,10 +51,10 @@ Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
     """The kernels' normalised sums of coefficients and gradients of all finite samples; NaN beyond their reach."""
     u = _values(volume, post)
-    c = prefiltered(u, shape, PREFILTERED.get(shape.name, 0))
+    c = prefilter(u, shape, PREFILTERED.get(shape.name, 0))
     terms = _terms(volume, u, c, post)
 
-    return partial(_kernel_mean, shape, post, partial(_taken, terms))
+    return partial(_kernel_mean, shape, post, partial(_look_up_terms, terms))
 
 
 def _kernel_mean(
@@ -84,7 +84,7 @@ def trilinear_field(volume: Volume, post: ValueClassifier) -> Field:
         sums = np.zeros((places.shape[1], 5))
         for corner in np.ndindex(2, 2, 2):
             step = np.array(corner)[:, None]
-            sums += np.where(step, part, 1 - part).prod(axis=0)[:, None] * _taken(terms, first + step)
+            sums += np.where(step, part, 1 - part).prod(axis=0)[:, None] * _look_up_terms(terms, first + step)
         return post.value(sums[:, 1]), sums[:, 2:] * post.span
 
     return at
@@ -106,7 +106,7 @@ def _terms(volume: Volume, u: np.ndarray, c: np.ndarray, post: ValueClassifier, 
     return np.pad(terms, ((REACH, REACH),) * 3 + ((0, 0),))
 
 
-def _taken(terms: np.ndarray, cell: np.ndarray) -> np.ndarray:
+def _look_up_terms(terms: np.ndarray, cell: np.ndarray) -> np.ndarray:
     """The terms [P, 5] of cells [3, P] (x, y, z)."""
     x, y, z = (np.clip(index + REACH, 0, size - 1) for index, size in zip(cell, terms.shape[2::-1], strict=True))
     return np.asarray(terms[z, y, x])
@@ -155,7 +155,7 @@ class Marched:
             matter += self.classified.mean(np.where(known, middle, 0.0), np.where(known, value, 0.0)) / 2
         matter *= known[:, None]
         color = matter[:, :3] / np.where(matter[:, 3:] > 0, matter[:, 3:], 1.0)
-        extinction = weighted(matter[:, 3], self.transfer.weight(np.linalg.norm(gradient, axis=1)))
+        extinction = weight_extinction(matter[:, 3], self.transfer.weight(np.linalg.norm(gradient, axis=1)))
         return np.column_stack([color, extinction * (self.spacing / self.unit)]), gradient
 
     def light(self, places: np.ndarray, half: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
@@ -171,21 +171,21 @@ class Marched:
                 if face is not None:
                     cut = face[some]
                     gradient = np.where((cut != 0).any(axis=1, keepdims=True), cut, gradient)
-                factor, highlight = self._lit(places[:, some], gradient * self.shading, toward[some])
+                factor, highlight = self._shade(places[:, some], gradient * self.shading, toward[some])
                 if self.mask is not None and self.shading:
                     normal = self.mask.normals(places[:, some])
                     share = face_share(gradient * (self.spacing / self.span), normal)
-                    on_face = self._lit(places[:, some], normal, toward[some])
+                    on_face = self._shade(places[:, some], normal, toward[some])
                     factor, highlight = (
                         a * (1 - share) + b * share for a, b in zip((factor, highlight), on_face, strict=True)
                     )
                 result[some, :3] = result[some, :3] * factor[:, None] + highlight[:, None]
         return result
 
-    def _lit(self, places: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _shade(self, places: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [P] and highlights [P] of surfaces with normals [P, 3]."""
         assert self.light_by is not None
-        reached = self.cues.reached(places.T, normal, toward) if self.cues else None
+        reached = self.cues.light_shares(places.T, normal, toward) if self.cues else None
         return surface_light(normal, toward, self.light_by, self.shines, reached)
 
 
@@ -248,7 +248,7 @@ def field_integral(
     if isinstance(field, str):
         field = trilinear_field(volume, post) if name == "trilinear" else kernel_field(volume, shape, post)
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    free = _free(volume, post) if name != "formula" else np.zeros(volume.shape, np.uint8)
+    free = _free_distances(volume, post) if name != "formula" else np.zeros(volume.shape, np.uint8)
     unit = transfer.unit or grid.mean_spacing
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
@@ -281,9 +281,9 @@ def kept_field_integral(
     entry[z + REACH, y + REACH, x + REACH] = np.arange(len(records), dtype=np.int32)
     terms = np.column_stack([np.ones(len(records)), records["value"], records["gradient"] / splats.grid.mean_spacing])
     terms = np.concatenate([terms, np.zeros((1, 5))])
-    field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_taken(entry, cell)])
-    free = distances(spread(occupied, np.arange(-1, 2)))
-    resolved = Resolved.of(ahead(splats, camera), camera, settings)
+    field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_look_up_terms(entry, cell)])
+    free = distances(dilate(occupied, np.arange(-1, 2)))
+    resolved = Resolved.of(clip_behind_eye(splats, camera), camera, settings)
     look = resolved.look
     cues = resolved.cues
     light, shines = (look.light, look.light.within(camera)) if look.shading or cues else (None, None)
@@ -295,10 +295,10 @@ def kept_field_integral(
     return over_background(drawn, resolved)
 
 
-def _free(volume: Volume, post: ValueClassifier) -> np.ndarray:
+def _free_distances(volume: Volume, post: ValueClassifier) -> np.ndarray:
     """uint8 [D, H, W]: distances of voxels to voxels that may be near an opaque point."""
     u = _values(volume, post)
-    return distances(spread(needed(u, 2, post.wanted)[0], np.arange(-1, 2)))
+    return distances(dilate(select_needed(u, 2, post.wanted)[0], np.arange(-1, 2)))
 
 
 def _steps(rays: Rays, steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -317,8 +317,8 @@ def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarra
             places = rays.start[:, some] + rays.direction[:, some] * (rays.near[some] + (slab + 0.5) * step[some])
             value, _ = marched.field(places)
             length = np.where(np.isfinite(value) & marched.kept(places), step[some], 0.0)
-            light[some] = joined(light[some], np.nan_to_num(value), length, join)
-    return classified(marched.transfer, joined_value(light, join))
+            light[some] = join_values(light[some], np.nan_to_num(value), length, join)
+    return classify_values(marched.transfer, joined_value(light, join))
 
 
 def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:

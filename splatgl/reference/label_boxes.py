@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.reference.blend import ADD, Band, Part, pixels
-from splatgl.reference.rays import pixel_boxes, values
+from splatgl.reference.rays import pair_values, pixel_boxes
 from splatgl.reference.sheets import Pieces
 from splatgl.splat.clipping import FACE, FLUSH
 from splatgl.splat.culling import Window
@@ -125,7 +125,7 @@ class BoxScene:
     def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
         """Pieces of matter along the rays of a window's pixels, or along their parts between distances [P]."""
         rays = self._rays(window, near, far)
-        chunks = list(self._passed(window, rays))
+        chunks = list(self._pass_boxes(window, rays))
         part = Passed(
             *(np.concatenate([getattr(chunk, name) for chunk in chunks], axis=-1) for name in vars(chunks[0]))
         )
@@ -150,10 +150,10 @@ class BoxScene:
         length = rays.stretch * self.spacing
         return replace(rays, near=np.maximum(rays.near, near / length), far=np.minimum(rays.far, far / length))
 
-    def _passed(self, window: Window, rays: BoxRays) -> Iterator[Passed]:
+    def _pass_boxes(self, window: Window, rays: BoxRays) -> Iterator[Passed]:
         """Yields the parts of boxes along rays, in drawing order; at least one chunk."""
         yield Passed(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
-        for pairs in values(self.row, self.boxes, self.order, window, self.camera):
+        for pairs in pair_values(self.row, self.boxes, self.order, window, self.camera):
             ends = rays.ends(self.position[pairs.splat], pairs.pixel)
             some = ends[1] > ends[0]
             yield Passed(pairs.splat[some], pairs.pixel[some], ends[:, some])
@@ -161,7 +161,7 @@ class BoxScene:
     def _light(self, window: Window, rays: BoxRays) -> np.ndarray:
         """Blends the boxes along a window's rays: light [P, 4]."""
         gathered = Band.empty(window.height * window.width)
-        for part in self._passed(window, rays):
+        for part in self._pass_boxes(window, rays):
             if not len(part.pixel):
                 continue
             matter = self._matter(part, rays)
@@ -177,11 +177,11 @@ class BoxScene:
             depth = depth * (part.ends[1] - part.ends[0]) * rays.stretch[part.pixel]
         color = self.color[part.splat]
         if self.blend.ordered:
-            factor, highlight = self._shone(part, rays)
+            factor, highlight = self._shade(part, rays)
             color = color * factor[:, None] + highlight[:, None]
         return np.column_stack([color * depth[:, None], depth])
 
-    def _shone(self, part: Passed, rays: BoxRays) -> tuple[np.ndarray, np.ndarray]:
+    def _shade(self, part: Passed, rays: BoxRays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [N] and highlights [N] of parts of boxes."""
         look, (entry, exit_) = self.resolved.look, part.ends
         start, direction = rays.start[:, part.pixel].T, rays.direction[:, part.pixel].T
@@ -192,7 +192,7 @@ class BoxScene:
 
         def light(of: np.ndarray) -> np.ndarray:
             cues = self.resolved.cues
-            reached = None if cues is None else cues.reached(middle, of, toward)
+            reached = None if cues is None else cues.light_shares(middle, of, toward)
             return np.stack(surface_light(of, toward, look.light, shines, reached))
 
         result = light(nothing)

@@ -13,10 +13,10 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.reference.label_boxes import BoxScene
-from splatgl.reference.sheets import Pieces, SheetScene, behind
+from splatgl.reference.sheets import Pieces, SheetScene, add_behind
 from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import colors_at
-from splatgl.splat.culling import Window, ahead
+from splatgl.splat.culling import Window, clip_behind_eye
 from splatgl.splat.lighting import Light, surface_light
 from splatgl.splat.resolve import Resolved, select_splats
 from splatgl.splat.scene import Scene, check_layer, common_samples
@@ -36,12 +36,12 @@ class LayerScene:
 
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
-        light = merged([layer.pieces(window) for layer in self.layers])
+        light = merge_pieces([layer.pieces(window) for layer in self.layers])
         return light.reshape(window.height, window.width, 4)
 
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
         """Light [P, 4] of a window's pixels between distances [P], world units."""
-        return merged([layer.pieces(window, near, far) for layer in self.layers])
+        return merge_pieces([layer.pieces(window, near, far) for layer in self.layers])
 
     def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
         """Windows of the picture."""
@@ -52,19 +52,19 @@ def layers_of(scene: Scene, camera: Camera, settings: Settings) -> list[tuple[Sp
     """Splats and settings of all layers that have splats, or of the first; all with the same samples per pixel."""
     drawn = common_samples(scene.drawn(settings), camera, settings)
     return [
-        (ahead(select_splats(splats, layer_settings, moving=False), camera), layer_settings)
+        (clip_behind_eye(select_splats(splats, layer_settings, moving=False), camera), layer_settings)
         for splats, layer_settings in drawn
     ]
 
 
-def resolved_layer(splats: Splats, camera: Camera, settings: Settings) -> Resolved:
+def resolve_layer(splats: Splats, camera: Camera, settings: Settings) -> Resolved:
     """Resolved settings of one layer of several. Raises InputError for a layer that composites splat by splat."""
     resolved = Resolved.of(splats, camera, settings)
     check_layer(resolved, splats.name)
     return resolved
 
 
-def merged(layers: Sequence[Pieces]) -> np.ndarray:
+def merge_pieces(layers: Sequence[Pieces]) -> np.ndarray:
     """Light [P, 4] of layers' pieces along P rays."""
     edges = np.sort(np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1), axis=1)
     light = np.zeros((len(edges), 4))
@@ -82,7 +82,7 @@ def merged(layers: Sequence[Pieces]) -> np.ndarray:
             inside = (begin < middle) & (middle < end) & (last > first)
             share = np.where(inside, (last - first) / np.where(inside, end - begin, 1.0), 0.0)
             matter += layer.matter[rows, at[n]] * share[:, None]
-        light = behind(light, matter)
+        light = add_behind(light, matter)
     return light
 
 
@@ -134,7 +134,7 @@ def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: 
     across, down = across[window.x : window.x + window.width], down[window.y : window.y + window.height]
     lateral = np.stack([slopes.ravel() for slopes in np.meshgrid(across, down)], axis=1)
     shown = [mesh for mesh in meshes if len(mesh) and mesh.opacity > 0]
-    parts = [_crossed(mesh, camera, lateral, (across, down), light_by) for mesh in shown]
+    parts = [_cross_mesh(mesh, camera, lateral, (across, down), light_by) for mesh in shown]
     pixel = np.concatenate([np.arange(len(lateral)), *(part[0] for part in parts)])
     distance = np.concatenate([np.full(len(lateral), np.inf), *(part[1] for part in parts)])
     light = np.concatenate([np.zeros((len(lateral), 4)), *(part[2] for part in parts)])
@@ -147,7 +147,7 @@ def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: 
     return result
 
 
-def _crossed(
+def _cross_mesh(
     mesh: Mesh, camera: Camera, lateral: np.ndarray, axes: tuple[np.ndarray, np.ndarray], light_by: Light | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels [N], distances [N] and light [N, 4] where rays through slopes, or lengths, [P, 2] cross a mesh."""
@@ -167,7 +167,9 @@ def _crossed(
     determinant = (side * across).sum(axis=1)
     safe = np.where(determinant == 0, 1.0, determinant)
     u, v, depth = (np.asarray((x * y).sum(axis=1) / safe) for x, y in ((from_a, across), (ray, along), (other, along)))
-    hit = _once(np.min([u, v, 1 - u - v], axis=0), pixel, np.where((determinant != 0) & (depth > 0), depth, np.nan))
+    hit = _unique_hits(
+        np.min([u, v, 1 - u - v], axis=0), pixel, np.where((determinant != 0) & (depth > 0), depth, np.nan)
+    )
     pixel, triangle, ray, depth = pixel[hit], triangle[hit], ray[hit], depth[hit]
     share = np.stack([1 - u - v, u, v], axis=1)[hit][..., None]
     normal = (mesh.normals[triangle] * share).sum(axis=1) @ camera.eye_from_world.T
@@ -180,7 +182,7 @@ def _crossed(
     return pixel, depth * length, light
 
 
-def _once(inside: np.ndarray, pixel: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def _unique_hits(inside: np.ndarray, pixel: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Indices of the crossings among candidates [N], by pixel and depth; a ray through a shared edge or corner crosses
     once, as in OpenGL. inside [N]: the smallest barycentric coordinate; depth: NaN for none.
     """

@@ -73,7 +73,7 @@ def pick(
     if mode not in MODES:
         raise expected("mode", " or ".join(MODES), repr(mode))
     scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
-    number, cut = _number(pixel, camera), zip(scene.shown, scene.planes, strict=True)
+    number, cut = _pixel_number(pixel, camera), zip(scene.shown, scene.planes, strict=True)
     rays = [_Ray.of(layer, planes, camera, number) for layer, planes in cut]
     surfaces = _surfaces(scene, camera, number)
     ends = np.array([ray.ends for ray in rays if ray.ends[1] > ray.ends[0]])
@@ -103,18 +103,18 @@ def pick(
     place = int(np.searchsorted(depth, enough))
     at = before + np.arange(len(surfaces))
     if place in at:
-        return _on_mesh(surfaces[int(np.searchsorted(at, place))], scene, camera, number)
+        return _pick_mesh(surfaces[int(np.searchsorted(at, place))], scene, camera, number)
     left = depth[place] - enough
     place -= int((at < place).sum())
     layer = int(extinctions[:, place].argmax())
     if rays[layer].layer.seen.labels:
         exact = ends[place + 1] - lengths[place] * left / depths[place]
-        return rays[layer].picked(exact, layer, matter[layer][0][place])
+        return rays[layer].pick_at(exact, layer, matter[layer][0][place])
     # the point within the part where the layer has absorbed half of its share
     ends = np.linspace(ends[place], ends[place + 1], PARTS + 1)
     depth = np.cumsum(rays[layer].seen(ends)[1])
     part = int(np.searchsorted(depth, depth[-1] / 2))
-    return rays[layer].picked(float(ends[part] + ends[part + 1]) / 2, layer)
+    return rays[layer].pick_at(float(ends[part] + ends[part + 1]) / 2, layer)
 
 
 def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray) -> Picked | None:
@@ -123,7 +123,7 @@ def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray) -> Picked |
     if not np.isfinite(values[layer, place]):
         return None
     first = np.nan_to_num(rays[layer].within(ends[place : place + 2])[0], nan=-np.inf) >= values[layer, place]
-    return rays[layer].picked(float(ends[place if first else place + 1]), layer, values[layer, place])
+    return rays[layer].pick_at(float(ends[place if first else place + 1]), layer, values[layer, place])
 
 
 @dataclass(frozen=True)
@@ -154,10 +154,10 @@ def _first_mesh(surfaces: list[_Surface], scene: Scene, camera: Camera, pixel: i
     if not surfaces:
         return None
     depth = np.cumsum([surface.depth for surface in surfaces])
-    return _on_mesh(surfaces[int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))], scene, camera, pixel)
+    return _pick_mesh(surfaces[int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))], scene, camera, pixel)
 
 
-def _on_mesh(surface: _Surface, scene: Scene, camera: Camera, pixel: int) -> Picked:
+def _pick_mesh(surface: _Surface, scene: Scene, camera: Camera, pixel: int) -> Picked:
     """Point of a crossing with a mesh."""
     row, column = divmod(pixel, camera.size[0])
     across, down = (slopes[place] for slopes, place in zip(camera.slopes(), (column, row), strict=True))
@@ -171,7 +171,7 @@ def _on_mesh(surface: _Surface, scene: Scene, camera: Camera, pixel: int) -> Pic
     return Picked(place, nothing, np.nan, surface.distance, scene.meshes[surface.mesh].name, -1, surface.mesh)
 
 
-def _number(pixel: Any, camera: Camera) -> int:
+def _pixel_number(pixel: Any, camera: Camera) -> int:
     """A pixel's number, row by row."""
     width, height = camera.size
     try:
@@ -261,7 +261,7 @@ class _Ray:
             total += np.where(step, part, 1 - part).prod(axis=0) * samples[z, y, x].astype(np.float64)
         return total
 
-    def picked(self, distance: float, number: int, value: float | None = None) -> Picked:
+    def pick_at(self, distance: float, number: int, value: float | None = None) -> Picked:
         """The point at a distance. value: if known already."""
         volume = self.layer.volume
         index = self.start + self.direction * distance

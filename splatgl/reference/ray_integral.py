@@ -16,7 +16,7 @@ from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.blend import over_background
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import ahead
+from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import apply_light
@@ -70,7 +70,7 @@ class Field:
             raise expected("splats", "at most one at each point of a lattice", "others", "use an extracted volume")
         depth = np.append(splats.records["optical_depth"].astype(np.float64), 0.0)
         emitted = depth[:, None] * np.concatenate([color, np.zeros((1, 3))])
-        return cls(kernel, table, low, depth, emitted, distances(spread(table < len(places), -NEIGHBOURS)))
+        return cls(kernel, table, low, depth, emitted, distances(dilate(table < len(places), -NEIGHBOURS)))
 
     def cells(self, places: np.ndarray) -> np.ndarray:
         """[3, P]: table indices of grid positions [3, P], rounded down."""
@@ -107,13 +107,13 @@ def distances(near: np.ndarray) -> np.ndarray:
     """uint8: Chebyshev distance in cells to the nearest True cell of `near`, at most LEAP."""
     free = np.where(near, 0, LEAP).astype(np.uint8)
     for away in range(1, LEAP):
-        wider = spread(near, np.arange(-1, 2))
+        wider = dilate(near, np.arange(-1, 2))
         free[wider & ~near] = away
         near = wider
     return free
 
 
-def spread(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def dilate(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Dilation: occupied cells, shifted by all steps along all axes."""
     for axis in range(held.ndim):
         wider = np.zeros_like(held)
@@ -167,7 +167,7 @@ def ray_integral_at(
         if count < 1:
             raise expected(name, "a number of at least 1", count)
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-    splats = ahead(select_splats(splats, settings, moving=False), camera)
+    splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
     view = GridView.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
     voxel = view.voxels(splats.positions)
     color = splats.colors.astype(np.float64)
@@ -191,7 +191,7 @@ def samples_of(pixels: np.ndarray, width: int, samples: int) -> np.ndarray:
 def _march(field: Field, view: GridView, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:
     """float64 [P, 4]: the integral along the rays of pixels, in slabs of equal length per ray."""
     start, direction = _rays(view, camera, pixel)
-    near, far = _through_box(field, start, direction, view)
+    near, far = _clip_to_box(field, start, direction, view)
     speed = np.sqrt((direction * direction).sum(axis=0))
     slabs = np.ceil(np.maximum(far - near, 0.0) * speed * steps).astype(np.int64)
     step = np.maximum(far - near, 0.0) / np.maximum(slabs, 1)
@@ -237,7 +237,7 @@ def _rays(view: GridView, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray
     return view.index_from_eye @ np.stack(at) + eye, view.index_from_eye @ np.stack(along)
 
 
-def _through_box(
+def _clip_to_box(
     field: Field, start: np.ndarray, direction: np.ndarray, view: GridView
 ) -> tuple[np.ndarray, np.ndarray]:
     """Entry and exit of each ray for the kernels' bounding box; orthographic rays extend both ways."""

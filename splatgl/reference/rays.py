@@ -81,7 +81,7 @@ def _bounds(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tupl
         return _outline(voxel, corner, (square, square, square, 0.0, 0.0))
     low, high = _outline(voxel, corner, _ellipsoid(view))
     widened = view.is_widened(z)
-    some = _widened(view, row, voxel[:, widened], corner)
+    some = _widened_bounds(view, row, voxel[:, widened], corner)
     low[:, widened], high[:, widened] = some
     return low, high
 
@@ -123,7 +123,7 @@ def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[n
     return np.where(hidden, np.inf, low), np.where(hidden, -np.inf, high)
 
 
-def _widened(view: GridView, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _widened_bounds(view: GridView, row: str, voxel: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest slopes of voxels widened by antialiasing, as wide as the kernel or a pixel."""
     z = voxel[2]
     near = z - view.reach
@@ -136,16 +136,16 @@ def _widened(view: GridView, row: str, voxel: np.ndarray, corner: np.ndarray) ->
     return ends.min(axis=0) - half, ends.max(axis=0) + half
 
 
-def reaching(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
+def may_reach(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
     """bool [N]: whether splats at grid positions [N, 3] may reach one of the windows of the picture.
 
     around: also counts splats up to this many grid steps from the positions.
     """
     parts = (positions[start : start + SOME] for start in range(0, len(positions), SOME))
-    return np.concatenate([np.zeros(0, bool), *(_reaching(part, view, windows, around) for part in parts)])
+    return np.concatenate([np.zeros(0, bool), *(_part_may_reach(part, view, windows, around) for part in parts)])
 
 
-def _reaching(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float) -> np.ndarray:
+def _part_may_reach(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float) -> np.ndarray:
     v = view.voxels(positions)
     # a ball around the kernel; beyond z_k footprints grow with depth
     reach = (view.kernel.radius + around) * np.linalg.norm(view.eye_from_index, 2)
@@ -232,14 +232,14 @@ class Footprints(Protocol):
         """Line integrals of splats [P] along rays [2, P]."""
 
 
-def values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
+def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
     """Yields the pairs in a window of the image, in chunks; splats in the given order."""
     across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
     top, bottom = np.maximum(boxes.top, window.y), np.minimum(boxes.bottom, window.y + window.height)
     left, right = np.maximum(boxes.left, window.x), np.minimum(boxes.right, window.x + window.width)
     visible = order[((right > left) & (bottom > top))[order]]
     count = (right - left)[visible] * (bottom - top)[visible]
-    for chunk in np.split(visible, _cuts(count)):
+    for chunk in np.split(visible, _chunk_bounds(count)):
         lines, line = _unroll(top[chunk], bottom[chunk])
         owner = chunk[lines]
         spans, column = _unroll(left[owner], right[owner])
@@ -250,7 +250,7 @@ def values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window, cam
         yield Values(splat[hit], pixel, Integral(integral.value[hit], integral.peak[hit]))
 
 
-def _cuts(count: np.ndarray) -> np.ndarray:
+def _chunk_bounds(count: np.ndarray) -> np.ndarray:
     """Chunk boundaries for splats with `count` [N] pairs, about PAIRS per chunk."""
     part = np.cumsum(count) // PAIRS
     return np.flatnonzero(np.diff(part)) + 1

@@ -19,15 +19,15 @@ from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
 from splatgl.reference.blend import ADD, Band, Part, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
-from splatgl.reference.layers import LayerScene, SurfaceScene, layers_of, resolved_layer
-from splatgl.reference.rays import Boxes, Row, Values, pixel_boxes, reaching, values
+from splatgl.reference.layers import LayerScene, SurfaceScene, layers_of, resolve_layer
+from splatgl.reference.rays import Boxes, Row, Values, may_reach, pair_values, pixel_boxes
 from splatgl.reference.sheets import SheetScene
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import Window, ahead
+from splatgl.splat.culling import Window, clip_behind_eye
 from splatgl.splat.extract_values import post_splats
-from splatgl.splat.footprint import filled_depth
-from splatgl.splat.kernels import tabulated
+from splatgl.splat.footprint import fill_depth
+from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion import Motion
 from splatgl.splat.ordering import back_to_front, order_for
@@ -112,9 +112,9 @@ def render(
     if row != "row1":
         kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
         settings = settings.but(classification="pre", compositing="splats", kernel=kernel)
-    splats = ahead(select_splats(splats, settings, moving=False), camera)
+    splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
-    picture = _drawn_in_bands(_scene(splats, resolved, row), resolved, progress)
+    picture = _draw_bands(_scene(splats, resolved, row), resolved, progress)
     return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
 
 
@@ -128,13 +128,11 @@ def _render_layers(
     """`render` for several layers."""
     started = time.perf_counter()
     if BLENDS[settings.blend].ordered:
-        resolved = casting(
-            [resolved_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers
-        )
-        scene = _layered(
+        resolved = casting([resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers)
+        scene = _layer_scene(
             [(splats, layer) for (splats, _), layer in zip(layers, resolved, strict=True)], settings, meshes
         )
-        picture, first = _drawn_in_bands(scene, resolved[0], progress), resolved[0]
+        picture, first = _draw_bands(scene, resolved[0], progress), resolved[0]
     else:
         alone = [(layer, layer_settings.but(background=None)) for layer, layer_settings in layers]
         picture = joined(
@@ -147,7 +145,7 @@ def _render_layers(
     return Image(picture, {**info, "layers": [layer.name for layer in splats], "splats": sum(map(len, splats))})
 
 
-def _drawn_in_bands(
+def _draw_bands(
     scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, progress: Progress | None
 ) -> np.ndarray:
     """Draws the picture in bands of rows: float64 [H, W, 4]."""
@@ -169,9 +167,9 @@ def render_windows(
         if len(drawn) > 1 or meshes:
             return _layer_windows(drawn, camera, settings, windows, meshes)
         splats, settings = drawn[0]
-    splats = ahead(select_splats(splats, settings, moving=False), camera)
+    splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
-    return _windows(_scene(_reaching(splats, resolved, windows), resolved, "row1"), resolved, windows)
+    return _windows(_scene(_select_reaching(splats, resolved, windows), resolved, "row1"), resolved, windows)
 
 
 def _layer_windows(
@@ -186,14 +184,14 @@ def _layer_windows(
         alone = [(splats, layer_settings.but(background=None)) for splats, layer_settings in layers]
         parts = [render_windows(splats, camera, layer_settings, windows) for splats, layer_settings in alone]
         return [joined(part, settings) for part in zip(*parts, strict=True)]
-    resolved = casting([resolved_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers)
-    near = [_reaching(splats, layer, windows) for (splats, _), layer in zip(layers, resolved, strict=True)]
+    resolved = casting([resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers)
+    near = [_select_reaching(splats, layer, windows) for (splats, _), layer in zip(layers, resolved, strict=True)]
     pairs = list(zip(near, resolved, strict=True))
     some = [pair for pair in pairs if len(pair[0])] or pairs[:1]
-    return _windows(_layered(some, settings, meshes), resolved[0], windows)
+    return _windows(_layer_scene(some, settings, meshes), resolved[0], windows)
 
 
-def _layered(
+def _layer_scene(
     layers: Sequence[tuple[Splats, Resolved]], settings: Settings, meshes: Sequence[Mesh]
 ) -> SheetScene | BoxScene | LayerScene | SurfaceScene:
     """Scene of layers and meshes."""
@@ -205,9 +203,9 @@ def _layered(
     return SurfaceScene(scene, meshes, layers[0][1].camera, light)
 
 
-def _reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> Splats:
+def _select_reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> Splats:
     """Splats that may reach windows of pixels."""
-    some = reaching(splats.records["position"], resolved.view, _drawn(windows, resolved))
+    some = may_reach(splats.records["position"], resolved.view, _sample_windows(windows, resolved))
     return splats.part(some, among_all=resolved.look.attenuation == "fill")
 
 
@@ -216,20 +214,20 @@ def render_windows_of(
 ) -> list[np.ndarray]:
     """`render_windows` for a volume in bricks; extracts only bricks that may reach a window."""
     resolved = Resolved.of(bricks.whole, camera, settings)
-    fine = _drawn(windows, resolved)
+    fine = _sample_windows(windows, resolved)
     half = (bricks.high - 1 - bricks.low) / 2
     around = float(np.linalg.norm(half, axis=1).max())
     parts = [np.zeros(0, record_type(bricks.volume.shape, post=True))]
-    for brick in np.flatnonzero(reaching(bricks.low + half, resolved.view, fine, around)).tolist():
+    for brick in np.flatnonzero(may_reach(bricks.low + half, resolved.view, fine, around)).tolist():
         records = bricks.records(brick)
-        parts.append(records[reaching(records["position"], resolved.view, fine)])
+        parts.append(records[may_reach(records["position"], resolved.view, fine)])
     records = np.concatenate(parts)
     records = records[np.lexsort(records["position"].T)]
-    splats = ahead(post_splats(bricks.volume, bricks.post, records), camera)
+    splats = clip_behind_eye(post_splats(bricks.volume, bricks.post, records), camera)
     return _windows(_scene(splats, resolved, "row1"), resolved, windows)
 
 
-def _drawn(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
+def _sample_windows(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
     """The windows in samples, if several samples are averaged, else in pixels."""
     return [_samples(window, resolved) for window in windows] if resolved.averaged else list(windows)
 
@@ -238,7 +236,7 @@ def _windows(
     scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, windows: Sequence[Window]
 ) -> list[np.ndarray]:
     """Draws windows of the picture of a scene, averages samples and adds the background."""
-    fine, k = _drawn(windows, resolved), resolved.samples
+    fine, k = _sample_windows(windows, resolved), resolved.samples
     if not resolved.averaged:
         return [_mean(part, resolved) for part in scene.parts(fine)]
     pictures = []
@@ -270,7 +268,7 @@ class _Scene:
     def __init__(self, splats: Splats, resolved: Resolved, row: str) -> None:
         blend, camera = resolved.look.blend, resolved.camera
         self.camera, self.blend = camera, blend
-        view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
+        view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
         voxel = view.voxels(splats.positions)
         self.row = Row.of(view, row, voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, camera)
@@ -284,7 +282,7 @@ class _Scene:
         self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend.peak else depth
         self.coverage = self.row.coverage() if resolved.look.attenuation == "opacity" else np.ones(len(splats))
         if resolved.look.attenuation == "fill":
-            self.depth = attenuated_depth(splats, view, voxel, self.row.coverage())
+            self.depth = attenuate_depth(splats, view, voxel, self.row.coverage())
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""
@@ -293,7 +291,7 @@ class _Scene:
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
         gathered = Band.empty(window.height * window.width)
-        for pairs in values(self.row, self.boxes, self.order, window, self.camera):
+        for pairs in pair_values(self.row, self.boxes, self.order, window, self.camera):
             if len(pairs.splat):
                 ADD[self.blend.join](gathered, self._part(pairs))
         return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
@@ -318,11 +316,11 @@ def sheet_scene(splats: Splats, resolved: Resolved) -> SheetScene:
     if resolved.look.attenuation == "fill":
         view = resolved.view
         voxel = view.voxels(splats.positions)
-        depth = attenuated_depth(splats, view, voxel, view.coverage(voxel[2]))
+        depth = attenuate_depth(splats, view, voxel, view.coverage(voxel[2]))
     return SheetScene(splats, resolved, depth)
 
 
-def attenuated_depth(splats: Splats, view: GridView, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+def attenuate_depth(splats: Splats, view: GridView, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """Optical depths [N] of voxels [3, N], attenuated by the share of their pixel that their matter fills."""
     ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
     length = np.sqrt((ray * ray).sum(axis=0))
@@ -330,7 +328,7 @@ def attenuated_depth(splats: Splats, view: GridView, voxel: np.ndarray, coverage
     widths = np.linalg.norm(view.eye_from_index, axis=0)
     depth = splats.records["optical_depth"].astype(np.float64)
     pixel = np.where(view.is_widened(voxel[2]), view.pixel_side(voxel[2]), 0.0)
-    return filled_depth(depth, along, widths, pixel, coverage, splats.runs)
+    return fill_depth(depth, along, widths, pixel, coverage, splats.runs)
 
 
 def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.reference.blend import classified, joined, joined_value
-from splatgl.reference.rays import Boxes, Rays, Row, Values, pixel_boxes, values
+from splatgl.reference.blend import classify_values, join_values, joined_value
+from splatgl.reference.rays import Boxes, Rays, Row, Values, pair_values, pixel_boxes
 from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE
 from splatgl.splat.culling import Window
-from splatgl.splat.kernels import Kernel, tabulated
+from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import Light, apply_light, surface_light
-from splatgl.splat.mask_field import MaskField, face_share, kept_part
+from splatgl.splat.mask_field import MaskField, clip_to_mask, face_share
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BlendMode
@@ -69,7 +69,7 @@ class SheetField:
         field = cls(look.blend, splats.post, view, *lit, size, splats.unit, look.light, shines, cues, resolved.mask)
         return replace(field, near=near)
 
-    def composited(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
+    def composite(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
         light = np.zeros((len(sums), 4))
 
@@ -83,14 +83,14 @@ class SheetField:
                 length = part.ends[1] - part.ends[0]
                 # Simpson's rule for the mean, and nearly the extremes
                 for value, share in ((part.begin[:, 0], 1 / 6), (part.value, 2 / 3), (part.end[:, 0], 1 / 6)):
-                    light[at] = joined(light[at], value, length * share, self.blend.join)
+                    light[at] = join_values(light[at], value, length * share, self.blend.join)
             elif self.blend.unbounded:
                 light[at] += self.matter(part, rays)
             else:
-                light[at] = behind(light[at], self.matter(part, rays))
+                light[at] = add_behind(light[at], self.matter(part, rays))
         if not self.blend.one_value:
             return light
-        return classified(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
+        return classify_values(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
 
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
@@ -101,19 +101,19 @@ class SheetField:
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
         entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
         stretch = rays.stretch * sheets.thickness
-        padded = np.pad(self.centered(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
+        padded = np.pad(self.center(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
         along = rays.toward * stretch[:, None]
         for n in range(1, padded.shape[1] - 1):
             some = np.flatnonzero((padded[:, n - 1 : n + 2, 0] > 0).any(axis=1) & is_visible())
             before, at_sheet, behind_ = (padded[some, n + k] for k in (-1, 0, 1))
-            around = unbent(np.stack([(before + at_sheet) / 2, at_sheet, (at_sheet + behind_) / 2]), along[some])
+            around = remove_bend(np.stack([(before + at_sheet) / 2, at_sheet, (at_sheet + behind_) / 2]), along[some])
             # half-way from the previous sheet
             begin = first + n - 2 - 0.5
             # the part within the box
             low, high = (np.clip(end[some] - begin, 0.0, 1.0) for end in (near, far))
             face = entry[some] - begin + FACE / sheets.thickness
             for i in range(sheets.steps):
-                ends = self._kept(
+                ends = self._clip_to_mask(
                     [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)], begin, some, rays, sheets
                 )
                 middle = (ends[0] + ends[1]) / 2
@@ -126,7 +126,7 @@ class SheetField:
                 between = (ends[0], ends[1])
                 yield Part(some, begin, between, first_, mean, last, stretch[some], faced, distance)
 
-    def centered(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
+    def center(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, sheets, 6]: sums [P, sheets, 5] normalised to the mass of constant matter, with values moved along their
         gradients from the matter's mean place to the sheet's place; and the additional spread, sheets². Unchanged for
         blends of one value.
@@ -157,14 +157,14 @@ class SheetField:
         further *= share * np.clip(amid - 1, 0.0, 1.0)
         return np.concatenate([moved * even[..., None], further[..., None]], axis=-1)
 
-    def _kept(
+    def _clip_to_mask(
         self, ends: list[np.ndarray], sheet: float, some: np.ndarray, rays: Rays, sheets: Sheets
     ) -> list[np.ndarray]:
         """Clips parts of rays to the mask. ends: in sheets, counted from `sheet`; some: pixels."""
         if self.mask is None:
             return ends
         at = [self.mask.at(self._points((sheet + end) * sheets.thickness, some, rays)) for end in ends]
-        return list(kept_part((at[0], at[1]), (ends[0], ends[1])))
+        return list(clip_to_mask((at[0], at[1]), (ends[0], ends[1])))
 
     def _points(self, distance: np.ndarray, some: np.ndarray, rays: Rays) -> np.ndarray:
         """Grid positions [3, P] of some rays at distances, index units, measured as for sheets."""
@@ -177,13 +177,13 @@ class SheetField:
 
     def matter(self, part: Part, rays: Rays) -> np.ndarray:
         """[P, 4]: emission and optical depth of a part."""
-        matter = self.weighed(part)
+        matter = self.classify(part)
         if self.shading or self.cues is not None:
-            factor, highlight = self.light_of(part, rays)
+            factor, highlight = self.shade_part(part, rays)
             matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
 
-    def light_of(self, part: Part, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+    def shade_part(self, part: Part, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [P] and highlights [P] of a part, by its gradients, the mask's face, and the clip plane's
         face.
         """
@@ -192,19 +192,19 @@ class SheetField:
             return light
         if self.mask is not None:
             face = self.mask.normals(self._points(part.middle, part.pixel, rays))
-            light = _mixed(light, self._surface(part, face, rays), face_share(part.gradient, face))
+            light = _mix_light(light, self._surface(part, face, rays), face_share(part.gradient, face))
         if rays.face is not None:
             face = rays.face[part.pixel]
-            light = _mixed(light, self._surface(part, face, rays), part.faced * face.any(axis=1))
+            light = _mix_light(light, self._surface(part, face, rays), part.faced * face.any(axis=1))
         return light
 
     def _surface(self, part: Part, normal: np.ndarray, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         toward, reached = rays.toward[part.pixel], None
         if self.cues is not None:
-            reached = self.cues.reached(self._points(part.middle, part.pixel, rays).T, normal, toward)
+            reached = self.cues.light_shares(self._points(part.middle, part.pixel, rays).T, normal, toward)
         return surface_light(normal, toward, self.light, self.shines, reached)
 
-    def weighed(self, part: Part) -> np.ndarray:
+    def classify(self, part: Part) -> np.ndarray:
         """[P, 4]: colour times optical depth, and optical depth of a part."""
         first, last, length = part.begin, part.end, (part.ends[1] - part.ends[0]) * part.stretch
         matter = self.post.integral.mean(self.post.value(first[:, 0]), self.post.value(last[:, 0]))
@@ -212,7 +212,7 @@ class SheetField:
             size = np.linalg.norm(part.gradient, axis=1)
             weight = self.post.transfer.weight(size * self.post.span / self.spacing)
             extinction = matter[:, 3]
-            matter *= (weighted(extinction, weight) / np.where(extinction > 0, extinction, 1.0))[:, None]
+            matter *= (weight_extinction(extinction, weight) / np.where(extinction > 0, extinction, 1.0))[:, None]
         return np.asarray(matter * (length * self.spacing / self.unit)[:, None])
 
 
@@ -254,7 +254,7 @@ def between_sheets(around: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.asarray((shares[..., None] * around).sum(axis=0))
 
 
-def unbent(around: np.ndarray, along: np.ndarray) -> np.ndarray:
+def remove_bend(around: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Sums [3, P, 5] of sums `around` a sheet [3, P, 6], without the error of values that the additional spread causes
     where gradients change along rays. along [P, 3]: unit directions times mean spacings per sheet.
     """
@@ -280,7 +280,7 @@ def bulge(number: np.ndarray, sheets: Sheets) -> np.ndarray:
 Lit = tuple[np.ndarray, np.ndarray]
 
 
-def _mixed(first: Lit, other: Lit, share: np.ndarray) -> Lit:
+def _mix_light(first: Lit, other: Lit, share: np.ndarray) -> Lit:
     """Mixes factors and highlights: `share` of the second."""
     factor, highlight = (a * (1 - share) + b * share for a, b in zip(first, other, strict=True))
     return factor, highlight
@@ -295,14 +295,14 @@ def ray_offset(view: GridView, rays: Rays) -> np.ndarray | float:
     return np.asarray(index_direction(view) @ (rays.start - view.eye_index[:, None]))
 
 
-def behind(light: np.ndarray, matter: np.ndarray) -> np.ndarray:
+def add_behind(light: np.ndarray, matter: np.ndarray) -> np.ndarray:
     """Light [P, 4] with matter [P, 4], emission and optical depth, added behind it."""
     depth = matter[:, 3]
     share = np.where(depth > 0, -np.expm1(-depth) / np.where(depth > 0, depth, 1.0), 1.0)
     return np.asarray(light + ((1 - light[:, 3]) * share)[:, None] * matter)
 
 
-def weighted(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def weight_extinction(extinction: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Extinction whose opacity is `weight` times that of `extinction`, per reference length."""
     share = np.minimum(-np.expm1(-extinction) * weight, 1.0)
     with np.errstate(divide="ignore"):
@@ -320,7 +320,7 @@ class SheetScene:
         """depth [N]: attenuated optical depths of splats classified before; None: classified after."""
         assert resolved.sheets is not None
         self.resolved, self.sheets, self.camera = resolved, resolved.sheets, resolved.camera
-        view = self.view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
+        view = self.view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
         voxel = view.voxels(splats.positions)
         self.spacing = splats.grid.mean_spacing
         self.row = Row.of(view, row, voxel, splats.grid)
@@ -358,14 +358,14 @@ class SheetScene:
         if len(windows) > 1 and sum(sizes) * self.many * self.terms.shape[1] > MOST_SUMS:
             return [self.part(window) for window in windows]
         sums = np.concatenate([self._sums(window) for window in windows])
-        light = composited(sums) if self.field is None else self._classified(sums, windows)
+        light = composite_sums(sums) if self.field is None else self._classified(sums, windows)
         ends = np.cumsum(sizes)[:-1]
         return [part.reshape(w.height, w.width, 4) for part, w in zip(np.split(light, ends), windows, strict=True)]
 
     def _sums(self, window: Window) -> np.ndarray:
         """Sums [P, sheets, terms] of a window's pixels."""
         sums = np.zeros((self.terms.shape[1], window.width * window.height * self.many))
-        for pairs in values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
+        for pairs in pair_values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
             self._add(sums, pairs)
         by_sheet = sums.T.reshape(-1, self.many, len(sums))
         if self.near is not None:
@@ -379,14 +379,14 @@ class SheetScene:
         assert self.field is not None
         places = np.concatenate([_pixels(window, self.camera) for window in windows])
         rays = Rays.of(self.view, self.camera, self.field.post.shape, places, self.resolved.clip)
-        return self.field.composited(sums, rays, self.first, self.sheets)
+        return self.field.composite(sums, rays, self.first, self.sheets)
 
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
         """Light [P, 4] of a window's pixels between distances [P], world units."""
         sums, rays = self._sums(window), self._rays(window, near, far)
         if self.field is None:
-            return composited(sums * self._within(rays)[..., None])
-        return self.field.composited(sums, rays, self.first, self.sheets)
+            return composite_sums(sums * self._within(rays)[..., None])
+        return self.field.composite(sums, rays, self.first, self.sheets)
 
     def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
         """Pieces of matter along the rays of a window's pixels, or along their parts between distances [P]."""
@@ -475,7 +475,7 @@ class Pieces:
     matter: np.ndarray
 
 
-def composited(sums: np.ndarray) -> np.ndarray:
+def composite_sums(sums: np.ndarray) -> np.ndarray:
     """[P, 4]: sums [P, sheets, 4] of emission and optical depth, nearest first, mixed within each sheet."""
     depth = sums[..., 3]
     before = np.cumsum(depth, axis=1) - depth

@@ -14,16 +14,24 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.blend import ADD, Band, Part, pixels
-from splatgl.reference.rays import Boxes, Row, pixel_ends, values
-from splatgl.reference.renderer import attenuated_depth
+from splatgl.reference.rays import Boxes, Row, pair_values, pixel_ends
+from splatgl.reference.renderer import attenuate_depth
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window
-from splatgl.splat.footprint import run_along
-from splatgl.splat.kernels import tabulated
+from splatgl.splat.footprint import run_length_along
+from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import apply_light
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
-from splatgl.splat.motion_blur import MOTIONS, blur_table, dwelt_depth, energy_gain, isolation, paper_gain, stretched
+from splatgl.splat.motion_blur import (
+    MOTIONS,
+    blur_table,
+    energy_gain,
+    isolation,
+    moving_depth,
+    paper_gain,
+    stretched_footprint,
+)
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import AVERAGED, Resolved
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
@@ -46,7 +54,7 @@ class StreakRow(Row):
         # a kernel around the eye has no image position to move from
         moving = np.flatnonzero(step.any(axis=0) & (voxel[2] > self.view.reach))
         if len(moving):
-            passed = passing(self.view, voxel[:, moving], ray[:, moving], step[:, moving])
+            passed = pass_kernels(self.view, voxel[:, moving], ray[:, moving], step[:, moving])
             integral.value[moving] = passed.streak_shape(self.view, self.motion)
             integral.peak[moving] = passed.most(self.view)
         return integral
@@ -70,13 +78,13 @@ class Passing:
         if motion == "exact":
             table = blur_table(kernel.name, dtype="<f8")
             peak = kernel.footprint(np.zeros(()))
-            return np.asarray(self.gain * peak * table.blurred(self.along, self.across, self.length))
+            return np.asarray(self.gain * peak * table.blur(self.along, self.across, self.length))
         weaken = energy_gain if motion == "energy" else paper_gain
         return np.asarray(weaken(kernel, self.length) * self.most(view))
 
     def most(self, view: GridView) -> np.ndarray:
         """The maximum along the path, at the closest point."""
-        return np.asarray(self.gain * stretched(view.kernel, self.along, self.across, self.length))
+        return np.asarray(self.gain * stretched_footprint(view.kernel, self.along, self.across, self.length))
 
 
 class Inner(NamedTuple):
@@ -93,7 +101,7 @@ def inner_of(view: GridView, z: np.ndarray) -> Inner:
     return Inner(np.einsum("ij,jn,kj->ikn", scaled, shrink, view.axes), shrink)
 
 
-def passing(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray) -> Passing:
+def pass_kernels(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.ndarray) -> Passing:
     """Passes of rays [2, N] by voxels [3, N] that move by step [2, N].
 
     Beyond z_k in perspective space, where the ray has the voxel's slope; first-order term of the trapezoid.
@@ -158,7 +166,7 @@ def render(
         raise expected("shape", " or ".join(MOTIONS), repr(shape))
     if settings.antialias in AVERAGED or BLENDS[settings.blend].join == "max":
         raise expected("settings", "antialias paper or off, blend composite or xray", "others")
-    drawn = _Drawn.of(splats, settings, streaks(splats, camera, motion, shutter), shape)
+    drawn = _Scene.of(splats, settings, streaks(splats, camera, motion, shutter), shape)
     # the same bands as in the reference
     width, height = camera.size
     rows = max(1, BAND // width)
@@ -172,7 +180,7 @@ def render(
 
 
 @dataclass(frozen=True, eq=False)
-class _Drawn:
+class _Scene:
     """Data shared by all bands: the streaks' row and boxes, and order, colour, depth, coverage (the remaining share of
     opacity) and isolation (see motion_blur.py) of all splats.
     """
@@ -188,10 +196,10 @@ class _Drawn:
     isolated: np.ndarray
 
     @classmethod
-    def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Drawn:
+    def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Scene:
         resolved = Resolved.of(splats, paths.camera, settings, moving=True)
         blend, attenuation = resolved.look.blend, resolved.look.attenuation
-        view = replace(resolved.view, kernel=tabulated(resolved.kernel.name))
+        view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
         row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
         order = np.arange(len(splats))
         if blend.ordered:
@@ -204,8 +212,8 @@ class _Drawn:
             coverage = view.coverage(paths.middle[2])
             lengths = length_of(view, paths)
             if attenuation == "fill":
-                through = run_along(view.index_from_eye[:, :2] @ paths.step, splats.runs)
-                depth = attenuated_depth(splats, view, paths.middle, coverage) if resolved.view.antialias else depth
+                through = run_length_along(view.index_from_eye[:, :2] @ paths.step, splats.runs)
+                depth = attenuate_depth(splats, view, paths.middle, coverage) if resolved.view.antialias else depth
                 coverage, isolated = np.ones(len(splats)), isolation(lengths, through)
             else:
                 coverage = coverage * energy_gain(view.kernel, lengths)
@@ -214,12 +222,12 @@ class _Drawn:
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
         gathered = Band.empty(window.height * window.width)
-        for pairs in values(self.row, self.boxes, self.order, window, self.camera):
+        for pairs in pair_values(self.row, self.boxes, self.order, window, self.camera):
             s = pairs.splat
             if len(s):
                 depth = self.depth[s] * pairs.integral.value
                 if self.isolated.any():
-                    depth = dwelt_depth(depth, self.depth[s] * pairs.integral.peak, self.isolated[s])
+                    depth = moving_depth(depth, self.depth[s] * pairs.integral.peak, self.isolated[s])
                 ADD[self.blend.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
         return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
 
@@ -229,7 +237,7 @@ def length_of(view: GridView, paths: Streaks) -> np.ndarray:
     center = paths.middle[:2]
     if view.perspective:
         center = center / np.where(np.abs(paths.middle[2]) > view.reach, paths.middle[2], view.reach)
-    return passing(view, paths.middle, center, paths.step).length
+    return pass_kernels(view, paths.middle, center, paths.step).length
 
 
 def _boxes(view: GridView, paths: Streaks) -> Boxes:

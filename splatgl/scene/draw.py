@@ -127,7 +127,7 @@ def depths_of(
 
 def camera_of(scene: SceneFile, volume: Volume, transfer: Transfer, drawn: Layers | None) -> Camera:
     """The camera of the scene's picture, which is fitted to what that is drawn from. drawn: of layers or meshes."""
-    from splatgl.splat.extract import only_pre
+    from splatgl.splat.extract import why_only_pre
     from splatgl.splat.opaque_bounds import Opaque
     from splatgl.splat.resolve import why_per_splat
 
@@ -137,7 +137,7 @@ def camera_of(scene: SceneFile, volume: Volume, transfer: Transfer, drawn: Layer
         return scene.view.camera(volume, volume)
     before = scene.settings.classification == "pre" or why_per_splat(scene.settings, moving=False)
     # of several levels, one is chosen by the camera
-    if not volume.coarser and (before or only_pre(volume, transfer, scene.threshold)):
+    if not volume.coarser and (before or why_only_pre(volume, transfer, scene.threshold)):
         splats = scene.splats(volume, transfer)
         if len(splats):
             return scene.view.camera(volume, splats)
@@ -258,12 +258,12 @@ def draw_layers(how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Tr
 def check_fits(scene: SceneFile, drawn: Layers, memory: int | None = None) -> None:
     """InputError for a layer that is drawn in bricks alone. memory: bytes; None: half of what is free."""
     from splatgl.fileio import budget
-    from splatgl.splat.bricks import bricks_of, fits
+    from splatgl.splat.bricks import bricks_of, excess_need
 
     most = budget() if memory is None else memory
     for layer in drawn.shown:
         bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, scene.settings)
-        need = fits(bricks, scene.view.size, most) if bricks else None
+        need = excess_need(bricks, scene.view.size, most) if bricks else None
         if need is not None:
             name = layer.volume.name or "layer"
             raise expected(
@@ -357,14 +357,14 @@ def _in_bricks(
 ) -> Image | None:
     """The image, drawn brick by brick, if it needs more than --memory; else None."""
     from splatgl.fileio import budget
-    from splatgl.splat.bricks import bricks_of, fits
+    from splatgl.splat.bricks import bricks_of, excess_need
     from splatgl.splat.opaque_bounds import Opaque
 
     bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
     if bricks is None:
         return None
     most = budget() if how.memory is None else how.memory
-    need = fits(bricks, scene.view.size, most)
+    need = excess_need(bricks, scene.view.size, most)
     if need is None:
         return None
     for name in ("check", "field", "savings"):
@@ -393,10 +393,10 @@ def _in_bricks(
 
 def drawn(how: DrawOptions, scene: SceneFile, splats: Splats, camera: Camera) -> Image:
     """The image, checked; prints what --explain and --savings ask for."""
-    from splatgl.reference.check import check, refuse
+    from splatgl.reference.check import check, check_input
     from splatgl.scene.shared_renderer import savings
 
-    refuse(splats, camera, scene.settings, how.check, how.field)
+    check_input(splats, camera, scene.settings, how.check, how.field)
     with how.renderer() as renderer:
         if how.explain:
             print(renderer.plan(splats, camera, scene.settings).explain())

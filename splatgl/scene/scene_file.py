@@ -50,10 +50,17 @@ from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
 from splatgl.scene.view import ViewOptions, seen_along_z
-from splatgl.splat.colormaps import whole
-from splatgl.splat.label_detection import MASK, decided
-from splatgl.splat.presets import default_transfer, is_preset, label_transfer, logarithmic, preset, preset_named
-from splatgl.splat.segment_surfaces import SMOOTHING, strength_of
+from splatgl.splat.colormaps import base_name
+from splatgl.splat.label_detection import MASK, mark_kind
+from splatgl.splat.presets import (
+    default_transfer,
+    is_preset,
+    label_transfer,
+    logarithmic_transfer,
+    preset,
+    preset_named,
+)
+from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
@@ -208,7 +215,7 @@ class SceneFile:
     )
     surfaces: float | None = option(
         None,
-        Kind("a strength of smoothing from 0 to 1", strength_of, float, "S"),
+        Kind("a strength of smoothing from 0 to 1", check_strength, float, "S"),
         f"draw segmentations as smooth closed surfaces, smoothed by 0 to 1 (default {SMOOTHING:g})",
         group=LAYERS,
         bare=SMOOTHING,
@@ -424,7 +431,7 @@ class SceneFile:
         """The volume as labels or amounts; what is given of the transfer function decides, too."""
         if self.transfer.keys() & {"preset", "only_labels"}:
             return volume
-        found = decided(volume)
+        found = mark_kind(volume)
         if self.surfaces is not None and found.hints.values == MASK:
             # of two values, of which one is a segment
             return found.of_values("labels")
@@ -436,12 +443,12 @@ class SceneFile:
         """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to what crop leaves."""
         if not (self.clip or self.crop):
             return self
-        from splatgl.splat.clipping import Box, Part, crop_planes, left, planes_of
+        from splatgl.splat.clipping import Box, Part, clip_corners, crop_planes, parse_planes
 
         around = crop_planes(self.crop, volume) if self.crop else ()
-        found = planes_of(self.clip or (), Box.of([volume]))
+        found = parse_planes(self.clip or (), Box.of([volume]))
         settings = self.settings.but(clip=(*self.settings.clip, *found, *around))
-        view = self.view.fitted(Part(left(around, volume.corners), volume.frame)) if around else self.view
+        view = self.view.fitted(Part(clip_corners(around, volume.corners), volume.frame)) if around else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
 
     def splats(
@@ -478,9 +485,9 @@ class SceneFile:
                 given = ", ".join(sorted(asked.keys() & OF_AMOUNTS))
                 raise expected("labels", "none of the options of amounts", given, "--values amounts draws amounts")
             if asked.get("scale") == "log" and "points" not in asked:
-                base = logarithmic(base, volume)
+                base = logarithmic_transfer(base, volume)
             # a surface's colours are the light part of a map over its own window; over another, they are the whole map
-            colors = whole(base.colormap) if "window" in asked else base.colormap
+            colors = base_name(base.colormap) if "window" in asked else base.colormap
             found = replace(base, **{"colormap": colors, **asked})
         return found.weakened(self.opacity)
 

@@ -102,13 +102,13 @@ def with_it(plan: Plan) -> dict[str, Plan]:
     if program.align != "exact" or plan.exposure is not None:
         return {}
     one_by_one = {
-        "quads for tiles": (program.technique != "quads", plan.forced(technique="quads")),
-        "antialiasing": (not program.seen.antialias, plan.forced(antialias=True)),
-        "voxels of any shape": (program.seen.cubic, plan.forced(cubic=False)),
+        "quads for tiles": (program.technique != "quads", plan.with_choices(technique="quads")),
+        "antialiasing": (not program.seen.antialias, plan.with_choices(antialias=True)),
+        "voxels of any shape": (program.seen.cubic, plan.with_choices(cubic=False)),
         "what is hidden": (plan.hiding.cutoff > 0, replace(plan, hiding=Hiding())),
     }
     found = {name: way for name, (left_out, way) in one_by_one.items() if left_out}
     if found:
-        everything = plan.forced(technique="quads", antialias=True, cubic=False, half_line=True)
+        everything = plan.with_choices(technique="quads", antialias=True, cubic=False, half_line=True)
         found["all of that, and half lines"] = everything
     return found

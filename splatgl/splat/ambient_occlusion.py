@@ -82,36 +82,40 @@ def _weights(
 
     def weigh_part(part: slice) -> list[tuple[np.ndarray, np.ndarray]]:
         position = splats.records["position"][part].astype(np.float64)
-        weight = np.minimum(depths(splats, part), MOST_DEPTH) * size**2
+        weight = np.minimum(voxel_depths(splats, part), MOST_DEPTH) * size**2
         if clip is not None:
             weight[~clip.keeps(position)] = 0.0
         if splats.mask is not None:
             weight[~splats.mask.keeps(position)] = 0.0
         place = position @ turn.T + moved
-        return _shared(place, weight, count) if shared else [(_flat(np.rint(place).astype(np.int64), count), weight)]
+        return (
+            _share_out(place, weight, count)
+            if shared
+            else [(_cell_numbers(np.rint(place).astype(np.int64), count), weight)]
+        )
 
     for pairs in in_parts(len(splats), PART, weigh_part):
         yield from pairs
 
 
-def _shared(place: np.ndarray, weight: np.ndarray, count: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _share_out(place: np.ndarray, weight: np.ndarray, count: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """The eight cells around places [N, 3], and the part of the weights [N] that each receives."""
     low = np.floor(place).astype(np.int64)
     part = place - low
     pairs = []
     for corner in np.ndindex(2, 2, 2):
         share = np.where(corner, part, 1 - part).prod(axis=1)
-        pairs.append((_flat(low + np.array(corner), count), weight * share))
+        pairs.append((_cell_numbers(low + np.array(corner), count), weight * share))
     return pairs
 
 
-def _flat(cell: np.ndarray, count: np.ndarray) -> np.ndarray:
+def _cell_numbers(cell: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Linear indices [N] of cells [N, 3] (x, y, z), clamped to the grid."""
     x, y, z = np.clip(cell, 0, count - 1).T
     return np.asarray((z * count[1] + y) * count[0] + x)
 
 
-def depths(splats: Splats, part: slice) -> np.ndarray:
+def voxel_depths(splats: Splats, part: slice) -> np.ndarray:
     """Optical depths [N] of some splats over one mean spacing; the mean over the values in a voxel if these are
     classified after reconstruction.
     """
@@ -191,7 +195,7 @@ class LightVolume:
     @cached_property
     def fields(self) -> Fields:
         """The light in the cells, computed once for the same splats and light."""
-        return _made(self.casters, self.occlusion > 0, self.light)
+        return _cached_fields(self.casters, self.occlusion > 0, self.light)
 
     @property
     def cell_from_index(self) -> tuple[np.ndarray, np.ndarray]:
@@ -206,7 +210,9 @@ class LightVolume:
         cells = self.fields.coarse.cells
         return np.linalg.inv(cells.world_from_index) * (BEFORE * cells.mean_spacing)
 
-    def reached(self, positions: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def light_shares(
+        self, positions: np.ndarray, normal: np.ndarray, toward: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Shares [P] of ambient and of direct light that reach surfaces at grid positions [P, 3].
 
         normal [P, 3]: of any length; toward [P, 3]: directions of the rays; world axes. Float64 twin of
@@ -233,7 +239,7 @@ def _key(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> tupl
     return tuple((Same(s.records), s.post and Same(s.post), planes) for s, planes in casters), sky, direction
 
 
-def _made(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> Fields:
+def _cached_fields(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> Fields:
     key, first = _key(casters, sky, light), casters[0][0]
     cached = _latest.setdefault(first, [])
     same = next((fields for fields in cached if fields.key == key), None)
@@ -244,15 +250,15 @@ def _made(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> Fie
     near = next((fields for fields in cached if fields.key[0] == key[0]), None)
     coarse = near.coarse if near else Coarse.of(casters)
     visible = (near.sky if near else None) if sky else None
-    visible = sky_of(coarse) if sky and visible is None else visible
+    visible = compute_sky(coarse) if sky and visible is None else visible
     side = coarse.cells.mean_spacing
-    shade = None if light is None else Sweep.of(coarse, light).through(LIGHT_BEGINS * side, FAR * side)
+    shade = None if light is None else Sweep.of(coarse, light).transmittance(LIGHT_BEGINS * side, FAR * side)
     fields = Fields(coarse, visible, shade, key, time.perf_counter() - started)
     _latest[first] = [fields, *cached][:MOST_LATEST]
     return fields
 
 
-def axes() -> tuple[np.ndarray, np.ndarray]:
+def sky_directions() -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors [16, 3], which also stand for their opposites, and their weights [16], per direction."""
     g = (1 + np.sqrt(5)) / 2
     twelve = [(0, 1, g), (0, 1, -g), (1, g, 0), (1, -g, 0), (g, 0, 1), (-g, 0, 1)]
@@ -267,13 +273,13 @@ def axes() -> tuple[np.ndarray, np.ndarray]:
     return directions / np.linalg.norm(directions, axis=1, keepdims=True), weights
 
 
-def sky_of(coarse: Coarse) -> np.ndarray:
+def compute_sky(coarse: Coarse) -> np.ndarray:
     """Computes `Fields.sky`: one sweep for each direction and its opposite."""
     side = coarse.cells.mean_spacing
     sky = np.zeros((*coarse.extinction.shape, 4), np.float32)
-    for direction, weight in zip(*axes(), strict=True):
+    for direction, weight in zip(*sky_directions(), strict=True):
         sweep = Sweep.of(coarse, direction)
-        along, against = (sweep.through(SKY_BEGINS * side, REACH * side, backward) for backward in (False, True))
+        along, against = (sweep.transmittance(SKY_BEGINS * side, REACH * side, backward) for backward in (False, True))
         sky[..., 3] += np.float32(weight) * (along + against)
         apart = np.float32(weight) * (along - against)
         for axis in range(3):
@@ -309,7 +315,7 @@ class Sweep:
         grown = [size + int(np.ceil(abs(s) * (n - 1))) + 1 for size, s in zip((height, width), slopes, strict=True)]
         depth = np.zeros((n + 1, *grown), np.float32)
         for k, plane in enumerate(slices):
-            (y, fy), (x, fx) = _places(slopes, k, n)
+            (y, fy), (x, fx) = _shear_offsets(slopes, k, n)
             into = depth[k + 1, y : y + height + 1, x : x + width + 1]
             for dy, wy in ((0, 1 - fy), (1, fy)):
                 for dx, wx in ((0, 1 - fx), (1, fx)):
@@ -317,15 +323,15 @@ class Sweep:
         np.cumsum(depth, axis=0, out=depth)
         return cls(axis, slopes, step, float(along[axis]) < 0, (height, width), depth)
 
-    def through(self, begin: float, end: float, against: bool = False) -> np.ndarray:
+    def transmittance(self, begin: float, end: float, against: bool = False) -> np.ndarray:
         """float32 [Z, Y, X]: transmittance between world distances `begin` and `end` from the cells' centres."""
         n = len(self.depth) - 1
         sign = -1.0 if self.backwards != against else 1.0
         middle = np.arange(n) + 0.5
-        near, far = (self._until(middle + sign * length / self.step) for length in (begin, end))
-        return self._sheared_back(np.exp(-np.abs(far - near)))
+        near, far = (self._depth_until(middle + sign * length / self.step) for length in (begin, end))
+        return self._unshear(np.exp(-np.abs(far - near)))
 
-    def _until(self, places: np.ndarray) -> np.ndarray:
+    def _depth_until(self, places: np.ndarray) -> np.ndarray:
         """Optical depth up to places along the axis, one for each slice."""
         n = len(self.depth) - 1
         inside = np.clip(places, 0.0, n)
@@ -334,18 +340,18 @@ class Sweep:
         below = self.depth[low]
         return np.asarray(below + part * (self.depth[low + 1] - below))
 
-    def _sheared_back(self, values: np.ndarray) -> np.ndarray:
+    def _unshear(self, values: np.ndarray) -> np.ndarray:
         n, (height, width) = len(values), self.shape
         upright = np.empty((n, height, width), np.float32)
         for k, plane in enumerate(values):
-            (y, fy), (x, fx) = _places(self.slopes, k, n)
+            (y, fy), (x, fx) = _shear_offsets(self.slopes, k, n)
             part = plane[y : y + height + 1, x : x + width + 1]
             rows = part[:-1] + np.float32(fy) * (part[1:] - part[:-1])
             upright[k] = rows[:, :-1] + np.float32(fx) * (rows[:, 1:] - rows[:, :-1])
         return np.moveaxis(upright, 0, self.axis)
 
 
-def _places(slopes: tuple[float, ...], k: int, n: int) -> list[tuple[int, float]]:
+def _shear_offsets(slopes: tuple[float, ...], k: int, n: int) -> list[tuple[int, float]]:
     """Offset of slice k of n in the sheared grid along both axes: whole cells, and the rest."""
     offsets = []
     for slope in slopes:

@@ -22,7 +22,7 @@ from splatgl.errors import expected
 from splatgl.fileio import format_bytes
 from splatgl.readers.common import is_mapped
 from splatgl.splat.culling import AROUND_EYE
-from splatgl.splat.extract import POST_KERNEL, only_pre
+from splatgl.splat.extract import POST_KERNEL, why_only_pre
 from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splats
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
@@ -49,9 +49,9 @@ FAR = 2**30
 # first and last sheet of a range, as `Sheets.base` counts them
 Shell = tuple[int, int]
 # records, and the first sheet of each, in ascending order
-Found = tuple[np.ndarray, np.ndarray]
+SheetRecords = tuple[np.ndarray, np.ndarray]
 # whether any voxel of a box, from low to high (x, y, z), may be visible
-Seen = Callable[[np.ndarray, np.ndarray], bool]
+IsVisible = Callable[[np.ndarray, np.ndarray], bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +100,12 @@ class Bricks:
         records["position"] = places
         return post_splats(self.volume, self.post, records)
 
-    def _ahead(self, order: list[int], sheets: Sheets, view: GridView, is_visible: Seen) -> Iterator[Found]:
+    def _extract_ahead(
+        self, order: list[int], sheets: Sheets, view: GridView, is_visible: IsVisible
+    ) -> Iterator[SheetRecords]:
         """Yields the records of bricks in the given order, extracted in advance by threads; none if invisible."""
 
-        def work(brick: int) -> Found:
+        def work(brick: int) -> SheetRecords:
             records = self.records(brick)
             base = sheets.base(sheets.places(view, records["position"])).astype(np.int32)
             self.found[brick] = len(records)
@@ -117,7 +119,7 @@ class Bricks:
 
         nothing = np.zeros(0, record_type(self.volume.shape, post=True)), np.zeros(0, np.int32)
         workers = os.cpu_count() or 1
-        waiting: deque[Future[Found] | None] = deque()
+        waiting: deque[Future[SheetRecords] | None] = deque()
         with ThreadPoolExecutor(workers) as pool:
             try:
                 for brick in order:
@@ -144,7 +146,7 @@ class Bricks:
         self.gaps[brick] = sum(map(len, gaps or ()))
         return records
 
-    def reached(self, view: GridView) -> bool:
+    def surround_eye(self, view: GridView) -> bool:
         """Whether the eye may be inside a kernel, or a kernel of the picture may cross the eye's plane."""
         forward = view.eye_from_index[2]
         nearest = np.where(forward > 0, 0, np.array(self.volume.shape[::-1]) - 1)
@@ -185,13 +187,13 @@ class Bricks:
         ends = [-FAR, *cuts[cuts > nearest[0]].tolist(), FAR]
         return list(pairwise(ends))
 
-    def batches(self, sheets: Sheets, view: GridView, is_visible: Seen) -> Iterator[tuple[np.ndarray, int]]:
+    def batches(self, sheets: Sheets, view: GridView, is_visible: IsVisible) -> Iterator[tuple[np.ndarray, int]]:
         """Yields batches of records, with the number of bricks done. is_visible: is called before a brick is read."""
         nearest = self.nearest(sheets, view)
         order = np.argsort(nearest, kind="stable")
         # records in the order of their sheets, and their sheets
         waiting: list[tuple[np.ndarray, np.ndarray]] = []
-        for n, arrived in enumerate(self._ahead(order.tolist(), sheets, view, is_visible)):
+        for n, arrived in enumerate(self._extract_ahead(order.tolist(), sheets, view, is_visible)):
             waiting += [arrived] if len(arrived[0]) else []
             last = n + 1 == len(order)
             limit = np.iinfo(np.int32).max if last else int(nearest[order[n + 1]]) - SLACK
@@ -202,12 +204,12 @@ class Bricks:
             batch = np.concatenate(
                 [nothing, *(records[:end] for (records, _), end in zip(waiting, ready, strict=True))]
             )
-            waiting = [_behind(*pair, end) for pair, end in zip(waiting, ready, strict=True) if end < len(pair[0])]
+            waiting = [_split_off(*pair, end) for pair, end in zip(waiting, ready, strict=True) if end < len(pair[0])]
             yield batch, n + 1
             del batch
 
 
-def _behind(records: np.ndarray, base: np.ndarray, end: int) -> Found:
+def _split_off(records: np.ndarray, base: np.ndarray, end: int) -> SheetRecords:
     """Returns records and sheets from `end` on, copied if that frees more than half of their memory."""
     total = len(records) if records.base is None else len(records.base)
     if 2 * (len(records) - end) < total:
@@ -254,7 +256,7 @@ class Need:
         return int(np.clip(-(-(self.waiting + SAMPLE * self.samples) // room), 1, MOST_BANDS))
 
 
-def need(bricks: Bricks, pixels: int, enough: int) -> Need:
+def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     """Estimates the memory of a picture. Reads nothing if all voxels fit into `enough` bytes and into the GPU.
 
     pixels: number of the picture's samples.
@@ -268,7 +270,7 @@ def need(bricks: Bricks, pixels: int, enough: int) -> Need:
     all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
     if all_splats.bytes <= enough and volume.count <= MOST_KEPT:
         return all_splats
-    low = spread(np.maximum(size - PROBE_SIDE, 0), PROBES)
+    low = spread_places(np.maximum(size - PROBE_SIDE, 0), PROBES)
     # a small volume yields the same place several times
     low, same = np.unique(low, axis=0, return_inverse=True)
     probes = Bricks(volume, bricks.post, low, np.minimum(low + PROBE_SIDE, size))
@@ -281,7 +283,7 @@ def need(bricks: Bricks, pixels: int, enough: int) -> Need:
     return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
 
 
-def spread(most: np.ndarray, count: int) -> np.ndarray:
+def spread_places(most: np.ndarray, count: int) -> np.ndarray:
     """int64 [count, 3]: evenly distributed places from 0 to `most` (x, y, z); so is every prefix of them."""
     place = (0.5 + np.outer(np.arange(count), STEPS)) % 1.0
     return np.asarray((place * most).round().astype(np.int64))
@@ -289,7 +291,7 @@ def spread(most: np.ndarray, count: int) -> np.ndarray:
 
 def bricks_of(volume: Volume, transfer: Transfer, settings: Settings) -> Bricks | None:
     """The volume in bricks; None if the settings need voxels classified before reconstruction."""
-    if settings.classification == "pre" or only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False):
+    if settings.classification == "pre" or why_only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False):
         return None
     kernel = settings.kernel if settings.kernel != "auto" else POST_KERNEL
     all_values = BLENDS[settings.blend].one_value
@@ -300,17 +302,17 @@ def required_bricks(volume: Volume, transfer: Transfer, settings: Settings) -> B
     """The volume in bricks. Raises InputError, with the reason, if it needs voxels classified before reconstruction."""
     bricks = bricks_of(volume, transfer, settings)
     if bricks is None:
-        why = only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False) or "classification pre"
+        why = why_only_pre(volume, transfer, 0.0) or why_per_splat(settings, moving=False) or "classification pre"
         raise expected("a picture in parts", "values classified after reconstruction", why, "draw it whole, alone")
     return bricks
 
 
-def fits(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
+def excess_need(bricks: Bricks, size: tuple[int, int], memory: int) -> Need | None:
     """Memory needed by a picture of `size` (width, height); None if all splats fit into `memory` bytes and the GPU.
     Raises InputError for no bytes.
     """
     if memory <= 0:
         raise expected("memory", "a positive number of bytes", memory)
     # samples are at most 2 × 2 where voxels are not narrower than pixels
-    wanted = need(bricks, 4 * size[0] * size[1], memory)
+    wanted = estimate_need(bricks, 4 * size[0] * size[1], memory)
     return None if wanted.bytes <= memory and wanted.most <= MOST_KEPT else wanted

@@ -44,7 +44,7 @@ Plane = tuple[float, float, float, float]
 _latest = LatestParts()
 
 
-def planes(given: Any) -> tuple[Plane, ...]:
+def check_planes(given: Any) -> tuple[Plane, ...]:
     """Checks rows [n_x, n_y, n_z, d] and scales normals to unit length. Raises InputError for anything else, for zero
     normals, and for too many planes.
     """
@@ -113,7 +113,7 @@ class Clip:
         return enters.max(axis=0), leaves.min(axis=0), enters.argmax(axis=0)
 
 
-def clipped(splats: Splats, planes: tuple[Plane, ...], boxes: bool = False) -> Splats:
+def clip_splats(splats: Splats, planes: tuple[Plane, ...], boxes: bool = False) -> Splats:
     """Splats whose centres, or any part of their boxes, the planes keep; all splats classified after reconstruction,
     since rays are clipped. Caches the latest result.
     """
@@ -163,18 +163,18 @@ class Part:
         return corners_of(self.outline.min(axis=0), self.outline.max(axis=0))
 
 
-def planes_of(cuts: str | Sequence[Any], box: Box) -> tuple[Plane, ...]:
+def parse_planes(cuts: str | Sequence[Any], box: Box) -> tuple[Plane, ...]:
     """Parses plane conditions, or rows of four numbers. Raises InputError for anything else, and if the planes clip the
     whole box.
     """
     entries = [cuts] if isinstance(cuts, str) else list(cuts)
-    rows = planes([_condition(cut, box) if isinstance(cut, str) else cut for cut in entries])
-    if rows and not len(left(rows, corners_of(box.low, box.high))):
+    rows = check_planes([_parse_condition(cut, box) if isinstance(cut, str) else cut for cut in entries])
+    if rows and not len(clip_corners(rows, corners_of(box.low, box.high))):
         raise expected("clip", "planes that leave something of the volume", ", ".join(map(str, entries)))
     return rows
 
 
-def left(cuts: Sequence[Plane], corners: np.ndarray) -> np.ndarray:
+def clip_corners(cuts: Sequence[Plane], corners: np.ndarray) -> np.ndarray:
     """Corners [N, 3] of the part of a parallelepiped that planes keep. corners [8, 3]: in the order of `corners_of`."""
     sides = corners[[1, 2, 4]] - corners[0]
     size = float(np.linalg.norm(corners.max(axis=0) - corners.min(axis=0)))
@@ -212,7 +212,7 @@ def crop_planes(text: str, volume: Volume) -> tuple[Plane, ...]:
         for sign, place, at_end in ((1, begin, begin == 0), (-1, end, end == size)):
             if not at_end:
                 rows.append(index_plane(volume, axis, sign, place - 0.5))
-    return planes(rows)
+    return check_planes(rows)
 
 
 def index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
@@ -224,10 +224,10 @@ def index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
     return x, y, z, float(sign * place + normal @ np.asarray(volume.origin))
 
 
-def _condition(text: str, box: Box) -> tuple[float, ...]:
+def _parse_condition(text: str, box: Box) -> tuple[float, ...]:
     compact = text.replace(" ", "")
     if ":" in compact:
-        return _through(text, compact)
+        return _parse_point_and_normal(text, compact)
     match = COMPARED.fullmatch(compact)
     terms = TERM.findall(match[1]) if match else []
     if not match or "".join("".join(term) for term in terms) != match[1].replace("*", ""):
@@ -239,7 +239,7 @@ def _condition(text: str, box: Box) -> tuple[float, ...]:
         raise expected("clip", CONDITION, repr(text))
     sign, number, unit = (1.0 if match[2][0] == ">" else -1.0), float(match[3]), match[4]
     if unit:
-        place = number * _scale(unit, box.unit, text)
+        place = number * _world_units(unit, box.unit, text)
     else:
         if len(terms) == 1 and not 0 <= number / normal.sum() <= 1:
             raise expected("clip", "a fraction of the volume's box from 0 to 1, or a length with its unit", repr(text))
@@ -249,7 +249,7 @@ def _condition(text: str, box: Box) -> tuple[float, ...]:
     return (*(sign * normal).tolist(), sign * place)
 
 
-def _through(text: str, compact: str) -> tuple[float, ...]:
+def _parse_point_and_normal(text: str, compact: str) -> tuple[float, ...]:
     try:
         point, normal = (np.array([float(n) for n in part.split(",")]) for part in compact.split(":"))
         return (*normal.tolist(), float(normal @ point))
@@ -257,7 +257,7 @@ def _through(text: str, compact: str) -> tuple[float, ...]:
         raise expected("clip", CONDITION, repr(text)) from None
 
 
-def _scale(unit: str, volume_unit: str, text: str) -> float:
+def _world_units(unit: str, volume_unit: str, text: str) -> float:
     """World units per `unit`."""
     if unit in (volume_unit, ANY_UNIT):
         return 1.0

@@ -78,7 +78,7 @@ def colormap(name: str) -> np.ndarray:
     return table
 
 
-def whole(name: str) -> str:
+def base_name(name: str) -> str:
     """Name of the map without a part: "NAME" of "NAME[LOW:HIGH]"."""
     part = PART.fullmatch(name)
     return part[1] if part else name
@@ -119,7 +119,7 @@ def _nodes(name: str) -> tuple[np.ndarray, np.ndarray]:
     return places, np.array([_hex(node[2][1:]) for node in nodes if node])
 
 
-def of_colors(places: np.ndarray, colors: np.ndarray) -> str:
+def colormap_name(places: np.ndarray, colors: np.ndarray) -> str:
     """Name of the colour map through sRGB colours [N, 3] at ascending places [N]; all from 0 to 1."""
     parts = np.clip(np.rint(np.asarray(colors) * 255), 0, 255).astype(int)
     codes = ("#{:02x}{:02x}{:02x}".format(*row) for row in parts.tolist())
@@ -155,7 +155,7 @@ def _from_matplotlib(name: str) -> np.ndarray | None:
 
 
 # (number, "#rrggbb", opacity), ascending
-Shown = Sequence[tuple[int, str, float]]
+LabelStyles = Sequence[tuple[int, str, float]]
 
 # default opacity of a label, per reference length
 SOLID = 0.99
@@ -209,7 +209,7 @@ def labels_of(volume: Volume) -> tuple[Label, ...]:
     return tuple(Label(number) for number in map(int, numbers.tolist()) if number)
 
 
-def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> Shown:
+def select_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | None = None) -> LabelStyles:
     """Colours and opacities of labels. only: (number, opacity factor) of the labels to show, hidden ones too; None: all
     that are not hidden. Raises InputError for unknown numbers.
     """
@@ -222,12 +222,12 @@ def shown_labels(labels: Sequence[Label], only: Sequence[tuple[int, float]] | No
     bare = [number for number, _ in chosen if not table[number].color]
     colors = dict(zip(bare, colors_of(bare), strict=True)) if bare else {}
     named = ((table[number], factor) for number, factor in chosen)
-    return checked_labels(
+    return check_labels(
         [(label.number, label.color or colors[label.number], SOLID * label.opacity * factor) for label, factor in named]
     )
 
 
-def checked_labels(labels: Any) -> Shown:
+def check_labels(labels: Any) -> LabelStyles:
     """Checks (number, "#rrggbb", opacity) triples and sorts them by number. Raises InputError for anything else."""
     styles = []
     for entry in labels:
@@ -245,22 +245,22 @@ def checked_labels(labels: Any) -> Shown:
     return tuple(sorted(styles))
 
 
-def label_opacity(labels: Shown, values: np.ndarray) -> np.ndarray:
+def label_opacity(labels: LabelStyles, values: np.ndarray) -> np.ndarray:
     """Opacities of values, float64, any shape; 0 of numbers that are no label."""
-    return _looked_up(labels, values, 0)
+    return _look_up(labels, values, 0)
 
 
-def label_color(labels: Shown, values: np.ndarray) -> np.ndarray:
+def label_color(labels: LabelStyles, values: np.ndarray) -> np.ndarray:
     """Linear RGB of values, float64 [..., 3]."""
-    return _looked_up(labels, values, 1)
+    return _look_up(labels, values, 1)
 
 
-def label_place(labels: Shown, values: np.ndarray) -> np.ndarray:
+def label_place(labels: LabelStyles, values: np.ndarray) -> np.ndarray:
     """Positions of values in `labels`, counted from 1, float64; 0 of numbers that are no label."""
-    return _looked_up(labels, values, 2)
+    return _look_up(labels, values, 2)
 
 
-def _looked_up(labels: Shown, values: np.ndarray, column: int) -> np.ndarray:
+def _look_up(labels: LabelStyles, values: np.ndarray, column: int) -> np.ndarray:
     numbers, *columns = _table(tuple(labels), values.dtype.kind in "bui")
     values = values.astype(numbers.dtype, copy=False)
     place = np.minimum(np.searchsorted(numbers, values), len(numbers) - 1)
@@ -269,7 +269,7 @@ def _looked_up(labels: Shown, values: np.ndarray, column: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _table(labels: Shown, integer: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _table(labels: LabelStyles, integer: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Numbers in ascending order, opacities, linear RGB, and positions in `labels` from 1 on.
 
     integer: numbers as int64, since float64 cannot hold all of them; unsigned ones wrap around, as values do.
@@ -288,7 +288,7 @@ def _table(labels: Shown, integer: bool) -> tuple[np.ndarray, np.ndarray, np.nda
 FURTHEST, UNKNOWN, KNOWN = 1e4, -1e12, -1e5
 
 
-def places_of(mesh: Mesh) -> np.ndarray:
+def map_places(mesh: Mesh) -> np.ndarray:
     """Places [N] of vertices' values in their map, 0 to 1 within its window; UNKNOWN for NaN."""
     assert mesh.values is not None
     low, high = mesh.ranged
@@ -296,13 +296,13 @@ def places_of(mesh: Mesh) -> np.ndarray:
     return np.where(np.isnan(place), UNKNOWN, place)
 
 
-def tables_of(meshes: Sequence[Mesh]) -> np.ndarray:
+def map_tables(meshes: Sequence[Mesh]) -> np.ndarray:
     """float32 [R, ENTRIES, 3]: linear RGB of the maps of all meshes with values; one black row if there are none."""
     tables = [colormap(mesh.colormap) for mesh in meshes if mesh.mapped]
     return np.array(tables or [np.zeros((ENTRIES, 3))], np.float32)
 
 
-def painted(mesh: Mesh) -> Mesh:
+def paint_vertices(mesh: Mesh) -> Mesh:
     """The mesh with its values turned into vertex colours, for renderers without colour maps."""
     if not mesh.mapped:
         return mesh
@@ -316,11 +316,11 @@ def colors_at(mesh: Mesh, triangle: np.ndarray, share: np.ndarray) -> np.ndarray
     """Linear RGB [P, 3] at points of triangles [P]. share [P, 3]: barycentric coordinates."""
     if not mesh.mapped:
         return np.asarray((mesh.shades[triangle] * share[..., None]).sum(axis=1))
-    place = (places_of(mesh)[mesh.faces[triangle]] * share).sum(axis=1)
-    return mapped_color(colormap(mesh.colormap), place, np.asarray(mesh.color))
+    place = (map_places(mesh)[mesh.faces[triangle]] * share).sum(axis=1)
+    return map_color(colormap(mesh.colormap), place, np.asarray(mesh.color))
 
 
-def mapped_color(table: np.ndarray, place: np.ndarray, plain: np.ndarray) -> np.ndarray:
+def map_color(table: np.ndarray, place: np.ndarray, plain: np.ndarray) -> np.ndarray:
     """Linear RGB [P, 3] at places [P] of a map; `plain` where there is no value. Twin of `shaders/mesh_maps.glsl`."""
     at = np.clip(place, 0.0, 1.0) * (ENTRIES - 1)
     low = np.minimum(at.astype(np.int64), ENTRIES - 2)

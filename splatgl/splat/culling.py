@@ -16,7 +16,7 @@ from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Exposure
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import LatestParts, Splats
-from splatgl.splat.view import GridView, between, tangents
+from splatgl.splat.view import GridView, centres_between, tangents
 
 # rounding: a splat behind the plane by less than this share of its distance from the eye counts as on the plane
 ON_PLANE = 1e-9
@@ -26,7 +26,7 @@ BEHIND = 3.0
 _latest_ahead = LatestParts()
 
 
-def ahead(splats: Splats, camera: Camera) -> Splats:
+def clip_behind_eye(splats: Splats, camera: Camera) -> Splats:
     """Splats in front of a parallel view's eye, for labels those partly in front; all splats of perspective views.
     Caches the latest result.
     """
@@ -40,10 +40,10 @@ def ahead(splats: Splats, camera: Camera) -> Splats:
     if splats.labels is not None:
         # boxes that the plane cuts are kept
         slack += 0.5 * float(np.abs(camera.forward @ splats.grid.world_from_index).sum())
-    return _latest_ahead.of(splats, plane, lambda: _kept(splats, camera, slack))
+    return _latest_ahead.of(splats, plane, lambda: _is_ahead(splats, camera, slack))
 
 
-def _kept(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
+def _is_ahead(splats: Splats, camera: Camera, slack: float) -> np.ndarray:
     """bool [N]: whether splats are at most `slack`, world units, behind the eye."""
     normal = camera.forward @ splats.grid.world_from_index
     offset = camera.forward @ (splats.grid.origin - camera.eye)
@@ -87,7 +87,7 @@ class Frustum:
             return cls(view, edge, np.maximum(support, widest), np.zeros(2))
         return cls(view, edge, support, np.full(2, widest * (1 + float(np.hypot(*edge)))))
 
-    def reached(self, center: np.ndarray, half: np.ndarray | None = None) -> np.ndarray:
+    def may_show(self, center: np.ndarray, half: np.ndarray | None = None) -> np.ndarray:
         """bool [N]: whether splats within `half` [3, N] of `center` [3, N], eye axes, may be visible."""
         half = np.zeros_like(center) if half is None else half
         furthest = center[2] + half[2] if self.view.perspective else np.ones(center.shape[1:])
@@ -97,7 +97,7 @@ class Frustum:
         return np.asarray((beyond <= reach * (1 + 1e-3) + 1e-3 * self.support[:, None]).all(axis=0) & ahead)
 
 
-def boxes(positions: np.ndarray) -> np.ndarray:
+def block_boxes(positions: np.ndarray) -> np.ndarray:
     """[blocks, 6]: centres and half sides of the boxes around each BLOCK of positions [N, 3], grid indices."""
     if not len(positions):
         return np.zeros((0, 6))
@@ -106,17 +106,17 @@ def boxes(positions: np.ndarray) -> np.ndarray:
     return np.concatenate([(low + high) / 2, (high - low) / 2], axis=1)
 
 
-def shown(around: np.ndarray, frustum: Frustum) -> np.ndarray:
+def blocks_in_frustum(around: np.ndarray, frustum: Frustum) -> np.ndarray:
     """bool [blocks]: whether boxes [blocks, 6] may contain a visible splat."""
     view = frustum.view
-    return frustum.reached(view.voxels(around[:, :3]), np.abs(view.eye_from_index) @ around[:, 3:].T)
+    return frustum.may_show(view.voxels(around[:, :3]), np.abs(view.eye_from_index) @ around[:, 3:].T)
 
 
 # pixels around the outline, for rounding
 OUTLINE_MARGIN = 1.0
 
 
-def beside_box(view: GridView, shape: tuple[int, int, int], window: Window, side: tuple[int, int]) -> np.ndarray:
+def tiles_beside_box(view: GridView, shape: tuple[int, int, int], window: Window, side: tuple[int, int]) -> np.ndarray:
     """bool [tiles]: whether a tile lies outside the silhouette of the box of `shape` voxels (x, y, z).
 
     Tiles of `side` pixels (x, y) cover the window row by row. All False unless the whole box is in front of the eye.
@@ -172,7 +172,7 @@ def eye_is_near(splats: Splats, view: GridView, exposure: Exposure | None) -> bo
     box = np.where(view.eye_from_index[2] > 0, low, high) - view.eye_index
     if view.eye_from_index[2] @ box > AROUND_EYE * view.reach:
         return False
-    return bool(Frustum.of(view).reached(between(splats, view, -view.reach, AROUND_EYE * view.reach)).any())
+    return bool(Frustum.of(view).may_show(centres_between(splats, view, -view.reach, AROUND_EYE * view.reach)).any())
 
 
 # splats within this many kernel reaches of the eye's plane may cover the whole picture
@@ -269,7 +269,7 @@ OPAQUE, FEW = 12.0, 1 << 14
 _latest_skin = LatestParts()
 
 
-def skinned(splats: Splats) -> Splats:
+def visible_shell(splats: Splats) -> Splats:
     """Removes splats that are hidden from every side; returns the same object if hardly any are, or if they are
     classified after reconstruction.
 
@@ -278,13 +278,13 @@ def skinned(splats: Splats) -> Splats:
     """
     if splats.post is not None or not len(splats):
         return splats
-    keep = _seen(splats, HIDING)
+    keep = _is_exposed(splats, HIDING)
     if keep.mean() > 1.0 - WORTH:
         return splats
     return splats.part(keep, among_all=True)
 
 
-def exposed(splats: Splats, resolved: Resolved) -> Splats:
+def visible_boxes(splats: Splats, resolved: Resolved) -> Splats:
     """Removes boxes of labels that others hide from every side, if the eye is outside and nothing is clipped; returns
     all splats otherwise. Caches the latest result.
     """
@@ -300,13 +300,13 @@ def exposed(splats: Splats, resolved: Resolved) -> Splats:
         return splats
 
     def keeps() -> np.ndarray:
-        keep = _seen(splats, OPAQUE * splats.grid.mean_spacing / splats.grid.smallest_spacing)
+        keep = _is_exposed(splats, OPAQUE * splats.grid.mean_spacing / splats.grid.smallest_spacing)
         return keep if keep.mean() <= 1.0 - WORTH else np.ones(len(splats), bool)
 
     return _latest_skin.of(splats, OPAQUE, keeps)
 
 
-def _seen(splats: Splats, hiding: float) -> np.ndarray:
+def _is_exposed(splats: Splats, hiding: float) -> np.ndarray:
     """bool [N]: whether some side of a splat has less than optical depth `hiding`, in cells of a mean spacing."""
     cells = _cells(splats)
     shape = cells.max(axis=0) + 1 if len(splats) else np.zeros(3, np.int64)
@@ -319,14 +319,14 @@ def _seen(splats: Splats, hiding: float) -> np.ndarray:
     hidden = np.zeros(shape, bool)
     for layer in range(1, LAYERS + 1):
         for axis in range(3):
-            depth = _least(depth, axis)
+            depth = _min_filter(depth, axis)
         hidden |= depth >= hiding / layer
         if not (depth >= hiding / LAYERS).any():
             break
     return ~hidden[tuple(cells.T)]
 
 
-def outside(splats: Splats, eye: np.ndarray) -> bool:
+def eye_is_outside(splats: Splats, eye: np.ndarray) -> bool:
     """Whether an eye position, world units, is outside the splats' box."""
     low, high = splats.index_bounds
     place = splats.grid.index_from_world(eye)
@@ -339,7 +339,7 @@ def _cells(splats: Splats) -> np.ndarray:
     return np.asarray(cells - cells.min(axis=0)) if len(cells) else cells
 
 
-def _least(array: np.ndarray, axis: int) -> np.ndarray:
+def _min_filter(array: np.ndarray, axis: int) -> np.ndarray:
     """Minimum over a value and its two neighbours along an axis; 0 at the ends."""
     across = np.moveaxis(array, axis, 0)
     least = np.zeros_like(across)

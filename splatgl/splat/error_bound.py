@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.splat.culling import ahead
+from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.kernels import Kernel, kernel, polynomials, radial_table, rim_step
 from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Lookup
@@ -57,14 +57,14 @@ class PlacementError:
     level: float = 0.0
 
 
-def largest(lookup: Lookup, placement: PlacementError) -> float:
+def largest_error(lookup: Lookup, placement: PlacementError) -> float:
     """The largest error of any fragment, over F(0)."""
-    return float(_missed(lookup, placement).max())
+    return float(_deviation(lookup, placement).max())
 
 
-def summed(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
+def accumulated_error(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
     """The largest accumulated error along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ."""
-    missed = _missed(lookup, placement)
+    missed = _deviation(lookup, placement)
     value, peak = _profile(lookup.kernel)
     over = np.maximum(missed[None, :] - ABSOLUTE[:, None], 0.0)
     relative = np.where(over > 0, over / np.maximum(value, 1e-30), 0.0).max(axis=1)
@@ -83,18 +83,18 @@ def _distances(shape: Kernel) -> np.ndarray:
     return shape.radius * (1 - np.linspace(1, 0, SAMPLES) ** 3)
 
 
-def _missed(lookup: Lookup, placement: PlacementError) -> np.ndarray:
+def _deviation(lookup: Lookup, placement: PlacementError) -> np.ndarray:
     """|drawn − right| / F(0) at _distances."""
     # quantised to tenths of log10, so that moving cameras hit the cache
-    return _missed_at(lookup, _step(placement.place), _step(placement.gain)) + placement.level
+    return _deviation_at(lookup, _quantize(placement.place), _quantize(placement.gain)) + placement.level
 
 
-def _step(number: float) -> float:
+def _quantize(number: float) -> float:
     return float(10 ** (np.ceil(10 * np.log10(max(number, 1e-12))) / 10))
 
 
 @lru_cache(maxsize=256)
-def _missed_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
+def _deviation_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
     shape = kernel(lookup.kernel)
     d = _distances(shape)
     value, peak = _profile(lookup.kernel)
@@ -183,43 +183,43 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
     if plan.program.look.steps > 0 or plan.program.boxes:
         return None
     if plan.exposure is None:
-        splats = ahead(splats, plan.resolved.camera)
+        splats = clip_behind_eye(splats, plan.resolved.camera)
     if not len(splats):
-        lost = _resolved(plan, 1.0 if plan.resolved.background else 0.0)
+        lost = _resolve_error(plan, 1.0 if plan.resolved.background else 0.0)
         return Bound(0.0, 0.0, lost, lost)
     program, blend = plan.program, plan.program.look.blend
     most = max(splats.brightest, 1.0)
     if plan.exposure is None:
-        placement, met = _placement(splats, plan.view, plan), ray_overlap(splats, plan.view)
+        placement, met = _placement_error(splats, plan.view, plan), ray_overlap(splats, plan.view)
     else:
-        blurred = _blurred(splats, plan, plan.exposure)
+        blurred = _streak_errors(splats, plan, plan.exposure)
         if blurred is None:
             return None
         placement, met = blurred
-    brightest_pixel = _largest(splats, plan, met, most)
+    brightest_pixel = _largest_pixel(splats, plan, met, most)
     # 8 bits clamp values over 1
     cut = plan.target == "rgba8" and (blend.unbounded or brightest_pixel > 1.0)
     # and an approximate form may miss the brightest parts
     other = plan.view.perspective and program.align != "exact"
     brightest = brightest_pixel if cut or other else brightest
-    footprint = _footprints(splats, plan, placement, met, brightest / most) * most
-    footprint += _displaced(splats, plan) * most
+    footprint = _footprint_error(splats, plan, placement, met, brightest / most) * most
+    footprint += _displacement_error(splats, plan) * most
     # blends
     scale = {"over": most, "sum": brightest, "max": brightest_pixel}[blend.join]
     share, least = TARGET[plan.target]
-    rounding = max(_last_digit(scale) * share, least) * (1.0 if blend.join == "max" else met.count)
+    rounding = max(_next_power_of_two(scale) * share, least) * (1.0 if blend.join == "max" else met.count)
     if blend.ordered and plan.target == "rgba32f":
         rounding *= OVER
-    lost = _resolved(plan, max(scale, 1.0 if plan.resolved.background else 0.0))
+    lost = _resolve_error(plan, max(scale, 1.0 if plan.resolved.background else 0.0))
     # rounding up, or a form that overestimates a ray's length, makes pixels brighter than the true maximum
-    longest = 2 * float(np.hypot(_edge(plan.view), 1.0)) if other and not blend.ordered else 1.0
+    longest = 2 * float(np.hypot(_corner_slope(plan.view), 1.0)) if other and not blend.ordered else 1.0
     hidden = plan.hiding.cutoff * most
     return Bound(
         footprint, hidden, brightest_pixel if cut else rounding + lost, brightest_pixel * longest + least + lost
     )
 
 
-def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementError, RayOverlap] | None:
+def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementError, RayOverlap] | None:
     """Placement error and ray overlap of streaks; None if streaks deviate from their model."""
     shape, props = plan.kernel, plan.program.seen
     steps = splats.grid.world_from_index / splats.grid.mean_spacing
@@ -231,7 +231,7 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
     nearest = min(float(box[2].min()) for box in boxes) - astray * longest
     if nearest <= AHEAD * shape.radius * longest or (props.antialias and not props.cubic):
         return None
-    placements = [_placement(splats, view, plan) for view in views]
+    placements = [_placement_error(splats, view, plan) for view in views]
     placement = PlacementError(
         PLACES * max(error.place for error in placements),
         max(error.gain for error in placements),
@@ -252,39 +252,39 @@ def _blurred(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementE
     )
 
 
-def _largest(splats: Splats, plan: Plan, met: RayOverlap, most: float) -> float:
+def _largest_pixel(splats: Splats, plan: Plan, met: RayOverlap, most: float) -> float:
     """An upper bound on pixel values."""
     if plan.program.look.blend.ordered:
         return most
     if plan.program.look.blend.peak:
-        return most * _opacity(splats)
+        return most * _largest_opacity(splats)
     return most * met.depth * float(plan.kernel.footprint(np.zeros(())))
 
 
-def _opacity(splats: Splats) -> float:
+def _largest_opacity(splats: Splats) -> float:
     """The largest opacity of a splat, over the transfer function's reference length."""
     return float(-np.expm1(-splats.deepest * splats.unit / splats.grid.mean_spacing))
 
 
-def _resolved(plan: Plan, scale: float) -> float:
+def _resolve_error(plan: Plan, scale: float) -> float:
     """Float32 error of averaging samples and blending over a background; 0 without either."""
     if not plan.resolved.averaged and plan.resolved.background is None:
         return 0.0
-    return ULP * (plan.samples + 3) * _last_digit(scale)
+    return ULP * (plan.samples + 3) * _next_power_of_two(scale)
 
 
-def _last_digit(largest: float) -> float:
+def _next_power_of_two(largest: float) -> float:
     """The next power of two: numbers below it have a rounding error of at most it times TARGET."""
     return float(2.0 ** np.ceil(np.log2(max(largest, 1e-30))))
 
 
-def _footprints(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, brightest: float) -> float:
+def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, brightest: float) -> float:
     """Total error of all fragments of a ray, for colours up to 1."""
     program, blend, half_line = plan.program, plan.program.look.blend, plan.program.seen.half_line
     # a highlight is a power of a cosine
     arithmetic = ARITHMETIC * 2.0**program.look.light.sharpness + GATHERED * (program.technique == "tiles")
     if blend.peak:
-        share = (largest(plan.lookup, placement) + HALF_LINE * half_line + arithmetic) * _opacity(splats)
+        share = (largest_error(plan.lookup, placement) + HALF_LINE * half_line + arithmetic) * _largest_opacity(splats)
         return min(share, 1.0)
     # an X-ray is a plain sum
     weight, deep = (0.5 if blend.ordered else brightest), met.depth
@@ -292,13 +292,13 @@ def _footprints(splats: Splats, plan: Plan, placement: PlacementError, met: RayO
         weight = MIXED
     if program.motion != "off" and program.look.attenuation == "fill":
         weight, deep = DWELT[0], DWELT[1] * met.depth
-    share = summed(plan.lookup, placement, weight, deep)
+    share = accumulated_error(plan.lookup, placement, weight, deep)
     if half_line:
-        share += _around(splats) * float(plan.kernel.footprint(np.zeros(())))
+        share += _half_line_error(splats) * float(plan.kernel.footprint(np.zeros(())))
     return share + arithmetic * max(weight, 1.0)
 
 
-def _displaced(splats: Splats, plan: Plan) -> float:
+def _displacement_error(splats: Splats, plan: Plan) -> float:
     """Error by the places of splats in sheets, in float32."""
     if plan.resolved.sheets is None:
         return 0.0
@@ -306,14 +306,14 @@ def _displaced(splats: Splats, plan: Plan) -> float:
     return DISPLACED * PLACE_DIGITS * ULP * float(far)
 
 
-def _around(splats: Splats) -> float:
+def _half_line_error(splats: Splats) -> float:
     """Total error of the half-line table over kernels around the eye, in optical depth."""
     cells = cells_of(splats)
     relative = HALF_LINE * splats.total_depth
     return min(relative, AROUND * cells.depth) if cells.aligned else relative
 
 
-def _placement(splats: Splats, view: GridView, plan: Plan) -> PlacementError:
+def _placement_error(splats: Splats, view: GridView, plan: Plan) -> PlacementError:
     """The largest error of a fragment's distance D, in voxels, and of its value."""
     radius, corners = view.kernel.radius, view.box(splats)
     widths = np.linalg.svd(view.eye_from_index, compute_uv=False)
@@ -324,23 +324,23 @@ def _placement(splats: Splats, view: GridView, plan: Plan) -> PlacementError:
         return PlacementError(place)
     if view.antialias:
         nearest = max(view.widened_beyond[1], float(corners[2].min())) / widths[0]
-        moved = MOVED[0] + MOVED[1] * _edge(view) ** 2
+        moved = MOVED[0] + MOVED[1] * _corner_slope(view) ** 2
         place += (RIMMED if rim_step(view.kernel) > 1e-6 else 1.0) * moved / nearest**2 * widths[0] / widths[-1]
         gain = BENT / nearest**2 + plan.resolved.unsure
     if plan.program.align != "exact":
-        place += _form(view, plan, float(corners[2].min())) / widths[-1]
+        place += _form_error(view, plan, float(corners[2].min())) / widths[-1]
     return PlacementError(min(place, radius), gain)
 
 
-def _edge(view: GridView) -> float:
+def _corner_slope(view: GridView) -> float:
     """The slope of a ray at the picture's corner."""
     return float(np.hypot(*view.edge))
 
 
-def _form(view: GridView, plan: Plan, nearest: float) -> float:
+def _form_error(view: GridView, plan: Plan, nearest: float) -> float:
     """Position error of Table 1's forms, which use one plane or direction for all rays: slant at the picture's edge."""
     radius = view.kernel.radius
     near = radius**2 / max(nearest, 1e-3)
     if plan.program.align == "ray" and not view.antialias:
         return float(near)
-    return float(radius * (np.hypot(_edge(view), 1.0) - 1) + near)
+    return float(radius * (np.hypot(_corner_slope(view), 1.0) - 1) + near)

@@ -20,11 +20,17 @@ from splatgl.splat.extract_values import extract_post
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
-from splatgl.splat.preintegration import ValueClassifier, active_range, faced, opaque_intervals, transparent
+from splatgl.splat.preintegration import (
+    ValueClassifier,
+    active_range,
+    clear_isolated,
+    nearest_transparent,
+    opaque_intervals,
+)
 from splatgl.splat.splats import (
     MOST_KEPT,
     NORMAL_SCALE,
-    Gathered,
+    GrowingRecords,
     Splats,
     assemble,
     in_parts,
@@ -66,7 +72,7 @@ class Source:
     @property
     def only_pre(self) -> str | None:
         """Reason why only classification before reconstruction is possible; None if both kinds are."""
-        return only_pre(self.volume, self.transfer, self.threshold)
+        return why_only_pre(self.volume, self.transfer, self.threshold)
 
     def splats(self, classification: str, kernel: str) -> Splats:
         """Extracts splats once for each classification and kernel."""
@@ -128,7 +134,7 @@ def extract(
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
     depth, height, width = volume.shape
     planes = slab or max(1, SLAB_VOXELS // (height * width))
-    why = only_pre(volume, transfer, threshold)
+    why = why_only_pre(volume, transfer, threshold)
     if classification == "pre" or (classification == "auto" and why):
         splats = extract_pre(volume, transfer, threshold, planes, progress)
     elif why:
@@ -157,7 +163,7 @@ def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scen
     return Scene([Layer(channel, look, threshold=threshold) for channel, look in looks])
 
 
-def only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:
+def why_only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:
     """Reason why only classification before reconstruction is possible; None if both kinds are."""
     if threshold > 0:
         return "threshold"
@@ -237,16 +243,16 @@ def extract_pre(
     # one slab at a time
     normals = LabelNormals.empty(volume) if transfer.labels else None
     slabs = volume.slabs(planes, halo=1 if normals is None else HALO)
-    gathered = Gathered(lookup.record)
+    gathered = GrowingRecords(lookup.record)
     for part in progress(slabs, -(-depth // planes)) if progress else slabs:
         part = replace(part, samples=np.ascontiguousarray(part.samples))
         inner = part.samples[part.before : part.before + part.stop - part.start]
         # voxels whose opacity may exceed the threshold
-        hidden = None if not volume.masks else ~_kept(volume, part.start, len(inner))
+        hidden = None if not volume.masks else ~_unmasked(volume, part.start, len(inner))
         flat = np.flatnonzero(lookup.keeps(inner) if hidden is None else lookup.keeps(inner) & ~hidden)
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
         if normals is not None:
-            normals.add(volume, part, _shown(lookup, volume, part))
+            normals.add(volume, part, _label_opacity(lookup, volume, part))
         work = partial(_records, volume, _Part(part, color, normals), flat, lookup, unit / grid.mean_spacing)
         results = in_parts(len(flat), RECORDS, work)
         for records, _ in results:
@@ -261,7 +267,7 @@ def extract_pre(
     if normals is None or not len(position):
         return splats
     return replace(
-        splats, labels=normals.cut(position.min(axis=0).astype(np.int64), position.max(axis=0).astype(np.int64))
+        splats, labels=normals.crop(position.min(axis=0).astype(np.int64), position.max(axis=0).astype(np.int64))
     )
 
 
@@ -274,16 +280,16 @@ class _Part:
     normals: LabelNormals | None
 
 
-def _kept(volume: Volume, first: int, planes: int) -> np.ndarray:
+def _unmasked(volume: Volume, first: int, planes: int) -> np.ndarray:
     """bool: which voxels of some planes the masks keep."""
     return volume.kept((first, 0, 0), (first + planes, *volume.shape[1:]))
 
 
-def _shown(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
+def _label_opacity(lookup: Lookup, volume: Volume, part: Slab) -> np.ndarray:
     """Opacities, float32, of a slab's voxels: 0 where hidden or masked."""
     opacity = np.where(lookup.keeps(part.samples), lookup.opacity(part.samples), 0.0).astype(np.float32)
     if volume.masks:
-        opacity *= _kept(volume, part.start - part.before, len(opacity))
+        opacity *= _unmasked(volume, part.start - part.before, len(opacity))
     return opacity
 
 
@@ -343,7 +349,7 @@ def _gradient(
     """
     values = samples.reshape(-1)
     center = np.take(values, flat).astype(np.float64)
-    outside, within = (center, np.zeros(len(flat), bool)) if opaque is None else transparent(opaque, center)
+    outside, within = (center, np.zeros(len(flat), bool)) if opaque is None else nearest_transparent(opaque, center)
     gradient, gone = np.empty((len(flat), 3)), np.empty((2, len(flat), 3), bool)
     steps = np.empty((len(flat), 3), np.int8)
     depth, height, width = samples.shape
@@ -366,7 +372,7 @@ def _gradient(
     if opaque is not None and values.dtype.kind == "f" and values.dtype.itemsize > 4:
         gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
     gradient /= steps
-    return faced(gradient, gone, within)
+    return clear_isolated(gradient, gone, within)
 
 
 def _snorm(gradient: np.ndarray) -> np.ndarray:

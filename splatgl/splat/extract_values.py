@@ -19,8 +19,8 @@ from splatgl.data.volume import Places, Volume
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import FREE, Kernel
 from splatgl.splat.mask_field import MaskField
-from splatgl.splat.preintegration import ValueClassifier, faced
-from splatgl.splat.splats import Gathered, Splats, assemble, in_parts, record_type
+from splatgl.splat.preintegration import ValueClassifier, clear_isolated
+from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, record_type
 
 # steps of the prefilter, after which means of coefficients are near the samples
 PREFILTERED = {"b-spline": 4, FREE: 4}
@@ -52,7 +52,7 @@ def extract_post(
 
     voxels: about how many to read at a time; records do not depend on it.
     """
-    gathered = Gathered(record_type(volume.shape, post=True))
+    gathered = GrowingRecords(record_type(volume.shape, post=True))
     layers = boxes(volume.shape, voxels)
     count = sum(map(len, layers))
     all_boxes = (box for layer in layers for box in layer)
@@ -131,10 +131,10 @@ class Samples(NamedTuple):
 
 def _gaps(part: Samples, post: ValueClassifier) -> np.ndarray:
     """Places [N, 3] (x, y, z) of missing voxels within reach of the kernels of voxels that opaque points need."""
-    reached = needed(part.u, 1, post.wanted)[1] & np.isfinite(part.u)
+    reached = select_needed(part.u, 1, post.wanted)[1] & np.isfinite(part.u)
     for _ in range(KERNEL_REACH):
         for axis in range(3):
-            reached = _dilated(reached, axis)
+            reached = _dilate(reached, axis)
     places = np.argwhere((reached & ~np.isfinite(part.u))[part.own])
     return np.asarray((places + [a + (axis.start or 0) for a, axis in zip(part.first, part.own, strict=True)])[:, ::-1])
 
@@ -157,7 +157,7 @@ def gaps_of(volume: Volume, post: ValueClassifier, layers: list[list[Box]]) -> n
 def post_splats(volume: Volume, post: ValueClassifier, records: np.ndarray, gaps: np.ndarray | None = None) -> Splats:
     """Splats made of a volume's records. gaps [N, 3]: see `box_records`."""
     grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    splats = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).classified_after(post)
+    splats = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).with_classifier(post)
     if gaps is None:
         return replace(splats, mask=MaskField.of(volume))
     mask = MaskField.with_gaps(volume, gaps)
@@ -187,7 +187,7 @@ def post_records(
     """
     steps = PREFILTERED.get(kernel.name, 0)
     u, first, inner = part
-    keep, beside = needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
+    keep, beside = select_needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
     wanted = keep[inner] & np.isfinite(u[inner])
     if near is not None:
         wanted &= near
@@ -199,7 +199,7 @@ def post_records(
     inside = tuple(place + (part.start or 0) for place, part in zip(places, inner, strict=True))
     box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
     around = post.around if post.faced else None
-    values = Values(u, prefiltered(u[box], kernel, steps), beside, tuple(part.start for part in box), around)
+    values = Values(u, prefilter(u[box], kernel, steps), beside, tuple(part.start for part in box), around)
     spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
     world = np.linalg.inv(volume.world_from_index) * spacing
     in_parts(len(records), RECORDS, partial(_fill, records, values, inside, first, world))
@@ -207,7 +207,7 @@ def post_records(
 
 
 class Values(NamedTuple):
-    """u: record values of the samples. c: coefficients, from place `start` on. near: see `needed`. around: see
+    """u: record values of the samples. c: coefficients, from place `start` on. near: see `select_needed`. around: see
     `gradients`.
     """
 
@@ -248,7 +248,7 @@ def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
     return post.relative(samples if samples.dtype.kind in "bui" else np.where(np.isfinite(samples), samples, np.nan))
 
 
-def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
+def prefilter(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
     """Coefficients whose kernel means pass near the samples u [D, H, W]; means leave out NaN and places beyond the
     ends.
 
@@ -262,9 +262,9 @@ def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
     weights = np.asarray(kernel.value(np.sqrt(np.arange(4.0))), np.float32)
     weights /= weights @ np.array([1, 6, 12, 8], np.float32)
     mass = (
-        1 / _inside(u.shape, weights)
+        1 / _inner_weight(u.shape, weights)
         if complete
-        else 1 / np.maximum(_smoothed(finite.astype(np.float32), weights), 1e-9)
+        else 1 / np.maximum(_smooth(finite.astype(np.float32), weights), 1e-9)
     )
     limits = None if kernel.name == FREE else _limits(u, complete)
     c = known
@@ -279,20 +279,18 @@ def prefiltered(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
             np.copyto(mean, 0, where=~finite[some])
 
     for _ in range(steps):
-        c = _smoothed(c, weights, step)
+        c = _smooth(c, weights, step)
     return c if complete else np.where(finite, c, np.float32(np.nan))
 
 
-def _inside(shape: tuple[int, ...], weights: np.ndarray) -> np.ndarray:
+def _inner_weight(shape: tuple[int, ...], weights: np.ndarray) -> np.ndarray:
     """[D, H, W]: sum of the weights that lie inside the volume, for each voxel."""
-    ends = _smoothed(np.ones([min(size, 3) for size in shape], np.float32), weights)
+    ends = _smooth(np.ones([min(size, 3) for size in shape], np.float32), weights)
     index = [np.minimum(np.arange(size), 1) + (np.arange(size) == size - 1) * (size > 2) for size in shape]
     return np.asarray(ends[np.ix_(*index)])
 
 
-def _smoothed(
-    c: np.ndarray, weights: np.ndarray, then: Callable[[slice, np.ndarray], None] | None = None
-) -> np.ndarray:
+def _smooth(c: np.ndarray, weights: np.ndarray, then: Callable[[slice, np.ndarray], None] | None = None) -> np.ndarray:
     """Weighted sum over 3×3×3 neighbours; weights [4] by the number of coordinates that differ; 0 beyond the ends.
 
     Runs in parallel chunks of planes. then: changes a finished chunk in place.
@@ -303,14 +301,14 @@ def _smoothed(
     def smooth(some: slice) -> None:
         first = max(some.start - 1, 0)
         part, inner = c[first : some.stop + 1], slice(some.start - first, some.stop - first)
-        term, beside = np.empty_like(part), _beside(part, 2, np.empty_like(part))
+        term, beside = np.empty_like(part), _sum_neighbours(part, 2, np.empty_like(part))
         same, one, two = part * w0, part * w1, part * w2
         same += np.multiply(beside, w1, out=term)
         one += np.multiply(beside, w2, out=term)
         two += np.multiply(beside, w3, out=term)
-        same += _beside(one, 1, term)
-        one += _beside(two, 1, term)
-        np.add(same[inner], _beside(one, 0, term)[inner], out=total[some])
+        same += _sum_neighbours(one, 1, term)
+        one += _sum_neighbours(two, 1, term)
+        np.add(same[inner], _sum_neighbours(one, 0, term)[inner], out=total[some])
         if then is not None:
             then(some, total[some])
 
@@ -323,7 +321,7 @@ def _planes_of(c: np.ndarray) -> int:
     return max(1, CHUNK_VOXELS // max(c[0].size, 1))
 
 
-def _beside(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
+def _sum_neighbours(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
     """Sets `total` to the sum of both neighbours along an axis, 0 beyond the ends, and returns it."""
     a, sums = np.moveaxis(a, axis, 0), np.moveaxis(total, axis, 0)
     np.add(a[:-2], a[2:], out=sums[1:-1])
@@ -349,7 +347,7 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
         if gone is not None:
             least, most = (np.where(gone, np.float32(end), part) for end in (np.inf, -np.inf))
         for axis in range(3):
-            least, most = _extreme(np.minimum, least, axis), _extreme(np.maximum, most, axis)
+            least, most = _extreme_filter(np.minimum, least, axis), _extreme_filter(np.maximum, most, axis)
         for axis in range(3):
             _widen(least, most, part, gone, axis)
         low[some], high[some] = least[inner], most[inner]
@@ -394,13 +392,13 @@ def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray 
     if gone is not None:
         np.copyto(wave, np.float32(1e30), where=np.moveaxis(gone, axis, 0))
     for along in (0, 0, 1, 2):
-        wave = _extreme(np.minimum, wave, along)
+        wave = _extreme_filter(np.minimum, wave, along)
     wave *= WAVE
     low -= wave
     high += wave
 
 
-def _extreme(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
+def _extreme_filter(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
     """Minimum or maximum over a voxel and its two neighbours along an axis."""
     a = np.moveaxis(a, axis, 0)
     if len(a) < 3:
@@ -411,7 +409,7 @@ def _extreme(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
     return np.moveaxis(result, 0, axis)
 
 
-def needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def select_needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """bool, twice: where the interval of u within `around` of a voxel meets one of `wanted` [n, 2]; and where that of
     its 26 neighbours does.
 
@@ -421,14 +419,14 @@ def needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, 
     for start, end in wanted.astype(np.float64).tolist():
         above, below = u >= np.float64(start), u <= np.float64(end)
         for axis in range(3):
-            above, below = _dilated(above, axis), _dilated(below, axis)
+            above, below = _dilate(above, axis), _dilate(below, axis)
         near |= above & below
         for axis in range(3) if around > 1 else ():
-            keep |= _dilated(above, axis) & _dilated(below, axis)
+            keep |= _dilate(above, axis) & _dilate(below, axis)
     return keep | near, near
 
 
-def _dilated(mask: np.ndarray, axis: int) -> np.ndarray:
+def _dilate(mask: np.ndarray, axis: int) -> np.ndarray:
     """True where the mask or a neighbour along the axis is True."""
     a = np.moveaxis(mask, axis, 0)
     result = a.copy(order="K")
@@ -483,7 +481,7 @@ def gradients(
             np.copyto(value, outside, where=filled & ~np.isfinite(value))
         # both faces of a single plane are alike
         gradient[:, axis] = np.where(alone, center - outside, _difference(at, center, order))
-    return faced(gradient, gone, opaque) if gone.any() else gradient
+    return clear_isolated(gradient, gone, opaque) if gone.any() else gradient
 
 
 def _difference(at: dict[int, np.ndarray], center: np.ndarray, order: int) -> np.ndarray:

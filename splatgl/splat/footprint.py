@@ -142,7 +142,7 @@ ONSET, ONSET_POWER = 2.0, 16
 GRAZING = 1e-3
 
 
-def filled_depth(
+def fill_depth(
     depth: np.ndarray, along: np.ndarray, widths: np.ndarray, pixel: np.ndarray, coverage: np.ndarray, runs: np.ndarray
 ) -> np.ndarray:
     """Optical depth per mean spacing [N] that replaces `depth` where a pixel is wider than a voxel.
@@ -173,7 +173,7 @@ def run_lengths(runs: np.ndarray) -> np.ndarray:
     return np.asarray(np.exp2(np.stack([runs >> bits & 31 for bits in (0, 5, 10)]) * OCTAVES))
 
 
-def run_along(direction: np.ndarray, runs: np.ndarray) -> np.ndarray:
+def run_length_along(direction: np.ndarray, runs: np.ndarray) -> np.ndarray:
     """Run length [N] of matter along directions [3, N] in index axes, of any length, in voxels."""
     along = np.abs(direction) / np.maximum(np.sqrt((direction * direction).sum(axis=0)), 1e-300)
     return np.asarray((run_lengths(runs) / np.maximum(along, GRAZING)).min(axis=0))

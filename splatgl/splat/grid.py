@@ -35,14 +35,14 @@ def lattice_across(splats: Splats, axis: int) -> Lattice:
         return Lattice((2, 1, 0), None, plane, plane_start, splats.row_y, splats.row_start, splats.cell_x)
     if axis == 1:
         # whole rows, bucketed by y; z still ascends
-        rows, count = _bucketed(splats.row_y), np.diff(splats.row_start)
+        rows, count = _bucket_sort(splats.row_y), np.diff(splats.row_start)
         row_start = np.concatenate([[0], np.cumsum(count[rows])])
         index = ranges(splats.row_start[rows], count[rows])
         plane, plane_start = _groups(splats.row_y[rows])
         return Lattice((1, 2, 0), index, plane, plane_start, splats.row_z[rows], row_start, splats.cell_x[index])
     # single splats, bucketed by x; z, then y still ascend
-    index = _bucketed(splats.cell_x)
-    y, z = _in_rows(splats, splats.row_y, index), _in_rows(splats, splats.row_z, index)
+    index = _bucket_sort(splats.cell_x)
+    y, z = _row_values(splats, splats.row_y, index), _row_values(splats, splats.row_z, index)
     row_x, row_z, row_start = index_rows(z, splats.cell_x[index])
     plane, plane_start = _groups(row_x)
     return Lattice((0, 2, 1), index, plane, plane_start, row_z, row_start, y)
@@ -50,9 +50,9 @@ def lattice_across(splats: Splats, axis: int) -> Lattice:
 
 def columns(splats: Splats) -> Lattice:
     """The splats in planes across y of rows along z, for access to neighbours along z."""
-    index = _bucketed(splats.cell_x)
-    index = index[_bucketed(_in_rows(splats, splats.row_y, index))]
-    y, z = _in_rows(splats, splats.row_y, index), _in_rows(splats, splats.row_z, index)
+    index = _bucket_sort(splats.cell_x)
+    index = index[_bucket_sort(_row_values(splats, splats.row_y, index))]
+    y, z = _row_values(splats, splats.row_y, index), _row_values(splats, splats.row_z, index)
     row_y, row_x, row_start = index_rows(splats.cell_x[index], y)
     plane, plane_start = _groups(row_y)
     return Lattice((1, 0, 2), index, plane, plane_start, row_x, row_start, z)
@@ -74,17 +74,17 @@ def ranges(first: np.ndarray, length: np.ndarray, step: np.ndarray | int = 1) ->
     some = length > 0
     first, length, step = first[some], length[some], np.broadcast_to(step, len(some))[some]
     last = first + step * (length - 1)
-    steps = np.repeat(step.astype(_kind(max(length.sum(), first.max(initial=0), last.max(initial=0)))), length)
+    steps = np.repeat(step.astype(_index_type(max(length.sum(), first.max(initial=0), last.max(initial=0)))), length)
     steps[np.cumsum(length) - length] = first - np.append(0, last[:-1])
     return np.asarray(np.cumsum(steps, dtype=steps.dtype, out=steps))
 
 
-def _kind(most: int) -> type[np.int32] | type[np.int64]:
+def _index_type(most: int) -> type[np.int32] | type[np.int64]:
     """The narrower type that holds numbers up to `most`."""
     return np.int32 if most < 2**31 else np.int64
 
 
-def _in_rows(splats: Splats, coordinate: np.ndarray, index: np.ndarray) -> np.ndarray:
+def _row_values(splats: Splats, coordinate: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Coordinates of the rows of the splats at `index`."""
     return np.repeat(coordinate, np.diff(splats.row_start))[index]
 
@@ -95,14 +95,14 @@ def _groups(ascending: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ascending[start], np.append(start, len(ascending))
 
 
-def _bucketed(coordinate: np.ndarray) -> np.ndarray:
+def _bucket_sort(coordinate: np.ndarray) -> np.ndarray:
     """[N]: stable sort by coordinate. Computed once per volume, never per view.
 
     16-bit coordinates, the usual case, use numpy's radix sort.
     """
     narrow = len(coordinate) and np.iinfo(np.int16).min <= coordinate.min() and coordinate.max() <= 32767
     order = np.argsort(coordinate.astype(np.int16) if narrow else coordinate, kind="stable")
-    return order.astype(_kind(len(coordinate)))
+    return order.astype(_index_type(len(coordinate)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -309,7 +309,7 @@ def polynomials(name: str) -> Polynomials | None:
     first = int(abs(2 * c2 + 6 * c3 * shape.radius) < 1e-9 * abs(c3))
     powers = 2.5 + np.arange(first, OUTER_TERMS)
     bases = near[:, None] ** range(INNER_TERMS), (1 - far)[:, None] ** powers
-    inner, outer = (_evenly(basis / right[:, None]) for basis, right in zip(bases, value, strict=True))
+    inner, outer = (_fit_minimax(basis / right[:, None]) for basis, right in zip(bases, value, strict=True))
     return Polynomials(SPLIT, tuple(map(float, inner)), (0.0,) * first + tuple(map(float, outer)))
 
 
@@ -328,7 +328,7 @@ def single_polynomial(name: str) -> tuple[float, ...]:
     near = (np.maximum(knot - s, 0.0) ** 3)[:, None] * s[:, None] ** np.arange(NEAR_TERMS)
     # where mass is small, an error weighs more
     share = 1 / np.maximum(value, SINGLE_LEAST)
-    coefficients = _evenly(np.concatenate([outer, near], axis=1) * share[:, None], value * share)
+    coefficients = _fit_minimax(np.concatenate([outer, near], axis=1) * share[:, None], value * share)
     return (*map(float, coefficients), knot)
 
 
@@ -342,7 +342,7 @@ def single_reach(name: str, tolerance: float) -> float:
     return float(d[np.searchsorted(mass, mass[-1] * (1 - tail))] / shape.radius)
 
 
-def _evenly(basis: np.ndarray, value: np.ndarray | float = 1.0) -> np.ndarray:
+def _fit_minimax(basis: np.ndarray, value: np.ndarray | float = 1.0) -> np.ndarray:
     """Coefficients of a near-minimax fit of `value` in the basis [N, terms]."""
     value, weight = np.broadcast_to(value, len(basis)), np.ones(len(basis))
     for _ in range(REWEIGHTED):
@@ -439,7 +439,7 @@ class Tabulated:
 
 
 @lru_cache(maxsize=16)
-def tabulated(name: str) -> Tabulated:
+def tabulate(name: str) -> Tabulated:
     """The named kernel with a tabulated footprint, cached. Raises InputError for an unknown name."""
     exact = kernel(name)
     tables, low = [], 0.0

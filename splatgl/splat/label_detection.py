@@ -73,14 +73,14 @@ def kind_of(volume: Volume) -> tuple[str, Neighbours | None]:
     triples = None if volume.value_unit else _whole_triples(volume)
     if triples is None:
         return AMOUNTS, None
-    shares = neighbours(triples)
+    shares = compare_neighbours(triples)
     if shares.count == 2:
         return MASK if shares.flat or volume.samples.dtype == bool else AMOUNTS, shares
     named = shares.flat and bool(NAMES.search(volume.name.lower()))
     return LABELS if shares.count > 2 and (shares.names or named) else AMOUNTS, shares
 
 
-def decided(volume: Volume) -> Volume:
+def mark_kind(volume: Volume) -> Volume:
     """Marks a volume as labels, a mask or amounts unless its file or hints decide; adds a note in doubtful cases."""
     hints = volume.hints
     decided_before = volume.labels is not None or hints.values or volume.color is not None or volume.channels
@@ -98,7 +98,7 @@ def decided(volume: Volume) -> Volume:
     return replace(marked, notes=(*volume.notes, note))
 
 
-def neighbours(triples: list[np.ndarray]) -> Neighbours:
+def compare_neighbours(triples: list[np.ndarray]) -> Neighbours:
     """Measures the shares in rows of three voxels. triples: [3, N] along each axis."""
     if not any(rows.size for rows in triples):
         return Neighbours(0, 0.0)
@@ -148,9 +148,9 @@ def _whole_triples(volume: Volume) -> list[np.ndarray] | None:
         for axis, rows in enumerate(_rows(block, step)):
             by_axis[axis].append(rows)
     triples = [np.concatenate(rows, axis=1) for rows in by_axis]
-    if finest.count <= MOST and _informative(triples) < ENOUGH:
-        triples = _sought(finest, triples)
-    return [_finite(rows) for rows in triples]
+    if finest.count <= MOST and _count_informative(triples) < ENOUGH:
+        triples = _add_triples(finest, triples)
+    return [_drop_missing(rows) for rows in triples]
 
 
 def _rows(block: np.ndarray, step: int) -> list[np.ndarray]:
@@ -171,7 +171,7 @@ def _rows(block: np.ndarray, step: int) -> list[np.ndarray]:
     return triples
 
 
-def _informative(triples: list[np.ndarray]) -> int:
+def _count_informative(triples: list[np.ndarray]) -> int:
     """Number of neighbours that are not both the most frequent value."""
     values = np.concatenate(triples, axis=1)
     if not values.size:
@@ -181,7 +181,7 @@ def _informative(triples: list[np.ndarray]) -> int:
     return int(np.count_nonzero((values[0] != ground) | (values[1] != ground)))
 
 
-def _sought(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
+def _add_triples(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
     """Adds triples of a sparse volume, from slabs that hold other values than the most frequent one."""
     ground = np.median(triples[2][1]) if triples[2].size else 0
     by_axis = [[rows] for rows in triples]
@@ -202,7 +202,7 @@ def _sought(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
     return [np.concatenate(rows, axis=1) for rows in by_axis]
 
 
-def _finite(rows: np.ndarray) -> np.ndarray:
+def _drop_missing(rows: np.ndarray) -> np.ndarray:
     if rows.dtype.kind != "f":
         return rows
     return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])

@@ -59,7 +59,7 @@ class LabelNormals:
         low = -(-low // self.step) * self.step
         if (low >= high).any():
             return
-        smooth = _smoothed(_around(opacity, low - HALO - first, high + HALO - first))
+        smooth = _smooth(_padded_part(opacity, low - HALO - first, high + HALO - first))
         inner = slice(1, -1, self.step)
         middle = smooth[inner, inner, inner]
         gradient = np.empty((*middle.shape, 3), np.float32)
@@ -73,7 +73,7 @@ class LabelNormals:
         z, y, x = (slice(a, a + size) for a, size in zip((low // self.step).tolist(), middle.shape, strict=True))
         self.faced[z, y, x, 1:] = np.rint(normal * ONE + ZERO)
 
-    def cut(self, low: np.ndarray, high: np.ndarray) -> LabelNormals:
+    def crop(self, low: np.ndarray, high: np.ndarray) -> LabelNormals:
         """The normals around voxels from `low` to `high` (x, y, z)."""
         size = np.array(self.faced.shape[2::-1])
         first = np.clip(low // self.step - 1, 0, size - 1)
@@ -95,7 +95,7 @@ class LabelNormals:
         return np.asarray((trilinear(self.faced[..., 1:], (places - np.array(self.low)) / self.step) - ZERO) / ONE)
 
 
-def _around(opacity: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _padded_part(opacity: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The part low ≤ (z, y, x) < high, 0 beyond the ends."""
     part = np.zeros(high - low, np.float32)
     first, last = np.maximum(low, 0), np.minimum(high, opacity.shape)
@@ -104,7 +104,7 @@ def _around(opacity: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarra
     return part
 
 
-def _smoothed(values: np.ndarray) -> np.ndarray:
+def _smooth(values: np.ndarray) -> np.ndarray:
     """SUMS sums of neighbours along each axis, shorter by as many, over what these make of 1."""
     for axis in range(3):
         lower, upper = ([slice(None)] * 3 for _ in range(2))

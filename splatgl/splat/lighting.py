@@ -75,7 +75,7 @@ LIGHTS = {
 }
 
 
-def checked_place(place: object) -> tuple[float, float]:
+def check_place(place: object) -> tuple[float, float]:
     """Checks a light's degrees to the right and above. Raises InputError unless these are two numbers up to 360."""
     numbers = list(place) if isinstance(place, Sequence | np.ndarray) and not isinstance(place, str) else []
     plain = all(isinstance(number, Real) and not isinstance(number, bool) for number in numbers)
@@ -130,6 +130,6 @@ def apply_light(color: np.ndarray, splats: Splats, camera: Camera, voxel: np.nda
     towards = np.where(far[:, None] > 0, towards / np.where(far > 0, far, 1.0)[:, None], [0.0, 0.0, 1.0])
     reached = None
     if cues is not None:
-        reached = cues.reached(splats.positions.astype(np.float64), normal, towards @ camera.eye_from_world)
+        reached = cues.light_shares(splats.positions.astype(np.float64), normal, towards @ camera.eye_from_world)
     factor, highlight = surface_light(normal @ camera.eye_from_world.T, towards, light, light.direction, reached)
     return np.asarray(color * factor[:, None] + highlight[:, None])

@@ -181,7 +181,9 @@ class MaskField:
         return result
 
 
-def kept_part(at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def clip_to_mask(
+    at: tuple[np.ndarray, np.ndarray], ends: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Clips segments between `ends` [P] to where the mask is kept. at: the mask minus EDGE at the ends, linear between;
     segments in a face are kept.
     """

@@ -77,7 +77,7 @@ class Motion:
         place = place.after(Rigid(volume.rotation, volume.shift + self.velocity * at))
         return replace(camera, eye=-place.rotation.T @ place.shift, eye_from_world=place.rotation, extent=extent)
 
-    def moved(self, splats: Splats, at: float) -> Splats:
+    def move(self, splats: Splats, at: float) -> Splats:
         """The splats moved by their flow to that time; they keep their cells, and thus their order."""
         if self.flow is None or at == 0:
             return splats
@@ -124,7 +124,7 @@ class Exposure:
     @classmethod
     def of(cls, camera: Camera, shutter: float, motion: Motion | None) -> Exposure | None:
         """The exposure; None for a still: no motion, or a closed shutter."""
-        frames = exposure(shutter)
+        frames = exposure_frames(shutter)
         if motion is None or motion.still or frames == 0:
             return None
         flow = motion.flow if motion.flow is not None and motion.flow.any() else None
@@ -151,7 +151,7 @@ class Exposure:
         return _in_cells(splats, self.flow) * (self.frames / 2)
 
 
-def exposure(shutter: float) -> float:
+def exposure_frames(shutter: float) -> float:
     """Exposure in frames of a shutter angle in degrees. InputError outside of 0 … 360."""
     if not 0 <= shutter <= FULL_SHUTTER:
         raise expected("shutter", "an angle from 0 to 360 degrees", shutter)
@@ -164,7 +164,7 @@ def streaks(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> S
     Streaks are straight approximations of curved paths: parallel to the chord from start to end, centred on the
     mean position. A splat that crosses the eye's plane gets the tangent in the middle.
     """
-    length = exposure(shutter)
+    length = exposure_frames(shutter)
     times = (-length, -length / 2, 0.0)
     views = [motion.view(camera, at) for at in times]
     middle = views[1]
@@ -260,7 +260,7 @@ class Moments:
         if count < 1:
             raise expected("count", "at least one moment", count)
         self.draw, self.motion, self.count = draw, motion, count
-        self.exposure = exposure(shutter)
+        self.exposure = exposure_frames(shutter)
 
     def __call__(self, splats: Splats, camera: Camera, settings: Settings) -> Image:
         """The mean of the moments' images, with the last image's info. If all have error bounds, their mean is the
@@ -286,7 +286,7 @@ class Moments:
     def _part(self, splats: Splats, camera: Camera, settings: Settings, part: int) -> Image:
         """The image at the middle of a part of the exposure."""
         at = -self.exposure * (part + 0.5) / self.count
-        return self.draw(self.motion.moved(splats, at), self.motion.view(camera, at), settings)
+        return self.draw(self.motion.move(splats, at), self.motion.view(camera, at), settings)
 
 
 class Shorter(Moments):
@@ -303,10 +303,10 @@ class Shorter(Moments):
         # treated as a separate frame with the shutter always open; its camera includes the volume's motion
         view, flow = self.motion.view(camera, last), self.motion.flow
         moved = Motion(camera=self.motion.view(camera, first), flow=None if flow is None else flow * (last - first))
-        return self.draw_moving(self.motion.moved(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
+        return self.draw_moving(self.motion.move(splats, last), view, settings.but(shutter=FULL_SHUTTER), moved)
 
 
-def moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
+def count_moments(splats: Splats, camera: Camera, motion: Motion, shutter: float) -> int:
     """Number of moments for which footprints hide the steps: at most STEP pixels for the fastest visible splats; 1 if
     nothing visible moves.
     """
@@ -360,8 +360,8 @@ class Rigid:
         0 is the identity, 1 this motion. Half a turn or more goes the shorter way.
         """
         turn = rotation_vector(self.rotation)
-        pace = np.linalg.solve(_swept(turn), self.shift)
-        return Rigid(rotation(share * turn), _swept(share * turn) @ (share * pace))
+        pace = np.linalg.solve(_swept_matrix(turn), self.shift)
+        return Rigid(rotation(share * turn), _swept_matrix(share * turn) @ (share * pace))
 
 
 def rotation(turn: np.ndarray) -> np.ndarray:
@@ -385,7 +385,7 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(axis * angle * (-1.0 if axis @ skew < 0 else 1.0))
 
 
-def _swept(turn: np.ndarray) -> np.ndarray:
+def _swept_matrix(turn: np.ndarray) -> np.ndarray:
     """∫₀¹ rotation(s turn) ds: the displacement at unit velocity in a rotating frame."""
     _, second, third = _weights(turn)
     k = _cross(turn)

@@ -83,7 +83,7 @@ def box_blur(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -
     return np.where(moves, (ends[0] - ends[1]) / safe, kernel.footprint(np.hypot(u, v)))
 
 
-def stretched(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
+def stretched_footprint(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
     """The footprint cut in half, the halves l apart, with the cut's values between them; not weakened.
 
     [M98 Fig. 11]
@@ -102,7 +102,9 @@ def paper_gain(kernel: Kernel, length: np.ndarray) -> np.ndarray:
 
 
 def energy_gain(kernel: Kernel, length: np.ndarray) -> np.ndarray:
-    """E₁/(E₁ + l W): the weakening that conserves the energy of `stretched`; E₁ = 1, as kernels have unit volume."""
+    """E₁/(E₁ + l W): the weakening that conserves the energy of `stretched_footprint`; E₁ = 1, as kernels have unit
+    volume.
+    """
     return np.asarray(1 / (1 + np.asarray(length) * line_area(kernel, np.zeros(()))))
 
 
@@ -111,7 +113,7 @@ def streak(kernel: Kernel, motion: str, place: tuple[np.ndarray, np.ndarray], le
     if motion == "exact":
         return box_blur(kernel, *place, length)
     gain = energy_gain if motion == "energy" else paper_gain
-    return gain(kernel, length) * stretched(kernel, *place, length)
+    return gain(kernel, length) * stretched_footprint(kernel, *place, length)
 
 
 _RULE = unit_rule(QUADRATURE_ORDER)
@@ -145,7 +147,7 @@ class BlurTable:
         """[ROWS − 1, COLUMNS + 1, 4]: each row interleaved with the next, so that one fetch reads both."""
         return np.concatenate([self.texels[:-1], self.texels[1:]], axis=-1)
 
-    def blurred(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
+    def blur(self, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:
         """B(u, v, l)/F(0), arrays that broadcast."""
         real = self.texels.dtype.type
         u, v, length = np.broadcast_arrays(*(np.asarray(x, dtype=real) for x in (u, v, length)))
@@ -227,24 +229,24 @@ def isolation(length: np.ndarray, through: np.ndarray) -> np.ndarray:
     return np.asarray(1 / (1 + follows * follows))
 
 
-def dwelt_depth(mean: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:
-    """Optical depth [P] with the opacity `dwelt_opacity`."""
-    opacity = dwelt_opacity(mean, most, isolated)
+def moving_depth(mean: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:
+    """Optical depth [P] with the opacity `moving_opacity`."""
+    opacity = moving_opacity(mean, most, isolated)
     # covered all the time: the depth itself
-    return np.where(_part(mean, most) < 1, -np.log1p(-np.minimum(opacity, 1 - 2.0**-53)), mean)
+    return np.where(_time_share(mean, most) < 1, -np.log1p(-np.minimum(opacity, 1 - 2.0**-53)), mean)
 
 
-def dwelt_opacity(mean: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:
+def moving_opacity(mean: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:
     """The mean opacity [P] of a moving splat.
 
     mean, most: mean and maximum of its depth at the pixel during the exposure; isolated: `isolation`.
     """
-    part = _part(mean, most)
+    part = _time_share(mean, most)
     dense = 1 + DENSE * most / (1 + DENSEST * most)
     hides = (1 - (1 - part) ** dense) ** isolated
     return np.asarray(-hides * np.expm1(-mean / part**isolated))
 
 
-def _part(mean: np.ndarray, most: np.ndarray) -> np.ndarray:
+def _time_share(mean: np.ndarray, most: np.ndarray) -> np.ndarray:
     """[P]: the part of the exposure, at least LEAST, that a thin splat covers the pixel."""
     return np.clip(mean / np.where(most > 0, most, 1.0), LEAST, 1.0)

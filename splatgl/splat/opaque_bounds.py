@@ -60,10 +60,10 @@ class Opaque:
         record = record_type(volume.shape, post=False)
         keeps = Lookup.of(self.transfer, volume.samples.dtype, 0.0, record).keeps
         if volume.samples.dtype.kind == "f":
-            keeps = partial(_within, opaque_intervals(self.transfer))
+            keeps = partial(_is_within, opaque_intervals(self.transfer))
         _, height, width = volume.shape
         slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=0)
-        ends = np.concatenate([_row_ends(slab, self._kept(slab, keeps)) for slab in slabs])
+        ends = np.concatenate([_row_ends(slab, self._opaque(slab, keeps)) for slab in slabs])
         if not len(ends):
             return None
         records = np.zeros(len(ends), record)
@@ -71,7 +71,7 @@ class Opaque:
         grid = Grid(volume.world_from_index, np.asarray(volume.origin))
         return assemble(records, ends, grid, grid.mean_spacing, volume.name)
 
-    def _kept(self, slab: Slab, keeps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    def _opaque(self, slab: Slab, keeps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """bool: which samples of a slab are opaque and unmasked."""
         opaque, volume = keeps(np.ascontiguousarray(slab.samples)), self.volume
         if volume.masks:
@@ -79,7 +79,7 @@ class Opaque:
         return opaque
 
 
-def _within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
+def _is_within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
     """bool: which samples lie in closed intervals [n, 2]; faster than their opacities."""
     most = float(np.finfo(samples.dtype).max)
     inside = np.zeros(samples.shape, bool)

@@ -48,13 +48,13 @@ def back_to_front(splats: Splats, order: Order) -> np.ndarray:
     """Record indices [N] in drawing order; reversed it is front to back."""
     lattice = splats.lattice(order.axis)
     outer, middle, inner = (order.cell[axis] for axis in lattice.axes)
-    planes = _far_first(np.array([0]), np.array([len(lattice.plane)]), _up_to(lattice.plane <= outer))
-    rows = _split_ranges(lattice.plane_start, _up_to(lattice.row <= middle), planes)
-    splat = _split_ranges(lattice.row_start, _up_to(lattice.cell <= inner), rows)
+    planes = _far_first(np.array([0]), np.array([len(lattice.plane)]), _count_before(lattice.plane <= outer))
+    rows = _split_ranges(lattice.plane_start, _count_before(lattice.row <= middle), planes)
+    splat = _split_ranges(lattice.row_start, _count_before(lattice.cell <= inner), rows)
     return splat if lattice.index is None else lattice.index[splat]
 
 
-def _up_to(inside: np.ndarray) -> np.ndarray:
+def _count_before(inside: np.ndarray) -> np.ndarray:
     """Number of inside members among the first 0, 1, … n: [n+1]."""
     count = np.zeros(len(inside) + 1, np.int32 if len(inside) < 2**31 else np.int64)
     np.cumsum(inside, out=count[1:])

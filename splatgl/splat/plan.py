@@ -11,23 +11,23 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import Window, ahead, eye_is_near, screen_bounds
+from splatgl.splat.culling import Window, clip_behind_eye, eye_is_near, screen_bounds
 from splatgl.splat.kernels import Kernel
-from splatgl.splat.motion import Exposure, Motion, moments
+from splatgl.splat.motion import Exposure, Motion, count_moments
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.resolve import Look, Resolved, blur, select_splats, values_left_out
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.splats import Splats, of_points
+from splatgl.splat.splats import Splats, is_points
 from splatgl.splat.technique import (
     MOST_DOUBLINGS,
     SHARE,
-    Asked,
     Hiding,
+    Request,
     alignment,
+    choose_footprint,
+    choose_technique,
     depth_batches,
     exp_doublings,
-    footprint,
-    technique,
 )
 from splatgl.splat.view import GridView
 
@@ -65,7 +65,7 @@ class Blurred:
             return cls(settings, camera)
         if form == "moments":
             splats = select_splats(splats, settings, moving=True)
-            count = settings.moments or moments(splats, camera, motion, settings.shutter)
+            count = settings.moments or count_moments(splats, camera, motion, settings.shutter)
             if settings.motion in MOTIONS:
                 notes.append(f"motion {settings.motion} left out: {settings.blend} of a streak is none of its moments")
             notes.append(f"motion blur: the mean of pictures at {count} times, shutter {settings.shutter:g}°")
@@ -213,7 +213,7 @@ class Plan:
         name, sides = ("table", f"{size}×{size}") if kind == "table" else ("radial table", str(size))
         return f"{name} {sides} at {self.lookup.bits} bits"
 
-    def forced(self, **choices: Any) -> Plan:
+    def with_choices(self, **choices: Any) -> Plan:
         """This plan with changed fields of `program`, its look or its view traits."""
         mine, look, props = ({f.name for f in fields(part)} for part in (Program, Look, Seen))
         assert choices.keys() <= mine | look | props
@@ -268,16 +268,16 @@ def plan(
     settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
     selected = select_splats(splats, settings, exposure is not None)
     notes += values_left_out(splats.source, selected, settings, exposure is not None)
-    splats = selected if exposure else ahead(selected, camera)
+    splats = selected if exposure else clip_behind_eye(selected, camera)
     resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
     notes += resolved.notes
     shape, view, look = resolved.kernel, resolved.view, resolved.look
     align, z_s = alignment(splats, view, settings, notes)
     half_line = resolved.boxes or _half_line(splats, view, align, exposure, notes)
     # without splats no technique can refuse
-    request = Asked(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
-    kind = technique(request, notes) if len(splats) else "quads"
-    read = "box" if resolved.boxes else footprint(kind, shape, settings, look.steps > 0)
+    request = Request(settings, exposure is not None, tiles, resolved.sheets is not None, resolved.boxes)
+    kind = choose_technique(request, notes) if len(splats) else "quads"
+    read = "box" if resolved.boxes else choose_footprint(kind, shape, settings, look.steps > 0)
     bounds = screen_bounds(splats.corners_in_grid(), view)
     # sheets sort all splats at a time, and take the exponential itself: other opacities compile nothing
     whole = resolved.sheets is not None or resolved.boxes
@@ -294,7 +294,7 @@ def plan(
         kernel=shape.name if read in ("polynomial", "single") else "",
         motion=settings.motion if exposure else "off",
         flow=exposure is not None and exposure.flow is not None,
-        points=of_points(splats.records.dtype),
+        points=is_points(splats.records.dtype),
         exp_doublings=MOST_DOUBLINGS if whole or kind != "tiles" else exp_doublings(splats, shape, look.attenuation),
     )
     return Plan(

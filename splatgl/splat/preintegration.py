@@ -48,7 +48,7 @@ class ClassIntegral:
         knots = np.unique(np.concatenate([low * (1 - place) + high * place, between.ravel()]))
         start, width = knots[:-1], np.diff(knots)
         # two points within a cell, as a value at a step is on its upper side; exact where it is linear
-        opaque = _beside_opaque(transfer, start, width, (high - low) / cells)
+        opaque = _is_beside_opaque(transfer, start, width, (high - low) / cells)
         near, far = (_emission(transfer, start + share * width, opaque) for share in (0.25, 0.75))
         mean = (near + far) / 2
         slope = np.clip(far - near, -mean, mean)
@@ -98,7 +98,7 @@ class ClassIntegral:
         return (values >= self.knots[-1]).astype(int) - (values < self.knots[0])
 
 
-def _beside_opaque(transfer: Transfer, start: np.ndarray, width: np.ndarray, reach: float) -> np.ndarray:
+def _is_beside_opaque(transfer: Transfer, start: np.ndarray, width: np.ndarray, reach: float) -> np.ndarray:
     """bool [n]: nearly opaque cells within `reach` of a value of opacity 1. Their mean extinction would be too low for
     matter of exactly that value, since extinction rises without limit there.
     """
@@ -178,7 +178,7 @@ class ValueClassifier:
         """Values ρ of record values u [...]."""
         return np.asarray(self.low + np.asarray(u, np.float64) * self.span)
 
-    def recolored(self, transfer: Transfer) -> ValueClassifier:
+    def with_transfer(self, transfer: Transfer) -> ValueClassifier:
         """Classifier of the same records by another transfer function."""
         return replace(self, transfer=transfer)
 
@@ -186,7 +186,7 @@ class ValueClassifier:
         """Whether the records serve another transfer function: they contain all voxels that it needs, and resolve its
         range.
         """
-        low, high = self.recolored(transfer).range
+        low, high = self.with_transfer(transfer).range
         furthest = max(abs(low), abs(high))
         resolved = furthest <= FURTHEST and high - low >= RESOLVED * furthest
         starts, ends = self.kept.T
@@ -195,7 +195,7 @@ class ValueClassifier:
         return resolved and self.faced != bool(transfer.gradient) and all(interval.any() for interval in covered)
 
     @property
-    def fresh(self) -> bool:
+    def is_current(self) -> bool:
         """Whether extraction for the current transfer function would give the same records."""
         anew = ValueClassifier.of(self.transfer, self.kernel, self.shape, self.every)
         same = (anew.low, anew.span, anew.faced) == (self.low, self.span, self.faced)
@@ -203,9 +203,9 @@ class ValueClassifier:
 
     def around(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Record values [N] to assume beyond the ends beside voxels of u [N], and which u are opaque; see
-        `transparent`.
+        `nearest_transparent`.
         """
-        return transparent((opaque_intervals(self.transfer) - self.low) / self.span, u)
+        return nearest_transparent((opaque_intervals(self.transfer) - self.low) / self.span, u)
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -288,7 +288,7 @@ def opaque_intervals(transfer: Transfer) -> np.ndarray:
     return np.where(opaque, intervals, intervals + by)
 
 
-def transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest_transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Replaces values [N] in the closed intervals `opaque` [n, 2] by the nearest transparent ones, if there are any;
     also returns which were opaque, bool [N].
     """
@@ -303,7 +303,7 @@ def transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.
     return nearest_clear, within
 
 
-def faced(gradient: np.ndarray, gone: np.ndarray, opaque: np.ndarray) -> np.ndarray:
+def clear_isolated(gradient: np.ndarray, gone: np.ndarray, opaque: np.ndarray) -> np.ndarray:
     """Sets gradients [N, 3] of isolated opaque voxels to 0, as these have no face, and returns them.
 
     gone bool [2, N, 3]: whether the neighbour before and behind is missing. opaque bool [N].

@@ -1,6 +1,6 @@
 """Transfer functions by name, and the default for a volume.
 
-Presets of CT are in Hounsfield units. For other values, their classes take the places of the tissues; see `adapted`.
+Presets of CT are in Hounsfield units. For other values, their classes take the places of the tissues; see `adapt_look`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
-from splatgl.splat.colormaps import labels_of, shown_labels
+from splatgl.splat.colormaps import labels_of, select_labels
 from splatgl.splat.label_detection import LABELS, MASK, kind_of
 from splatgl.splat.statistics import Cut, Ground, Statistics, sorted_percentile, statistics
 from splatgl.splat.transfer import Nodes, Transfer
@@ -118,7 +118,7 @@ DENSEST = 99.9
 Build = Callable[[Statistics, int | None], Look]
 
 
-def adapted(look: Look) -> Build:
+def adapt_look(look: Look) -> Build:
     """Returns a builder that maps a CT's look to other values, whose classes take the places of the tissues."""
 
     def build(stats: Statistics, rung: int | None) -> Look:
@@ -174,7 +174,7 @@ def _fraction(stats: Statistics, rung: int | None) -> Look:
 def _ct(name: str, about: str, colormap: str, window: tuple[float, float], *points: tuple[float, float]) -> Preset:
     nodes: Nodes = points
     look = Look(nodes, window)
-    return Preset(name, about, colormap, adapted(look), hounsfield=look)
+    return Preset(name, about, colormap, adapt_look(look), hounsfield=look)
 
 
 MEDICAL = (
@@ -276,7 +276,7 @@ NEAR = 4
 def preset(name: str, volume: Volume) -> Transfer:
     """Transfer function of a preset for a volume's values. Raises InputError for an unknown name."""
     chosen = preset_named(name)
-    return _built(chosen, statistics(volume))
+    return _build_transfer(chosen, statistics(volume))
 
 
 def is_preset(name: str) -> bool:
@@ -301,7 +301,7 @@ def preset_named(name: str) -> Preset:
     return chosen
 
 
-def logarithmic(base: Transfer, volume: Volume) -> Transfer:
+def logarithmic_transfer(base: Transfer, volume: Volume) -> Transfer:
     """The transfer function on a logarithmic scale over a volume's positive values; opacity grows with the value.
 
     Raises InputError for a volume without positive values.
@@ -328,7 +328,7 @@ def default_transfer(volume: Volume) -> Transfer:
     elif hints.window is not None:
         chosen = Transfer(((hints.window[0], 0.0), (hints.window[1], SURFACE)))
     else:
-        chosen = _from_values(volume)
+        chosen = _transfer_from_values(volume)
     if hints.color is not None:
         # a channel: one colour, as bright as it is opaque
         return replace(chosen, colormap=hints.color, unit=hints.unit, shading=False)
@@ -338,7 +338,7 @@ def default_transfer(volume: Volume) -> Transfer:
 
 def is_microscopy(volume: Volume) -> bool:
     """Whether the values look like bright structures on a dark background."""
-    chosen = volume.hints.preset or _chosen(volume, statistics(volume))
+    chosen = volume.hints.preset or _choose_preset(volume, statistics(volume))
     return chosen == "microscopy"
 
 
@@ -346,12 +346,12 @@ def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = No
     """Transfer function of a segmentation. only: (number, opacity factor) of the labels to show; None: all. Raises
     InputError for samples that are no labels, and for unknown numbers.
     """
-    shown = shown_labels(labels_of(volume), only)
+    shown = select_labels(labels_of(volume), only)
     numbers = [number for number, _, _ in shown] or [0]
     return Transfer(((min(numbers), 0.0), (max(numbers), SOLID)), labels=shown)
 
 
-def _from_values(volume: Volume) -> Transfer:
+def _transfer_from_values(volume: Volume) -> Transfer:
     kind = volume.hints.values or kind_of(volume)[0]
     stats = statistics(volume)
     several = len(np.unique(stats.values)) > 2
@@ -359,11 +359,11 @@ def _from_values(volume: Volume) -> Transfer:
     if (kind == LABELS or (kind == MASK and several)) and volume.color is None:
         return label_transfer(volume)
     if kind == MASK and not stats.constant:
-        return replace(_built(PRESETS["terrain"], stats), colormap="ivory")
-    return _built(PRESETS[_chosen(volume, stats)], stats)
+        return replace(_build_transfer(PRESETS["terrain"], stats), colormap="ivory")
+    return _build_transfer(PRESETS[_choose_preset(volume, stats)], stats)
 
 
-def _chosen(volume: Volume, stats: Statistics) -> str:
+def _choose_preset(volume: Volume, stats: Statistics) -> str:
     """Name of the preset that suits the values."""
     computed = _is_computed(volume, stats)
     if computed and is_field(volume.name):
@@ -398,7 +398,7 @@ def _is_smooth(volume: Volume, empty: float) -> bool:
     return bool(some.any()) and float(np.median(bend[some])) < SMOOTH * float(np.median(slope[some]))
 
 
-def _built(chosen: Preset, stats: Statistics) -> Transfer:
+def _build_transfer(chosen: Preset, stats: Statistics) -> Transfer:
     if stats.constant:
         value = float(stats.values[0]) if len(stats.values) else 0.0
         look = Look(((value, SOLID if len(stats.values) else 0.0),))

@@ -72,10 +72,10 @@ class Cells:
 def ray_overlap(splats: Splats, view: GridView, astray: float = 0.0) -> RayOverlap:
     """The largest overlap of any ray, for at least one splat. astray: largest displacement of a splat, grid steps."""
     reach, cells = _Reach.of(splats, view, astray), cells_of(splats)
-    by_planes = _by_planes(splats, view, reach)
+    by_planes = _overlap_by_planes(splats, view, reach)
     if cells.groups is None:
         return by_planes
-    by_places = _by_places(cells.groups, view, reach)
+    by_places = _overlap_by_places(cells.groups, view, reach)
     return RayOverlap(min(by_planes.count, by_places.count), min(by_planes.depth, by_places.depth))
 
 
@@ -100,7 +100,7 @@ class _Reach:
         return cls(far, float(np.linalg.norm(view.eye_from_index, ord=2)), stretch, view.kernel.radius + astray)
 
 
-def _by_planes(splats: Splats, view: GridView, reach: _Reach) -> RayOverlap:
+def _overlap_by_planes(splats: Splats, view: GridView, reach: _Reach) -> RayOverlap:
     cells = cells_of(splats)
     radius = reach.radius + (0.0 if cells.aligned else OFF)
     ellipse = DISCRETE * np.pi * radius**2
@@ -129,7 +129,7 @@ def _by_planes(splats: Splats, view: GridView, reach: _Reach) -> RayOverlap:
     return RayOverlap(count, min(splats.total_depth * reach.longest, ellipse * length * cells.depth))
 
 
-def _by_places(groups: Groups, view: GridView, reach: _Reach) -> RayOverlap:
+def _overlap_by_places(groups: Groups, view: GridView, reach: _Reach) -> RayOverlap:
     x, y, z = view.voxels(groups.place)
     radius = (reach.radius + groups.radius) * reach.longest
     wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0
@@ -184,9 +184,9 @@ def _count(splats: Splats) -> Cells:
         start = np.flatnonzero(first)
         count = int(np.diff(start, append=len(splats)).max())
         deepest = float(np.add.reduceat(depth, start, dtype=np.float64).max())
-    planes = [len(_different(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
+    planes = [len(_distinct(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
     aligned = all(bool((part == np.rint(part)).all()) for part in _parts(position))
-    return Cells(aligned, count, deepest, np.array(planes, dtype=np.float64), _grouped(position, depth, splats))
+    return Cells(aligned, count, deepest, np.array(planes, dtype=np.float64), _group(position, depth, splats))
 
 
 def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
@@ -194,12 +194,12 @@ def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
     return (values[first : first + PART] for first in range(0, len(values), PART))
 
 
-def _different(values: np.ndarray) -> np.ndarray:
+def _distinct(values: np.ndarray) -> np.ndarray:
     """The distinct values, ascending."""
     return np.unique(np.concatenate([np.unique(part) for part in _parts(values)]))
 
 
-def _grouped(position: np.ndarray, depth: np.ndarray, splats: Splats) -> Groups | None:
+def _group(position: np.ndarray, depth: np.ndarray, splats: Splats) -> Groups | None:
     if len(position) <= FEW:
         return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth.astype(float))
     first, last = splats.index_bounds

@@ -13,8 +13,8 @@ from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera, check_reach
-from splatgl.splat.clipping import Clip, clipped
-from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, only_pre
+from splatgl.splat.clipping import Clip, clip_splats
+from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
 from splatgl.splat.kernels import BOX, Kernel, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
@@ -107,7 +107,7 @@ class Resolved:
     def of(cls, splats: Splats, camera: Camera, settings: Settings, moving: bool = False) -> Resolved:
         """Resolves the settings for splats and camera. moving: whether the picture is motion-blurred.
 
-        In a parallel view, still splats must be the result of `ahead`.
+        In a parallel view, still splats must be the result of `clip_behind_eye`.
         """
         depths = depth_range(splats, camera)
         pixel = float(camera.pixel_pitch(depths[1])) / splats.grid.smallest_spacing
@@ -338,7 +338,7 @@ def why_per_splat(settings: Settings, moving: bool) -> str | None:
 def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: int) -> tuple[str, str]:
     """Classification and kernel of `extract` for a picture with these settings.
 
-    why: what takes splats classified before, see `only_pre`. voxels: of the volume.
+    why: what takes splats classified before, see `why_only_pre`. voxels: of the volume.
     """
     blend, how = BLENDS[settings.blend], settings.classification
     if how == "auto":
@@ -361,7 +361,7 @@ def extracted(
 
     Raises InputError as `extract`.
     """
-    how, kernel = extraction_kind(settings, moving, only_pre(volume, transfer, threshold), volume.count)
+    how, kernel = extraction_kind(settings, moving, why_only_pre(volume, transfer, threshold), volume.count)
     if settings.classification == "auto" and how == "post":
         # or voxels, if values are too many
         return extract(volume, transfer, threshold, progress=progress, kernel=kernel)
@@ -378,7 +378,7 @@ def select_splats(splats: Splats, settings: Settings, moving: bool) -> Splats:
     moving: whether the picture is motion-blurred.
     """
     found = _classified(splats, settings, moving)
-    return clipped(found, settings.clip, as_boxes(found, settings, moving))
+    return clip_splats(found, settings.clip, as_boxes(found, settings, moving))
 
 
 def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:

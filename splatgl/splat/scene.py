@@ -16,14 +16,14 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Box, Plane, planes_of
-from splatgl.splat.culling import ahead
-from splatgl.splat.motion import Motion, moments
+from splatgl.splat.clipping import Box, Plane, parse_planes
+from splatgl.splat.culling import clip_behind_eye
+from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.presets import SURFACE, default_transfer, preset
 from splatgl.splat.resolve import Resolved, check_blur, extracted
-from splatgl.splat.segment_surfaces import smoothed_surfaces, strength_of
+from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -90,7 +90,7 @@ class Layer:
         transfer = self.transfer or default_transfer(self.volume)
         object.__setattr__(self, "transfer", transfer.weakened(self.opacity))
         if self.surfaces is not None:
-            object.__setattr__(self, "surfaces", strength_of(self.surfaces))
+            object.__setattr__(self, "surfaces", check_strength(self.surfaces))
 
     def placed(self, frame: str | None) -> Layer:
         """The layer with its volume, and the planes that cut it, in another frame."""
@@ -101,7 +101,7 @@ class Layer:
         made = copy(self)
         object.__setattr__(made, "volume", volume)
         if self.clip is not None:
-            own = planes_of(self.clip, Box.of([self.volume]))
+            own = parse_planes(self.clip, Box.of([self.volume]))
             object.__setattr__(made, "clip", tuple((-x, -y, z, d) for x, y, z, d in own))
         return made
 
@@ -172,7 +172,7 @@ class Scene:
         """Those that cut each visible layer."""
         around = self._around
         return tuple(
-            around if each.clip is None else planes_of(each.clip, Box.of([each.volume])) for each in self.shown
+            around if each.clip is None else parse_planes(each.clip, Box.of([each.volume])) for each in self.shown
         )
 
     def _segments(self) -> tuple[list[Mesh], tuple[str, ...]]:
@@ -181,7 +181,7 @@ class Scene:
         notes: list[str] = []
         for layer, planes in zip(self.shown, self.planes, strict=True):
             if layer.surfaces is not None:
-                made, off = smoothed_surfaces(layer.volume, layer.transfer, layer.surfaces, closed=False)
+                made, off = smooth_surfaces(layer.volume, layer.transfer, layer.surfaces, closed=False)
                 found += [replace(each.cut(planes), clipped=True) for each in made]
                 told = f"{len(made)} segment{'s' * (len(made) != 1)} drawn as smoothed surfaces ({layer.surfaces:g})"
                 notes.append(f"{layer.volume.name or 'labels'}: {told}, up to {off:.2g} voxels off the faces of voxels")
@@ -190,7 +190,7 @@ class Scene:
     @property
     def _around(self) -> tuple[Plane, ...]:
         """The planes of all that has none of its own."""
-        return planes_of(self.clip, Box.of(each.volume for each in self.shown)) if self.clip else ()
+        return parse_planes(self.clip, Box.of(each.volume for each in self.shown)) if self.clip else ()
 
     def surfaces(self, settings: Settings) -> tuple[Mesh, ...]:
         """The meshes, cut by the planes of settings, too, if they are to be."""
@@ -226,7 +226,7 @@ class Scene:
             return settings.moments
         if settings.motion == "off" or settings.shutter == 0:
             return 1
-        return max(moments(each, camera, motion, settings.shutter) for each, _ in self.drawn(settings))
+        return max(count_moments(each, camera, motion, settings.shutter) for each, _ in self.drawn(settings))
 
     @property
     def corners(self) -> np.ndarray:
@@ -312,7 +312,7 @@ def common_samples(
     """The layers with the samples a pixel that the one which needs the most takes, if they composite together."""
     if settings.antialias != "auto" or len(layers) < 2 or not BLENDS[settings.blend].ordered:
         return list(layers)
-    samples = max(Resolved.of(ahead(splats, camera), camera, own).samples for splats, own in layers)
+    samples = max(Resolved.of(clip_behind_eye(splats, camera), camera, own).samples for splats, own in layers)
     return [(splats, own.but(antialias="supersample", samples=samples)) for splats, own in layers]
 
 

@@ -19,7 +19,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import budget, format_bytes
-from splatgl.splat.colormaps import SOLID, Shown, label_place, labels_of
+from splatgl.splat.colormaps import SOLID, LabelStyles, label_place, labels_of
 from splatgl.splat.presets import default_transfer, label_transfer
 from splatgl.splat.transfer import Transfer
 
@@ -50,14 +50,14 @@ def surfaces(
     of the more opaque segment, or of the lower number, has a border's faces, as a picture needs them once. Masks clip
     the voxels. Raises InputError for a volume without labels, and for one too large for memory.
     """
-    return smoothed_surfaces(volume, transfer, smoothing, closed)[0]
+    return smooth_surfaces(volume, transfer, smoothing, closed)[0]
 
 
-def smoothed_surfaces(
+def smooth_surfaces(
     volume: Volume, transfer: Transfer | None, smoothing: float, closed: bool
 ) -> tuple[tuple[Mesh, ...], float]:
     """Like `surfaces`; also returns the largest distance of a vertex from its corner of voxels, in voxels."""
-    strength, what = strength_of(smoothing), f"surfaces of {volume.name or 'a volume'}"
+    strength, what = check_strength(smoothing), f"surfaces of {volume.name or 'a volume'}"
     chosen = transfer or (label_transfer(volume) if volume.labels is not None else default_transfer(volume))
     if not is_segmentation(volume, chosen):
         raise expected(what, "a segmentation", "amounts", "use --values labels if its numbers are labels")
@@ -65,9 +65,9 @@ def smoothed_surfaces(
         fix = "draw boxes, a part or a coarser level"
         raise expected(what, f"a segmentation that needs up to {format_bytes(most)}", format_bytes(need), fix)
     shown = [label for label in chosen.labels if label[2] > 0]
-    numbers, low = _numbered(volume, shown)
+    numbers, low = _number_labels(volume, shown)
     net = Net.of(numbers)
-    places = net.smoothed(strength)
+    places = net.smooth(strength)
     world = (places + low) @ volume.world_from_index.T + volume.origin
     names = {label.number: label.name for label in volume.labels or ()}
     meshes = []
@@ -85,7 +85,7 @@ def is_segmentation(volume: Volume, transfer: Transfer) -> bool:
     return bool(transfer.labels) or (volume.labels is not None and not labels_of(volume))
 
 
-def strength_of(smoothing: Any) -> float:
+def check_strength(smoothing: Any) -> float:
     """Checks a strength of smoothing; True: the default one. Raises InputError unless it is from 0 to 1."""
     if smoothing is True:
         return SMOOTHING
@@ -94,7 +94,7 @@ def strength_of(smoothing: Any) -> float:
     return float(smoothing)
 
 
-def _numbered(volume: Volume, shown: Shown) -> tuple[np.ndarray, np.ndarray]:
+def _number_labels(volume: Volume, shown: LabelStyles) -> tuple[np.ndarray, np.ndarray]:
     """Voxels' labels as positions in `shown`, counted from 1, 0 for other and masked voxels, in the box around all that
     are not 0; and the box's first voxel (x, y, z).
     """
@@ -196,7 +196,7 @@ class Net:
         keyed: tuple[np.ndarray, np.ndarray] = np.unique(keys, return_inverse=True)
         return keyed
 
-    def smoothed(self, strength: float) -> np.ndarray:
+    def smooth(self, strength: float) -> np.ndarray:
         """Smoothed corners [V, 3], grid indices."""
         if not strength or not len(self.corners):
             return self.corners
@@ -238,7 +238,7 @@ class Net:
         """Moves [V, 3] of corners along normals that restore the volume lost within RINGS."""
         quad, outward, corner = self.ends
         # the mean of areas before and after makes the gain exact for moves along normals of any length
-        area = (across(places[self.quads]) + across(self.corners[self.quads])) / 2
+        area = (area_vectors(places[self.quads]) + area_vectors(self.corners[self.quads])) / 2
         won = ((places - self.corners)[self.quads].mean(axis=1) * area).sum(axis=1)
         sign = np.where(outward, 1.0, -1.0)
         quads_around = np.bincount(corner.ravel(), minlength=len(self.owned))
@@ -258,6 +258,6 @@ class Net:
         return np.stack([np.bincount(owner, moves[:, axis], len(count)) for axis in range(3)], axis=1) / count[:, None]
 
 
-def across(corners: np.ndarray) -> np.ndarray:
+def area_vectors(corners: np.ndarray) -> np.ndarray:
     """Vectors [Q, 3] along the normals of quads [Q, 4, 3], as long as their areas."""
     return np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2

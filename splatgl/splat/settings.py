@@ -29,9 +29,9 @@ from splatgl.options import (
     refuse_unknown,
     whole,
 )
-from splatgl.splat.clipping import Plane, planes
+from splatgl.splat.clipping import Plane, check_planes
 from splatgl.splat.kernels import KERNELS
-from splatgl.splat.lighting import checked_place
+from splatgl.splat.lighting import check_place
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class Settings:
     )
     light_from: tuple[float, float] | None = _picture(
         None,
-        Kind("degrees", checked_place, numbers(2, "").read, "SIDE,ABOVE"),
+        Kind("degrees", check_place, numbers(2, "").read, "SIDE,ABOVE"),
         "place of the light, degrees to the right of the eye and above it",
     )
     ambient_occlusion: float = _picture(
@@ -259,7 +259,9 @@ class Settings:
         "auto, transparent, #rrggbb or a CSS name. auto: white behind surfaces, else black",
         level=BASIC,
     )
-    clip: tuple[Plane, ...] = option((), Kind("planes", planes), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)")
+    clip: tuple[Plane, ...] = option(
+        (), Kind("planes", check_planes), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)"
+    )
 
     def __post_init__(self) -> None:
         check_options(self)

@@ -61,10 +61,10 @@ class LatestParts:
         return splats if latest[1] is None else latest[1]
 
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
-def in_parts(count: int, size: int, work: Callable[[slice], Found]) -> list[Found]:
+def in_parts(count: int, size: int, work: Callable[[slice], Result]) -> list[Result]:
     """Runs `work` on slices of `size` out of `count` items in threads; returns the results in order."""
     parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
     if len(parts) < 2:
@@ -73,7 +73,7 @@ def in_parts(count: int, size: int, work: Callable[[slice], Found]) -> list[Foun
         return list(pool.map(work, parts))
 
 
-def checked_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def check_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points and colours [N, 3] and extinctions [N] as float64. Raises InputError for other shapes and negative
     numbers.
     """
@@ -89,7 +89,7 @@ def checked_points(points: object, colors: object, extinctions: object) -> tuple
     return p, c, e
 
 
-def checked_spacing(spacing: float | Sequence[float]) -> np.ndarray:
+def check_spacing(spacing: float | Sequence[float]) -> np.ndarray:
     """Spacing [3]. Raises InputError unless it is positive and within the lengths and ratios that float32 resolves."""
     scale = np.asarray(spacing, dtype=np.float64)
     if scale.shape not in ((), (3,)) or not ((scale >= LEAST_LENGTH) & (scale <= MOST_LENGTH)).all():
@@ -125,7 +125,7 @@ def record_type(shape: tuple[int, ...], post: bool) -> np.dtype:
     return POINT_VALUE if post else POINT
 
 
-def of_points(record: np.dtype) -> bool:
+def is_points(record: np.dtype) -> bool:
     """Whether positions of the record type may be anywhere, not only at voxel centres."""
     return record in (POINT, POINT_VALUE)
 
@@ -158,7 +158,7 @@ def as_points(records: np.ndarray) -> np.ndarray:
     return points
 
 
-class Gathered:
+class GrowingRecords:
     """Array of records that grows in place, so that no record is stored twice."""
 
     def __init__(self, record: np.dtype) -> None:
@@ -178,7 +178,7 @@ CODES = 32
 CONTRAST = 4.0
 
 
-def packed_runs(splats: Splats) -> np.ndarray:
+def pack_runs(splats: Splats) -> np.ndarray:
     """int16 [N]: run lengths along x, y, z, coded, as x + 32 y + 1024 z."""
     runs = np.empty((3, len(splats)), np.int16)
     octaves = np.log2(np.maximum(splats.records["optical_depth"], np.finfo(np.float32).tiny))
@@ -267,8 +267,8 @@ class Splats:
         round(p / spacing) give the order; ties keep the input's. Non-finite and transparent points
         are dropped. Raises InputError for other shapes, negative numbers and those beyond float32's range.
         """
-        points, colors, extinctions = checked_points(points, colors, extinctions)
-        scale = checked_spacing(spacing)
+        points, colors, extinctions = check_points(points, colors, extinctions)
+        scale = check_spacing(spacing)
         with np.errstate(invalid="ignore", over="ignore"):
             cells = np.rint(points / scale)
         keep = np.isfinite(cells).all(axis=1) & np.isfinite(colors).all(axis=1)
@@ -328,11 +328,11 @@ class Splats:
         outwards = [ends + np.where(side(ends, middle), 0.5, -0.5) for side in (np.greater, np.greater_equal)]
         return np.asarray(np.concatenate(outwards) @ self.grid.world_from_index.T + self.grid.origin)
 
-    def classified_after(self, post: ValueClassifier) -> Splats:
+    def with_classifier(self, post: ValueClassifier) -> Splats:
         """The same records classified by `post`, whose low and span must be theirs."""
         unit = post.transfer.unit or self.grid.mean_spacing
         splats = replace(self, post=post, unit=unit, shaded=post.transfer.shading, source=None)
-        return self._shared(splats, {"index_bounds", "outline"})
+        return self._share_cache(splats, {"index_bounds", "outline"})
 
     def depths_of(self, which: np.ndarray | slice) -> np.ndarray:
         """Optical depths, float32, of some splats; of their sample values if classified after reconstruction."""
@@ -375,7 +375,7 @@ class Splats:
     @cached_property
     def runs(self) -> np.ndarray:
         """int16 [N]: coded run lengths around each splat."""
-        return packed_runs(self)
+        return pack_runs(self)
 
     @cached_property
     def records_with_runs(self) -> np.ndarray:
@@ -413,9 +413,9 @@ class Splats:
         splats = replace(
             self, records=self.records if records is None else records, grid=grid or self.grid, source=None
         )
-        return self._shared(splats, {"runs", "_lattices"})
+        return self._share_cache(splats, {"runs", "_lattices"})
 
-    def _shared(self, copy: Splats, names: set[str]) -> Splats:
+    def _share_cache(self, copy: Splats, names: set[str]) -> Splats:
         """Copies the named cached properties, if computed, to `copy` and returns it."""
         for name in names & vars(self).keys():
             vars(copy)[name] = vars(self)[name]

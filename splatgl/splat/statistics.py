@@ -49,9 +49,9 @@ def ground_of(values: np.ndarray, least_share: float) -> Ground | None:
         ground = Ground(level, 0.0, level) if values[0] < level else None
     else:
         ground = _cut(values, level, noise)
-    if ground is None or _upto(values, ground.cut) < least_share * len(values):
+    if ground is None or _count_up_to(values, ground.cut) < least_share * len(values):
         return None
-    above = len(values) - _upto(values, ground.cut)
+    above = len(values) - _count_up_to(values, ground.cut)
     below = np.searchsorted(values, 2 * ground.level - ground.cut, side="left")
     return ground if above >= max(FOUND * len(values), 1) and above >= ONE_SIDED * below else None
 
@@ -67,7 +67,7 @@ def _peak(values: np.ndarray) -> tuple[float, float]:
         if symmetric and (high - level > LOPSIDED * (level - low) + _step(inliers)):
             return level, 0.0
         noise = (high - low) / 2 if symmetric else high - level
-        inner = values[_upto(values, level - BEYOND * noise) : _upto(values, level + BEYOND * noise)]
+        inner = values[_count_up_to(values, level - BEYOND * noise) : _count_up_to(values, level + BEYOND * noise)]
         if len(inner) in (0, len(inliers)):
             break
         inliers = inner
@@ -76,10 +76,10 @@ def _peak(values: np.ndarray) -> tuple[float, float]:
 
 def _cut(values: np.ndarray, level: float, noise: float) -> Ground | None:
     """Background up to the value at which noise and objects are about equally dense; None if there is none."""
-    width = max(noise / 2, _step(values[: _upto(values, level + BEYOND * noise)]))
+    width = max(noise / 2, _step(values[: _count_up_to(values, level + BEYOND * noise)]))
     for place in level + noise * np.linspace(NEAREST, FURTHEST, STEPS + 1):
-        here = _upto(values, place + width / 2) - _upto(values, place - width / 2)
-        near, far = _upto(values, place + NEXT * noise), _upto(values, place + LAST * noise)
+        here = _count_up_to(values, place + width / 2) - _count_up_to(values, place - width / 2)
+        near, far = _count_up_to(values, place + NEXT * noise), _count_up_to(values, place + LAST * noise)
         if len(values) - near < FOUND * len(values):
             return None
         objects = (far - near) / ((LAST - NEXT) * noise)
@@ -92,7 +92,7 @@ def _quantile(values: np.ndarray, share: float) -> float:
     """Quantile of sorted values; equal whole numbers are spread evenly over the step around them."""
     at = share * (len(values) - 1)
     value = values[int(at)]
-    first, last = np.searchsorted(values, value, side="left"), _upto(values, value)
+    first, last = np.searchsorted(values, value, side="left"), _count_up_to(values, value)
     step = _step(values)
     return float(value + ((at - first) / max(last - first, 1) - 0.5) * step if last - first > 1 else value)
 
@@ -100,11 +100,11 @@ def _quantile(values: np.ndarray, share: float) -> float:
 def _step(values: np.ndarray) -> float:
     """Distance from the median value to the next, 1 for whole numbers; 0 if the median does not repeat."""
     middle = values[len(values) // 2]
-    first, last = np.searchsorted(values, middle, side="left"), _upto(values, middle)
+    first, last = np.searchsorted(values, middle, side="left"), _count_up_to(values, middle)
     return float(values[last] - middle) if last - first > 1 and last < len(values) else 0.0
 
 
-def _upto(values: np.ndarray, value: float) -> int:
+def _count_up_to(values: np.ndarray, value: float) -> int:
     """Number of sorted values that are at most `value`."""
     return int(np.searchsorted(values, value, side="right"))
 
@@ -184,7 +184,7 @@ def statistics(volume: Volume) -> Statistics:
     """Statistics of a volume's finite values; sparse volumes are read whole for their foreground."""
     volume = next((level for level in (volume, *volume.coarser) if level.count <= MOST_OF_LEVEL), volume)
     sample = _sample(volume)
-    finite = _sorted(sample)
+    finite = _sort_finite(sample)
     if len(finite) == 0:
         return Statistics(finite, 1.0, (), 0)
     background = _share_of_lowest(finite)
@@ -193,9 +193,9 @@ def statistics(volume: Volume) -> Statistics:
         finite[: np.searchsorted(finite, ground.cut, side="right")] = ground.level
         background = _share_of_lowest(finite)
     if background >= SPARSE and (1.0 - background) * len(finite) < FEW and volume.count <= MOST_WHOLE:
-        finite = _with_outstanding(volume, float(finite[0]), ground)
+        finite = _foreground(volume, float(finite[0]), ground)
     cuts = _ladder(finite)
-    return Statistics(finite, background, cuts, _whole(sample, cuts), ground)
+    return Statistics(finite, background, cuts, _object_rung(sample, cuts), ground)
 
 
 def sorted_percentile(values: np.ndarray, percent: float) -> float:
@@ -226,14 +226,14 @@ def _sample(volume: Volume) -> np.ndarray:
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
 
 
-def _sorted(sample: np.ndarray) -> np.ndarray:
+def _sort_finite(sample: np.ndarray) -> np.ndarray:
     """The finite values, sorted, float64; integers are converted after sorting, which is fastest for few bits."""
     if sample.dtype.kind == "f":
         return np.sort(sample[np.isfinite(sample)])
     return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
 
 
-def _with_outstanding(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
+def _foreground(volume: Volume, lowest: float, ground: Ground | None) -> np.ndarray:
     """The lowest sampled value and at most VALUES of all finite values above the background, or other than the lowest;
     sorted.
     """
@@ -278,7 +278,7 @@ def _otsu(values: np.ndarray) -> Cut:
     return Cut(float(edges[at + 1]), float(below[at]), float(above[at]))
 
 
-def _whole(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
+def _object_rung(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
     """The first cut whose foreground touches at most WHOLE faces; else the first that covers at most COVERED."""
     faces = [face for axis in range(3) for face in (np.take(sample, 0, axis), np.take(sample, -1, axis))]
     shares = [[float(np.mean(face > cut.value)) for face in faces] for cut in cuts]

@@ -72,14 +72,14 @@ class Hiding:
     cutoff: float = 0.0
 
 
-def solid(splats: Splats, view: GridView, bounds: ScreenBounds) -> bool:
+def is_solid(splats: Splats, view: GridView, bounds: ScreenBounds) -> bool:
     """Whether the splats' mean optical depth over the window hides most of them."""
     area = bounds.window.width * bounds.window.height
     pixel = view.pitch * bounds.mean_depth if view.perspective else view.pitch
     return area > 0 and splats.total_depth / (area * pixel**2) >= SOLID
 
 
-def cuts(count: int, number: int) -> list[int]:
+def batch_starts(count: int, number: int) -> list[int]:
     """Starts of `number` batches of `count` splats, and the end."""
     return [int(count * (n / number) ** GROWTH) for n in range(number)] + [count]
 
@@ -91,7 +91,7 @@ SINGLE_TOLERANCE = 3e-3
 
 
 @dataclass(frozen=True)
-class Asked:
+class Request:
     """Settings and motion of a picture. tiles: whether the renderer prefers them; None: unsupported. sheets: whether
     splats add up within sheets. boxes: whether splats are boxes of voxels.
     """
@@ -103,13 +103,13 @@ class Asked:
     boxes: bool = False
 
 
-def _refuses_quads(request: Asked) -> str | None:
+def _why_not_quads(request: Request) -> str | None:
     if request.moving:
         return "motion"
     return nearest_first(request.settings) if request.sheets else None
 
 
-def _refuses_streaks(request: Asked) -> str | None:
+def _why_not_streaks(request: Request) -> str | None:
     if not request.moving:
         return "a still"
     if request.sheets:
@@ -119,7 +119,7 @@ def _refuses_streaks(request: Asked) -> str | None:
     return None
 
 
-def _refuses_tiles(request: Asked) -> str | None:
+def _why_not_tiles(request: Request) -> str | None:
     if request.moving:
         return "motion"
     if request.tiles is None:
@@ -128,14 +128,14 @@ def _refuses_tiles(request: Asked) -> str | None:
 
 
 # by technique, the reason why it cannot draw a picture; None if it can
-TECHNIQUES: dict[str, Callable[[Asked], str | None]] = {
-    "tiles": _refuses_tiles,
-    "streaks": _refuses_streaks,
-    "quads": _refuses_quads,
+TECHNIQUES: dict[str, Callable[[Request], str | None]] = {
+    "tiles": _why_not_tiles,
+    "streaks": _why_not_streaks,
+    "quads": _why_not_quads,
 }
 
 
-def technique(request: Asked, notes: list[str]) -> str:
+def choose_technique(request: Request, notes: list[str]) -> str:
     """The requested technique; for auto, tiles if preferred or for sheets or boxes, and possible, else quads. Raises
     InputError if none is possible.
     """
@@ -145,10 +145,10 @@ def technique(request: Asked, notes: list[str]) -> str:
         if why:
             raise expected(f"technique {wanted}", f"what {wanted} can draw", why, "use auto")
         return wanted
-    why = _refuses_tiles(request)
+    why = _why_not_tiles(request)
     if (request.tiles or request.sheets or request.boxes) and not why:
         return "tiles"
-    refused = _refuses_quads(request)
+    refused = _why_not_quads(request)
     if refused:
         raise expected("sheets", "what quads can draw", refused, "composite splats, classified before reconstruction")
     if request.tiles:
@@ -156,7 +156,7 @@ def technique(request: Asked, notes: list[str]) -> str:
     return "quads"
 
 
-def footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False) -> str:
+def choose_footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False) -> str:
     """The source of footprints. drawn: the technique. means: whether footprints weight values.
 
     `auto`: a radial table; for tiles, where lookups are slow, polynomials if they are accurate enough.
@@ -169,7 +169,7 @@ def footprint(drawn: str, shape: Kernel, settings: Settings, means: bool = False
     return "single" if means and settings.tolerance >= SINGLE_TOLERANCE else "polynomial"
 
 
-def combinations() -> list[tuple[str, ...]]:
+def table_of_refusals() -> list[tuple[str, ...]]:
     """Table of refusals by technique, a row for each setting value that any technique refuses."""
     rows = []
     for name, values in choices().items():
@@ -179,7 +179,7 @@ def combinations() -> list[tuple[str, ...]]:
             settings = Settings().but(**{name: value})
             post = settings.classification == "post" or BLENDS[settings.blend].post_only
             sheets = post or settings.compositing == "sheets"
-            reasons = [why(Asked(settings, name_ == "streaks", True, sheets)) for name_, why in TECHNIQUES.items()]
+            reasons = [why(Request(settings, name_ == "streaks", True, sheets)) for name_, why in TECHNIQUES.items()]
             if any(reasons):
                 rows.append((f"{name} {value}", *(f"no: {why}" if why else "yes" for why in reasons)))
     return rows
@@ -206,7 +206,7 @@ def depth_batches(splats: Splats, view: GridView, bounds: ScreenBounds, sheets: 
     whether splats add up within sheets.
     """
     many, batches = (MANY_IN_SHEETS, SHEET_BATCHES) if sheets else (MANY, BATCHES)
-    return batches if len(splats) >= many and solid(splats, view, bounds) else 1
+    return batches if len(splats) >= many and is_solid(splats, view, bounds) else 1
 
 
 def exp_doublings(splats: Splats, shape: Kernel, attenuation: str) -> int:

@@ -29,7 +29,7 @@ from splatgl.options import (
     read_pairs,
     refuse_unknown,
 )
-from splatgl.splat.colormaps import checked_labels, colormap, label_color, label_opacity
+from splatgl.splat.colormaps import check_labels, colormap, label_color, label_opacity
 
 # given as any sequence of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
@@ -113,7 +113,7 @@ class Transfer:
         "factor W of the opacity at gradient G, linear between",
     )
     shading: bool = option(True, FLAG)
-    labels: Sequence[tuple[int, str, float]] = option((), Kind("labels", checked_labels))
+    labels: Sequence[tuple[int, str, float]] = option((), Kind("labels", check_labels))
     scale: str = _option(
         "linear",
         replace(choice(SCALES), metavar=""),

@@ -48,7 +48,7 @@ def streamlines(
     InputError for a volume without vectors.
     """
     field = VectorField.of(volume)
-    lines = spread_lines(volume, checked(count), least)
+    lines = spread_lines(volume, check_count(count), least)
     size = RADIUS * field.diagonal if radius is None else radius
     points = [
         line[::DRAWN] if len(line) % DRAWN else np.append(line[::DRAWN], line[-1:], axis=0) for line in lines.points
@@ -64,7 +64,7 @@ def streamlines(
 def spread_lines(volume: Volume, count: int, least: float | None = None) -> Lines:
     """The evenly distributed lines that `streamlines` draws."""
     field = VectorField.of(volume)
-    slow = slowest(field, least)
+    slow = least_speed(field, least)
     seeds = field.spread(TRIED * count, slow)
     tried = lines_through(field, seeds, slow)
     place, far = field.world(seeds), np.full(len(seeds), np.inf)
@@ -93,7 +93,7 @@ def lines_through(
     slow = max(least, STILL * field.greatest)
     world = step * field.smallest_spacing
     count = int(np.ceil((LONGEST * field.diagonal if length is None else length) / 2 / world))
-    ways = [_followed(field, seeds, sign * world, count, slow) for sign in (-1.0, 1.0)]
+    ways = [_follow(field, seeds, sign * world, count, slow) for sign in (-1.0, 1.0)]
     points, speeds = [], []
     for before, after in zip(*ways, strict=True):
         index = np.concatenate([before[:0:-1], after])
@@ -102,7 +102,7 @@ def lines_through(
     return Lines(points, speeds)
 
 
-def _followed(field: VectorField, seeds: np.ndarray, step: float, count: int, slow: float) -> list[np.ndarray]:
+def _follow(field: VectorField, seeds: np.ndarray, step: float, count: int, slow: float) -> list[np.ndarray]:
     """Grid positions [M, 3] along each seed's line, at steps of equal world length."""
     inverse = np.linalg.inv(field.world_from_index)
 
@@ -130,7 +130,7 @@ def _followed(field: VectorField, seeds: np.ndarray, step: float, count: int, sl
     return np.split(np.concatenate(paths)[order], ends)
 
 
-def checked(count: int) -> int:
+def check_count(count: int) -> int:
     """Checks a number of lines or arrows. Raises InputError unless it is a whole number from 1 to MOST."""
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
         raise expected("count", f"a whole number from 1 to {MOST}", repr(count)[:80])
@@ -159,8 +159,8 @@ def arrows(
     arrows. least: None: a tenth of that speed. Raises InputError for a volume without vectors.
     """
     field = VectorField.of(volume)
-    slow = slowest(field, least)
-    index = field.spread(checked(count), slow)
+    slow = least_speed(field, least)
+    index = field.spread(check_count(count), slow)
     vectors = field.at(index)[0]
     speed = np.linalg.norm(vectors, axis=1)
     if length is None:
@@ -286,7 +286,7 @@ class VectorField:
         return index[chosen[:count]].astype(np.float64)
 
 
-def slowest(field: VectorField, least: float | None) -> float:
+def least_speed(field: VectorField, least: float | None) -> float:
     """The speed below which nothing is drawn; None: SLOW of the greatest. Raises InputError for invalid numbers."""
     if least is None:
         return SLOW * field.greatest

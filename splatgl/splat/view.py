@@ -78,7 +78,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-def between(splats: Splats, view: GridView, low: float, high: float) -> np.ndarray:
+def centres_between(splats: Splats, view: GridView, low: float, high: float) -> np.ndarray:
     """[3, N]: the centres, eye axes in mean spacings, of the splats whose depth is from `low` to `high`."""
     # depth is linear along a row; points may be anywhere in their cells
     start = splats.row_start
@@ -239,20 +239,20 @@ def widening(splats: Splats, view: GridView) -> Widening:
     first, second = view.widened_beyond
     if not (view.antialias and view.perspective and len(splats)):
         return Widening((first, second))
-    narrow, sure = _clear(splats, view, second)
+    narrow, sure = _find_gap(splats, view, second)
     if first - second <= FURTHEST * second:
         return Widening((narrow, narrow), 0.0 if sure else _jump(view, second))
-    wide, sure_too = _clear(splats, view, first)
+    wide, sure_too = _find_gap(splats, view, first)
     return Widening((wide, narrow), 0.0 if sure and sure_too else _jump(view, second))
 
 
-def _clear(splats: Splats, view: GridView, depth: float) -> tuple[float, bool]:
+def _find_gap(splats: Splats, view: GridView, depth: float) -> tuple[float, bool]:
     """The first depth ≥ `depth` without splats near it, and whether it exists; else the middle of the widest gap."""
     low, high = splats.index_bounds
     reach = np.abs(view.eye_from_index[2]) @ np.maximum(np.abs(low - view.eye_index), np.abs(high - view.eye_index))
     margin = DIGITS * ULP * float(reach + depth)
     furthest = max(FURTHEST * depth, 4 * margin)
-    near = np.sort(between(splats, view, depth - margin, depth + furthest)[2])
+    near = np.sort(centres_between(splats, view, depth - margin, depth + furthest)[2])
     # starts of the gaps; the first is before `depth`
     begins = np.concatenate([[depth - margin], near])
     gaps = np.append(near, depth + furthest) - begins

@@ -9,7 +9,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Plane, left
+from splatgl.splat.clipping import Plane, clip_corners
 from splatgl.viewer.state import MOST_PLANES, Cuts, box_planes
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 from splatgl.viewer.trackball import nearest_on_line, ray, seen
@@ -25,7 +25,7 @@ TOO_MANY_PLANES = f"there are {MOST_PLANES} planes already: remove one"
 def leaves(cuts: Cuts, volume: Volume) -> bool:
     """Whether anything of the volume's box is left."""
     found = replace(cuts, active=True).clip(volume)
-    return not found or bool(len(left(found, volume.corners)))
+    return not found or bool(len(clip_corners(found, volume.corners)))
 
 
 def cut(state: State, document: Document, cuts: Cuts) -> State:
@@ -126,7 +126,7 @@ def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
     sides = box_planes(cuts.sides, volume)
     normal = np.array(plane[:3])
     both = [plane, (*(-normal).tolist(), -plane[3]), *sides]
-    points = left(both, volume.corners)
+    points = clip_corners(both, volume.corners)
     # each corner once, though several planes meet there
     digits = (points / (arrow(volume) * ALIKE)).round()
     points = points[np.unique(digits, axis=0, return_index=True)[1]]

@@ -22,8 +22,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.clipping import Plane
-from splatgl.splat.culling import skinned
-from splatgl.splat.extract import Progress, extract, only_pre
+from splatgl.splat.culling import visible_shell
+from splatgl.splat.extract import Progress, extract, why_only_pre
 from splatgl.splat.grid import Grid
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.resolve import Resolved, extraction_kind, why_per_splat
@@ -168,7 +168,7 @@ class LayerSplats:
         """The splats at a stride without those hidden from every side."""
         if stride not in self.shells:
             same = stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume
-            self.shells[stride] = self.shell(1, progress) if same else skinned(self.at(stride, progress))
+            self.shells[stride] = self.shell(1, progress) if same else visible_shell(self.at(stride, progress))
         return self.shells[stride]
 
     @property
@@ -180,7 +180,7 @@ class LayerSplats:
     def is_current(self) -> bool:
         """Whether extraction with the transfer function would give the finest splats."""
         post = self.at(1).post if 1 in self.shells else None
-        return 1 in self.shells and (post is None or post.fresh)
+        return 1 in self.shells and (post is None or post.is_current)
 
     def without_splats(self) -> LayerSplats:
         """The layer without any splats: they may hold values extracted for another transfer function."""
@@ -190,7 +190,7 @@ class LayerSplats:
         """A copy with another transfer function, which keeps the splats whose values serve both."""
         post = self.variants.get(True, self)
         made = {
-            stride: splats.classified_after(splats.post.recolored(self._transfer_at(stride, transfer)))
+            stride: splats.with_classifier(splats.post.with_transfer(self._transfer_at(stride, transfer)))
             for stride, splats in post.made.copy().items()
             if splats.post is not None and splats.post.holds(transfer)
         }
@@ -209,7 +209,7 @@ class LayerSplats:
         """
         # pre where volume or settings allow nothing else
         requested = settings.but(classification="auto") if settings.classification == "post" else settings
-        why = only_pre(self.volume, self.transfer, self.threshold)
+        why = why_only_pre(self.volume, self.transfer, self.threshold)
         kind = extraction_kind(requested, moving, why, self.volume.count)
         if kind == self.kind:
             # values kept for other transfer functions do not hold here
@@ -225,7 +225,7 @@ class LayerSplats:
 
     def why_pre_classified(self, settings: Settings, moving: bool) -> str | None:
         """The reason why splats are classified before reconstruction; None if the settings allow either."""
-        return only_pre(self.volume, self.transfer, self.threshold) or why_per_splat(settings, moving)
+        return why_only_pre(self.volume, self.transfer, self.threshold) or why_per_splat(settings, moving)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from splatgl.annotations.text import Overlay, Path, Text, box, drawn
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import FAITHFUL, outside
+from splatgl.splat.culling import FAITHFUL, eye_is_outside
 from splatgl.splat.motion import Motion
 from splatgl.splat.plan import Plan
 from splatgl.splat.resolve import streaked
@@ -296,7 +296,9 @@ def _enough(state: State, layer: LayerSplats, level: Level, chosen: Plan) -> Spl
     """The splats to draw: all, or only the visible ones where the result is equally good."""
     shell = layer.shell(level.stride)
     # clip planes bare what lies inside
-    fits = chosen.program.look.blend.ordered and not state.settings.clip and outside(shell, state.pose.camera.eye)
+    fits = (
+        chosen.program.look.blend.ordered and not state.settings.clip and eye_is_outside(shell, state.pose.camera.eye)
+    )
     if level == FULL:
         fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
     return shell if fits else layer.at(level.stride)

@@ -16,7 +16,7 @@ from jupyter_rfb import RemoteFrameBuffer
 from splatgl.data.image import Image
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
-from splatgl.splat.culling import outside
+from splatgl.splat.culling import eye_is_outside
 from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
 from splatgl.viewer.document import Document
@@ -102,7 +102,7 @@ class Session:
         if level != FULL and BLENDS[settings.blend].ordered and not self.document.is_layered:
             # without those that are hidden from every side
             shell = self.document.layers[0].shell(level.stride)
-            subject = shell if outside(shell, camera.eye) else subject
+            subject = shell if eye_is_outside(shell, camera.eye) else subject
         with shared_renderer() as renderer:
             return renderer.render(subject, camera, settings, verify_bound=False)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.data.volume import FEWEST, Volume, halve_volume
 from splatgl.fileio import budget, format_bytes
-from splatgl.splat.bricks import bricks_of, need
+from splatgl.splat.bricks import bricks_of, estimate_need
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import MOST_KEPT
 from splatgl.splat.transfer import Transfer
@@ -97,7 +97,7 @@ def _fits(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> 
     bricks = bricks_of(volume, transfer, settings)
     if bricks is None:
         return True
-    wanted = need(bricks, PIXELS, most)
+    wanted = estimate_need(bricks, PIXELS, most)
     return wanted.bytes <= most and not (volume.coarser and wanted.most > MOST_KEPT)
 
 

@@ -12,7 +12,7 @@ from splatgl.annotations.annotate import default_names
 from splatgl.annotations.canvas import Subject
 from splatgl.data.volume import Triple, Volume
 from splatgl.scene.meshes import MeshFile
-from splatgl.splat.clipping import MOST_CLIPS, Plane, index_plane, planes
+from splatgl.splat.clipping import MOST_CLIPS, Plane, check_planes, index_plane
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import OPAQUE, Transfer
@@ -82,7 +82,7 @@ class Cuts:
 
     def clip(self, volume: Volume) -> tuple[Plane, ...]:
         """The planes for `Settings.clip`; none while the cuts are inactive."""
-        return planes([*self.planes, *box_planes(self.sides, volume)]) if self.active else ()
+        return check_planes([*self.planes, *box_planes(self.sides, volume)]) if self.active else ()
 
     def with_side(self, axis: int, end: int, share: float) -> Cuts:
         """The cuts with one side of the box moved; the box keeps at least LEAST."""
@@ -92,7 +92,7 @@ class Cuts:
 
     def with_plane(self, number: int, plane: Sequence[float]) -> Cuts:
         """The cuts with one plane changed; the number after the last adds one."""
-        (unit,) = planes([tuple(map(float, plane))])
+        (unit,) = check_planes([tuple(map(float, plane))])
         return replace(self, planes=(*self.planes[:number], unit, *self.planes[number + 1 :]))
 
     def without(self, number: int) -> Cuts:

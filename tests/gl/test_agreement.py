@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.culling import ahead
+from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.kernels import kernel
-from splatgl.splat.view import GridView, between, widening
+from splatgl.splat.view import GridView, centres_between, widening
 from tests.fuzz import error_bound
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
@@ -48,11 +48,11 @@ def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, g
         eye = splats.grid.world_from_index @ place + splats.grid.origin
         camera = sg.Camera.orthographic(eye, eye + normal, rng.normal(size=3), 9.0, (14, 11))
         before = (splats.positions - place) @ steps >= 0
-        assert len(ahead(splats, camera)) == before.sum() < len(splats)
+        assert len(clip_behind_eye(splats, camera)) == before.sum() < len(splats)
         for settings in (SPLATS.but(blend="xray"), SPLATS.but(technique="quads"), SPLATS.but(technique="tiles")):
             error, limit = off(renderer, splats, camera, settings)
             assert error <= limit
-        assert ahead(splats, camera) is ahead(splats, camera)
+        assert clip_behind_eye(splats, camera) is clip_behind_eye(splats, camera)
 
 
 @pytest.mark.few(1)
@@ -81,7 +81,7 @@ def test_no_splat_is_near_the_depth_where_widening_begins() -> None:
             assert asked * (1 - 1e-12) <= depth <= asked * 1.02 + 1e-4
             moved += depth > asked * (1 + 1e-12)
             near = 5e-7 * depth
-            assert not between(splats, view, depth - near, depth + near).size
+            assert not centres_between(splats, view, depth - near, depth + near).size
     assert moved > 10
     places = np.zeros((60_000, 3))
     places[:, 2] = np.linspace(-1, 4, len(places))

@@ -136,8 +136,8 @@ def test_forcing_half_lines_changes_nothing_far_away(renderer: sg.Renderer) -> N
     splats = sg.extract(sg.Volume(np.ones((9, 9, 9))), sg.Transfer([(0, 0.3)]), classification="pre")
     camera = sg.Camera.look_at((4, 4, -20), (4, 4, 9), (0, 1, 0), 60, (32, 32))
     chosen = sg.plan(splats, camera, SPLATS)
-    plain = renderer.passes.draw(splats, chosen.forced(technique="quads"))
-    forced = renderer.passes.draw(splats, chosen.forced(half_line=True))
+    plain = renderer.passes.draw(splats, chosen.with_choices(technique="quads"))
+    forced = renderer.passes.draw(splats, chosen.with_choices(half_line=True))
     assert (plain == forced).all()
 
 

@@ -52,7 +52,7 @@ def test_half_lines_only_where_a_kernel_in_sight_is_near(grid: str, fov: float) 
         view = chosen.view
         v = view.voxels(splats.positions)
         some = (v[2] >= -view.reach) & (v[2] <= AROUND_EYE * view.reach)
-        expected = bool(Frustum.of(view).reached(v[:, some]).any())
+        expected = bool(Frustum.of(view).may_show(v[:, some]).any())
         assert chosen.program.seen.half_line == expected
         near.append(expected)
     assert any(near) and not all(near)
@@ -69,6 +69,6 @@ def test_a_kernel_that_no_plane_cuts_is_not_left_out(renderer: sg.Renderer) -> N
         right = sg.reference.render(dot, camera, SPLATS.but(blend="xray", antialias="off")).pixels
         chosen = sg.plan(dot, camera, SPLATS.but(blend="xray", antialias="off"))
         v = chosen.view.voxels(dot.positions)
-        assert Frustum.of(chosen.view).reached(v)[0] or right.max() == 0
+        assert Frustum.of(chosen.view).may_show(v)[0] or right.max() == 0
         drawn = renderer.render(dot, camera, SPLATS.but(blend="xray", antialias="off", technique="tiles")).pixels
         assert np.abs(drawn - right).max() <= 5e-4 * max(right.max(), 1e-3)

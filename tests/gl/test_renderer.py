@@ -75,7 +75,7 @@ def test_leaving_antialiasing_out_changes_nothing(letter: sg.Splats, renderer: s
     # one far splat forces it on; the rest of the picture must stay
     forced = renderer.render(letter, camera, settings)
 
-    with_it = renderer.passes.draw(letter, chosen.forced(antialias=True))
+    with_it = renderer.passes.draw(letter, chosen.with_choices(antialias=True))
     assert (with_it == forced.pixels).all()
 
 
@@ -88,7 +88,7 @@ def test_the_general_path_draws_cubes_alike(letter: sg.Splats, renderer: sg.Rend
     chosen = plan(letter, camera)
     assert chosen.program.seen.cubic
     simple = renderer.passes.draw(letter, chosen)
-    general = renderer.passes.draw(letter, chosen.forced(cubic=False))
+    general = renderer.passes.draw(letter, chosen.with_choices(cubic=False))
     assert np.abs(simple - general).max() < 2e-4
     assert not (simple == general).all()
 

@@ -107,7 +107,7 @@ def test_exact_streaks_are_temporal_supersampling(renderer: sg.Renderer, view: s
     motion = motion_of(move, camera)
     right = Moments(renderer.render, motion, 180, 256)(splats, camera, XRAY.but(motion="off")).pixels
     found = rmse(renderer.render(splats, camera, XRAY, motion).pixels, right)
-    middle = renderer.render(motion.moved(splats, -0.25), motion.view(camera, -0.25), XRAY).pixels
+    middle = renderer.render(motion.move(splats, -0.25), motion.view(camera, -0.25), XRAY).pixels
     assert found < 1e-3 and 2.5 * found < rmse(middle, right)
 
 
@@ -240,7 +240,7 @@ def test_every_choice_compiles(renderer: sg.Renderer) -> None:
                 settings = base.but(motion=form, blend=blend, attenuation=attenuation)
                 plan = renderer.plan(splats, camera, settings, MOVES["flows"])
                 for shading, cubic, half_line in ((True, False, False), (False, True, plan.view.perspective)):
-                    chosen = plan.forced(shading=shading, cubic=cubic, half_line=half_line).program
+                    chosen = plan.with_choices(shading=shading, cubic=cubic, half_line=half_line).program
                     build(renderer.ctx, "splat.vert", "splat.frag", splat_switches(chosen)).release()
 
 

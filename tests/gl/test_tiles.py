@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.gl import tiles
 from splatgl.splat import culling, technique
-from splatgl.splat.culling import BLOCK, Frustum, boxes, shown
+from splatgl.splat.culling import BLOCK, Frustum, block_boxes, blocks_in_frustum
 from splatgl.splat.kernels import kernel, polynomials, single_reach
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise, views
 from tests.helpers.splatting import SPLATS
@@ -242,18 +242,18 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
 def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: pytest.MonkeyPatch) -> None:
     splats = noise(size=30)
     positions = splats.positions
-    assert len(boxes(positions)) == -(-len(splats) // BLOCK)
+    assert len(block_boxes(positions)) == -(-len(splats) // BLOCK)
     # as small as they are beside a large volume
     few = 8
     monkeypatch.setattr(culling, "BLOCK", few)
-    around = boxes(positions)
+    around = block_boxes(positions)
     outside = list(views(splats).values())
     left_out = 0
     for camera in (*outside, *(inside(splats, look) for look in LOOKS)):
         chosen = sg.plan(splats, camera, SPLATS)
         frustum = Frustum.of(chosen.view)
-        seen = np.repeat(shown(around, frustum), few)[: len(splats)]
-        one_by_one = frustum.reached(chosen.view.voxels(positions))
+        seen = np.repeat(blocks_in_frustum(around, frustum), few)[: len(splats)]
+        one_by_one = frustum.may_show(chosen.view.voxels(positions))
         assert (one_by_one <= seen).all()
         left_out += int((~seen).sum())
     assert left_out > len(splats)

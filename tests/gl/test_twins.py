@@ -17,12 +17,12 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
-from splatgl.reference.blend import blended, pixel_means
-from splatgl.reference.renderer import attenuated_depth
-from splatgl.splat.footprint import filled_depth, run_along, run_lengths
+from splatgl.reference.blend import blend_opacity, pixel_means
+from splatgl.reference.renderer import attenuate_depth
+from splatgl.splat.footprint import fill_depth, run_length_along, run_lengths
 from splatgl.splat.lighting import apply_light
 from splatgl.splat.resolve import END_CORRECTION
-from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, linear_color, of_points
+from splatgl.splat.splats import OCTAVES, POINT, POINT_VALUE, VALUE, VOXEL, is_points, linear_color
 from tests.helpers.noise import GRIDS, noise, views
 from tests.helpers.splatting import SPLATS
 from tests.helpers.twins import COUNT, Twin, functions
@@ -163,7 +163,7 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
     expression = "coverage = a.y; result.x = blended(a.x)"
     inputs = np.stack([depth, share], axis=1)
     found = twin("footprint_eval.glsl", expression, state=by_opacity, a=inputs)[:, 0]
-    assert np.abs(found / blended(depth, share) - 1).max() < 3e-6
+    assert np.abs(found / blend_opacity(depth, share) - 1).max() < 3e-6
     expression = """
         Joined it;
         it.offset = vec2(0.0); it.shape = vec4(0.0); it.around = false;
@@ -176,7 +176,7 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
         settings = SPLATS.but(blend=blend, antialias="off", tolerance=1e-6)
         plan = sg.plan(splats, views(splats)["fitted"], settings, tiles=True)
         found = twin("tile_draw.comp", expression, plan, splats, {"DOUBLINGS": 5}, light=light.T, c=color.T, d=depth)
-        value = blended(depth, np.ones(COUNT)) if how == "over" else depth
+        value = blend_opacity(depth, np.ones(COUNT)) if how == "over" else depth
         assert np.abs(found.T - join(light, color, value, how)).max() < 5e-6 * max(value.max(), 1.0)
 
 
@@ -195,14 +195,14 @@ def test_matter_that_is_widened(grid: str, twin: Twin, rng: np.random.Generator)
     found = twin("attenuation.glsl", expression, plan, splats, a=inputs, i=index.T)[:, 0]
     widths = np.linalg.norm(plan.view.eye_from_index, axis=0)
     along = index / np.linalg.norm(voxel, axis=0)
-    right = filled_depth(depth, along, widths, pixel, coverage, runs)
+    right = fill_depth(depth, along, widths, pixel, coverage, runs)
     assert np.abs(found / right - 1).max() < 2e-5
     length = twin("attenuation.glsl", "result.xyz = run_lengths(int(a.w + 0.5))", plan, splats, a=inputs)[:, :3]
     assert np.abs(length.T / run_lengths(runs) - 1).max() < 1e-6
     assert (run_lengths(runs) == np.exp2(codes * OCTAVES)).all()
     expression = "result.x = run_along(i, int(a.w + 0.5))"
     found = twin("attenuation.glsl", expression, plan, splats, a=inputs, i=index.T)[:, 0]
-    assert np.abs(found / run_along(index, runs) - 1).max() < 1e-5
+    assert np.abs(found / run_length_along(index, runs) - 1).max() < 1e-5
 
 
 @pytest.mark.parametrize("name", ["far", "parallel, far"])
@@ -216,7 +216,7 @@ def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
     expression = "in_optical_depth = a.x; in_runs = int(a.y + 0.5); result.x = attenuated_depth(v, a.z)"
     inputs = np.stack([splats.records["optical_depth"], splats.runs, coverage], axis=1)
     found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, a=inputs)[:, 0]
-    right = attenuated_depth(splats, plan.view, voxel, coverage)
+    right = attenuate_depth(splats, plan.view, voxel, coverage)
     assert coverage.max() < 1 and np.abs(found / right - 1).max() < 2e-5
 
 
@@ -247,8 +247,8 @@ def test_records(record: np.dtype, twin: Twin, rng: np.random.Generator) -> None
     pair = "uvec2({0}.xz + 0.5) + uvec2({0}.yw + 0.5) * 65536u"
     a, b, c, d, e = (pair.format(name) for name in "abcde")
     first, second, rest = f"uvec4({a}, {b})", f"uvec4({c}, {d})", f"{e}"
-    state = {"POINTS": of_points(record), "STEPS": int("value" in (record.names or ()))}
-    if not of_points(record):
+    state = {"POINTS": is_points(record), "STEPS": int("value" in (record.names or ()))}
+    if not is_points(record):
         second, rest = "uvec4(0u)", c
     fields = "vec4(in_position, in_optical_depth)", "vec4(in_color, in_runs)", "vec4(in_normal, 0)"
     read = [

@@ -30,7 +30,7 @@ def box_ends(rays: BoxRays, position: np.ndarray) -> np.ndarray:
 
 def box_light(scene: BoxScene, rays: BoxRays, ends: np.ndarray) -> np.ndarray:
     every = np.arange(len(ends))
-    return np.stack(scene._shone(Passed(every, every, ends.T), rays), axis=1)
+    return np.stack(scene._shade(Passed(every, every, ends.T), rays), axis=1)
 
 
 @pytest.mark.parametrize("view", ["fitted", "parallel"])

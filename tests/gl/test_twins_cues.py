@@ -39,5 +39,5 @@ def test_cues(view: str, twin: Twin, rng: np.random.Generator) -> None:
     normal[::10] = 0
     given = {"p": place, "n": normal, "t": toward}
     found = twin("cues.glsl", "result.xy = reached(p, n, t)", plan, splats, **given)[:, :2]
-    right = np.stack(cues.reached(positions, normal, toward), axis=1)
+    right = np.stack(cues.light_shares(positions, normal, toward), axis=1)
     assert np.abs(found - right).max() < 1e-4 and right.min() < 0.9

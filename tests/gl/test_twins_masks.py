@@ -10,8 +10,8 @@ from splatgl.gl.meshes import MAPS_UNIT
 from splatgl.gl.textures import MASK_UNIT
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import ray_offset
-from splatgl.splat.colormaps import FURTHEST, UNKNOWN, mapped_color, tables_of
-from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, face_share, kept_part
+from splatgl.splat.colormaps import FURTHEST, UNKNOWN, map_color, map_tables
+from splatgl.splat.mask_field import EDGE, ONE, ZERO, MaskField, clip_to_mask, face_share
 from tests.helpers.noise import views
 from tests.helpers.sheet_twins import RAMP, uniforms
 from tests.helpers.twins import COUNT, Twin
@@ -58,7 +58,7 @@ def test_what_is_kept_of_parts(twin: Twin, rng: np.random.Generator) -> None:
     m = rng.uniform(-0.5, 0.5, (COUNT, 2))
     m[::5, 1] = m[::5, 0]
     found = twin("sheet_draw.comp", "result.xy = kept_part(p, m)", state=MASKED, p=part, m=m)[:, :2]
-    right = np.stack(kept_part((m[:, 0], m[:, 1]), (part[:, 0], part[:, 1])), axis=1)
+    right = np.stack(clip_to_mask((m[:, 0], m[:, 1]), (part[:, 0], part[:, 1])), axis=1)
     assert np.abs(found - right).max() < 1e-5
     kinds = {(bool(a), bool(b)) for a, b in m >= 0}
     assert len(kinds) == 4 and ((right[:, 1] - right[:, 0]) >= 0).all()
@@ -78,7 +78,7 @@ def test_shares_of_faces(twin: Twin, rng: np.random.Generator) -> None:
 def test_colours_of_values(twin: Twin, renderer: sg.Renderer, rng: np.random.Generator) -> None:
     """Within the window, beyond it, without a value, and of no map."""
     meshes = [sg.Mesh(np.eye(3), [[0, 1, 2]], values=[0, 1, 2], colormap=name) for name in ("hot", "viridis")]
-    tables = tables_of(meshes)
+    tables = map_tables(meshes)
     texture = renderer.ctx.texture(tables.shape[1::-1], 3, tables.tobytes(), dtype="f4")
     texture.use(MAPS_UNIT)
     place, row = rng.uniform(-0.5, 1.5, COUNT), rng.integers(-1, 2, COUNT)
@@ -89,5 +89,5 @@ def test_colours_of_values(twin: Twin, renderer: sg.Renderer, rng: np.random.Gen
     texture.release()
     for n, table in enumerate(tables.astype(np.float64)):
         some = row == n
-        assert np.abs(found[some] - mapped_color(table, place[some], plain[some])).max() < 1e-4
+        assert np.abs(found[some] - map_color(table, place[some], plain[some])).max() < 1e-4
     assert np.abs(found[row < 0] - plain[row < 0]).max() < 1e-6

@@ -7,9 +7,9 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl.uniforms import frame_block
-from splatgl.reference.streaks import inner_of, length_of, passing
+from splatgl.reference.streaks import inner_of, length_of, pass_kernels
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
-from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, dwelt_opacity, hermite, isolation, stretched
+from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, hermite, isolation, moving_opacity, stretched_footprint
 from splatgl.splat.plan import Plan
 from splatgl.splat.view import GridView, tangents
 from tests.helpers.noise import noise, views
@@ -50,7 +50,7 @@ def streak_corner(corner: np.ndarray, step: np.ndarray, reach: tuple[np.ndarray,
 
 def streaked(depth: np.ndarray, shape: np.ndarray, most: np.ndarray, isolated: np.ndarray) -> np.ndarray:
     """Opacity [N] of a moving splat of that depth: shape and most are its footprint's mean and maximum, over F(0)."""
-    return dwelt_opacity(depth * shape, depth * most, isolated)
+    return moving_opacity(depth * shape, depth * most, isolated)
 
 
 def test_what_moves_hides(twin: Twin, rng: np.random.Generator) -> None:
@@ -61,7 +61,7 @@ def test_what_moves_hides(twin: Twin, rng: np.random.Generator) -> None:
     mean, alone = most * 10.0 ** rng.uniform(-3, 0, COUNT), rng.random(COUNT)
     inputs = np.stack([mean, most, alone], axis=1)
     found = twin("motion_opacity.glsl", "result.x = dwelt_opacity(a.x, a.y, a.z)", a=inputs)[:, 0]
-    assert np.abs(found - dwelt_opacity(mean, most, alone)).max() < 2e-5
+    assert np.abs(found - moving_opacity(mean, most, alone)).max() < 2e-5
 
 
 @pytest.mark.parametrize("name", ["fitted", "parallel"])
@@ -119,7 +119,7 @@ def test_kernels_on_their_paths(grid: str, name: str, twin: Twin, rng: np.random
     at = some_steps(rng, view, v) / 2
     expression = f"{BOTH} Passing it = passing(v, p, s, inner); result = vec4(it.along, it.across2, it.length, it.gain)"
     found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, v=v.T, s=step.T, p=at.T).T
-    passed = passing(view, v, (v[:2] + at) / (v[2] if view.perspective else 1.0), step)
+    passed = pass_kernels(view, v, (v[:2] + at) / (v[2] if view.perspective else 1.0), step)
     rights = np.stack([passed.along, passed.across**2, passed.length, passed.gain])
     assert (np.abs(found - rights).max(axis=1) < 2e-6 * rights.max(axis=1)).all()
 
@@ -162,9 +162,9 @@ def test_tables_of_streaks(twin: Twin, rng: np.random.Generator) -> None:
     inputs = np.stack([along, across**2, length, np.ones(COUNT)], axis=1)
     expression = "Passing p = Passing(a.x, a.y, a.z, a.w); result.xy = vec2(blurred(p), stretched(p))"
     found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, a=inputs)
-    right = table.blurred(along, across, length)
+    right = table.blur(along, across, length)
     assert np.abs(found[:, 0] - right).max() < 1e-5
-    right = stretched(kernel, along, across, length) / kernel.footprint(np.zeros(()))
+    right = stretched_footprint(kernel, along, across, length) / kernel.footprint(np.zeros(()))
     assert np.abs(found[:, 1] - right).max() < 1e-5
 
 
@@ -187,7 +187,7 @@ def test_streaks_in_a_pixel(motion: str, grid: str, name: str, twin: Twin, rng: 
         result.y = max(beyond.x, beyond.y)
     """
     found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, v=voxel.T, p=at.T, s=step.T)
-    right = passing(view, voxel, ray, step).streak_shape(view, motion)
+    right = pass_kernels(view, voxel, ray, step).streak_shape(view, motion)
     assert right.max() > 1e-3
     assert np.abs(found[:, 0] - right).max() < 2e-4 * right.max()
     outside = found[:, 1] > 0
@@ -208,6 +208,6 @@ def test_opacities_of_streaks(twin: Twin, rng: np.random.Generator) -> None:
     """
     inputs = {"v": voxel.T, "s": step.T, "p": at.T, "d": np.stack([depth, alone], axis=1)}
     found = twin("splat.frag", expression, plan, splats, **inputs)[:, 0]
-    passed, peak = passing(view, voxel, (voxel[:2] + at) / voxel[2], step), view.kernel.footprint(np.zeros(()))
+    passed, peak = pass_kernels(view, voxel, (voxel[:2] + at) / voxel[2], step), view.kernel.footprint(np.zeros(()))
     right = streaked(depth, passed.streak_shape(view, "exact") / peak, passed.most(view) / peak, alone)
     assert np.abs(found - right).max() < 2e-4

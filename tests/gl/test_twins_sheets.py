@@ -16,13 +16,13 @@ from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import (
     Part,
     SheetField,
-    behind,
+    add_behind,
     between_sheets,
     bulge,
-    composited,
+    composite_sums,
     means_of,
-    unbent,
-    weighted,
+    remove_bend,
+    weight_extinction,
 )
 from splatgl.splat.clipping import FACE
 from splatgl.splat.kernels import Kernel, kernel
@@ -96,18 +96,18 @@ def add_four(splats: list[np.ndarray], shares: np.ndarray, weights: list[np.ndar
 
 
 def joined(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
-    return blends.joined(light, value, length, join)
+    return blends.join_values(light, value, length, join)
 
 
 def shown(field: SheetField, light: np.ndarray) -> np.ndarray:
     """[N, 4]: the classes of values and lengths [N, 4]."""
     value = blends.joined_value(light, field.blend.join)
-    return blends.classified(field.post.transfer, field.post.value(value))
+    return blends.classify_values(field.post.transfer, field.post.value(value))
 
 
 def close_sheet(field: SheetField | None, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
     """Light [4, N] of sheets' sums [N, sheets, 4 or 5]."""
-    return (composited(sums) if field is None else field.composited(sums, rays, 0, sheets)).T
+    return (composite_sums(sums) if field is None else field.composite(sums, rays, 0, sheets)).T
 
 
 def sheet_share(sheets: Sheets, place: np.ndarray) -> np.ndarray:
@@ -371,7 +371,7 @@ def test_weights_of_gradients(renderer: sg.Renderer, twin: Twin, rng: np.random.
     assert plan.program.look.weighted and (off < 1e-4).mean() > 0.99 and off.max() < 0.5
     inputs = {"e": 10 ** rng.uniform(-9, 1.2, COUNT), "w": np.minimum(rng.uniform(0, 1.1, COUNT), 1)}
     found = twin("sheet_draw.comp", "result.x = weighted(e, w)", plan, splats, uniforms(splats, plan), **inputs)[:, 0]
-    right = weighted(inputs["e"], inputs["w"])
+    right = weight_extinction(inputs["e"], inputs["w"])
     # a weight near 1 of an opacity near 1 leaves few digits
     assert (np.abs(found - right) <= 4e-6 * right * np.maximum(1, 0.1 * np.exp(right))).all()
 
@@ -403,7 +403,7 @@ def test_light_over_matter(
     ends, middle = (np.zeros(COUNT), np.ones(COUNT)), (first + last) / 2
     part = Part(np.arange(COUNT), 0, ends, first, middle, last, along, faced, np.zeros(COUNT))
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
-    right = behind(light, field.matter(part, rays))
+    right = add_behind(light, field.matter(part, rays))
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
     inputs |= {"s": shines}
     found_light = twin(
@@ -449,12 +449,12 @@ def test_light_over_sheets(steps: int, renderer: sg.Renderer, twin: Twin, rng: n
 
 
 def centered(field: SheetField, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
-    return field.centered(sums, rays, 0, sheets)
+    return field.center(sums, rays, 0, sheets)
 
 
 def values_around(around: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
     """[N, 3]: of sums and further spread [3, N, 6]."""
-    return unbent(around, rays.toward * (rays.stretch * sheets.thickness)[:, None])[..., 1].T
+    return remove_bend(around, rays.toward * (rays.stretch * sheets.thickness)[:, None])[..., 1].T
 
 
 def test_sums_at_the_place_of_a_sheet(twin: Twin, rng: np.random.Generator) -> None:

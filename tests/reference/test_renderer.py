@@ -9,7 +9,7 @@ import splatgl as sg
 from splatgl.data.scenes import letter_f
 from splatgl.reference import rays
 from splatgl.reference.blend import ADD, Band, Part, Sum, pixel_means
-from splatgl.reference.rays import Boxes, pixel_boxes, reaching
+from splatgl.reference.rays import Boxes, may_reach, pixel_boxes
 from splatgl.reference.renderer import render, render_windows
 from splatgl.splat.culling import Window
 from splatgl.splat.footprint import ROWS, Splat
@@ -334,7 +334,7 @@ def test_only_splats_that_reach_a_window_are_drawn(grid: str, name: str) -> None
     for window in (Window(width // 2, height // 2, 2, 1), Window(0, 0, 3, 2), Window(0, height // 3, width, 1)):
         meet = (boxes.right > boxes.left) & (boxes.right > window.x) & (boxes.left < window.x + window.width)
         meet &= (boxes.bottom > window.y) & (boxes.top < window.y + window.height)
-        found = reaching(splats.records["position"], view, [window])
+        found = may_reach(splats.records["position"], view, [window])
         assert not (meet & ~found).any()
         kept.append(found.mean())
     assert min(kept) < 0.6 or "far" in name

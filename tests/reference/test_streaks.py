@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.image import Image
 from splatgl.reference import streaks
-from splatgl.splat.motion import MOST, Moments, Motion, Shorter, moments
+from splatgl.splat.motion import MOST, Moments, Motion, Shorter, count_moments
 from tests.helpers.splatting import SPLATS
 
 XRAY = SPLATS.but(blend="xray")
@@ -62,12 +62,12 @@ def test_shorter_streaks_are_nearer(cloud: sg.Splats, camera: sg.Camera, rendere
 
 def test_as_many_moments_as_paths_are_long(cloud: sg.Splats, camera: sg.Camera) -> None:
     pixel = float(camera.pixel_pitch(30.0))
-    counts = [moments(cloud, camera, Motion(velocity=(2 * n * pixel, 0, 0)), 180) for n in (0, 0.1, 3, 12, 1e3)]
+    counts = [count_moments(cloud, camera, Motion(velocity=(2 * n * pixel, 0, 0)), 180) for n in (0, 0.1, 3, 12, 1e3)]
     assert counts == [1, 2, 4, 10, MOST]
     # only what is seen counts: most of it is behind the eye, and races
     inside = sg.Camera.look_at((0, 4, 0), (0, 9, 0), (0, 0, 1), 30, (14, 14))
-    assert moments(cloud, inside, Motion(spin=(0, 0, 90)), 360) <= MOST
-    assert moments(cloud, sg.Camera.look_at((0, 40, 0), (0, 90, 0), (0, 0, 1), 30, (14, 14)), SPIN, 180) == 1
+    assert count_moments(cloud, inside, Motion(spin=(0, 0, 90)), 360) <= MOST
+    assert count_moments(cloud, sg.Camera.look_at((0, 40, 0), (0, 90, 0), (0, 0, 1), 30, (14, 14)), SPIN, 180) == 1
 
 
 def test_energy_and_paper_are_further(cloud: sg.Splats, camera: sg.Camera, right: Image) -> None:

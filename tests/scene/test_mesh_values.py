@@ -15,7 +15,7 @@ from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.clipping import planes
+from splatgl.splat.clipping import check_planes
 from splatgl.splat.colormaps import colormap
 from tests.helpers.meshes import PLAIN, along_y, block, cloud, knots
 
@@ -93,7 +93,7 @@ def test_a_ball_is_cut_at_any_angle(renderer: sg.Renderer) -> None:
     for normal in ([1, 0, 0], [0.3, -0.5, 0.8]):
         n = np.array(normal) / np.linalg.norm(normal)
         for apart in (-4.0, 2.5):
-            (plane,) = planes([(*n, n @ np.full(3, 11.5) + apart)])
+            (plane,) = check_planes([(*n, n @ np.full(3, 11.5) + apart)])
             cut = ball.cut([plane])
             corners = cut.vertices[cut.faces]
             area = np.linalg.norm(np.cross(*(corners[:, k] - corners[:, 0] for k in (1, 2))), axis=1).sum() / 2

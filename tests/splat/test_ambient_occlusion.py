@@ -10,7 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl import reference
 from splatgl.cli.main import main
-from splatgl.splat.ambient_occlusion import BEFORE, Coarse, LightVolume, Sweep, axes, sky_of
+from splatgl.splat.ambient_occlusion import BEFORE, Coarse, LightVolume, Sweep, compute_sky, sky_directions
 from splatgl.splat.grid import trilinear
 from tests.helpers.noise import GRIDS, views
 
@@ -37,7 +37,7 @@ def unit(*direction: float) -> np.ndarray:
 
 def test_directions_have_exact_means() -> None:
     """Over the sphere: 1, and of squares and fourth powers of cosines 1/3 and 1/5; half of an open half-space."""
-    directions, weights = axes()
+    directions, weights = sky_directions()
     for n in (unit(1, 0, 0), unit(0.3, -0.5, 0.9), unit(1, 1, 1)):
         cosine = directions @ n
         for power, right in ((0, 1.0), (2, 1 / 3), (4, 1 / 5), (8, 1 / 9)):
@@ -52,7 +52,7 @@ def test_light_through_fog(direction: tuple[float, ...]) -> None:
     sigma, light = 0.05, unit(*direction)
     splats = block(np.ones((20, 24, 28)), -np.expm1(-sigma * 1.2), (1.0, 1.2, 1.44))
     coarse = Coarse.of([(splats, ())])
-    found = Sweep.of(coarse, light).through(0.0, 1e9)
+    found = Sweep.of(coarse, light).transmittance(0.0, 1e9)
     index = np.argwhere(np.ones(found.shape))[:, ::-1]
     world = index @ coarse.cells.world_from_index.T + coarse.cells.origin
     low, high = np.full(3, -0.5) * (1, 1.2, 1.44), (np.array([28, 24, 20]) - 0.5) * (1, 1.2, 1.44)
@@ -90,7 +90,7 @@ def test_open_planes_see_all_of_the_sky() -> None:
     samples = np.zeros((48, 48, 48))
     samples[:24] = 1
     coarse = Coarse.of([(block(samples, 0.999), ())])
-    sky = sky_of(coarse)
+    sky = compute_sky(coarse)
     height = (np.array([24.5 + BEFORE]) - coarse.cells.origin[2]) / coarse.cells.world_from_index[2, 2]
     middle = (np.array(sky.shape[2::-1]) - 1) / 2
     seen = trilinear(sky, np.array([[middle[0], middle[1], height[0]]]))[0]
@@ -106,10 +106,10 @@ def test_corners_are_darker_and_edges_are_not() -> None:
     splats = block(samples, 0.999)
     cues = LightVolume(((splats, ()),), splats.grid, 1.0, 0.0, None)
     up, into = np.array([[0, 0, 1.0]]), np.array([[0, 0, -1.0]])
-    corner, far = (cues.reached(np.array([[20.0, y, 9.5]]), up, into)[0][0] for y in (11.0, 34.0))
+    corner, far = (cues.light_shares(np.array([[20.0, y, 9.5]]), up, into)[0][0] for y in (11.0, 34.0))
     # the half of a plane's sky that a wall leaves
     assert corner == pytest.approx(0.5, abs=0.06) and far > 0.9
-    edge = cues.reached(np.array([[20.0, 9.0, 39.0]]), up, into)[0][0]
+    edge = cues.light_shares(np.array([[20.0, 9.0, 39.0]]), up, into)[0][0]
     assert edge > 0.97
 
 
@@ -124,7 +124,7 @@ def test_a_wall_casts_its_outline() -> None:
     normal, seen = np.array([[0, 0, 1.0]]), np.array([[0, 0, -1.0]])
 
     def border(places: np.ndarray) -> float:
-        share = np.array([cues.reached(place[None], normal, seen)[1][0] for place in places])
+        share = np.array([cues.light_shares(place[None], normal, seen)[1][0] for place in places])
         assert share.min() < 0.05 and share.max() > 0.95
         return float(np.argmin(np.abs(share - 0.5)))
 

@@ -114,8 +114,8 @@ def test_what_is_made_of_splats_is_not_extracted_again(splats: sg.Splats) -> Non
     made = (
         splats.part(np.arange(len(splats)) % 2 == 0),
         splats.in_cells(splats.records.copy()),
-        splats.classified_after(post),
-        flow.moved(splats, -0.5),
+        splats.with_classifier(post),
+        flow.move(splats, -0.5),
     )
     assert all(each.source is None and select_splats(each, SPLATS, False) is each for each in made)
 
@@ -129,7 +129,7 @@ def test_a_view_is_fitted_to_what_is_visible(splats: sg.Splats) -> None:
     first, second = (ViewOptions(size=(20, 20)).camera(ball, each) for each in (after, before))
     assert np.array_equal(first.eye, second.eye) and np.array_equal(first.eye_from_world, second.eye_from_world)
     assert splats.post is not None
-    clear = splats.classified_after(splats.post.recolored(sg.Transfer([(0.3, 0.0), (0.8, 0.0)])))
+    clear = splats.with_classifier(splats.post.with_transfer(sg.Transfer([(0.3, 0.0), (0.8, 0.0)])))
     assert np.array_equal(ViewOptions().camera(ball, clear).eye, ViewOptions().camera(ball, ball).eye)
 
 

@@ -293,16 +293,16 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     kept = len(sg.extract(volume, RAMP, classification="post"))
     # boxes that differ leave an estimate unsure
     half = sg.Volume(np.where(np.arange(40)[:, None, None] < 20, volume.samples, np.float32(0)))
-    unsure = bricking.need(in_bricks(half, RAMP, ALL, 8), 100, 0)
+    unsure = bricking.estimate_need(in_bricks(half, RAMP, ALL, 8), 100, 0)
     assert unsure.most > 1.02 * unsure.splats and unsure.bytes > bricking.EACH * unsure.most
-    found = bricking.need(bricks, 100, 0)
+    found = bricking.estimate_need(bricks, 100, 0)
     assert abs(found.splats - kept) < kept / 3 and found.bytes > bricking.EACH * found.most
     assert found.splats <= found.most <= volume.count
     assert found.bands(2**40) == 1 and found.bands(1) >= 1
     many = bricking.Need(10**9, 10**9, 10**12, 2**32, 2**20)
     assert 1 < many.bands(2**31) < many.bands(2**30) < many.bands(1) == bricking.MOST_BANDS
     monkeypatch.setattr(Bricks, "records", lambda *_: pytest.fail("read"))
-    assert bricking.need(bricks, 100, 2**40).splats == volume.count
+    assert bricking.estimate_need(bricks, 100, 2**40).splats == volume.count
     assert 0 < fileio.budget() < 2**50
 
 

@@ -11,8 +11,8 @@ import pytest
 
 import splatgl as sg
 from splatgl import reference
-from splatgl.splat.clipping import clipped, planes
-from splatgl.splat.culling import ahead
+from splatgl.splat.clipping import check_planes, clip_splats
+from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.splats import Same
 from tests.helpers.noise import noise, views
 
@@ -34,11 +34,11 @@ def uses(splats: sg.Splats, renderer: sg.Renderer) -> None:
     """What keeps something of splats: cuts and views of some and of all, order, bounds, light, pictures."""
     low = splats.corners.min(axis=0)[2]
     for place in (low + 1.5, low - 1):
-        cut = planes([(0, 0, 1, place)])
-        clipped(splats, cut)
+        cut = check_planes([(0, 0, 1, place)])
+        clip_splats(splats, cut)
         renderer.render(splats, views(splats)["fitted"], sg.Settings(clip=cut))
     for share in (0.5, 0.01):
-        ahead(splats, behind(splats, share))
+        clip_behind_eye(splats, behind(splats, share))
         renderer.render(splats, behind(splats, share))
     reference.render(splats, views(splats)["fitted"], CUED)
     for technique in ("quads", "tiles"):
@@ -48,10 +48,16 @@ def uses(splats: sg.Splats, renderer: sg.Renderer) -> None:
 def test_parts_that_are_all_are_the_splats() -> None:
     splats = noise("cubes", size=7)
     low = splats.corners.min(axis=0)[2]
-    assert clipped(splats, planes([(0, 0, 1, low - 1)])) is splats is ahead(splats, behind(splats, 0.01))
-    cut, camera = planes([(0, 0, 1, low + 1.5)]), behind(splats, 0.5)
-    assert 0 < len(clipped(splats, cut)) < len(splats) and 0 < len(ahead(splats, camera)) < len(splats)
-    assert clipped(splats, cut) is clipped(splats, cut) and ahead(splats, camera) is ahead(splats, camera)
+    assert (
+        clip_splats(splats, check_planes([(0, 0, 1, low - 1)]))
+        is splats
+        is clip_behind_eye(splats, behind(splats, 0.01))
+    )
+    cut, camera = check_planes([(0, 0, 1, low + 1.5)]), behind(splats, 0.5)
+    assert 0 < len(clip_splats(splats, cut)) < len(splats) and 0 < len(clip_behind_eye(splats, camera)) < len(splats)
+    assert clip_splats(splats, cut) is clip_splats(splats, cut) and clip_behind_eye(splats, camera) is clip_behind_eye(
+        splats, camera
+    )
 
 
 @pytest.mark.few(1)

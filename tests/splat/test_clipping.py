@@ -15,7 +15,7 @@ from splatgl.errors import InputError
 from splatgl.reference.field import kept_field_integral
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks
-from splatgl.splat.clipping import MOST_CLIPS, Box, Plane, crop_planes, left, planes, planes_of
+from splatgl.splat.clipping import MOST_CLIPS, Box, Plane, check_planes, clip_corners, crop_planes, parse_planes
 from splatgl.splat.grid import corners_of
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 from tests.helpers.blocks import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
@@ -28,7 +28,7 @@ CUTS = (((0.3, 0.5, 0.8), -0.05), ((-0.6, 0.2, 0.1), -0.12))
 def cut(volume: sg.Volume, cuts: Any = CUTS) -> tuple[Plane, ...]:
     middle = volume.corners.mean(axis=0)
     size = float(np.linalg.norm(np.ptp(volume.corners, axis=0)))
-    return planes([(*n, float(np.dot(n, middle) + d * size * np.linalg.norm(n))) for n, d in cuts])
+    return check_planes([(*n, float(np.dot(n, middle) + d * size * np.linalg.norm(n))) for n, d in cuts])
 
 
 @pytest.mark.few(2)
@@ -201,7 +201,7 @@ def test_layers_have_planes_of_their_own(renderer: sg.Renderer) -> None:
 def test_conditions(text: str, plane: tuple[Any, ...]) -> None:
     """Of fractions of a box of 8 × 20 × 24 millimetres, of lengths, and by a point and a normal."""
     box = Box(np.zeros(3), np.array([8.0, 20.0, 24.0]), "mm")
-    (found,) = planes_of(text, box)
+    (found,) = parse_planes(text, box)
     for mine, right in zip(found, plane, strict=True):
         assert right is None or mine == pytest.approx(right)
     if text == "x+y>1":
@@ -216,7 +216,7 @@ def test_conditions(text: str, plane: tuple[Any, ...]) -> None:
 )
 def test_conditions_that_say_nothing(text: str) -> None:
     with pytest.raises(InputError, match="clip: expected"):
-        planes_of(text, Box(np.zeros(3), np.ones(3), "mm"))
+        parse_planes(text, Box(np.zeros(3), np.ones(3), "mm"))
 
 
 @pytest.mark.parametrize(
@@ -229,16 +229,18 @@ def test_planes_that_are_none(given: Any) -> None:
 
 def test_planes_that_leave_nothing() -> None:
     with pytest.raises(InputError, match=r"planes that leave something of the volume, got x>0\.9, x<0\.1"):
-        planes_of(["x>0.9", "x<0.1"], Box(np.zeros(3), np.ones(3)))
+        parse_planes(["x>0.9", "x<0.1"], Box(np.zeros(3), np.ones(3)))
 
 
 def test_corners_of_what_is_left() -> None:
     """Of a cube that loses a corner, and of a sheared box."""
     cube = corners_of(np.zeros(3), np.ones(3))
-    found = left(planes([(-1, -1, -1, -2.5)]), cube)
+    found = clip_corners(check_planes([(-1, -1, -1, -2.5)]), cube)
     assert len(np.unique(found.round(6), axis=0)) == 7 + 3
     sheared = field("sheared")
-    assert {tuple(p) for p in left((), sheared.corners).round(6)} == {tuple(p) for p in sheared.corners.round(6)}
+    assert {tuple(p) for p in clip_corners((), sheared.corners).round(6)} == {
+        tuple(p) for p in sheared.corners.round(6)
+    }
 
 
 def test_parts_in_voxels() -> None:

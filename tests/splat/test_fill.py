@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.footprint import filled_depth
+from splatgl.splat.footprint import fill_depth
 from splatgl.splat.kernels import kernel
 from splatgl.splat.splats import OCTAVES
 from tests.helpers.splatting import SPLATS
@@ -54,7 +54,7 @@ def depth_of(run: tuple[float, float, float], depth: float, m: float) -> float:
     codes = np.rint(np.log2(run) / OCTAVES).astype(np.int16)
     packed = np.array([codes[0] + 32 * codes[1] + 1024 * codes[2]], np.int16)
     along = np.array([[0.0], [0.0], [1.0]])
-    return float(filled_depth(np.array([depth]), along, np.ones(3), np.array([m]), np.array([m**-2.0]), packed)[0])
+    return float(fill_depth(np.array([depth]), along, np.ones(3), np.array([m]), np.array([m**-2.0]), packed)[0])
 
 
 def test_limits() -> None:

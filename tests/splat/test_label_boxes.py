@@ -14,7 +14,7 @@ from splatgl.data.volume import Label, halve_volume
 from splatgl.reference.depth_map import depths
 from splatgl.reference.pick import pick
 from splatgl.splat import label_normals
-from splatgl.splat.culling import exposed
+from splatgl.splat.culling import visible_boxes
 from splatgl.splat.presets import label_transfer
 from tests.helpers.boxes import BLUE, GREEN, GRIDS, RED, TABLE, noise, splats_of
 
@@ -339,7 +339,7 @@ def test_boxes_that_others_hide_are_left_out(renderer: sg.Renderer) -> None:
         plan = renderer.plan(splats, camera, settings)
         right = sg.reference.render(splats, camera, settings).pixels
         assert np.abs(renderer.render(splats, camera, settings).pixels - right).max() < 4e-4
-        return len(exposed(splats, plan.resolved))
+        return len(visible_boxes(splats, plan.resolved))
 
     aside = sg.Camera.look_at(middle + np.array([50, -40, 30]), middle, (0, 0, 1), fov=40, size=(16, 16))
     flat = sg.Camera.orthographic(middle + np.array([50, -40, 30]), middle, (0, 0, 1), height=60, size=(16, 16))

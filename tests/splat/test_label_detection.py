@@ -15,7 +15,7 @@ from splatgl.cli.main import main
 from splatgl.data.volume import Label
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.colormaps import label_color, label_opacity
-from splatgl.splat.label_detection import AMOUNTS, LABELS, MASK, decided, kind_of
+from splatgl.splat.label_detection import AMOUNTS, LABELS, MASK, kind_of, mark_kind
 
 N = 36
 PLACES = np.indices((N, N, N))
@@ -164,7 +164,7 @@ def test_the_choice_is_told_and_an_option_changes_it(tmp_path: Path, capsys: pyt
     with pytest.raises(sg.InputError, match="values: expected labels, amounts or heights, got 'names'"):
         sg.load(path, values="names")
     table = sg.Volume(atlas(4).astype(np.uint8), labels=(Label(1, "one"),))
-    assert decided(table) is table and table.of_values("labels").labels == table.labels
+    assert mark_kind(table) is table and table.of_values("labels").labels == table.labels
     assert table.of_values("amounts").labels is None
 
 

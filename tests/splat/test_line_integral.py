@@ -8,7 +8,7 @@ import pytest
 import splatgl as sg
 from splatgl.splat.footprint import ROWS, Splat, on_quads, table_quad
 from splatgl.splat.grid import Grid
-from splatgl.splat.kernels import Gaussian, kernel, tabulated
+from splatgl.splat.kernels import Gaussian, kernel, tabulate
 from splatgl.splat.line_integral import row1
 from splatgl.splat.view import GridView
 
@@ -169,7 +169,7 @@ def test_extreme_views_stay_finite(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("name", KERNELS)
 def test_tabled_footprints(name: str) -> None:
     """Within 1e−12 of F(0) everywhere, also beside the knots."""
-    exact, table = kernel(name), tabulated(name)
+    exact, table = kernel(name), tabulate(name)
     beside = np.concatenate([np.logspace(-15, 0, 400), [0.0]])
     ends = [np.array([0.0]), *(knot - beside for knot in exact.knots), *(knot + beside for knot in exact.knots)]
     d = np.abs(np.concatenate([np.linspace(0, exact.radius, 54321), *ends, [1e9]]))
@@ -177,7 +177,7 @@ def test_tabled_footprints(name: str) -> None:
     assert np.abs(table.footprint(d) - exact.footprint(d)).max() < 1e-12 * peak
     assert table.footprint(np.array(exact.radius)) == 0
     with pytest.raises(sg.InputError, match="kernel: expected"):
-        tabulated("box")
+        tabulate("box")
 
 
 def test_narrow_kernels_bend_too() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.splat.motion import Motion, Rigid, exposure, flow_of, rotation, rotation_vector, streaks
+from splatgl.splat.motion import Motion, Rigid, exposure_frames, flow_of, rotation, rotation_vector, streaks
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
@@ -88,7 +88,7 @@ def test_streaks_go_from_the_first_place_to_the_last(points: sg.Splats, camera: 
     flow = np.random.default_rng(1).normal(size=(40, 3))
     motion = Motion(spin=(2, 3, 8), velocity=(1, 0, 0), flow=flow)
     found = streaks(points, camera, motion, 240)
-    length = exposure(240)
+    length = exposure_frames(240)
     assert length == pytest.approx(2 / 3)
 
     # where the points are seen at nine times
@@ -133,9 +133,9 @@ def test_bad_input_is_one_line(points: sg.Splats, camera: sg.Camera) -> None:
         lambda: Motion(spin=(1, 2)),
         lambda: Motion(velocity=(1, 2, np.nan)),
         lambda: Motion(flow=np.zeros((3, 2))),
-        lambda: exposure(361),
+        lambda: exposure_frames(361),
         lambda: streaks(points, camera, Motion(flow=np.ones((3, 3))), 180),
-        lambda: Motion(flow=np.ones((3, 3))).moved(points, -0.5),
+        lambda: Motion(flow=np.ones((3, 3))).move(points, -0.5),
     ):
         with pytest.raises(sg.InputError, match="expected"):
             make()
@@ -151,7 +151,7 @@ def test_flow_is_the_vector_at_each_splats_cell(rng: np.random.Generator) -> Non
     x, y, z = splats.positions.astype(int).T
     assert found == pytest.approx(2 * np.nan_to_num(vectors)[z, y, x])
     # and moves them: half a frame back
-    moved = Motion(flow=found).moved(splats, -0.5)
+    moved = Motion(flow=found).move(splats, -0.5)
     assert world(moved) == pytest.approx(world(splats) - found / 2, abs=1e-5)
     assert (moved.row_start == splats.row_start).all()
     for other in (sg.Volume(samples), sg.Volume(samples, vectors=vectors)):

@@ -14,14 +14,14 @@ from splatgl.splat.motion_blur import (
     SHORT,
     blur_table,
     box_blur,
-    dwelt_depth,
     energy_gain,
     isolation,
     line_area,
+    moving_depth,
     paper_gain,
     partial_area,
     streak,
-    stretched,
+    stretched_footprint,
 )
 
 # (u, v, l) → B of the kernel of unit volume
@@ -42,7 +42,7 @@ def test_check_values(name: str) -> None:
 
 @each_kernel
 def test_check_values_by_the_float32_table(name: str) -> None:
-    found = blur_table(name).blurred(*PLACES) * kernel(name).footprint(np.zeros(()))
+    found = blur_table(name).blur(*PLACES) * kernel(name).footprint(np.zeros(()))
     assert found.dtype.itemsize <= 8 and blur_table(name).texels.dtype == np.float32
     assert np.abs(found - VALUES[name]).max() < 1e-6
 
@@ -101,7 +101,7 @@ def test_a_path_that_is_a_point_is_the_footprint_itself(name: str, rng: np.rando
         assert (streak(shape, motion, (u, v), np.zeros(())) == still).all()
     table = blur_table(name)
     expected = (shape.footprint(np.hypot(u.astype("f4"), v.astype("f4"))) / shape.footprint(np.zeros(()))).astype("f4")
-    assert (table.blurred(u, v, 0.0) == expected).all()
+    assert (table.blur(u, v, 0.0) == expected).all()
     # and continuous there
     around = [box_blur(shape, u, v, np.array(POINT * s)) for s in (0.999, 1.001)]
     assert np.abs(around[0] - around[1]).max() < (1e-9 if name == "crawfis-max" else 1e-6)
@@ -116,25 +116,25 @@ def test_table_is_near_the_exact_blur(name: str, rng: np.random.Generator) -> No
     for length in (0.5 * SHORT, 1.1 * SHORT, 0.2, 1.0, 12.0):
         u = rng.uniform(-1, 1, 1500) * (shape.radius + length / 2) * 1.02
         v = rng.uniform(-1.02, 1.02, 1500) * shape.radius
-        error = np.abs(table.blurred(u, v, length) - box_blur(shape, u, v, np.array(length)) / peak)
+        error = np.abs(table.blur(u, v, length) - box_blur(shape, u, v, np.array(length)) / peak)
         assert error.max() < (3e-5 if name == "gaussian" and length < SHORT else 8e-6)
 
 
 def test_stretched_is_two_halves_and_what_is_between() -> None:
     shape = kernel("crawfis-max")
     u, v = np.linspace(-3, 3, 61), np.full(61, 0.3)
-    found = stretched(shape, u, v, np.array(2.0))
+    found = stretched_footprint(shape, u, v, np.array(2.0))
     assert (found[np.abs(u) <= 1] == shape.footprint(np.array(0.3))).all()
     assert found[-10] == shape.footprint(np.hypot(u[-10] - 1, 0.3))
 
 
 def test_dwelling_is_smeared_depth_for_fog_and_smeared_opacity_for_what_is_alone() -> None:
     mean, most = np.array([1e-4, 0.3, 2.0]), np.array([2e-4, 0.5, 8.0])
-    assert dwelt_depth(mean, most, np.zeros(3)) == pytest.approx(mean)
+    assert moving_depth(mean, most, np.zeros(3)) == pytest.approx(mean)
     # a thin one alone: both are the same
-    assert dwelt_depth(mean, most, np.ones(3))[0] == pytest.approx(1e-4, rel=1e-3)
+    assert moving_depth(mean, most, np.ones(3))[0] == pytest.approx(1e-4, rel=1e-3)
     # an opaque one before the pixel for a tenth of the time hides little more than that
-    hidden = -np.expm1(-dwelt_depth(np.array([1.0]), np.array([10.0]), np.ones(1)))
+    hidden = -np.expm1(-moving_depth(np.array([1.0]), np.array([10.0]), np.ones(1)))
     assert 0.1 < float(hidden[0]) < 0.25
-    assert (dwelt_depth(mean, mean, np.ones(3)) == mean).all()
+    assert (moving_depth(mean, mean, np.ones(3)) == mean).all()
     assert isolation(np.array([5.0, 5.0]), np.array([1.0, 1000.0])) == pytest.approx([1.0, 0.0], abs=1e-4)

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl import sheet_quads, sheet_tiles, tiles
 from splatgl.gl.target import Interrupted
-from splatgl.reference.blend import joined, joined_value
+from splatgl.reference.blend import join_values, joined_value
 from splatgl.reference.field import field_integral
 from splatgl.splat.settings import BLENDS, Technique
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
@@ -103,7 +103,7 @@ def test_values_may_be_far_from_those_they_were_extracted_for(
 ) -> None:
     """Records relative to another transfer function's range: they are below it, or beyond."""
     splats = every(cells(), sg.Transfer([(kept[0], 0), (kept[1], 1)]))
-    splats = splats.classified_after(splats.post.recolored(RAMP))
+    splats = splats.with_classifier(splats.post.with_transfer(RAMP))
     assert splats.records["value"].max() < -300 if kept[0] else splats.records["value"].max() > 900
     for blend in BLENDED:
         settings = EXACT.but(blend=blend, technique=technique)
@@ -238,7 +238,7 @@ def test_another_transfer_function_colours_the_same_value(renderer: sg.Renderer)
     """The value is what the transfer function does not change, if it rises."""
     splats = every(cells())
     camera, settings = eyes(splats)["fitted"], EXACT.but(blend="mip")
-    other = splats.classified_after(splats.post.recolored(sg.Transfer([(0.2, 0), (0.8, 0.5)], colormap="viridis")))
+    other = splats.with_classifier(splats.post.with_transfer(sg.Transfer([(0.2, 0), (0.8, 0.5)], colormap="viridis")))
     one, two = (renderer.render(some, camera, settings, verify_bound=False).pixels[..., 3] for some in (splats, other))
     assert np.abs(one * (0.5 / 0.9) - two).max() < 1e-4 and one.max() > 0.5
 
@@ -246,12 +246,14 @@ def test_another_transfer_function_colours_the_same_value(renderer: sg.Renderer)
 def test_joins() -> None:
     light = np.zeros((3, 4))
     for value, length in ((-2.0, 0.5), (-3.0, 1.0), (5.0, 0.0)):
-        light = joined(light, np.full(3, value), np.array([length, length, 0.0]), "max")
+        light = join_values(light, np.full(3, value), np.array([length, length, 0.0]), "max")
     assert np.array_equal(joined_value(light, "max"), [-2, -2, np.nan], equal_nan=True)
-    low = joined(joined(np.zeros((1, 4)), np.array([4.0]), np.ones(1), "min"), np.array([3.0]), np.ones(1), "min")
+    low = join_values(
+        join_values(np.zeros((1, 4)), np.array([4.0]), np.ones(1), "min"), np.array([3.0]), np.ones(1), "min"
+    )
     assert joined_value(low, "min") == [3]
-    mean = joined(
-        joined(np.zeros((1, 4)), np.array([4.0]), np.ones(1), "mean"), np.array([1.0]), np.full(1, 3.0), "mean"
+    mean = join_values(
+        join_values(np.zeros((1, 4)), np.array([4.0]), np.ones(1), "mean"), np.array([1.0]), np.full(1, 3.0), "mean"
     )
     assert joined_value(mean, "mean") == [1.75]
 

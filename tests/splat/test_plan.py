@@ -24,15 +24,15 @@ TILED = 5e-5
 
 def forced(name: str, chosen: Plan, camera: sg.Camera) -> tuple[Plan, Plan, float]:
     """(the plan as it is or next to it, the plan with the feature on, how much may change)."""
-    quads = chosen.forced(technique="quads")
+    quads = chosen.with_choices(technique="quads")
     tiled = TILED if chosen.program.technique == "tiles" else 0.0
     return {
-        "antialiasing": (chosen, chosen.forced(antialias=True), tiled),
-        "antialiasing, quads": (quads, quads.forced(antialias=True), 0.0),
-        "attenuation": (chosen, chosen.forced(antialias=True, attenuation="fill"), tiled),
-        "half lines": (chosen, chosen.forced(half_line=True), tiled),
-        "half lines, quads": (quads, quads.forced(half_line=True), 0.0),
-        "non-cubic voxels": (chosen, chosen.forced(cubic=False), ROUNDING),
+        "antialiasing": (chosen, chosen.with_choices(antialias=True), tiled),
+        "antialiasing, quads": (quads, quads.with_choices(antialias=True), 0.0),
+        "attenuation": (chosen, chosen.with_choices(antialias=True, attenuation="fill"), tiled),
+        "half lines": (chosen, chosen.with_choices(half_line=True), tiled),
+        "half lines, quads": (quads, quads.with_choices(half_line=True), 0.0),
+        "non-cubic voxels": (chosen, chosen.with_choices(cubic=False), ROUNDING),
         "quads": (chosen, quads, ROUNDING + tiled + chosen.hiding.cutoff),
         # other tiles end at other splats
         "rows beyond the window": (

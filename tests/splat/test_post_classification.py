@@ -19,7 +19,7 @@ from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.sheet_quads import by_first_sheet
 from splatgl.reference.rays import Rays
 from splatgl.splat import extract_values
-from splatgl.splat.culling import beside_box
+from splatgl.splat.culling import tiles_beside_box
 from splatgl.splat.motion import Motion
 from splatgl.splat.preintegration import CELLS, ClassIntegral, ValueClassifier, opaque_intervals
 from splatgl.splat.settings import Technique
@@ -221,7 +221,7 @@ def test_what_lies_beside_the_box_is_passed_over(
 ) -> None:
     """Kernels reach beyond the box, rays do not: tiles beside it are not listed, and the same bits are drawn."""
     splats, listed = matter(grid), []
-    count, right = tiles.Tiles._count, beside_box
+    count, right = tiles.Tiles._count, tiles_beside_box
     monkeypatch.setattr(tiles.Tiles, "_count", lambda *given: listed.append(count(*given)) or listed[-1])
     for name, camera in eyes(splats).items():
         pictures, entries = [], []
@@ -238,7 +238,7 @@ def test_another_transfer_function_is_drawn(renderer: sg.Renderer) -> None:
     """The table that a renderer keeps is that of the splats drawn."""
     splats = matter()
     camera = eyes(splats)["fitted"]
-    other = splats.classified_after(splats.post.recolored(sg.Transfer([(0.5, 0), (0.55, 0.3)], colormap="viridis")))
+    other = splats.with_classifier(splats.post.with_transfer(sg.Transfer([(0.5, 0), (0.55, 0.3)], colormap="viridis")))
     settings = EXACT.but(sheets=2, steps=1)
     first = renderer.render(splats, camera, settings).pixels
     assert differences(renderer, other, camera, settings).max() < 4e-5
@@ -261,7 +261,7 @@ def test_the_voxels_kept_suffice(kernel: str, monkeypatch: pytest.MonkeyPatch) -
     r = np.linalg.norm(np.indices((20, 20, 20)) - 9.5, axis=0)
     volume = sg.Volume(1 / (1 + np.exp((r - 5) / 0.8)))
     few = sg.extract(volume, RAMP, classification="post", kernel=kernel)
-    monkeypatch.setattr(extract_values, "needed", lambda u, *_: (np.ones(u.shape, bool),) * 2)
+    monkeypatch.setattr(extract_values, "select_needed", lambda u, *_: (np.ones(u.shape, bool),) * 2)
     every = sg.extract(volume, RAMP, classification="post", kernel=kernel)
     assert len(few) < 0.5 * len(every) == 0.5 * volume.samples.size
     camera = sg.Camera.orbit(volume, 30, 20, size=(32, 24))
@@ -376,7 +376,7 @@ def test_gradients_weigh_opacities(renderer: sg.Renderer, technique: Technique) 
     splats = sg.extract(sg.Volume(cells(), **GRIDS["sheared"]), transfer, classification="post")
     camera, settings = eyes(splats)["fitted"], EXACT.but(sheets=2, steps=2, technique=technique)
     assert differences(renderer, splats, camera, settings).max() < 1e-4
-    plain = splats.classified_after(splats.post.recolored(replace(transfer, gradient=())))
+    plain = splats.with_classifier(splats.post.with_transfer(replace(transfer, gradient=())))
     assert np.abs(drawn(splats) - drawn(plain)).max() > 0.1
     volume = sg.Volume(np.indices((24, 12, 12))[0] * 0.5, spacing=(2.0, 2.0, 2.0))
     ray = sg.Camera.orthographic((11.3, 10.7, -9), (11.3, 10.7, 0), (0, 1, 0), 0.5, (1, 1))
@@ -440,9 +440,9 @@ def test_which_transfer_functions_the_records_serve() -> None:
         transfer = sg.Transfer(points)
         assert post.holds(transfer) is served, points
         # what is kept stays, whatever is drawn in between
-        assert post.recolored(sg.Transfer([(15, 0), (16, 1), (17, 0)])).holds(transfer) is served
-    assert post.fresh and post.recolored(replace(post.transfer, colormap="hot")).fresh
-    assert not post.recolored(sg.Transfer([(10, 0), (15, 1), (30, 0)])).fresh
+        assert post.with_transfer(sg.Transfer([(15, 0), (16, 1), (17, 0)])).holds(transfer) is served
+    assert post.is_current and post.with_transfer(replace(post.transfer, colormap="hot")).is_current
+    assert not post.with_transfer(sg.Transfer([(10, 0), (15, 1), (30, 0)])).is_current
 
 
 @pytest.mark.parametrize(
@@ -501,7 +501,7 @@ def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> 
     renderer.render(splats, camera, EXACT)
     before = renderer.passes.splats.of(splats)
     cold = sg.Transfer([(0.45, 0), (0.6, 0.3)], colormap="viridis", unit=2.0, shading=False)
-    recolored = splats.classified_after(splats.post.recolored(cold))
+    recolored = splats.with_classifier(splats.post.with_transfer(cold))
     image = renderer.render(recolored, camera, EXACT)
     assert renderer.passes.splats.of(recolored) is before
     anew = sg.extract(sg.Volume(cells(), **GRIDS["cubes"]), cold, classification="post")

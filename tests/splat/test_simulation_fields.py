@@ -15,7 +15,7 @@ from splatgl.errors import InputError
 from splatgl.readers.common import is_field
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.preintegration import ValueClassifier
-from splatgl.splat.presets import default_transfer, logarithmic, preset
+from splatgl.splat.presets import default_transfer, logarithmic_transfer, preset
 from splatgl.splat.transfer import Transfer
 
 DATA = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -148,7 +148,7 @@ def test_integrals_over_values_hold_on_a_logarithmic_scale() -> None:
 
 def test_a_logarithmic_picture_is_the_reference(renderer: sg.Renderer) -> None:
     volume = Volume(densities())
-    transfer = logarithmic(preset("field", volume), volume)
+    transfer = logarithmic_transfer(preset("field", volume), volume)
     splats, camera = sg.extract(volume, transfer), sg.Camera.orbit(volume, 30, 20, size=(24, 20))
     image, right = renderer.render(splats, camera), sg.reference.render(splats, camera)
     assert image.info["classification"] == "post" and image.pixels[..., 3].max() > 0.5
@@ -164,7 +164,7 @@ def test_points_of_a_logarithmic_scale() -> None:
     own = SceneFile("x", transfer={"scale": "log", "points": ((0.5, 0.0), (8.0, 0.6))}).transfer_for(Volume(samples))
     assert own.points == ((0.5, 0.0), (8.0, 0.6)) and own.scale == "log"
     wide = np.geomspace(1e-12, 1e3, 4096).reshape(16, 16, 16)
-    far = logarithmic(found, Volume(wide))
+    far = logarithmic_transfer(found, Volume(wide))
     assert far.window is not None and far.window[1] / far.window[0] == pytest.approx(1e4)
 
 

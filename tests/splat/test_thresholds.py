@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.splat.bricks import Bricks
-from splatgl.splat.clipping import clipped, index_plane
+from splatgl.splat.clipping import clip_splats, index_plane
 from splatgl.splat.kernels import kernel
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.sheets import Sheets
@@ -180,7 +180,7 @@ def test_planes_through_voxels_keep_all_of_them() -> None:
         splats = sg.extract(volume, CLASSES, classification="pre")
         for axis in range(3):
             place = float(rng.integers(1, 4))
-            kept = clipped(splats, (index_plane(volume, axis, 1, place),))
+            kept = clip_splats(splats, (index_plane(volume, axis, 1, place),))
             assert len(kept) == (splats.positions[:, axis] >= place).sum()
 
 

@@ -190,7 +190,7 @@ def test_maps_are_linear_light() -> None:
     assert np.allclose(colormap("#ff8000"), linear_from_srgb([1.0, 128 / 255, 0.0]))
     nodes = srgb_from_linear(colormap("0:#000000,0.2:#ff0000,1:#0000ff"))
     assert np.allclose(nodes[[0, 51, 153, 255]], [[0, 0, 0], [1, 0, 0], [0.5, 0, 0.5], [0, 0, 1]], atol=1e-6)
-    assert colormap(colormaps.of_colors([0, 0.2, 1], [[0, 0, 0], [1, 0, 0], [0, 0, 1]])) is colormap(
+    assert colormap(colormaps.colormap_name([0, 0.2, 1], [[0, 0, 0], [1, 0, 0], [0, 0, 1]])) is colormap(
         "0:#000000,0.2:#ff0000,1:#0000ff"
     )
     for wrong in ("0:#000000,0.5:red", "0.5:#000000,0.2:#ffffff", "0:#000000,2:#ffffff", "-:#000000"):

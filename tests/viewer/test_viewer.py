@@ -19,7 +19,7 @@ from splatgl.data.volume import halve_volume
 from splatgl.gl.screen import Screen
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.culling import outside, skinned
+from splatgl.splat.culling import eye_is_outside, visible_shell
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.statistics import statistics
 from splatgl.viewer import hud, transfer_editor
@@ -471,20 +471,20 @@ def solid(side: int = 20) -> sg.Splats:
 @pytest.mark.long
 def test_hidden_splats_cannot_be_seen(renderer: sg.Renderer) -> None:
     splats = solid()
-    skin = skinned(splats)
+    skin = visible_shell(splats)
     assert 0.3 * len(splats) < len(skin) < 0.8 * len(splats)
     camera = sg.Camera.orbit(splats, 30, 20, 40, (64, 64), zoom=3.0)
-    assert outside(skin, camera.eye) and not sg.plan(splats, camera).program.seen.antialias
+    assert eye_is_outside(skin, camera.eye) and not sg.plan(splats, camera).program.seen.antialias
     apart = np.abs(renderer.render(skin, camera).pixels - renderer.render(splats, camera).pixels)
     assert apart.max() < 1 / 255
-    assert not outside(splats, np.array([10.0, 10.0, 10.0]))
+    assert not eye_is_outside(splats, np.array([10.0, 10.0, 10.0]))
 
 
 def test_faint_matter_hides_nothing() -> None:
     fog = sg.extract(
         sg.Volume(np.full((12, 12, 12), 9, np.uint8)), sg.Transfer([(1, 0.3)], unit=1.0), classification="pre"
     )
-    assert skinned(fog) is fog
+    assert visible_shell(fog) is fog
 
 
 def test_a_stand_in_is_compared_as_the_window_shows_it() -> None:

@@ -20,7 +20,7 @@ from splatgl.integrations import color_nodes, opacity_nodes, plane_through
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
-from splatgl.splat.colormaps import SOLID, labels_of, of_colors
+from splatgl.splat.colormaps import SOLID, colormap_name, labels_of
 from splatgl.splat.presets import SURFACE
 from splatgl.splat.scene import LEAST, THROUGH, Layer, Scene
 from splatgl.splat.settings import BLENDS, Settings
@@ -394,7 +394,7 @@ def _labels(layer: Any, volume: Volume) -> Transfer:
     shown: list[tuple[int, str, float]] = []
     for label in labels_of(replace(volume, labels=())):
         *rgb, alpha = np.asarray(layer.get_color(label.number), float).ravel().tolist()
-        code = of_colors(np.zeros(1), np.array([rgb])).partition(":")[2]
+        code = colormap_name(np.zeros(1), np.array([rgb])).partition(":")[2]
         shown.append((label.number, code, SOLID * float(alpha)))
     numbers = [number for number, _, _ in shown] or [0]
     is_lit = str(getattr(layer, "rendering", "")) != "translucent"

@@ -13,7 +13,7 @@ from splatgl.integrations.vtk.image_data import image_data, library, poly_data
 from splatgl.integrations.vtk.properties import property_of, vtk_plane
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
-from splatgl.splat.colormaps import painted
+from splatgl.splat.colormaps import paint_vertices
 from splatgl.splat.lighting import Light
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
@@ -38,7 +38,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     for layer, own in zip(scene.shown, scene.planes, strict=True):
         planes = (*settings.clip, *own)
         plotter.add_actor(_volume(pyvista, layer, light, settings, planes), reset_camera=False)
-    for mesh in map(painted, scene.surfaces(settings)):
+    for mesh in map(paint_vertices, scene.surfaces(settings)):
         color = srgb_from_linear(np.array(mesh.color)).tolist()
         look = {"scalars": "colors", "rgb": True} if mesh.colors is not None else {"color": color}
         shares = {"ambient": light.ambient, "diffuse": light.diffuse, "specular": light.specular}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.splat.kernels import kernel
-from splatgl.splat.motion_blur import MOTIONS, energy_gain, paper_gain, streak, stretched
+from splatgl.splat.motion_blur import MOTIONS, energy_gain, paper_gain, streak, stretched_footprint
 from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, RED, bare, measure, plain, sheet
 from splatgl.studies.tables import Table
 
@@ -50,7 +50,7 @@ def _picture(axes: Axes, part: str) -> None:
     turn = np.radians(TURN)
     u, v = x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)
     length = np.array(0.0 if part == "footprint" else LENGTH)
-    value = streak(shape, "exact", (u, v), length) if part == "exact" else stretched(shape, u, v, length)
+    value = streak(shape, "exact", (u, v), length) if part == "exact" else stretched_footprint(shape, u, v, length)
     top = float(shape.footprint(np.zeros(())))
     extent = (-SHOWN, SHOWN, -SHOWN, SHOWN)
     axes.imshow(np.sqrt(value / top), cmap="Greys", vmin=0, vmax=1.25, extent=extent, origin="lower")

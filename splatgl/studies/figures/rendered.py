@@ -25,7 +25,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
-from splatgl.splat.motion import Draw, Moments, moments, streaks
+from splatgl.splat.motion import Draw, Moments, count_moments, streaks
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.resolve import blur
 from splatgl.splat.settings import MAX_MOMENTS, Settings
@@ -211,7 +211,7 @@ def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
             if blur(splats, asked) == "moments":
                 # a strip's view is narrow: use the count for the whole image
                 whole = replace(camera, size=(camera.size[1], camera.size[1]))
-                asked = asked.but(moments=moments(splats, whole, track.turn, SHUTTER))
+                asked = asked.but(moments=count_moments(splats, whole, track.turn, SHUTTER))
             return renderer.render(splats, camera, asked, track.turn)
 
         return one
