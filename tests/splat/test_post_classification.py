@@ -227,7 +227,7 @@ def test_what_lies_beside_the_box_is_passed_over(
         pictures, entries = [], []
         for beside in (right, lambda *_: np.zeros(1, bool)):
             listed.clear()
-            monkeypatch.setattr(sheet_tiles, "beside_box", beside)
+            monkeypatch.setattr(sheet_tiles, "tiles_beside_box", beside)
             pictures.append(renderer.render(splats, camera.resized((192, 144)), EXACT).pixels)
             entries.append(sum(len(found) for found in listed if found is not None))
         assert (pictures[0] == pictures[1]).all() and pictures[0].max() > 0.1
