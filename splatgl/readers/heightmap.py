@@ -1,4 +1,4 @@
-"""Terrain: a height map (picture or CSV), with or without a colour picture, becomes columns of voxels.
+"""Terrain: turns a height map (picture or CSV), with or without a colour picture, into columns of voxels.
 
 The picture's row 0 is the far, northern edge, so that y = H − 1 − row; a CSV's row 0 is the southern edge, y = 0.
 """
@@ -26,7 +26,7 @@ MAX_VOXELS = 4 * 2**30
 PER_COLUMN = 24
 # formats that pictures are read in; Pillow's others run programs or are found by guessing
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM")
-# least share of a dark ground, ratio of second to first differences of noise in it (1.7), and pixels of a side
+# of a camera's dark background: least share, least ratio of second to first differences (noise: 1.7), least side
 DARK, NOISY, DARK_LEAST = 0.5, 1.2, 16
 # sample of a voxel at or below the ground; 0 above it
 SOLID = 255
@@ -38,7 +38,7 @@ RELIEF = (DEFAULT_LEVELS - 1) / 512
 _TINTS = np.array([[64, 104, 60], [122, 143, 79], [176, 158, 106], [142, 112, 86], [244, 244, 244]], np.float64)
 # metres of a degree of latitude on a sphere
 DEGREE = 6_371_000 * np.pi / 180
-# heights that stand for none in files that do not say so (ESRI's, SRTM's), where they lie far below all others
+# heights that by custom mean no data (ESRI's, SRTM's), if they lie far below all others
 CUSTOM_NODATA = (-9999.0, -99999.0, -32768.0, -32767.0)
 # sizes that stand for no height: the ends of float32 and float64, Surfer's and NetCDF's, and round ones
 LARGE_NODATA = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969209968386869e36, 1e20, 1e30)
@@ -46,7 +46,7 @@ LARGE_NODATA = (3.4028234663852886e38, 1.7976931348623157e308, 1.70141e38, 9.969
 HEIGHTS = re.compile(
     r"(?<![a-z])(dem|dtm|dsm|srtm|aster|lidar|heights?|heightmap|elev(ation)?|terrain|relief|topo(graphy)?|bathy(metry)?)"
 )
-# words in names of maps of heights, and of a microscope's pictures
+# words in the names of height maps, and of a microscope's pictures
 PLANES = re.compile(
     r"(?<![a-z])(dapi|hoechst|[emy]?gfp|[ry]fp|mcherry|fitc|tritc|cy[357]|fluo\w*|confocal|widefield|brightfield|stained)"
 )
@@ -62,8 +62,8 @@ _HINTS = Hints(
 
 @dataclass(frozen=True)
 class Survey:
-    """What a file says of its heights. step: widths of a pixel along x and y, None if not told, in `unit`. missing: the
-    number that stands for no height. slope, offset: of heights from what is stored. notes: on what was assumed.
+    """Metadata of a height map. step: widths of a pixel along x and y in `unit`, None if unknown. missing: number for
+    no data. Heights are slope · stored + offset. notes: on assumptions.
     """
 
     step: tuple[float, float] | None = None
@@ -79,10 +79,10 @@ def terrain_from_heights(
 ) -> Volume:
     """A volume [levels, H, W] of uint8: 255 at the ground, 0 above and deep below; z is up, voxels are 1 wide.
 
-    Columns extend below their lowest neighbour's top, so that there are no gaps; those at the map's edge to the bottom.
+    Columns reach below the lowest neighbour, so that there are no gaps, and to the bottom at the map's edge.
 
-    heights: [H, W] real numbers, row 0 at y = 0; not finite ones are holes. color: uint8 [H', W', 3] sRGB, row 0 at
-    y = 0, resampled to the grid; without it heights are tinted. relief: world height between the lowest and highest
+    heights: [H, W] real numbers, row 0 at y = 0; NaN and infinite ones are holes. color: uint8 [H', W', 3] sRGB, row 0
+    at y = 0, resampled to the grid; default: tinted by height. relief: world height from the lowest to the highest
     column. Raises InputError for heights that make no terrain.
     """
     # 1. heights in voxel levels; −1 for a hole
@@ -115,25 +115,25 @@ def _check_voxels(width: int, height: int, levels: int) -> None:
 
 
 def _check_columns(path: Path, width: int, height: int, levels: int) -> None:
-    """Limits the columns, since a small file may hold a large empty map; only levels up to the default count."""
+    """Raises InputError for too many columns, since a small file may hold a large empty map."""
     require_plausible(width * height * min(levels, DEFAULT_LEVELS), path.stat().st_size, bounded=False)
     _check_voxels(width, height, levels)
     require_memory(width * height * (levels + PER_COLUMN), path.stat().st_size, "use a smaller map or fewer levels")
 
 
 def read_picture(path: Path, options: LoadOptions) -> Volume:
-    """The terrain of a picture of heights: grey, 8 or 16 bits or float, bright is high; or a microscope's plane."""
+    """The terrain of a grey picture of heights (8 or 16 bits or float, bright is high), or a microscope's plane."""
     flat = options.values in ("labels", "amounts") or (options.values is None and PLANES.search(path.name.lower()))
     # before it is decoded: a small file may hold a large map
     pixels = open_picture(path, 1 if flat else options.levels)
-    is_map, told = classify_picture(path, pixels, options)
+    is_map, note = classify_picture(path, pixels, options)
     volume = make_terrain(path, grey_heights(pixels), options) if is_map else mark_microscope(make_plane(pixels))
-    return replace(volume, notes=(*volume.notes, *([told] if told else [])))
+    return replace(volume, notes=(*volume.notes, *([note] if note else [])))
 
 
 def read_csv(path: Path, options: LoadOptions) -> Volume:
-    """The terrain of a table of heights: comma-separated numbers, the first line the southern edge (y = 0); cells that
-    are empty or no number are holes.
+    """The terrain of a table of comma-separated heights, the first line at the southern edge (y = 0); empty cells and
+    words for no data are holes.
     """
     with decoder_errors("a CSV table of heights"):
         try:
@@ -161,41 +161,41 @@ def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Sur
 
 
 def _make_terrain(heights: np.ndarray, color: np.ndarray | None, options: LoadOptions, survey: Survey) -> Volume:
-    """The terrain of heights, row 0 at y = 0, with holes where there are none, as high and wide as the survey says."""
+    """The terrain of heights, row 0 at y = 0, with holes for missing ones, sized by the survey."""
     if options.relief is not None and options.spacing is not None:
         raise expected("relief", "none beside spacing, whose z is the height of a level", options.relief)
-    found, told = _mask_missing(heights, survey.missing)
-    found = found * survey.slope + survey.offset
-    volume = terrain_from_heights(found, color, options.levels, options.relief)
-    notes = (*survey.notes, *told)
+    values, new_notes = _mask_missing(heights, survey.missing)
+    values = values * survey.slope + survey.offset
+    volume = terrain_from_heights(values, color, options.levels, options.relief)
+    notes = (*survey.notes, *new_notes)
     if survey.step is None:
         return replace(volume, notes=notes)
-    relief = options.relief or float(np.nanmax(found) - np.nanmin(found)) or min(survey.step)
+    relief = options.relief or float(np.nanmax(values) - np.nanmin(values)) or min(survey.step)
     spacing = (*survey.step, relief / (options.levels - 1))
     return replace(volume, spacing=spacing, unit=survey.unit, notes=notes)
 
 
 def _mask_missing(heights: np.ndarray, missing: float | None) -> tuple[np.ndarray, list[str]]:
-    """Heights in float64, NaN where there are none; what is told of these."""
-    found = np.asarray(heights, np.float64)
+    """Heights in float64, NaN for missing ones; a note on these."""
+    values = np.asarray(heights, np.float64)
     kind = heights.dtype
     if missing is not None:
-        # as it is written in the file's own type
+        # rounded as the file's type rounds it
         same = np.float64(np.float32(missing)) if kind == np.float32 else missing
-        holes, why = np.isin(found, (missing, same)), f"no data ({missing:g})"
+        holes, why = np.isin(values, (missing, same)), f"no data ({missing:g})"
     else:
-        holes = np.any([np.isclose(np.abs(found), size, rtol=1e-5, atol=0) for size in LARGE_NODATA], axis=0)
-        finite = found[np.isfinite(found) & ~holes]
+        holes = np.any([np.isclose(np.abs(values), size, rtol=1e-5, atol=0) for size in LARGE_NODATA], axis=0)
+        finite = values[np.isfinite(values) & ~holes]
         least = float(finite.min()) if finite.size else 0.0
         rest = finite[finite > least]
         custom = least in CUSTOM_NODATA and rest.size and rest.min() - least > np.ptp(rest)
-        holes |= (found == least) if custom and kind.kind in "if" else False
+        holes |= (values == least) if custom and kind.kind in "if" else False
         why = f"{least:g}, which by custom means no data," if custom else "beyond any height"
-    holes &= np.isfinite(found)
+    holes &= np.isfinite(values)
     count = int(np.count_nonzero(holes))
-    found = np.where(holes, np.nan, found)
-    told = [f"{count:,} of {found.size:,} heights are {why} and left out"] if count else []
-    return found, told
+    values = np.where(holes, np.nan, values)
+    notes = [f"{count:,} of {values.size:,} heights are {why} and left out"] if count else []
+    return values, notes
 
 
 def make_plane(pixels: np.ndarray) -> Volume:
@@ -211,24 +211,24 @@ def make_plane(pixels: np.ndarray) -> Volume:
 
 
 def classify_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surveyed: bool = False) -> tuple[bool, str]:
-    """Whether a single picture is a map of heights, else a plane; and what is told of the choice, "" if it was asked.
+    """Whether a single picture is a height map, else a plane; and a note on the choice, "" if options decide.
 
-    A survey and options of terrains speak for heights, then the file's name, then a dark and noisy ground for a plane.
+    A survey and terrain options mean heights; then the file's name decides; a dark and noisy background means a plane.
     """
-    named = path.name.lower()
+    file_name = path.name.lower()
     if options.values is not None:
         return options.values == "heights", ""
     if surveyed or options.color is not None or options.relief is not None or options.levels != DEFAULT_LEVELS:
         return True, ""
-    plane = not HEIGHTS.search(named) and bool(PLANES.search(named) or _is_dark(pixels))
+    plane = not HEIGHTS.search(file_name) and bool(PLANES.search(file_name) or _is_dark(pixels))
     if plane:
         return False, "a single picture is drawn as a plane: --values heights draws it as a terrain"
     return True, "a single picture is drawn as heights of a terrain: --values amounts draws it as a plane"
 
 
 def _is_dark(pixels: np.ndarray) -> bool:
-    """Whether most of a grey picture is the noise of a camera in the dark: the lowest tenth of the range, where
-    neighbours differ at random. Ground is even or smooth: the sea, a plain.
+    """Whether most of a grey picture is a camera's dark noise: in the lowest tenth of the range, and neighbours differ
+    at random. Low land or sea is even or smooth instead.
     """
     if pixels.ndim != 2 or min(pixels.shape) < DARK_LEAST:
         return False
@@ -241,12 +241,12 @@ def _is_dark(pixels: np.ndarray) -> bool:
     if high <= low or dark.mean() < DARK or not three.any():
         return False
     bends, slopes = np.abs(np.diff(values, 2, axis=1))[three], np.abs(values[:, 2:] - values[:, :-2])[three]
-    # of noise √6 to √2 of its deviation
+    # for noise, √6 to √2 times its deviation
     return float(bends.mean()) > NOISY * float(slopes.mean())
 
 
 def grey_heights(pixels: np.ndarray) -> np.ndarray:
-    """[H, W] of a grey picture, [H, W] or [H, W, 2…4]. Raises InputError if its channels differ."""
+    """Heights [H, W] of a grey picture [H, W] or [H, W, 2…4]. Raises InputError if its channels differ."""
     if pixels.ndim == 2:
         return pixels
     colors = pixels[..., :3] if pixels.shape[-1] > 2 else pixels[..., :1]
@@ -256,7 +256,7 @@ def grey_heights(pixels: np.ndarray) -> np.ndarray:
 
 
 def _load_color(path: Path, options: LoadOptions) -> np.ndarray | None:
-    """The colour picture uint8 [H, W, 3], turned so that row 0 is at y = 0."""
+    """The colour picture uint8 [H, W, 3], flipped so that row 0 is at y = 0; None without one."""
     if options.color is None:
         return None
     picture = Path(options.color)
@@ -266,7 +266,7 @@ def _load_color(path: Path, options: LoadOptions) -> np.ndarray | None:
 
 
 def open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
-    """The pixels of a picture, as they are stored but for palettes. levels: voxels that each stands for."""
+    """The stored pixels of a picture; palettes become RGB. levels: voxels per pixel, for the limit of size."""
     from PIL import Image
 
     # from memory: Pillow allocates any chunk length stated in a file
@@ -279,7 +279,7 @@ def open_picture(path: Path, levels: int, as_color: bool = False) -> np.ndarray:
 
 
 def _lowest_levels(tops: np.ndarray) -> np.ndarray:
-    """int32 [H, W]: the lowest level of each column that anything above the ground can see, less SHELL."""
+    """int32 [H, W]: the lowest level of each column that is visible from above the ground, less SHELL."""
     padded = np.pad(tops, 1, constant_values=-1)
     height, width = tops.shape
     around = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
@@ -287,7 +287,7 @@ def _lowest_levels(tops: np.ndarray) -> np.ndarray:
 
 
 def _normalize_heights(heights: np.ndarray) -> np.ndarray:
-    """Heights as parts of the range, 0 lowest and 1 highest; NaN where there is none."""
+    """Heights from 0 (lowest) to 1 (highest); NaN for missing ones."""
     finite = heights[np.isfinite(heights)]
     if finite.size == 0:
         raise expected("heights", "at least one finite number", "none")
@@ -297,7 +297,7 @@ def _normalize_heights(heights: np.ndarray) -> np.ndarray:
 
 
 def _tint_heights(parts: np.ndarray) -> np.ndarray:
-    """uint8 [H, W, 3] by height."""
+    """Colours uint8 [H, W, 3] by height."""
     stops = np.linspace(0, 1, len(_TINTS))
     channels = [np.interp(np.nan_to_num(parts), stops, _TINTS[:, channel]) for channel in range(3)]
     return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Folders of pictures, one a slice: TIFF, PNG, BMP and JPEG, in the order of the numbers in their names."""
+"""Folders with one picture per slice: TIFF, PNG, BMP and JPEG, in the order of the numbers in their names."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": 
 
 
 def is_slices(path: Path) -> bool:
-    """Whether a folder holds two pictures or more."""
+    """Whether a folder holds at least two pictures of one format."""
     return len(_find_pictures(path)) > 1
 
 
 def read(path: Path, _options: LoadOptions) -> Volume:
-    """The volume of a folder's pictures of the format that most of them have, one voxel apart.
+    """The volume of a folder's pictures of the most frequent format, one voxel apart.
 
     Raises InputError for a picture of another size or type than the first.
     """
@@ -42,7 +42,7 @@ def read(path: Path, _options: LoadOptions) -> Volume:
             this = f"{first.shape[1]}×{first.shape[0]} {first.dtype}, as {files[0].name}"
             raise expected(file.name, this, f"{plane.shape[1]}×{plane.shape[0]} {plane.dtype}", "move it elsewhere")
         samples[n] = plane
-    left = sum(1 for each in path.iterdir() if each.is_file()) - len(files)
+    left = sum(1 for file in path.iterdir() if file.is_file()) - len(files)
     span = f"from {files[0].name} to {files[-1].name}"
     notes = [f"{len(files)} slices, {span}, one voxel apart: --spacing tells another"]
     notes += [f"{left} other file{'s are' if left > 1 else ' is'} left out"] * bool(left)
@@ -55,12 +55,12 @@ def read(path: Path, _options: LoadOptions) -> Volume:
 
 
 def _find_pictures(path: Path) -> list[Path]:
-    """The pictures of the commonest format, in the order of the numbers in their names."""
-    found = [each for each in path.iterdir() if each.suffix.lower() in KINDS and each.is_file()]
-    kinds = Counter(KINDS[each.suffix.lower()] for each in found)
+    """The pictures of the most frequent format, in the order of the numbers in their names."""
+    pictures = [file for file in path.iterdir() if file.suffix.lower() in KINDS and file.is_file()]
+    kinds = Counter(KINDS[file.suffix.lower()] for file in pictures)
     most = max(sorted(kinds), key=lambda kind: kinds[kind], default="")
     return sorted(
-        (each for each in found if KINDS[each.suffix.lower()] == most), key=lambda each: natural_key(each.name)
+        (file for file in pictures if KINDS[file.suffix.lower()] == most), key=lambda file: natural_key(file.name)
     )
 
 

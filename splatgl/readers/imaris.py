@@ -1,7 +1,7 @@
 """Imaris files (.ims, version 5.5): HDF5 with a pyramid of levels, time points and channels.
 
-Layout: "Imaris 5.5 file format", imaris.oxinst.com. Numbers are attributes of letters; a level's dataset is padded to
-whole chunks, and its group says how much of it is the image. All levels span ExtMin to ExtMax, the faces of the image.
+Layout: "Imaris 5.5 file format", imaris.oxinst.com. Attributes hold numbers as letters; a level's dataset is padded to
+whole chunks, and its group states the image's size. All levels span the box from ExtMin to ExtMax.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from splatgl.readers.common import decoder_errors, grid_shape
 from splatgl.readers.hdf5 import attribute_text, find_node, has_real_numbers, open_hdf5, read_samples
 from splatgl.readers.options import LoadOptions
 
-# most levels; each has half the voxels of the one before, or fewer
+# most levels; each has at most half the voxels of the level before
 _MOST = 64
 # most time points or channels
 _MOST_ENTRIES = 100_000
@@ -30,35 +30,34 @@ _MOST_ENTRIES = 100_000
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of an Imaris file with its coarser levels.
 
-    `channel` picks channels, `time` a time point, `level` one level. Samples of over WHOLE bytes are
-    read in parts.
+    `channel` picks channels, `time` a time point, `level` a level. Samples of more than WHOLE_BYTES are read in parts.
     """
     file = open_hdf5(path)
     with decoder_errors("Imaris"):
-        # 1. which of its images
+        # 1. the image
         finest = _find_group(file, "DataSet/ResolutionLevel 0")
         times = _count_groups(finest, "TimePoint")
         channels = _count_groups(_find_group(finest, "TimePoint 0"), "Channel")
         time = options.time_number(times)
-        # 2. at which levels
+        # 2. its levels
         levels = _count_groups(_find_group(file, "DataSet"), "ResolutionLevel", _MOST)
         if options.level is not None and options.level >= levels:
             raise expected("level", f"a number from 0 to {levels - 1}", options.level)
         wanted = range(levels) if options.level is None else range(options.level, options.level + 1)
-        # 3. the samples, and the box that all have
+        # 3. the samples, and the box of all levels
         image = _find_group(file, "DataSetInfo/Image")
-        told = ChannelSet(tuple(_read_channel(file, n) for n in range(channels)), channels > 1, times)
+        channel_set = ChannelSet(tuple(_read_channel(file, n) for n in range(channels)), channels > 1, times)
 
         def read_one(channel: int | None) -> Volume:
             names = [f"DataSet/ResolutionLevel {level}/TimePoint {time}/Channel {channel or 0}" for level in wanted]
-            found = [_read_volume(path, _find_group(file, name), image, options) for name in names]
-            return replace(found[0], coarser=tuple(found[1:]))
+            volumes = [_read_volume(path, _find_group(file, name), image, options) for name in names]
+            return replace(volumes[0], coarser=tuple(volumes[1:]))
 
-        return mark_microscope(told.volume(options, read_one))
+        return mark_microscope(channel_set.volume(options, read_one))
 
 
 def _read_channel(file: Any, number: int) -> Channel:
-    """Its name, colour ("r g b" from 0 to 1) and range of values, as far as they are told."""
+    """A channel's name, colour ("r g b" from 0 to 1) and window, if the file has them."""
     node = find_node(file, f"DataSetInfo/Channel {number}", anywhere=False)
     if node is None:
         return Channel(str(number))
@@ -67,12 +66,12 @@ def _read_channel(file: Any, number: int) -> Channel:
         parts = [float(part) for part in color]
     except ValueError:
         parts = []
-    shown = (
+    rgb = (
         hex_color([round(part * 255) for part in parts])
         if len(parts) == 3 and all(0 <= p <= 1 for p in parts)
         else None
     )
-    return Channel(attribute_text(node, "Name") or str(number), shown, parse_window(*ends) if len(ends) == 2 else None)
+    return Channel(attribute_text(node, "Name") or str(number), rgb, parse_window(*ends) if len(ends) == 2 else None)
 
 
 def _find_group(file: Any, name: str) -> Any:
@@ -83,7 +82,7 @@ def _find_group(file: Any, name: str) -> Any:
 
 
 def _count_groups(group: Any, name: str, most: int = _MOST_ENTRIES) -> int:
-    """How many groups "NAME 0", "NAME 1", … there are."""
+    """The number of groups "NAME 0", "NAME 1", …"""
     count = 0
     while count < most and f"{name} {count}" in group:
         count += 1
@@ -96,7 +95,7 @@ def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> 
     data = find_node(channel, "Data", options.anywhere)
     if not hasattr(data, "shape") or not has_real_numbers(data) or len(data.shape) != 3:
         raise expected(f"{channel.name}/Data", "a dataset of real numbers with three axes", "none")
-    # 1. the image's part of the dataset
+    # 1. the part of the dataset that is the image
     padded = data.shape[::-1]
     sizes = [int(_read_number(channel, f"ImageSize{axis}", size)) for axis, size in zip("XYZ", padded, strict=True)]
     shape = grid_shape(sizes, "ImageSize")
@@ -116,7 +115,7 @@ def _read_corner(image: Any, name: str, default: Sequence[float]) -> np.ndarray:
 
 
 def _read_number(node: Any, name: str, default: float) -> float:
-    """The number that the letters of an attribute form."""
+    """The number in the letters of an attribute."""
     if name not in node.attrs:
         return default
     text = attribute_text(node, name)

@@ -17,17 +17,17 @@ from splatgl.readers.common import decoder_errors, silence_libraries
 from splatgl.readers.vtk_legacy import PointArray
 from splatgl.readers.vtk_xml import VtkXml, parse_numbers, parse_vtk, read_arrays
 
-# a line's radius, where none is given: a share of the diagonal of all
+# default radius of lines: a share of the diagonal of all lines
 THIN = 1 / 400
-# a ball's, as well
+# default radius of balls: a share of the diagonal of all points
 THICK = 1 / 200
-# 3D Slicer and others say in a comment which way x and y point
+# comment of 3D Slicer and others on the directions of x and y
 SPACE = re.compile(rb"SPACE\s*[=:]\s*(LPS|RAS)")
 HEADER = 1024
 
-# radius of lines, and the name of an array of numbers
+# arguments: path, radius of lines, name of an array of numbers
 Read = Callable[[Path, float | None, str | None], Mesh]
-# "#rrggbb", which no colour map is called
+# "#rrggbb"; any other text names a colour map
 CODE = re.compile("#[0-9a-fA-F]{6}")
 
 
@@ -39,33 +39,33 @@ def load_mesh(
     array: str | None = None,
     window: tuple[float, float] | None = None,
 ) -> Mesh:
-    """The triangles of a file, in its own coordinates. color: instead of the file's; or the name of a colour map, for
-    numbers of its points or cells. radius: of lines, world units. array: the name of those numbers, if there are
-    several. window: of their values, at the ends of the map.
+    """The triangles of a file, in the file's coordinates. color: replaces the file's; or the name of a colour map for
+    numbers of points or cells. radius: of lines, world units. array: the name of those numbers, if there are several.
+    window: the values at the ends of the map.
 
-    Numbers are drawn where the file has no colours, or a map or an array is named. Raises InputError for what is no
-    mesh, for an array that there is not, and for a map without any numbers.
+    Numbers are drawn if the file has no colours, or if a map or an array is named. Raises InputError for a file that is
+    no mesh, for an unknown array, and for a map without numbers.
     """
-    place = Path(path)
-    read = MESHES.get(place.suffix.lower())
+    file = Path(path)
+    read = MESHES.get(file.suffix.lower())
     if read is None:
-        raise expected(path, f"a mesh: {', '.join(sorted(MESHES))}", place.suffix or "no ending")
+        raise expected(path, f"a mesh: {', '.join(sorted(MESHES))}", file.suffix or "no ending")
     try:
-        if not place.is_file():
-            raise InputError("expected a file, got " + ("a folder" if place.is_dir() else "nothing of that name"))
-        # all that a file says is untrusted: any failure is attributed to it
+        if not file.is_file():
+            raise InputError("expected a file, got " + ("a folder" if file.is_dir() else "nothing of that name"))
+        # a file's contents are untrusted: any failure is attributed to the file
         with silence_libraries(), decoder_errors("a mesh"):
-            found = read(place, radius, array)
-        if not len(found):
+            mesh = read(file, radius, array)
+        if not len(mesh):
             raise expected("mesh", "at least one triangle or line", "none")
     except (InputError, OSError) as error:
         raise InputError(f"{path}: {error}") from error
-    found = replace(found, opacity=opacity, name=place.name, window=window)
-    return color_mesh(found, color)
+    mesh = replace(mesh, opacity=opacity, name=file.name, window=window)
+    return color_mesh(mesh, color)
 
 
 def color_mesh(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Mesh:
-    """The mesh in a colour, or with its values in a colour map. Raises InputError for a map without any values."""
+    """The mesh in a colour, or with its values in a colour map. Raises InputError for a map without values."""
     if color is None:
         return mesh
     if not isinstance(color, str) or CODE.fullmatch(color):
@@ -77,13 +77,13 @@ def color_mesh(mesh: Mesh, color: str | tuple[float, float, float] | None) -> Me
 
 
 def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh:
-    """Triangles; of points without any, balls."""
+    """Reads triangles; points without triangles become balls."""
     trimesh = import_extra("trimesh", "meshes", "trimesh", "mesh")
     with decoder_errors("a mesh"):
         plain = path.suffix.lower() == ".ply"
-        found: Any = trimesh.load_mesh(path, process=not plain)
-        # of several parts, all
-        joint: Any = found.to_mesh() if hasattr(found, "to_mesh") else found
+        loaded: Any = trimesh.load_mesh(path, process=not plain)
+        # join several parts
+        joint: Any = loaded.to_mesh() if hasattr(loaded, "to_mesh") else loaded
         numbers = select_ply_numbers(joint.metadata.get("_ply_raw"), array)
         if numbers is not None and len(joint.faces) and numbers.values is not None:
             joint.vertex_attributes["values"] = numbers.values
@@ -93,8 +93,8 @@ def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh
         if not len(faces) and isinstance(cloud := trimesh.load(path), trimesh.PointCloud):
             points, numbers = np.asarray(cloud.vertices), select_ply_numbers(cloud.metadata.get("_ply_raw"), array)
             balls = _make_balls(points, cloud.colors, radius, _find_frame(path))
-            each = np.repeat(np.arange(len(points)), len(balls.vertices) // max(len(points), 1))
-            return replace(assign_numbers(balls, numbers, each), colors=balls.colors if array is None else None)
+            repeated = np.repeat(np.arange(len(points)), len(balls.vertices) // max(len(points), 1))
+            return replace(assign_numbers(balls, numbers, repeated), colors=balls.colors if array is None else None)
         mesh = Mesh(vertices, faces, colors=_vertex_colors(joint), frame=_find_frame(path))
         if numbers is None:
             return mesh
@@ -103,27 +103,27 @@ def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh
 
 
 def _make_balls(points: np.ndarray, colors: np.ndarray | None, radius: float | None, frame: str | None) -> Mesh:
-    """A ball at each of points [N, 3]. colors: sRGB [N, 3 or 4] of these, or None."""
+    """Balls at points [N, 3]. colors: sRGB [N, 3 or 4] of the points, or None."""
     size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
-    found = Mesh.of_points(points, radius or size * THICK or 1.0)
-    shown = None
+    mesh = Mesh.of_points(points, radius or size * THICK or 1.0)
+    vertex_colors = None
     if colors is not None and len(colors) == len(points) > 0:
-        shown = np.repeat(np.asarray(colors)[:, :3], len(found.vertices) // len(points), axis=0)
-    return Mesh(found.vertices, found.faces, colors=shown, frame=frame)
+        vertex_colors = np.repeat(np.asarray(colors)[:, :3], len(mesh.vertices) // len(points), axis=0)
+    return Mesh(mesh.vertices, mesh.faces, colors=vertex_colors, frame=frame)
 
 
-def _vertex_colors(found: Any) -> np.ndarray | None:
-    """sRGB [N, 3] of vertices, if the file has any."""
-    if getattr(found.visual, "kind", None) not in ("vertex", "face"):
+def _vertex_colors(mesh: Any) -> np.ndarray | None:
+    """sRGB [N, 3] of vertices; None if the file has no colours."""
+    if getattr(mesh.visual, "kind", None) not in ("vertex", "face"):
         return None
     with decoder_errors("colours of a mesh"):
-        return np.asarray(found.visual.vertex_colors)[:, :3]
+        return np.asarray(mesh.visual.vertex_colors)[:, :3]
 
 
 def _find_frame(path: Path) -> str | None:
     with path.open("rb") as file:
-        found = SPACE.search(file.read(HEADER))
-    return found[1].decode() if found else None
+        match = SPACE.search(file.read(HEADER))
+    return match[1].decode() if match else None
 
 
 def _read_tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
@@ -133,7 +133,7 @@ def _read_tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
     with decoder_errors("tracks"):
         lines = [np.asarray(line, np.float64) for line in nibabel.streamlines.load(path).streamlines]
     mesh = _make_tubes(lines, radius)
-    # nibabel gives them in RAS, millimetres
+    # nibabel returns RAS, millimetres
     return Mesh(mesh.vertices, mesh.faces, frame="RAS")
 
 
@@ -144,7 +144,7 @@ def _make_tubes(lines: list[np.ndarray], radius: float | None) -> Mesh:
 
 
 def _read_vtp(path: Path, radius: float | None, array: str | None) -> Mesh:
-    """All pieces of PolyData: polygons and strips as triangles, lines as tubes; vertices alone are left out."""
+    """Reads all pieces of PolyData: polygons and strips as triangles, lines as tubes, without lone vertices."""
     file = parse_vtk(path, ("PolyData",))
     return join_meshes([part for piece in file.root.iter("Piece") for part in _read_piece(file, piece, radius, array)])
 
@@ -153,13 +153,13 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
     """Triangles and tubes of a piece, with their numbers or colours."""
     points = _read_points(file, piece)
     kinds = {name: _read_cells(file, piece, name, len(points)) for name in ("Verts", "Lines", "Polys", "Strips")}
-    # as VTK counts cells
+    # first cell numbers of the kinds, as VTK counts cells
     starts = dict(zip(kinds, np.cumsum([0, *(len(ends) for _, ends in kinds.values())]).tolist(), strict=False))
     numbers = select_numbers(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
     fans, owners = _fan_polygons(*kinds["Polys"])
     strips = [_strip_triangles(cell) for cell in np.split(*kinds["Strips"])]
     cells = [owner + starts["Polys"] for owner in owners]
-    cells += [np.full(len(each), starts["Strips"] + n) for n, each in enumerate(strips)]
+    cells += [np.full(len(strip), starts["Strips"] + n) for n, strip in enumerate(strips)]
     surface = Mesh(points, np.concatenate([np.zeros((0, 3), np.int64), *fans, *strips]))
     lines = np.split(*kinds["Lines"])
     tubes = _make_tubes([points[cell] for cell in lines], radius)
@@ -173,16 +173,16 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
 
 
 def _read_points(file: VtkXml, piece: Element) -> np.ndarray:
-    """float64 [N, 3]."""
+    """Points float64 [N, 3]."""
     count, owner = _read_count(piece, "NumberOfPoints"), piece.find("Points")
-    found = [] if owner is None or not count else read_arrays(file, owner, (1, 1, count))
-    if count and not (found and found[0].components == 3):
+    arrays = [] if owner is None or not count else read_arrays(file, owner, (1, 1, count))
+    if count and not (arrays and arrays[0].components == 3):
         raise expected("Points", "an array of three numbers a point", "none")
-    return found[0].read().reshape(-1, 3).astype(np.float64) if found else np.zeros((0, 3))
+    return arrays[0].read().reshape(-1, 3).astype(np.float64) if arrays else np.zeros((0, 3))
 
 
 def _read_cells(file: VtkXml, piece: Element, name: str, points: int) -> tuple[np.ndarray, np.ndarray]:
-    """The numbers of the points of all cells, int64, and the ends of all cells."""
+    """Point numbers of all cells, int64, and the ends of the cells in them."""
     count, owner = _read_count(piece, f"NumberOf{name}"), piece.find(name)
     nothing = np.zeros(0, np.int64)
     if not count or owner is None:
@@ -196,8 +196,8 @@ def _read_cells(file: VtkXml, piece: Element, name: str, points: int) -> tuple[n
         raise expected(name, "offsets that do not fall", "others")
     if not offsets[-1]:
         return nothing, nothing
-    (each,) = (array for array in read_arrays(file, owner, (1, 1, int(offsets[-1]))) if array.name == "connectivity")
-    numbers = each.read().ravel().astype(np.int64)
+    (array,) = (array for array in read_arrays(file, owner, (1, 1, int(offsets[-1]))) if array.name == "connectivity")
+    numbers = array.read().ravel().astype(np.int64)
     if not (numbers.min() >= 0 and numbers.max() < points):
         raise expected(name, f"numbers of {points} points", f"{numbers.min()} to {numbers.max()}")
     return numbers, offsets
@@ -211,15 +211,15 @@ def _read_count(piece: Element, name: str) -> int:
 
 
 def _fan_polygons(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Triangles [N, 3] of polygons, those of as many corners together, and the numbers [N] of these."""
-    sizes, found, owners = np.diff(ends, prepend=0), [], []
+    """Triangles [N, 3] of polygons and their polygon numbers [N], one pair of arrays per number of corners."""
+    sizes, triangles, owners = np.diff(ends, prepend=0), [], []
     for size in np.unique(sizes[sizes > 2]).tolist():
         some = np.flatnonzero(sizes == size)
         cells = numbers[(ends - sizes)[some][:, None] + np.arange(size)]
         first = np.broadcast_to(cells[:, :1], (len(cells), size - 2))
-        found.append(np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2).reshape(-1, 3))
+        triangles.append(np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2).reshape(-1, 3))
         owners.append(np.repeat(some, size - 2))
-    return found, owners
+    return triangles, owners
 
 
 def _strip_triangles(cell: np.ndarray) -> np.ndarray:
@@ -227,7 +227,7 @@ def _strip_triangles(cell: np.ndarray) -> np.ndarray:
     return np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1)
 
 
-# endings and their readers
+# readers by ending
 MESHES: dict[str, Read] = {
     **dict.fromkeys((".ply", ".stl", ".obj", ".off", ".glb"), _read_triangles),
     **dict.fromkeys((".trk", ".tck"), _read_tracks),
@@ -235,19 +235,19 @@ MESHES: dict[str, Read] = {
 }
 
 
-# of PLY: coordinates and looks, which are no numbers of points; and names that come first, in this order
+# properties of PLY that are not drawn as numbers: coordinates and colours; and preferred names, in this order
 COORDINATES = ("x", "y", "z", "nx", "ny", "nz", "s", "t", "u", "v", "texture_u", "texture_v", "flags")
 COLORS = ("red", "green", "blue", "alpha", "r", "g", "b", "a")
 PREFERRED = ("quality", "scalar", "value", "intensity")
-# attributes of arrays of VTK that are no numbers of points
+# VTK's attributes of arrays that are not drawn as numbers
 DIRECTIONS = ("Normals", "TCoords", "Tangents")
-# beginning of the names of VTK's own, such as vtkGhostType
+# start of the names of VTK's internal arrays, such as vtkGhostType
 VTK_PREFIX = "vtk"
 
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """name: of the array. values float64 [N], or colors uint8 [N, 3], of points; of cells, if `of_cells`."""
+    """An array's name, and its values float64 [N] or colors uint8 [N, 3], of points, or of cells if `of_cells`."""
 
     name: str
     values: np.ndarray | None = None
@@ -256,29 +256,28 @@ class Numbers:
 
 
 def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array: str | None) -> Numbers | None:
-    """What a piece of VTK's PolyData is coloured by: the array of that name, else what the file says is active, else
-    the first with a number each, of points before cells; None if there is none. counts: of points and cells.
+    """Numbers that colour a piece of VTK's PolyData: the array of that name, else the active array, else the first with
+    one component, of points before cells; None without any. counts: numbers of points and cells.
 
-    Of vectors it is the length; bytes of three or four each are colours. Raises InputError for a name that there is
-    not.
+    Vectors give their length; three or four bytes are a colour. Raises InputError for an unknown name.
     """
-    found: list[tuple[PointArray, bool]] = []
+    arrays: list[tuple[PointArray, bool]] = []
     active, apart = [], []
     for name, count in zip(("PointData", "CellData"), counts, strict=True):
         owner = piece.find(name)
         if owner is not None and count:
-            found += [(each, name == "CellData") for each in read_arrays(file, owner, (1, 1, count))]
+            arrays += [(item, name == "CellData") for item in read_arrays(file, owner, (1, 1, count))]
             active.append(owner.get("Scalars"))
             apart += [owner.get(attribute) for attribute in DIRECTIONS]
     if array is not None:
-        chosen = next((each for each in found if each[0].name == array), None)
+        chosen = next((item for item in arrays if item[0].name == array), None)
         if chosen is None:
-            raise expected("array", f"one of {', '.join(each.name for each, _ in found) or 'none'}", repr(array))
+            raise expected("array", f"one of {', '.join(item.name for item, _ in arrays) or 'none'}", repr(array))
     else:
-        shown = [each for each in found if each[0].name not in apart and not each[0].name.startswith(VTK_PREFIX)]
+        shown = [item for item in arrays if item[0].name not in apart and not item[0].name.startswith(VTK_PREFIX)]
         order = [
-            *(each for name in active if name for each in shown if each[0].name == name),
-            *(each for each in shown if each[0].components == 1),
+            *(item for name in active if name for item in shown if item[0].name == name),
+            *(item for item in shown if item[0].components == 1),
         ]
         chosen = next(iter(order), None)
     return None if chosen is None else _read_numbers(*chosen)
@@ -293,33 +292,35 @@ def _read_numbers(array: PointArray, of_cells: bool) -> Numbers:
 
 
 def select_ply_numbers(raw: Any, array: str | None) -> Numbers | None:
-    """What a PLY file is coloured by: the property of its vertices of that name, or `quality`, `scalar…`, `value` or
-    `intensity`, or the first that is none of a place, a normal or a colour. raw: as trimesh has them.
+    """Numbers that colour a PLY file: the vertex property of that name, or `quality`, `scalar…`, `value`, `intensity`,
+    or the first that is no coordinate, normal or colour. raw: trimesh's elements.
     """
     table: Any = raw.get("vertex", {}).get("data") if isinstance(raw, dict) else None
     names = table if isinstance(table, dict) else getattr(getattr(table, "dtype", None), "names", None) or ()
     known = {name: np.asarray(table[name]) for name in names}
     shown = [
-        name for name, each in known.items() if name.lower() not in (*COORDINATES, *COLORS) and each.dtype.kind in "iuf"
+        name
+        for name, entry in known.items()
+        if name.lower() not in (*COORDINATES, *COLORS) and entry.dtype.kind in "iuf"
     ]
     if array is not None:
         if array not in known:
             raise expected("array", f"one of {', '.join(shown) or 'none'}", repr(array))
         return Numbers(array, known[array].reshape(-1).astype(np.float64))
-    ranked = sorted(shown, key=lambda name: next((n for n, each in enumerate(PREFERRED) if name.startswith(each)), 9))
+    ranked = sorted(shown, key=lambda name: next((n for n, entry in enumerate(PREFERRED) if name.startswith(entry)), 9))
     return Numbers(ranked[0], known[ranked[0]].reshape(-1).astype(np.float64)) if ranked else None
 
 
 def assign_numbers(mesh: Mesh, numbers: Numbers | None, points: np.ndarray) -> Mesh:
-    """A mesh with the numbers of points; of each vertex those of the point `points` [N]."""
+    """A mesh with the numbers of points. points [N]: the point number of each vertex."""
     if numbers is None:
         return mesh
-    values, colors = (None if each is None else each[points] for each in (numbers.values, numbers.colors))
+    values, colors = (None if array is None else array[points] for array in (numbers.values, numbers.colors))
     return replace(mesh, values=values, colors=colors, quantity=numbers.name)
 
 
 def assign_cell_numbers(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh:
-    """A mesh with the numbers of cells, of each triangle those of the cell `cells` [M]: triangles share no vertices."""
+    """A mesh with the numbers of cells, whose triangles share no vertices. cells [M]: cell number of each triangle."""
     apart = replace(
         mesh,
         vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
@@ -330,24 +331,24 @@ def assign_cell_numbers(mesh: Mesh, numbers: Numbers, cells: np.ndarray) -> Mesh
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """Meshes as one; what has no value or colour is drawn as the file's default."""
+    """Joins meshes; parts without value or colour are drawn in the file's default colour."""
     some = [mesh for mesh in meshes if len(mesh)]
     if len(some) < 2:
         return some[0] if some else Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
-    first = np.cumsum([0, *(len(each.vertices) for each in some)])
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in some)])
     values = colors = normals = None
-    if any(each.values is not None for each in some):
-        values = [np.full(len(each.vertices), np.nan) if each.values is None else each.values for each in some]
-    if any(each.colors is not None for each in some):
-        gray = [np.full((len(each.vertices), 3), 200, np.uint8) for each in some]
-        colors = [own if each.colors is None else each.colors for each, own in zip(some, gray, strict=True)]
-    if any(each.corner_normals is not None for each in some):
-        normals = np.concatenate([each.normals for each in some])
+    if any(mesh.values is not None for mesh in some):
+        values = [np.full(len(mesh.vertices), np.nan) if mesh.values is None else mesh.values for mesh in some]
+    if any(mesh.colors is not None for mesh in some):
+        gray = [np.full((len(mesh.vertices), 3), 200, np.uint8) for mesh in some]
+        colors = [default if mesh.colors is None else mesh.colors for mesh, default in zip(some, gray, strict=True)]
+    if any(mesh.corner_normals is not None for mesh in some):
+        normals = np.concatenate([mesh.normals for mesh in some])
     return Mesh(
-        np.concatenate([each.vertices for each in some]),
-        np.concatenate([each.faces + start for each, start in zip(some, first[:-1], strict=True)]),
+        np.concatenate([mesh.vertices for mesh in some]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(some, first[:-1], strict=True)]),
         colors=None if colors is None else np.concatenate(colors),
         values=None if values is None else np.concatenate(values),
-        quantity=next((each.quantity for each in some if each.quantity), ""),
+        quantity=next((mesh.quantity for mesh in some if mesh.quantity), ""),
         corner_normals=normals,
     )

@@ -1,4 +1,4 @@
-"""MetaImage, .mha and .mhd with a data file; uncompressed samples are memory-mapped.
+"""MetaImage: .mha, and .mhd with a data file; uncompressed samples are memory-mapped.
 
 Format: itk.org/Wiki/MetaIO/Documentation. A row of TransformMatrix is the direction of one axis (the matrix is
 stored column by column), so that its transpose is `Volume.direction`. World coordinates are ITK's: LPS.
@@ -22,7 +22,7 @@ from splatgl.readers.channels import ChannelSet, split_components
 from splatgl.readers.common import decoder_errors, find_data_file, grid_shape, inflate, map_array, read_text, selection
 from splatgl.readers.options import LoadOptions
 
-# numpy codes by ElementType; MetaIO's LONG has four bytes on every machine
+# numpy codes by ElementType; MetaIO's LONG always has four bytes
 _TYPES = {
     "MET_CHAR": "i1",
     "MET_UCHAR": "u1",
@@ -40,11 +40,11 @@ _TYPES = {
 
 _MATRIX_NAMES = ("TransformMatrix", "Rotation", "Orientation")
 
-# world axis of LPS, and direction along it, of an axis that comes from a side
+# LPS axis and direction of an axis that comes from a side
 _SIDES = {"R": (0, 1), "L": (0, -1), "A": (1, 1), "P": (1, -1), "I": (2, 1), "S": (2, -1)}
-# a name with the place of a number, such as slice%03d.raw
+# a name with a place for a number, such as slice%03d.raw
 _PATTERN = re.compile(r"[^%]*%0?[0-9]{0,2}d[^%]*")
-# longest header line in bytes; a longer one means that the file is something else
+# longest header line in bytes; a longer one means another kind of file
 _LINE_LIMIT = 4096
 # most header lines: the format has some forty fields, and programs add their own
 _LINES_LIMIT = 10_000
@@ -52,10 +52,10 @@ Fields = dict[str, str]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a MetaImage file; `time` picks a time point of a 4-D one, `channel` one of several samples a voxel.
+    """The volume of a MetaImage file; `time` picks a time point of a 4-D file, `channel` one of a voxel's samples.
 
-    Without `channel`, three or four bytes are a colour, with its luma as samples, and three signed or real numbers a
-    vector in the world, with its length.
+    Without `channel`, three or four bytes are a colour, with its luma as samples, and three signed or real numbers are
+    a vector in the world, with its length as samples.
     """
     fields, files, start = _header(path)
     sizes = _integers(fields, "DimSize")
@@ -66,14 +66,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
     shape = (*sizes[::-1], channels)
     times = sizes[3] if len(sizes) > 3 else 1
     step = _numbers(fields, ("ElementSpacing", "ElementSize"), [1.0] * 4)[3:4]
-    told = ChannelSet(times=times, step=step[0] if times > 1 and step and 0 < step[0] < np.inf else None)
+    time_points = ChannelSet(times=times, step=step[0] if times > 1 and step and 0 < step[0] < np.inf else None)
 
-    def one(_: int | None) -> Volume:
+    def read_samples(_: int | None) -> Volume:
         samples = _read_data(path, fields, (files, start), shape, options.anywhere)
         samples = samples[options.time or 0] if len(sizes) > 3 else samples
         return _volume(samples, fields, options)
 
-    return told.volume(replace(options, channel=None), one)
+    return time_points.volume(replace(options, channel=None), read_samples)
 
 
 def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume:
@@ -100,7 +100,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
 
 
 def _direction(fields: Fields) -> tuple[np.ndarray, str | None, tuple[str, ...]]:
-    """Direction [3, 3], frame, and what is told of both: ITK's convention, LPS, if the file states an orientation.
+    """Direction [3, 3], frame, and notes: ITK's convention, LPS, if the file states an orientation.
 
     A letter of AnatomicalOrientation is the side that an axis comes from: RAI is from right, anterior and inferior.
     """
@@ -119,21 +119,21 @@ def _direction(fields: Fields) -> tuple[np.ndarray, str | None, tuple[str, ...]]
             lettered[world, axis] = sign
     if stated is None:
         return (np.eye(3), None, ()) if lettered is None else (lettered, "LPS", ())
-    # the nearest axes of the matrix are the letters', or one of both is wrong
+    # the letters must name the nearest axes of the matrix
     agrees = lettered is None or (lettered * stated).sum(axis=0).min() > 0.5
     note = f"AnatomicalOrientation {letters} is not what TransformMatrix says, which is taken"
     return stated, "LPS", () if agrees else (note,)
 
 
 def _ignored_notes(fields: Fields) -> tuple[str, ...]:
-    """What a header states that is not read."""
+    """Notes on header entries that are ignored."""
     scale = [_numbers(fields, (f"ElementToIntensityFunction{name}",), []) for name in ("Slope", "Offset")]
     scaled = scale[0] not in ([], [1.0]) or scale[1] not in ([], [0.0])
     return ("values are as stored: the file's ElementToIntensityFunction is not applied",) * scaled
 
 
 def _header(path: Path) -> tuple[Fields, list[str], int]:
-    """Fields up to ElementDataFile, which is the last one, the names that follow a LIST, and the byte after it."""
+    """Fields up to ElementDataFile, which is the last; the names that follow a LIST; the offset after the fields."""
     fields: Fields = {}
     lines = 0
     with path.open("rb") as file:
@@ -151,22 +151,22 @@ def _header(path: Path) -> tuple[Fields, list[str], int]:
                 fields[key.strip()] = value.strip()
         start = file.tell()
         listed = fields["ElementDataFile"].upper().split()[:1] == ["LIST"]
-        lines_ = (file.readline(_LINE_LIMIT).decode("latin-1").strip() for _ in range(_LINES_LIMIT * listed))
-        names = list(takewhile(bool, lines_))
+        file_names = (file.readline(_LINE_LIMIT).decode("latin-1").strip() for _ in range(_LINES_LIMIT * listed))
+        names = list(takewhile(bool, file_names))
     if fields.get("NDims") not in ("3", "4"):
         raise expected("NDims", "3 or 4", fields.get("NDims", "none"))
     return fields, names, start
 
 
 def _list_files(name: str, names: list[str], shape: tuple[int, ...]) -> tuple[list[str], int]:
-    """Names of the files of slices, none of a file that has its data in one; and the axes that each of them has.
+    """Names of the files of slices, and the number of their axes; ([], 0) if the data are in one file.
 
-    "LIST" or "LIST 2D" with names behind it, or a pattern with the first and the last number, and the step.
+    name: "LIST" or "LIST 2D" with names behind it, or a pattern with the first and the last number, and the step.
     """
     words = name.split()
     if words[0].upper() == "LIST":
-        asked = re.fullmatch(r"([1-9])D?", words[1].upper()) if len(words) > 1 else None
-        return names, int(asked[1]) if asked else len(shape) - 2
+        axes = re.fullmatch(r"([1-9])D?", words[1].upper()) if len(words) > 1 else None
+        return names, int(axes[1]) if axes else len(shape) - 2
     if "%" not in name:
         return [], 0
     numbers = [int(word) for word in words[1:] if re.fullmatch("-?[0-9]{1,7}", word)]
@@ -179,7 +179,7 @@ def _list_files(name: str, names: list[str], shape: tuple[int, ...]) -> tuple[li
 def _read_slices(
     path: Path, fields: Fields, of: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
 ) -> np.ndarray:
-    """Samples [shape] out of files that hold so many axes each, without counting channels."""
+    """Samples [shape] of several files. of: their names, and the number of their axes without channels."""
     names, axes = of
     inner, dtype = shape[len(shape) - 1 - axes :], _dtype(fields)
     count = math.prod(shape[: len(shape) - 1 - axes])
@@ -190,7 +190,7 @@ def _read_slices(
         raise expected("files of slices", "plain binary ones", "others", "join them in one file")
     files = [find_data_file(path, name, anywhere) for name in names]
     size = byte_count(inner, dtype)
-    # all are there, before any is read
+    # check all files before any is read
     starts = [max(file.stat().st_size - size, 0) if skip == -1 else skip for file in files]
     parts = [map_array(file, start, dtype, inner) for file, start in zip(files, starts, strict=True)]
     return np.stack(parts).reshape(shape)
@@ -199,9 +199,9 @@ def _read_slices(
 def _read_data(
     path: Path, fields: Fields, behind: tuple[list[str], int], shape: tuple[int, ...], anywhere: bool
 ) -> np.ndarray:
-    """Samples [shape]. behind: what `_header` found behind the fields."""
+    """Samples [shape]. behind: names and offset behind the header's fields."""
     dtype, start, name = _dtype(fields), behind[1], fields["ElementDataFile"]
-    # 1. where: here, in one file beside, or in several
+    # 1. the file: this one, another, or several
     if not name:
         raise expected("ElementDataFile", "LOCAL, LIST or a name", "none")
     of = _list_files(name, behind[0], shape)
@@ -209,7 +209,7 @@ def _read_data(
         return _read_slices(path, fields, of, shape, anywhere)
     if name.upper() != "LOCAL":
         path, start = find_data_file(path, name, anywhere), 0
-    # 2. how: text, zlib, or as it is; HeaderSize -1 counts from the end
+    # 2. the coding: text, zlib or plain; HeaderSize -1 counts from the end
     if not _flag(fields, "BinaryData", True):
         return _read_text(path, start, dtype, shape)
     skip = _integer(fields, "HeaderSize", 0)
@@ -248,7 +248,7 @@ def _integers(fields: Fields, name: str) -> list[int]:
 
 
 def _integer(fields: Fields, name: str, default: int) -> int:
-    """The one whole number of a field, or the default if it is not there."""
+    """The whole number of a field; the default without the field."""
     numbers = _integers({name: str(default), **fields}, name)
     if len(numbers) != 1:
         raise expected(name, "one whole number", repr(fields[name]))
@@ -256,7 +256,7 @@ def _integer(fields: Fields, name: str, default: int) -> int:
 
 
 def _numbers(fields: Fields, names: tuple[str, ...], default: list[float]) -> list[float]:
-    """The numbers of the first field that is there."""
+    """The numbers of the first field among `names` that the header has."""
     for name in names:
         if name in fields:
             try:

@@ -1,7 +1,7 @@
-"""MRC and CCP4 maps (.mrc, .map, .rec, .ccp4), plain files mapped; .gz and .bz2 inflated.
+"""MRC and CCP4 maps (.mrc, .map, .rec, .ccp4); plain files are mapped, .gz and .bz2 inflated.
 
 Format: Cheng et al., "MRC2014: Extensions to the MRC format header", J. Struct. Biol. 192 (2015), and CCP4's maplib.
-The header's layout and types are mrcfile's. Columns run fastest; mapc, mapr, maps say which axis of the cell each is.
+The header's layout and types are mrcfile's. Columns run fastest; mapc, mapr, maps give the cell's axis of each.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from splatgl.readers.options import LoadOptions
 
 # bytes of the header; an extended one of `nsymbt` bytes follows
 _HEADER = 1024
-# mark of IMOD in the header, whose bytes (mode 0) are unsigned unless a flag is set (bio3d.colorado.edu/imod)
+# mark of IMOD, whose bytes (mode 0) are unsigned unless this flag is set (bio3d.colorado.edu/imod)
 _IMOD, _IMOD_SIGNED = 1146047817, 1
 # modes of real numbers; 3 and 4 are complex, 101 has four bits a voxel
 _REAL = (0, 1, 2, 6, 12)
@@ -43,7 +43,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
     number = options.array_number(volumes)
     samples = stack[selection(stack.shape, {0: ("array", number)})]
-    # 3. axes: place[i] is the axis of the cell (0 is x) that axis i of the file, columns first, runs along
+    # 3. axes: place[i] is the cell's axis (0 is x) of the file's axis i, columns first
     place = _axis_order(header)
     samples = samples.transpose([2 - place.index(axis) for axis in (2, 1, 0)])
     matrix, origin, unit = _grid(header, place)
@@ -62,7 +62,7 @@ def _read_header(path: Path) -> Any:
         try:
             order = utils.byte_order_from_machine_stamp(header["machst"])
         except ValueError:
-            # old files have none: the one order in which the mode is one
+            # old files have no stamp: take the order in which the mode is valid
             order = "<" if 0 <= header["mode"] < 2**16 else ">"
         header = np.frombuffer(first, layout.newbyteorder(order))[0]
     if int(header["mode"]) not in _REAL:
@@ -96,31 +96,31 @@ def _read_data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, i
 
 
 def _count_volumes(header: Any, sections: int) -> int:
-    """How many volumes lie one behind the other."""
+    """The number of volumes in the stack."""
     from mrcfile import utils
 
-    each = int(header["mz"])
+    planes = int(header["mz"])
     if not utils.spacegroup_is_volume_stack(header["ispg"]):
         return 1
-    if each < 1 or sections % each:
-        raise expected("mz", f"a part of the {sections} sections", each, "the header is damaged")
-    return sections // each
+    if planes < 1 or sections % planes:
+        raise expected("mz", f"a part of the {sections} sections", planes, "the header is damaged")
+    return sections // planes
 
 
 def _axis_order(header: Any) -> list[int]:
-    found = [int(header[name]) - 1 for name in ("mapc", "mapr", "maps")]
-    if found == [-1, -1, -1]:
+    axes = [int(header[name]) - 1 for name in ("mapc", "mapr", "maps")]
+    if axes == [-1, -1, -1]:
         return [0, 1, 2]
-    if sorted(found) != [0, 1, 2]:
-        raise expected("mapc, mapr, maps", "1, 2 and 3 in any order", [axis + 1 for axis in found])
-    return found
+    if sorted(axes) != [0, 1, 2]:
+        raise expected("mapc, mapr, maps", "1, 2 and 3 in any order", [axis + 1 for axis in axes])
+    return axes
 
 
 def _grid(header: Any, place: list[int]) -> tuple[np.ndarray, np.ndarray, str]:
-    """World-from-index [3, 3], the place of the first sample, and the unit.
+    """World-from-index [3, 3], the position of the first sample, and the unit.
 
-    The edges of the cell are a along x, b in the plane of x and y, and c (International Tables for Crystallography B,
-    section 3.3.1). The origin is the header's, else where the grid starts in the cell.
+    The cell's edge a is along x, and b in the plane of x and y (International Tables for Crystallography B, section
+    3.3.1). The origin is the header's, else the start of the grid in the cell.
     """
     cell = np.array([header["cella"][axis] for axis in "xyz"], np.float64)
     counts = np.array([header[name] for name in ("mx", "my", "mz")], np.float64)

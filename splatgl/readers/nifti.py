@@ -1,7 +1,6 @@
 """NIfTI, Analyze and MGH, through nibabel.
 
-Analyze files state no orientation: nibabel
-takes x from right to left, as SPM does. A pair in the NIfTI format has these names too, and is read as such.
+Analyze files state no orientation: nibabel takes x from right to left, as SPM does. NIfTI pairs have the same endings.
 
 nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to RAS+ (nipy.org/nibabel,
 "Coordinate systems and affines"); the transpose of the array is [z, y, x].
@@ -32,7 +31,7 @@ from splatgl.readers.common import (
 )
 from splatgl.readers.options import LoadOptions
 
-# bytes of an Analyze header, which its first number states
+# bytes of an Analyze header, and its first number
 _HEADER = 348
 _MGH_TYPES: dict[int, np.dtype] = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
 # byte at which the samples of an .mgh file begin
@@ -40,9 +39,9 @@ _MGH_START = 284
 
 
 def read_analyze(path: Path, options: LoadOptions) -> Volume:
-    """The volume of an Analyze or NIfTI pair in RAS; `array` picks the time point of a 4-D one."""
+    """The volume of an Analyze or NIfTI pair in RAS; `array` picks the time point of a 4-D image."""
     nibabel = import_extra("nibabel", "Analyze files", "nibabel", "readers")
-    # 1. both files, of which either may be named
+    # 1. both files; `path` may be either
     header, data = (_pair_file(path, suffix) for suffix in (".hdr", ".img"))
     with header.open("rb") as file:
         first = file.read(_HEADER)
@@ -53,7 +52,7 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
         if first[344:347] == b"ni1":
             form: Any = nibabel.Nifti1Pair
         else:
-            # SPM's scale factor and origin, without the .mat file that it would look for
+            # SPM's scale factor and origin, without its .mat file
             spm = {"header_class": nibabel.spm2analyze.Spm2AnalyzeHeader}
             form = type("Image", (nibabel.analyze.AnalyzeImage,), spm)
         image = form.from_file_map(form.make_file_map({"header": str(header), "image": str(data)}), mmap="r")
@@ -69,7 +68,7 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
     """The volume of an .mgh or .mgz file in RAS; `array` picks one of several frames."""
     nibabel = import_extra("nibabel", "MGH files", "nibabel", "readers")
     packed = path.name.lower().endswith("z")
-    # 1. sizes, checked before nibabel looks for what follows the samples
+    # 1. sizes, checked before nibabel reads behind the samples
     with decoder_errors("MGH"), gzip.open(path) if packed else path.open("rb") as file:
         first = file.read(_MGH_START)
     require_bytes(_MGH_START, len(first), "header")
@@ -83,18 +82,18 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
         require_memory(needed, there)
     else:
         require_bytes(needed, there)
-    # 2. the image; of a packed one no more is inflated than the sizes say
+    # 2. the image; a packed one is inflated up to the stated sizes
     with decoder_errors("MGH"):
         image = nibabel.MGHImage.from_filename(path, mmap="r")
     return _mgh_volume(image, [int(size) for size in image.shape], options)
 
 
 def _pair_file(path: Path, suffix: str) -> Path:
-    """The file of the pair with that suffix, in the case of the one that is named."""
-    found = path.with_suffix(suffix.upper() if path.suffix.isupper() else suffix)
-    if not found.is_file():
-        raise expected("pair", f"{found.name} beside it", "none", "put both files side by side")
-    return found
+    """The file of the pair with that suffix, in the case of the given path."""
+    file = path.with_suffix(suffix.upper() if path.suffix.isupper() else suffix)
+    if not file.is_file():
+        raise expected("pair", f"{file.name} beside it", "none", "put both files side by side")
+    return file
 
 
 def _check(sizes: list[int], dtype: np.dtype) -> None:
@@ -116,14 +115,14 @@ def _mgh_volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
     if not long and options.array is not None:
         options.array_number(1)
     with decoder_errors("image"):
-        # what has a scale factor becomes float
+        # samples with a scale factor become float
         proxy = image.dataobj
         scaled = (float(getattr(proxy, "slope", 1.0)), float(getattr(proxy, "inter", 0.0))) != (1.0, 0.0)
         stored = np.asanyarray(proxy) if scaled else np.asanyarray(proxy.get_unscaled())
     samples = stored[selection(sizes, extra)].T
     spacing, direction = spacing_and_direction(image.affine[:3, :3], "affine")
-    kept = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
-    return Volume(kept, spacing, triple(image.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
+    converted = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
+    return Volume(converted, spacing, triple(image.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
 
 
 # units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths
@@ -134,16 +133,16 @@ _TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
 _LABELS = 1002
 UNORIENTED = "neither sform nor qform: the file does not say where the patient's sides are"
 
-# bytes read to tell whether gzip data are sound: more than either header
+# bytes read to check gzip data: more than either header
 _SNIFF_BYTES = 1024
 # sizeof_hdr of NIfTI-2, the first number of the file; NIfTI-1 has 348
 _NIFTI2_BYTES = 540
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a .nii or .nii.gz file in RAS; `time` picks the time point of a 4-D one.
+    """The volume of a .nii or .nii.gz file in RAS; `time` picks the time point of a 4-D image.
 
-    Samples with a slope or intercept are scaled to float32, the others keep their type.
+    Samples with a slope or intercept are scaled to float32, others keep their type.
     """
     image = _open(path)
     _check_bytes(path, image)
@@ -151,14 +150,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 
 def volume_of_image(image: Any, options: LoadOptions) -> Volume:
-    """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` gives it."""
+    """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` returns it."""
     volume = _time_points(image).volume(options, lambda _: _volume(image, options))
-    named = int(image.header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
-    return replace(volume, labels=()) if named else volume
+    is_labels = int(image.header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
+    return replace(volume, labels=()) if is_labels else volume
 
 
 def _time_points(image: Any) -> ChannelSet:
-    """The time points: pixdim[4] apart."""
+    """The time points, pixdim[4] apart."""
     sizes, zooms = _sizes(image), image.header.get_zooms()
     unit = _TIMES.get(int(image.header["xyzt_units"]) & 56, 0.0)
     step = float(zooms[3]) * unit if len(zooms) > 3 else 0.0
@@ -172,7 +171,7 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
     arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
     if not arrays and times == 1:
         options.refuse("array", "a file of several time points or arrays")
-    # beside arrays, `array` is none of time
+    # if there are several arrays, `array` picks one, not a time point
     time = options.time or 0 if arrays else options.time_number(times)
     extra: dict[int, tuple[str, int | None]] = {3: ("time", time)} if len(sizes) > 3 else {}
     for axis in range(4, len(sizes)):
@@ -196,7 +195,7 @@ def _sizes(image: Any) -> list[int]:
 
 
 def _read_stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:
-    """Samples that an index picks as they are stored, mapped where the file permits, their slope and intercept."""
+    """The stored samples at an index, mapped where the file permits, their slope and intercept."""
     if not hasattr(data, "get_unscaled"):
         return np.asanyarray(data)[index], 1.0, 0.0
     slope, intercept, name = float(data.slope), float(data.inter), str(data.file_like)
@@ -206,7 +205,7 @@ def _read_stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray,
     from nibabel.fileslice import fileslice
     from nibabel.openers import ImageOpener
 
-    # of a series only what is picked is kept; samples that are scaled are there twice
+    # memory for the picked samples only; scaled ones take room twice
     picked = byte_count([size for size, at in zip(data.shape, index, strict=True) if at == slice(None)], data.dtype)
     scaled = 0 if (slope, intercept) == (1.0, 0.0) else picked // data.dtype.itemsize * np.dtype(np.float32).itemsize
     require_memory(picked + scaled, Path(name).stat().st_size)
@@ -217,7 +216,7 @@ def _read_stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray,
 def _open(path: Path) -> Any:
     nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
     if path.name.lower().endswith(".gz"):
-        # reported before nibabel reports header errors
+        # gzip errors are reported before nibabel's header errors
         with decoder_errors("gzip data"), gzip.open(path) as file:
             file.read(_SNIFF_BYTES)
     # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file

@@ -46,16 +46,16 @@ _TYPES = {
 }
 _CODES = {spelling: code for code, spellings in _TYPES.items() for spelling in spellings.split(", ")}
 
-# frames kept by name; in the scanner's and other frames "superior" is not known to be +z
+# frames by name; in the scanner's and other frames "superior" need not be +z
 _FRAMES = {
     **dict.fromkeys(("left-posterior-superior", "lps", "left-posterior-superior-time", "lpst"), "LPS"),
     **dict.fromkeys(("right-anterior-superior", "ras", "right-anterior-superior-time", "rast"), "RAS"),
 }
 
-# frames that are turned into LPS
+# frames that are converted to LPS
 _LEFT_ANTERIOR = ("left-anterior-superior", "las", "left-anterior-superior-time", "last")
 
-# kinds and sizes of axes that hold all that a voxel has: its colour, or a vector
+# kinds and sizes of axes that hold a voxel's colour or vector
 _COMPONENTS = {
     *(("rgb-color", 3), ("3-color", 3), ("rgba-color", 4), ("4-color", 4)),
     *((kind, 3) for kind in ("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal")),
@@ -65,9 +65,9 @@ _COMPONENTS = {
 MOST_SEGMENTS = 4096
 _TEXT = ("ascii", "text", "txt")
 
-# most bytes of a header: one with the gradients of a large diffusion study has some 2**17
+# most bytes of a header: the gradients of a large diffusion study take some 2**17
 _HEADER_LIMIT = 2**20
-# most axes of a file: NRRD_DIM_MAX of the format's own library
+# most axes of a file: NRRD_DIM_MAX of the format's library
 _MAX_AXES = 16
 Header = Mapping[str, Any]
 
@@ -75,11 +75,11 @@ Header = Mapping[str, Any]
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a NRRD file; `time` (or `array`) picks the number along an axis of time, `channel` along another.
 
-    Without `channel`, colours in bytes become `Volume.color` with their luma as samples, and three components of
-    vectors `Volume.vectors` with their lengths. The layers of 3D Slicer's segmentations are channels.
+    Without `channel`, colours in bytes become `Volume.color` with their luma as samples, and vectors `Volume.vectors`
+    with their lengths as samples. The layers of 3D Slicer's segmentations are channels.
     """
     header, start = _read_header(path)
-    # 1. the three axes of space, and what is picked along others
+    # 1. the three axes of space, and the others
     sizes = [int(size) for size in header["sizes"]]
     space = _space_axes(header, sizes)
     grid_shape([sizes[axis] for axis in space])
@@ -95,30 +95,30 @@ def read(path: Path, options: LoadOptions) -> Volume:
     layered = next((axis for axis in others if axis not in times and segments and sizes[axis] > 1), None)
     # 2. the samples, mapped if they can be
     stored = _read_data(path, header, start, sizes[::-1], options.anywhere)
-    # 3. the volume of each layer of segments, or the only one
+    # 3. a volume per layer of segments, or the only volume
     names = [_layer_name(segments, layer) for layer in range(sizes[layered] if layered is not None else 0)]
     count, step = (sizes[times[0]], _time_step(header, times[0])) if times else (1, None)
-    told = ChannelSet(tuple(map(Channel, names)), together=True, times=count, step=step)
+    channel_set = ChannelSet(tuple(map(Channel, names)), together=True, times=count, step=step)
 
-    def one(layer: int | None) -> Volume:
-        asked = options.channel_number if layer is None else layer
-        volume = _volume(header, stored, kinds, options, asked)
+    def read_layer(layer: int | None) -> Volume:
+        component = options.channel_number if layer is None else layer
+        volume = _volume(header, stored, kinds, options, component)
         known = tuple(label for at, label in segments if layer is None or at == layer)
         return replace(volume, labels=known or None) if volume.samples.dtype.kind in "bui" else volume
 
-    # a channel is picked where there are no layers of segments
-    volume = told.volume(options if layered is not None else replace(options, channel=None), one)
+    # without layers of segments, `channel` picks a component
+    volume = channel_set.volume(options if layered is not None else replace(options, channel=None), read_layer)
     return replace(volume, labels=tuple(label for _, label in segments)) if volume.channels else volume
 
 
-def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadOptions, asked: int | None) -> Volume:
-    """The volume of the samples as they are stored. asked: the entry along axes that are neither space nor time."""
+def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadOptions, entry: int | None) -> Volume:
+    """The volume of stored samples. asked: the entry along axes that are neither space nor time."""
     sizes, last = [int(size) for size in header["sizes"]], len(kinds) - 1
     space = _space_axes(header, sizes)
     others = [axis for axis in range(len(sizes)) if axis not in space]
-    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and asked is None]
+    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and entry is None]
     extra: dict[int, tuple[str, int | None]] = {
-        last - axis: ("time", options.time_number(sizes[axis])) if kinds[axis] == "time" else ("channel", asked)
+        last - axis: ("time", options.time_number(sizes[axis])) if kinds[axis] == "time" else ("channel", entry)
         for axis in others
         if axis not in whole[:1]
     }
@@ -132,15 +132,15 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
     matrix, origin, notes = _grid(header, space)
     if vectors is not None:
         vectors = _to_world(vectors, header)
-    named = str(header.get("space", "")).lower()
-    if named in _LEFT_ANTERIOR:
-        # LAS as LPS: y points the other way
+    space_name = str(header.get("space", "")).lower()
+    if space_name in _LEFT_ANTERIOR:
+        # LAS to LPS: y points the other way
         matrix, origin = np.diag([1.0, -1.0, 1.0]) @ matrix, origin * (1, -1, 1)
         vectors = None if vectors is None else vectors * np.array([1, -1, 1], vectors.dtype)
     spacing, direction = spacing_and_direction(matrix, "space directions")
-    frame = "LPS" if named in _LEFT_ANTERIOR else _FRAMES.get(named)
-    if named.startswith("scanner"):
-        notes = (*notes, f"space {named}: where the patient's sides are is not told")
+    frame = "LPS" if space_name in _LEFT_ANTERIOR else _FRAMES.get(space_name)
+    if space_name.startswith("scanner"):
+        notes = (*notes, f"space {space_name}: where the patient's sides are is not told")
     return Volume(
         samples,
         spacing,
@@ -156,12 +156,12 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
 
 
 def _is_time(direction: np.ndarray) -> bool:
-    """Whether the direction of an axis is the fourth of a space that has four."""
+    """Whether an axis runs along the fourth dimension of its space."""
     return len(direction) == 4 and np.isfinite(direction).all() and not any(direction[:3])
 
 
 def _time_step(header: Header, axis: int) -> float | None:
-    """Seconds from one time point to the next, as the file tells them; without a unit they are seconds."""
+    """Seconds from one time point to the next; a step without a unit is in seconds; None if unknown."""
     directions, spacings, units = (header.get(name) for name in ("space directions", "spacings", "units"))
     step = np.nan
     if directions is not None and _is_time(directions[axis]):
@@ -175,7 +175,7 @@ def _time_step(header: Header, axis: int) -> float | None:
 
 
 def _ignored_notes(header: Header) -> tuple[str, ...]:
-    """What a header states that is not read."""
+    """Notes on header entries that are ignored."""
     old = [float(header[name]) for name in ("old min", "oldmin", "old max", "oldmax") if name in header]
     if len(old) != 2 or not np.isfinite(old).all():
         return ()
@@ -183,41 +183,41 @@ def _ignored_notes(header: Header) -> tuple[str, ...]:
 
 
 def _read_segments(header: Header) -> list[tuple[int, Label]]:
-    """The segments that 3D Slicer's tags describe, and the layer of each: number, name, and colour from 0 to 1.
+    """(layer, label) of the segments that 3D Slicer's tags describe.
 
-    Of files before there were layers, the n-th segment is the n-th layer, of number 1.
+    In old files without layers, the n-th segment is the n-th layer, with number 1.
     """
-    found: dict[tuple[int, int], Label] = {}
+    labels: dict[tuple[int, int], Label] = {}
     for n in range(MOST_SEGMENTS):
-        told = {
+        tags = {
             name: str(header.get(f"Segment{n}_{name}", "")) for name in ("LabelValue", "Layer", "Name", "Color", "ID")
         }
-        if not any(told.values()):
+        if not any(tags.values()):
             break
-        if not told["LabelValue"]:
-            told |= {"LabelValue": "1", "Layer": str(n)}
-        if not re.fullmatch("-?[0-9]{1,18}", told["LabelValue"]):
+        if not tags["LabelValue"]:
+            tags |= {"LabelValue": "1", "Layer": str(n)}
+        if not re.fullmatch("-?[0-9]{1,18}", tags["LabelValue"]):
             break
-        layer = int(told["Layer"]) if re.fullmatch("[0-9]{1,9}", told["Layer"]) else 0
-        parts = [float(part) for part in told["Color"].split() if re.fullmatch(r"[01]|[01]?\.[0-9]+", part)]
+        layer = int(tags["Layer"]) if re.fullmatch("[0-9]{1,9}", tags["Layer"]) else 0
+        parts = [float(part) for part in tags["Color"].split() if re.fullmatch(r"[01]|[01]?\.[0-9]+", part)]
         color = hex_color([round(min(part, 1.0) * 255) for part in parts]) if len(parts) == 3 else None
-        number = int(told["LabelValue"])
-        found.setdefault((layer, number), Label(number, told["Name"], color))
-    return [(layer, label) for (layer, _), label in found.items()]
+        number = int(tags["LabelValue"])
+        labels.setdefault((layer, number), Label(number, tags["Name"], color))
+    return [(layer, label) for (layer, _), label in labels.items()]
 
 
 def _layer_name(segments: list[tuple[int, Label]], layer: int) -> str:
-    """The names of a layer's few segments, or its number."""
+    """The names of a layer's segments if they are few, else its number."""
     names = [label.name for at, label in segments if at == layer]
     return ", ".join(names) if 0 < len(names) < 4 and all(names) else f"layer {layer}"
 
 
 def _to_world(vectors: np.ndarray, header: Header) -> np.ndarray:
-    """Vectors along the axes of the world, into which a measurement frame turns them."""
+    """Vectors in the world, rotated by the measurement frame, if any."""
     frame = header.get("measurement frame")
     if frame is None or np.shape(frame) != (3, 3) or not np.isfinite(frame).all():
         return vectors
-    # each vector of the field is a column of the matrix
+    # the field's vectors are the columns of the matrix
     return np.asarray(vectors @ np.asarray(frame, np.float32))
 
 
@@ -242,7 +242,7 @@ def _read_header(path: Path) -> tuple[Header, int]:
 
 
 def _header_lines(file: BinaryIO) -> list[bytes]:
-    """The lines up to the blank one that ends the header, that one included."""
+    """The lines of the header, with the blank line that ends it."""
     lines, room = list[bytes](), _HEADER_LIMIT
     while room > 0 and (line := file.readline(room)):
         lines.append(line)
@@ -255,7 +255,7 @@ def _header_lines(file: BinaryIO) -> list[bytes]:
 
 
 def _space_axes(header: Header, sizes: list[int]) -> list[int]:
-    """Numbers of the axes of space, fastest first: those with a direction, or of a spatial kind, or the first three."""
+    """Numbers of the axes of space, fastest first: axes with a direction, or of a spatial kind, or the first three."""
     directions, kinds = header.get("space directions"), header.get("kinds")
     if directions is not None and len(directions) != len(sizes):
         raise expected("space directions", f"one per axis ({len(sizes)})", len(directions))
@@ -273,7 +273,7 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
 def _read_data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
     encoding = str(header["encoding"]).lower()
     dtype = _dtype(header, encoding)
-    # 1. where the data are: here, or in one file beside; "line skip" counts before "byte skip"
+    # 1. the data: here, or in another file; "line skip" counts before "byte skip"
     name = header.get("data file", header.get("datafile"))
     if name is not None:
         if name.startswith("LIST") or "%" in name:
@@ -283,7 +283,7 @@ def _read_data(path: Path, header: Header, start: int, shape: list[int], anywher
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     if skip < -1:
         raise expected("byte skip", "-1 (from the end), 0 or more", skip)
-    # 2. what they are coded in; "byte skip" of compressed data counts inflated bytes
+    # 2. their coding; "byte skip" of compressed data counts inflated bytes
     if encoding == "raw":
         from_end = path.stat().st_size - byte_count(shape, dtype)
         return map_array(path, max(from_end, 0) if skip == -1 else start + skip, dtype, shape)
@@ -335,8 +335,8 @@ def _read_text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.
 
 
 def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """World-from-index [3, 3], origin [3], and what is assumed: from "space directions", else from "spacings", whose
-    sign turns an axis, else from "axis mins" and "axis maxs".
+    """World-from-index [3, 3], origin [3], and notes: from "space directions", else from "spacings", whose sign flips
+    an axis, else from "axis mins" and "axis maxs".
     """
     origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
     origin = np.where(np.isfinite(origin), origin, 0.0)[:3]
@@ -352,23 +352,23 @@ def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tup
     sizes = np.array([header["sizes"][axis] for axis in space], np.float64)
     centers = header.get("centers", header.get("centerings", ()))
     words = centers.split() if isinstance(centers, str) else list(centers)
-    told = [words[axis].lower() if len(words) == len(header["sizes"]) else "" for axis in space]
-    nodes = np.array([word == "node" for word in told])
+    centerings = [words[axis].lower() if len(words) == len(header["sizes"]) else "" for axis in space]
+    nodes = np.array([word == "node" for word in centerings])
     # from the middle of the first voxel to that of the last, or from face to face
     spans = (high - low) / np.where(nodes, np.maximum(sizes - 1, 1), sizes)
     taken = ~np.isfinite(steps) & np.isfinite(spans) & (spans != 0)
     steps = np.where(taken, spans, np.where(np.isfinite(steps), steps, 1.0))
     if "space origin" not in header:
-        # a least coordinate alone places the axis, too
+        # a least coordinate alone gives the origin, too
         places = low + np.where(nodes, 0.0, steps / 2)
         origin = np.where(np.isfinite(low) & (taken | np.isfinite(places)), places, 0.0)
-    guessed = any(word not in ("cell", "node") for word, by in zip(told, taken, strict=True) if by)
+    guessed = any(word not in ("cell", "node") for word, by in zip(centerings, taken, strict=True) if by)
     note = "axis mins and maxs are taken for the faces of the grid: the file does not tell its centers"
     return np.diag(steps), origin, (note,) * guessed
 
 
 def _axis_field(header: Header, space: list[int], *names: str) -> np.ndarray:
-    """The numbers of a field along the axes of space [3], NaN where there are none."""
+    """The numbers of a field along the axes of space [3], NaN without the field."""
     name = next((name for name in names if name in header), None)
     if name is None:
         return np.full(3, np.nan)
@@ -379,7 +379,7 @@ def _axis_field(header: Header, space: list[int], *names: str) -> np.ndarray:
 
 
 def _unit(header: Header, space: list[int]) -> str:
-    """The unit that all axes share, "" if there is none."""
+    """The unit that all axes share, "" without one."""
     units = header.get("space units")
     if units is None and "units" in header:
         units = [unit for axis, unit in enumerate(header["units"]) if axis in space]

@@ -17,13 +17,13 @@ from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import decoder_errors, grid_shape, map_array, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions, sample_type
 
-# most bytes looked at for a header; NumPy itself refuses to read one of more than 10 000
+# most bytes read for a header; NumPy refuses headers of more than 10 000
 _HEADER_LIMIT = 2**16
 
 
 @dataclass(frozen=True)
 class _Header:
-    """Contents of a .npy header, and the offset of the samples."""
+    """A .npy header, and the offset of the samples."""
 
     shape: tuple[int, ...]
     fortran: bool
@@ -32,7 +32,7 @@ class _Header:
 
     @property
     def about(self) -> str:
-        """Its size along x, y, z, and its type."""
+        """The size along x, y, z, and the type."""
         return f"{' × '.join(map(str, self.shape[::-1]))} {self.dtype.name}"
 
     @property
@@ -51,8 +51,8 @@ def read_npy(path: Path, _options: LoadOptions) -> Volume:
 
 
 def read_npz(path: Path, options: LoadOptions) -> Volume:
-    """The array named by `array`, or the only 3-D one, of a .npz file; read whole."""
-    # 1. what is in it
+    """The array named by `array`, or the only 3-D one, of a .npz file; read as a whole."""
+    # 1. the arrays in it
     with decoder_errors("NumPy .npz"), zipfile.ZipFile(path) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist() if name.endswith(".npy")}
         headers = {name: _member_header(archive, member) for name, member in members.items()}
@@ -124,21 +124,21 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 
 def _shape_from_name(path: Path) -> tuple[int, int, int]:
-    found = _SHAPE.search(path.name)
-    if found is None:
+    match = _SHAPE.search(path.name)
+    if match is None:
         raise _unknown_error(path, "shape", "_128x256x256_")
-    return int(found[1]), int(found[2]), int(found[3])
+    return int(match[1]), int(match[2]), int(match[3])
 
 
 def _find_dtype(path: Path, options: LoadOptions) -> np.dtype:
-    found = options.dtype or _DTYPE.search(path.name)
-    if found is None:
+    stated = options.dtype or _DTYPE.search(path.name)
+    if stated is None:
         raise _unknown_error(path, "dtype", "_uint8")
-    return sample_type(found if isinstance(found, str) else found[0])
+    return sample_type(stated if isinstance(stated, str) else stated[0])
 
 
 def _unknown_error(path: Path, option: str, such: str) -> InputError:
-    """The error for a file of which neither its name nor an option tells the shape or the type."""
+    """The error for a file whose shape or type neither the name nor an option states."""
     error = expected(option, f"one in the name (such as {such}) or as an option", "neither", _advice(path))
     return Choice(str(error), option, [("bytes", f"{path.stat().st_size:,}")])
 

@@ -1,7 +1,7 @@
-"""Volumes behind an address (https, s3, gs, and others of fsspec): files are kept in a folder of this machine.
+"""Volumes at an address (https, s3, gs, and others of fsspec), copied into a cache folder.
 
-A single file is fetched whole. Of a Zarr store the metadata are, and chunks once they are needed; the copy is read as
-any store is.
+A single file is fetched as a whole; of a Zarr store the metadata, and chunks when they are needed. The copy is read
+like any store.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from typing import Any
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import shorten_name
 
-# times that something is asked for, seconds between the first two, which double, and seconds for a connection and
-# between two parts of an answer
+# number of attempts; seconds between the first two, which double; seconds for a connection and for each part of an
+# answer
 ATTEMPTS, WAIT, CONNECT, ANSWER = 4, 0.5, 10.0, 30.0
-# files of a Zarr store that tell what is in it
+# metadata files of a Zarr store
 METADATA = ("zarr.json", ".zgroup", ".zattrs", ".zarray")
-# most bytes of such a file, and of a message
+# most bytes of a metadata file, and most characters of a server's message
 MOST_METADATA, MOST_MESSAGE = 1 << 26, 120
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 
 
 def is_address(source: str | Path) -> bool:
-    """Whether a source is an address, not a path."""
+    """Whether a source is an address rather than a path."""
     return isinstance(source, str) and bool(_ADDRESS.match(source))
 
 
 def address_name(address: str) -> str:
-    """The name of what an address leads to: its last part."""
+    """The last part of an address, which names the file or store."""
     return address.split("?")[0].split("#")[0].rstrip("/").rsplit("/", 1)[-1]
 
 
 def cache_folder() -> Path:
-    """Where fetched files are kept: SPLATGL_CACHE, else splatgl in the user's cache folder."""
-    own = os.environ.get("SPLATGL_CACHE")
-    return Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "splatgl"
+    """The folder of fetched files: SPLATGL_CACHE, else splatgl in the user's cache folder."""
+    folder = os.environ.get("SPLATGL_CACHE")
+    return Path(folder) if folder else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "splatgl"
 
 
 class Remote:
-    """What lies behind an address, and its copy in `folder`. Raises InputError if nothing answers."""
+    """A file or store at an address, and its copy in `folder`. Raises InputError without an answer."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -71,14 +71,14 @@ class Remote:
         self.metadata: dict[str, bytes | None] = {}
 
     def path(self, name: str) -> Path:
-        """Where the copy of a file of the store is; InputError for a name outside it."""
-        found = self.folder / name
-        if ".." in Path(name).parts or not found.resolve().is_relative_to(self.folder.resolve()):
+        """The path of the copy of a store's file. Raises InputError for a name outside the store."""
+        copy = self.folder / name
+        if ".." in Path(name).parts or not copy.resolve().is_relative_to(self.folder.resolve()):
             raise expected("name", "one inside the store", name)
-        return found
+        return copy
 
     def fetch(self, names: Sequence[str]) -> None:
-        """Fetches those files of a store that are there and not here yet, side by side."""
+        """Fetches files of a store that are not copied yet, in parallel; files that do not exist are remembered."""
         waiting = [name for name in names if not (name in self.absent or self.path(name).is_file())]
         for name, data in self._asked(waiting).items():
             if data is None:
@@ -90,9 +90,9 @@ class Remote:
         return self.address
 
     def file(self) -> Path:
-        """The copy of the single file, fetched unless one of the same size and tag is there."""
-        told = self._tried(lambda: self.files.info(self.root))
-        tag = "".join(str(told.get(key, "")) for key in ("size", "ETag", "Last-Modified", "LastModified", "mtime"))
+        """The copy of the single file, fetched unless there is one of the same size and tag."""
+        info = self._tried(lambda: self.files.info(self.root))
+        tag = "".join(str(info.get(key, "")) for key in ("size", "ETag", "Last-Modified", "LastModified", "mtime"))
         place = self.folder / hashlib.sha256(tag.encode()).hexdigest()[:16] / address_name(self.root)
         if not place.is_file():
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -103,14 +103,14 @@ class Remote:
         return place
 
     def store(self) -> Path:
-        """The copy of the Zarr store, with the metadata of it and of its arrays; chunks are fetched when needed."""
+        """The copy of the Zarr store with its current metadata; chunks are fetched when needed."""
         if not any(self.renew(METADATA)):
             raise expected("address", "a file, or a Zarr store", "none", "check it")
         return self.folder
 
     def renew(self, names: Sequence[str]) -> list[bytes | None]:
-        """Metadata as they are now, None for those that are not there. Where any changed, the chunks are not theirs,
-        and the copy begins anew.
+        """The current contents of metadata files, None for missing ones. If any changed, the copied chunks are outdated
+        and removed.
         """
         before = {name: _read(self.path(name)) for name in names}
         after = self._asked(names)
@@ -124,28 +124,28 @@ class Remote:
         return list(after.values())
 
     def _asked(self, names: Sequence[str]) -> dict[str, bytes | None]:
-        """What is in those files, None for those that are not there."""
-        found: dict[str, bytes | None] = {}
+        """The contents of files, None for missing ones."""
+        contents: dict[str, bytes | None] = {}
         addresses = {f"{self.root.rstrip('/')}/{name}": name for name in names}
 
         def ask() -> None:
-            missing = [address for address, name in addresses.items() if name not in found]
+            missing = [address for address, name in addresses.items() if name not in contents]
             failed = None
             for address, data in self.files.cat(missing, on_error="return").items() if missing else ():
                 if isinstance(data, FileNotFoundError):
-                    found[addresses[address]] = None
+                    contents[addresses[address]] = None
                 elif isinstance(data, BaseException):
                     failed = data
                 else:
-                    found[addresses[address]] = data
+                    contents[addresses[address]] = data
             if failed:
                 raise failed
 
         self._tried(ask)
-        return found
+        return contents
 
     def _tried(self, ask: Any) -> Any:
-        """The answer, after some attempts; InputError if there is none."""
+        """The answer, after several attempts. Raises InputError without an answer."""
         for attempt in range(ATTEMPTS):
             try:
                 return ask()
@@ -154,7 +154,7 @@ class Remote:
             except PermissionError as error:
                 raise InputError(f"refused: {_short_message(error)}") from None
             except Exception as error:
-                # whatever a library of such a service raises
+                # the libraries of services raise many types
                 if attempt + 1 == ATTEMPTS:
                     raise InputError(f"no answer in {ATTEMPTS} attempts: {_short_message(error)}") from None
                 time.sleep(WAIT * 2**attempt)
