@@ -1,7 +1,7 @@
 """Zarr 2 and 3, and OME-Zarr.
 
-A multiscale image gives its finest level unless `level` or `array` names another; spacing, origin and unit come from
-the level's coordinate transformations (OME-Zarr 0.4 and 0.5).
+Of a multiscale image the finest level is read unless `level` or `array` names another; spacing, origin and unit come
+from the level's coordinate transformations (OME-Zarr 0.4 and 0.5).
 """
 
 from __future__ import annotations
@@ -43,53 +43,53 @@ from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
 from splatgl.readers.zarr_validation import check_array, check_files
 
-# most coordinates along a dimension that are read
+# most coordinates that are read along a dimension
 MOST_COORDINATES = 2**20
 
 
 def natural_key(name: str) -> list[Any]:
-    """A key that sorts names with numbers in them by these: 2 before 10."""
+    """Sort key that orders names by the numbers in them: 2 before 10."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
 def dimension_names(node: Any) -> list[str]:
-    """Names of the dimensions of an array, "" of one without; [] if none are told."""
+    """Names of an array's dimensions, "" for an unnamed one; [] if the array states none."""
     told = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
     names = [str(name or "") for name in told]
     return names if len(names) == len(node.shape) else []
 
 
 def read_coordinates(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
-    """Those along z, y and x: of the arrays that are called as the dimensions are, beside the array (xarray, CF)."""
+    """Coordinates along z, y and x: of the arrays beside the array that have the dimensions' names (xarray, CF)."""
     dimensions = dimension_names(node)
-    found = []
+    coordinates = []
     for name in ("z", "y", "x"):
         axis = names.index(name)
         scale = _find_scale(group, dimensions[axis], node.shape[axis]) if dimensions else None
         if scale is None:
-            found.append(Coordinate(dimensions[axis] if dimensions else name, node.shape[axis]))
+            coordinates.append(Coordinate(dimensions[axis] if dimensions else name, node.shape[axis]))
         else:
             packing = read_packing(scale)
             places = np.asarray(scale[:] if packing is None else packing.values(scale[:]), np.float64)
-            found.append(Coordinate.of(dimensions[axis], places, scale.attrs.asdict()))
-    return found
+            coordinates.append(Coordinate.of(dimensions[axis], places, scale.attrs.asdict()))
+    return coordinates
 
 
 def _find_scale(group: Any, name: str, size: int) -> Any:
-    """The array of coordinates of a dimension beside the array; None if there is none."""
+    """The array of a dimension's coordinates, None without one."""
     node: Any = group.get(name) if group is not None and name else None
     is_scale = getattr(node, "shape", None) == (size,) and node.dtype.kind in "uif" and size <= MOST_COORDINATES
     return node if is_scale else None
 
 
 def read_packing(node: Any) -> Packing | None:
-    """What CF's attributes say of an array, as xarray writes them; None if numbers are values.
+    """The packing in CF's attributes of an array, as xarray writes them; None if the numbers are values.
 
-    A missing value is the attribute's, or of format 2 the array's own fill value.
+    The missing value is an attribute, or the array's fill value in format 2.
     """
-    told = node.attrs.asdict()
+    attributes = node.attrs.asdict()
     scale, offset, fill, missing = (
-        _parse_number(told.get(name)) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
+        _parse_number(attributes.get(name)) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
     )
     if fill is None and dimension_names(node) and node.metadata.zarr_format == 2:
         # zarr itself fills with 0
@@ -99,14 +99,14 @@ def read_packing(node: Any) -> Packing | None:
 
 
 def _parse_number(value: Any) -> float | None:
-    """A number, or that in base64 of eight bytes, as xarray writes floats in format 3."""
+    """A number, or one coded as base64 of eight bytes, as xarray writes floats in format 3; else None."""
     if isinstance(value, str):
         try:
             return float(struct.unpack("<d", base64.b64decode(value, validate=True))[0])
         except (ValueError, struct.error):
             return None
-    found = np.asarray(value).ravel()
-    return float(found[0]) if found.size == 1 and found.dtype.kind in "uif" else None
+    number = np.asarray(value).ravel()
+    return float(number[0]) if number.size == 1 and number.dtype.kind in "uif" else None
 
 
 class Unpacked:
@@ -122,8 +122,8 @@ class Unpacked:
 
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> list[str]:
-    """One name per axis, with y and x, and z but for an image of one plane; without metadata t, c, z, y, x or the last
-    of these. group: of the array, which may hold the coordinates of its dimensions.
+    """One name per axis, with y and x, and z except for an image of one plane; without metadata the last of t, c, z, y,
+    x. group: of the array, which may hold the coordinates of its dimensions.
     """
     count = len(node.shape)
     axes = (multiscale or {}).get("axes")
@@ -146,46 +146,46 @@ def _axis_kind(group: Any, name: str, size: int) -> str:
 
 
 def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> ChannelSet:
-    """The channels and time points of an array. omero: what the group says of the channels."""
+    """The channels and time points of an array. omero: the group's metadata of channels."""
     names = axis_names(node, multiscale, group)
     sizes = dict(zip(names, node.shape, strict=True))
     count = max((size for name, size in sizes.items() if name not in tuple("zyxt")), default=1)
     if count > MOST_CHANNELS:
         raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
-    told = omero.get("channels", []) if isinstance(omero, Mapping) else []
-    found = [_read_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
-    together = count > 1 and any(each.color for each in found)
-    return ChannelSet(tuple(found), together, sizes.get("t", 1), _time_step(multiscale, names))
+    metadata = omero.get("channels", []) if isinstance(omero, Mapping) else []
+    channels = [_read_channel(n, metadata[n] if n < len(metadata) else {}) for n in range(count)]
+    together = count > 1 and any(channel.color for channel in channels)
+    return ChannelSet(tuple(channels), together, sizes.get("t", 1), _time_step(multiscale, names))
 
 
-def _read_channel(number: int, told: Any) -> Channel:
-    told = told if isinstance(told, Mapping) else {}
-    color = str(told.get("color", "")).removeprefix("#")
-    window = told.get("window")
+def _read_channel(number: int, metadata: Any) -> Channel:
+    metadata = metadata if isinstance(metadata, Mapping) else {}
+    color = str(metadata.get("color", "")).removeprefix("#")
+    window = metadata.get("window")
     window = window if isinstance(window, Mapping) else {}
     return Channel(
-        str(told.get("label") or number),
+        str(metadata.get("label") or number),
         f"#{color.lower()}" if re.fullmatch("[0-9a-fA-F]{6}", color) else None,
         parse_window(window.get("start"), window.get("end")),
     )
 
 
 def read_labels(attributes: Mapping[str, Any]) -> tuple[Label, ...] | None:
-    """The labels of an image of labels, with their colours (image-label); None of other images."""
-    told = attributes.get("image-label")
-    if not isinstance(told, Mapping):
+    """The labels of an image of labels, with their colours (image-label); None for other images."""
+    metadata = attributes.get("image-label")
+    if not isinstance(metadata, Mapping):
         return None
-    names = {entry.get("label-value"): str(entry.get("name", "")) for entry in told.get("properties") or ()}
-    found: dict[int, Label] = {}
-    for entry in told.get("colors") or ():
+    names = {entry.get("label-value"): str(entry.get("name", "")) for entry in metadata.get("properties") or ()}
+    labels: dict[int, Label] = {}
+    for entry in metadata.get("colors") or ():
         number, rgba = entry.get("label-value"), entry.get("rgba", ())
         if isinstance(number, int) and number != 0 and len(rgba) >= 3:
-            found[number] = Label(number, names.get(number, ""), hex_color(rgba))
-    return tuple(found.values())
+            labels[number] = Label(number, names.get(number, ""), hex_color(rgba))
+    return tuple(labels.values())
 
 
 def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float | None:
-    """Seconds between two time points: the scale along t, if its unit is told. Versions 0.1 to 0.3 tell none."""
+    """Seconds between two time points: the scale along t, if its unit is known. Versions 0.1 to 0.3 have no unit."""
     axes = (multiscale or {}).get("axes")
     if multiscale is None or not axes or "t" not in names:
         return None
@@ -199,13 +199,13 @@ def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float 
     return scale * unit if unit and scale > 0 else None
 
 
-# most bytes of a coarser level that are read at once: most pictures take one of them, or none
+# most bytes of a coarser level that are read at once: a picture seldom needs more than one level
 WHOLE_LEVEL = 0
-# axes of samples, in their order
+# axes of samples in order
 SPACE = ("z", "y", "x")
-# groups and arrays that are looked through for images, and most names that are told
+# most groups and arrays that are searched for images, and most names in a message
 MOST_GROUPS, MOST_NAMED = 1000, 8
-# a folder with one of these files is a Zarr store
+# files that mark a folder as a Zarr store
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
 Multiscale = Mapping[str, Any]
 
@@ -216,11 +216,11 @@ def is_store(path: Path) -> bool:
 
 
 def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volume:
-    """The volume of a Zarr store, with its coarser levels; `channel` picks one channel. Samples of over WHOLE bytes are
-    read in parts. remote: what `path` is a copy of; its files are fetched when they are needed.
+    """The volume of a Zarr store, with its coarser levels; `channel` picks a channel. Samples of more than WHOLE_BYTES
+    are read in parts. remote: the store that `path` is a copy of; its files are fetched when needed.
     """
     zarr = import_extra("zarr", "Zarr stores", "zarr", "readers")
-    # all text in a store is untrusted: any failure is attributed to the file
+    # a store's contents are untrusted: any failure is attributed to the store
     with decoder_errors("Zarr"):
         check_files(path)
         group = zarr.open(path, mode="r")
@@ -230,8 +230,8 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
                     raise expected(name, "a group of arrays, where this is one", getattr(options, name), "leave it out")
 
             def read_array(channel: int | None) -> Volume:
-                asked = replace(options, channel=channel)
-                return _read_volume(path, None, group, None, asked, remote, WHOLE_BYTES)
+                channel_options = replace(options, channel=channel)
+                return _read_volume(path, None, group, None, channel_options, remote, WHOLE_BYTES)
 
             return find_channels(None, group, None).volume(options, read_array)
         group, options, notes = _select_image(group, options, remote)
@@ -239,50 +239,54 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         levels = multiscale["datasets"] if multiscale else []
         if remote:
             names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
-            remote.renew([f"{group.path}/{name}/{each}".lstrip("/") for name in names for each in METADATA])
+            remote.renew([f"{group.path}/{name}/{file}".lstrip("/") for name in names for file in METADATA])
         nodes = [_select_level(group, multiscale, options)]
         if multiscale is not None and options.array is None and options.level is None:
             others = [group.get(entry["path"]) for entry in levels[1:]]
             nodes += [node for node in others if node is not None]
-        # the array is a name here, and no time point
+        # here the option `array` is a name, not a time point
         options = replace(options, array=None)
 
         def read_one(channel: int | None) -> Volume:
-            asked = replace(options, channel=channel)
-            found = [
+            channel_options = replace(options, channel=channel)
+            volumes = [
                 _with_stored_colors(
-                    path, group, node, _read_volume(path, group, node, multiscale, asked, remote, most), remote
+                    path,
+                    group,
+                    node,
+                    _read_volume(path, group, node, multiscale, channel_options, remote, most),
+                    remote,
                 )
                 for node, most in zip(nodes, (WHOLE_BYTES, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
             ]
-            return replace(found[0], coarser=tuple(found[1:]))
+            return replace(volumes[0], coarser=tuple(volumes[1:]))
 
         attributes: dict[str, Any] = group.attrs.asdict()
-        told = find_channels(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale, group)
-        volume = replace(told.volume(options, read_one), labels=read_labels(attributes.get("ome", attributes)))
+        channel_set = find_channels(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale, group)
+        volume = replace(channel_set.volume(options, read_one), labels=read_labels(attributes.get("ome", attributes)))
         volume = replace(volume, notes=(*notes, *volume.notes))
         return mark_microscope(volume) if multiscale and "splatgl" not in attributes else volume
 
 
 def _with_stored_colors(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
-    """The volume, with the colours and the look of a level of a pyramid, if it is one."""
-    told = group.attrs.asdict().get("splatgl")
-    if not told:
+    """The volume; a level of splatgl's pyramids gets its stored colours and hints."""
+    metadata = group.attrs.asdict().get("splatgl")
+    if not metadata:
         return volume
-    name = f"{told['color']}/{node.path.rsplit('/', 1)[-1]}"
+    name = f"{metadata['color']}/{node.path.rsplit('/', 1)[-1]}"
     if remote:
-        remote.renew([f"{name}/{each}" for each in METADATA])
+        remote.renew([f"{name}/{file}" for file in METADATA])
     color = group[name]
     files = check_array(path, color, False, remote.fetch if remote else None)
-    hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(told["unit"]), shading=bool(told["shading"]))
+    hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(metadata["unit"]), shading=bool(metadata["shading"]))
     shade = Chunked(str(remote or path), color, [slice(None)] * 4, files)
-    kept = {"direction": np.array(told["direction"]), "frame": told["frame"], "hints": hints}
-    return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **kept)
+    grid = {"direction": np.array(metadata["direction"]), "frame": metadata["frame"], "hints": hints}
+    return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **grid)
 
 
 def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any, LoadOptions, tuple[str, ...]]:
-    """The group that is read: itself, the one that `array` names, or of a group of groups the only image, or the first
-    of a file of series (bioformats2raw's layout), of a plate or of others; the options that are left; what is told.
+    """(group to read, remaining options, notes): the group itself, the group that `array` names, or the first image in
+    its subgroups (series of bioformats2raw's layout, plates and others).
     """
     import zarr
 
@@ -295,40 +299,40 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
         attributes = group.attrs.asdict()
         if "bioformats2raw.layout" not in attributes.get("ome", attributes):
             return group, options, ()
-        remote.renew([f"0/{each}" for each in METADATA])
+        remote.renew([f"0/{image}" for image in METADATA])
         node = group.get("0")
         return (node, options, ()) if isinstance(node, zarr.Group) else (group, options, ())
-    found = _find_images(group)
-    if not found:
+    images = _find_images(group)
+    if not images:
         return group, options, ()
-    names = [each.path[len(group.path) :].strip("/") for each in found]
-    first = found[0] if isinstance(found[0], zarr.Group) else group
-    asked = options if first is found[0] else replace(options, array=names[0])
+    names = [image.path[len(group.path) :].strip("/") for image in images]
+    first = images[0] if isinstance(images[0], zarr.Group) else group
+    remaining = options if first is images[0] else replace(options, array=names[0])
     others = ", ".join(names[1 : MOST_NAMED + 1]) + ", …" * (len(names) > MOST_NAMED + 1)
-    told = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
-    return first, asked, told
+    notes = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
+    return first, remaining, notes
 
 
 def _find_images(group: Any) -> list[Any]:
-    """Multiscale groups, and arrays that may be volumes, below a group, in the order of their names by numbers."""
+    """Multiscale groups, and arrays that may be volumes, below a group, sorted by `natural_key`."""
     import zarr
 
-    found, waiting, seen = list[Any](), [group], 0
-    while waiting and seen < MOST_GROUPS:
+    images, waiting, visited = list[Any](), [group], 0
+    while waiting and visited < MOST_GROUPS:
         node = waiting.pop(0)
-        for _, child in sorted(node.members(), key=lambda each: natural_key(each[0])):
-            seen += 1
+        for _, child in sorted(node.members(), key=lambda member: natural_key(member[0])):
+            visited += 1
             if not isinstance(child, zarr.Group):
-                found += [child] * _is_volume(child)
+                images += [child] * _is_volume(child)
             elif _multiscale(child) is not None:
-                found.append(child)
+                images.append(child)
             else:
                 waiting.append(child)
-    return found
+    return images
 
 
 def list_images(path: Path) -> list[str]:
-    """A line for each image of a store of several."""
+    """A line for each image of a store with several."""
     import zarr
 
     with decoder_errors("Zarr"):
@@ -336,18 +340,18 @@ def list_images(path: Path) -> list[str]:
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group) or _multiscale(group) is not None:
             return []
-        return [f"* {'  '.join(_describe_image(each))}" for each in _find_images(group)]
+        return [f"* {'  '.join(_describe_image(image))}" for image in _find_images(group)]
 
 
 def _describe_image(node: Any) -> tuple[str, str]:
-    """The path and size of an image."""
+    """The path of an image, and its size and type."""
     multiscale = _multiscale(node) if hasattr(node, "members") else None
     array = node[multiscale["datasets"][0]["path"]] if multiscale else node
     return node.path, _describe_array(("", array))[1]
 
 
 def _is_volume(array: Any) -> bool:
-    """Whether an array is plausibly a volume, and no coordinate."""
+    """Whether an array may be a volume, not a coordinate."""
     return len(array.shape) >= 3 and array.dtype.kind in "buif"
 
 
@@ -360,7 +364,7 @@ def _read_volume(
     remote: Remote | None,
     most: int,
 ) -> Volume:
-    """The volume of an array in a group. most: bytes of samples that are read at once; of a copy none are."""
+    """The volume of an array in a group. most: bytes of samples that are read at once; copies are read in parts."""
     # 1. the array
     if min(node.shape, default=0) < 1 or node.dtype.kind not in "buif":
         raise expected("array", "real numbers along at least three axes", f"{node.dtype} {node.shape}")
@@ -400,7 +404,7 @@ def _multiscale(group: Any) -> Multiscale | None:
 
 
 def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOptions) -> Any:
-    """The array called `array`, else that level, the first unless given, else the only array of the group."""
+    """The array that `array` names, else the level `level` (default 0), else the only array of the group."""
     import zarr
 
     name = options.array
@@ -419,7 +423,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
         name = names[0]
     node = group.get(name) if name is not None else None
     if not isinstance(node, zarr.Array):
-        names = names or [each.path[len(group.path) :].strip("/") for each in _find_images(group)]
+        names = names or [image.path[len(group.path) :].strip("/") for image in _find_images(group)]
         if not names:
             held = ", ".join(sorted(key for key, _ in group.members())[:MOST_NAMED]) or "nothing"
             raise expected("store", "an array of three axes in one of its groups", held, "check the path")
@@ -432,7 +436,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
 
 
 def _describe_array(item: tuple[str, Any]) -> tuple[str, str]:
-    """An array's name; its size, with x first, and its type."""
+    """An array's name; its size, x first, and its type."""
     return item[0], f"{' × '.join(map(str, item[1].shape[::-1]))} {item[1].dtype.name}"
 
 
@@ -452,7 +456,7 @@ def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tupl
 
 
 def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:
-    """Spacing and origin (x, y, z): the level's scale and translation, then those of the whole image."""
+    """Spacing and origin (x, y, z): the level's scale and translation, then the whole image's."""
     scale, origin = np.ones(len(names)), np.zeros(len(names))
     datasets = [entry for entry in multiscale["datasets"] if entry["path"].rsplit("/", 1)[-1] == level]
     for owner in (*datasets[:1], multiscale):
@@ -480,7 +484,7 @@ def _transform_error(step: object) -> InputError:
 
 
 def _unit(multiscale: Multiscale) -> str:
-    """The unit that x, y and z share, "" if there is none."""
+    """The unit that x, y and z share, "" without one."""
     axes = [axis for axis in multiscale.get("axes", ()) if isinstance(axis, Mapping)]
     units = {axis.get("unit", "") for axis in axes if axis.get("name") in ("x", "y", "z")}
     return unit_name(units.pop()) if len(units) == 1 else ""

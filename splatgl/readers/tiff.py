@@ -1,7 +1,7 @@
 """TIFF, OME-TIFF and stacks of ImageJ.
 
-Pages are planes along z, rows run along y, row 0 first. The resolution tags count only where ImageJ's metadata
-confirms them: other programs write 72 dpi by default.
+Pages are planes along z, rows run along y, row 0 first. The resolution tags count only with ImageJ's metadata: other
+programs write 72 dpi by default.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from splatgl.readers.tiff_images import describe_series, find_channels, find_pix
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome
 from splatgl.readers.vtk_xml import parse_xml
 
-# compressions that are read: each is told how many bytes a strip may expand to, or states the size of its picture
+# supported compressions: their decoders limit the bytes of a strip, or check the size of its picture
 _CODECS = {
     1: "none",
     5: "LZW",
@@ -48,16 +48,14 @@ _CODECS = {
     50000: "Zstandard",
 }
 
-# planes that metadata may state beyond the file's pages, as aborted recordings do; all that are missing read as 0
+# planes that metadata may state beyond the file's pages, as aborted recordings do; missing planes are read as 0
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
 Grid = tuple[Triple, str]
 
 
 @dataclass(frozen=True)
 class _Series:
-    """A level of a series according to tifffile; offset: of its samples if they are one uncompressed run. bits: of a
-    sample in the file.
-    """
+    """A level of tifffile's series. offset: of samples in one uncompressed run, else None. bits: of a stored sample."""
 
     axes: str
     shape: tuple[int, ...]
@@ -71,23 +69,25 @@ class _Series:
 
     @property
     def long(self) -> list[int]:
-        """Axes that are z, y or x, or have more than one entry."""
+        """Axes z, y and x, and axes with more than one entry."""
         return [axis for axis, size in enumerate(self.shape) if size > 1 or self.axes[axis] in "ZYX"]
 
 
 def list_images(path: Path) -> list[str]:
-    """A line for each image of a file: its number, name and size; a star marks the one that is read."""
+    """A line for each image of a file: its number, name and size; a star marks the image that `read` selects."""
     check_chain(path)
     with _logged_errors(), open_tiff(path) as tiff, decoder_errors("TIFF"):
         place, _ = select_image(tiff, LoadOptions())
-        return [f"{'*' if n == place else ' '} {n + 1}   {describe_series(each)}" for n, each in enumerate(tiff.series)]
+        return [
+            f"{'*' if n == place else ' '} {n + 1}   {describe_series(image)}" for n, image in enumerate(tiff.series)
+        ]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of an image of a TIFF file, the largest unless `series` picks one; of a 2-D one its terrain or plane.
+    """The volume of a TIFF file's largest image, or of image `series`; a 2-D image becomes a terrain or a plane.
 
-    `channel` picks channels, `time` a time point, `level` one of a multiscale image, whose coarser levels are read in
-    parts. Spacing and unit are those of ImageJ's or OME's metadata, else 1.
+    `channel` picks channels, `time` a time point, `level` a level of a multiscale image, whose coarser levels are read
+    in parts. Spacing and unit come from ImageJ's or OME's metadata, else 1.
     """
     check_chain(path)
     with _logged_errors(), ExitStack() as stack:
@@ -105,7 +105,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 @dataclass(frozen=True)
 class _Image:
-    """An image of an open file: its place in tiff.series, OME's element of its pixels, and what it says of heights."""
+    """An image of an open file: its index in tiff.series, OME's element Pixels, and its survey of heights."""
 
     path: Path
     tiff: Any
@@ -115,23 +115,23 @@ class _Image:
 
     @property
     def series(self) -> Any:
-        """It, in tifffile."""
+        """tifffile's series."""
         return self.tiff.series[self.place]
 
     @property
     def is_microscope(self) -> bool:
-        """Whether its metadata are those of OME or ImageJ."""
+        """Whether the image has OME's or ImageJ's metadata."""
         return self.pixels is not None or bool(self.tiff.imagej_metadata)
 
     def is_plane(self, options: LoadOptions) -> bool:
-        """Whether a single picture of it is a microscope's plane by its metadata."""
+        """Whether a single picture is a microscope's plane by its metadata."""
         heights = self.survey is not None or bool(HEIGHTS.search(self.path.name.lower()))
-        asked = options.values == "heights" or options.color is not None or options.relief is not None
-        return self.is_microscope and not asked and (options.values is not None or not heights)
+        is_terrain = options.values == "heights" or options.color is not None or options.relief is not None
+        return self.is_microscope and not is_terrain and (options.values is not None or not heights)
 
 
 def _ignored_notes(image: _Image) -> list[str]:
-    """What the file states that is not heeded."""
+    """Notes on statements of the file that are ignored."""
     notes = []
     if image.tiff.ome_metadata and image.series.kind != "ome":
         notes.append(
@@ -145,19 +145,19 @@ def _ignored_notes(image: _Image) -> list[str]:
 def _read_image(image: _Image, options: LoadOptions) -> Volume:
     path, tiff = image.path, image.tiff
     with decoder_errors("TIFF"):
-        found = [_describe_level(level, image, image.is_plane(options)) for level in image.series.levels]
+        levels = [_describe_level(level, image, image.is_plane(options)) for level in image.series.levels]
     number = options.level or 0
-    if number >= len(found) or (options.level is not None and len(found) == 1):
-        this = f"a number from 0 to {len(found) - 1}" if len(found) > 1 else "a multiscale image"
+    if number >= len(levels) or (options.level is not None and len(levels) == 1):
+        this = f"a number from 0 to {len(levels) - 1}" if len(levels) > 1 else "a multiscale image"
         raise expected("level", this, number)
-    for series in found:
+    for series in levels:
         _check_bytes(path, series)
-    series = found[number]
+    series = levels[number]
     z = _stack_axis(series)
     if z is None:
         return _picture_volume(image, series, number, options)
     _refuse_options(series, z, options)
-    large = len(found) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE_BYTES
+    large = len(levels) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE_BYTES
     times = dict(zip(series.axes, series.shape, strict=True)).get("T", 1)
     time = options.time_number(times) if times > 1 else 0
     pixels = None if large else _read_pixels(image, series, number, time)
@@ -169,39 +169,39 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
         (samples,) = (
             read_in_parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
         )
-        volume = _level_volume(_mask_missing(samples, image.survey), series, found[0])
+        volume = _level_volume(_mask_missing(samples, image.survey), series, levels[0])
         if pixels is not None and whole:
             return _with_colors(volume, pixels, here, series)
-        if options.level is not None or len(found) == 1:
+        if options.level is not None or len(levels) == 1:
             return volume
-        others = [n for n, level in enumerate(found) if n and _is_coarser_level(level, series)]
+        others = [n for n, level in enumerate(levels) if n and _is_coarser_level(level, series)]
         coarser = zip(read_in_parts(path, image.place, others, series.axes, index), others, strict=True)
-        return replace(volume, coarser=tuple(_level_volume(samples, found[n], series) for samples, n in coarser))
+        return replace(volume, coarser=tuple(_level_volume(samples, levels[n], series) for samples, n in coarser))
 
     with decoder_errors("TIFF"):
-        told = find_channels(tiff, image.pixels, series.axes, series.shape)
+        channel_set = find_channels(tiff, image.pixels, series.axes, series.shape)
     if series.axes[z] == "S":
-        told = replace(told, components=1)
-    volume = told.volume(options, read_one)
+        channel_set = replace(channel_set, components=1)
+    volume = channel_set.volume(options, read_one)
     return mark_microscope(volume) if image.is_microscope else volume
 
 
 def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:
-    """The terrain of a single picture, or its plane."""
+    """The terrain or the plane of a single picture."""
     for name in ("array", "channel", "time"):
         options.refuse(name, "a stack, where this is a single picture")
     rows = np.squeeze(_read_pixels(image, series, number))
     rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
-    is_map, told = classify_picture(image.path, rows, options, image.survey is not None)
+    is_map, note = classify_picture(image.path, rows, options, image.survey is not None)
     if is_map:
         volume = make_terrain(image.path, grey_heights(rows), options, image.survey)
     else:
         volume = replace(mark_microscope(make_plane(rows)), spacing=series.grid[0], unit=series.grid[1])
-    return replace(volume, notes=(*volume.notes, *([told] if told else [])))
+    return replace(volume, notes=(*volume.notes, *([note] if note else [])))
 
 
 def _refuse_options(series: _Series, z: int, options: LoadOptions) -> None:
-    """InputError for options of what the image does not have."""
+    """Raises InputError for options that do not apply to the image."""
     letters = [series.axes[axis] for axis in series.long if axis != z]
     others = [letter for letter in letters if letter not in "YXCS"]
     if not others:
@@ -212,7 +212,7 @@ def _refuse_options(series: _Series, z: int, options: LoadOptions) -> None:
 
 
 def _mask_missing(samples: Any, survey: Survey | None) -> Any:
-    """Samples with NaN where GDAL's number for no data stands; as they are where there is none."""
+    """Samples with NaN in place of GDAL's number for no data."""
     if survey is None or survey.missing is None or not isinstance(samples, np.ndarray):
         return samples
     holes = np.isin(samples, (survey.missing, np.float64(np.float32(survey.missing))))
@@ -220,18 +220,18 @@ def _mask_missing(samples: Any, survey: Survey | None) -> Any:
 
 
 def _is_rgb(series: _Series) -> bool:
-    """Whether its samples are colours of 8 or 16 bits, with or without alpha."""
+    """Whether the samples are colours of 8 or 16 bits, with or without alpha."""
     count = dict(zip(series.axes, series.shape, strict=True)).get("S", 0)
     return series.is_color and count in (3, 4) and series.dtype in (np.uint8, np.uint16)
 
 
 def _is_channelled(series: _Series) -> bool:
-    """Whether samples of a pixel are not its channels, but the colours of each channel."""
+    """Whether a pixel's samples are the colour of each channel, not the channels."""
     return "C" in (series.axes[axis] for axis in series.long)
 
 
 def _with_colors(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
-    """The volume with its colours, and their luma as samples. index: of one component."""
+    """The volume with colours, and their luma as samples. index: of one component."""
     axis = series.axes.index("S")
     every = (*index[:axis], slice(0, 3), *index[axis + 1 :])
     color = np.moveaxis(pixels[every], sum(isinstance(at, slice) for at in index[:axis]), -1)
@@ -240,7 +240,7 @@ def _with_colors(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, .
 
 
 def _is_coarser_level(level: _Series, finest: _Series) -> bool:
-    """Whether it is the finest one with fewer places along z, y and x."""
+    """Whether `level` is the finest level with fewer samples along z, y and x."""
     if level.axes != finest.axes:
         return False
     sizes = zip(level.axes, level.shape, finest.shape, strict=True)
@@ -248,7 +248,7 @@ def _is_coarser_level(level: _Series, finest: _Series) -> bool:
 
 
 def _level_volume(samples: Any, level: _Series, finest: _Series) -> Volume:
-    """The samples of a level, in the box of the finest."""
+    """The volume of a level, in the box of the finest level."""
     sizes = [dict(zip(series.axes, series.shape, strict=True)) for series in (finest, level)]
     shrunk = [sizes[0].get(axis, 1) / sizes[1].get(axis, 1) for axis in "XYZ"]
     x, y, z = (size * factor for size, factor in zip(finest.grid[0], shrunk, strict=True))
@@ -258,7 +258,7 @@ def _level_volume(samples: Any, level: _Series, finest: _Series) -> Volume:
 
 @contextmanager
 def _logged_errors() -> Iterator[None]:
-    """Raises the first error that tifffile only logs: it reads truncated files without failing."""
+    """Raises the first error that tifffile logs: it reads truncated files without an exception."""
     handler = _FirstError()
     logger = logging.getLogger("tifffile")
     propagate, logger.propagate = logger.propagate, False
@@ -273,7 +273,7 @@ def _logged_errors() -> Iterator[None]:
 
 
 class _FirstError(logging.Handler):
-    """Keeps the first error that is logged."""
+    """Log handler that stores the first error."""
 
     message = ""
 
@@ -283,7 +283,7 @@ class _FirstError(logging.Handler):
 
 
 def _describe_level(series: Any, image: _Image, plane: bool) -> _Series:
-    """plane: whether a single picture is one of a stack."""
+    """Describes a level. plane: whether a single picture is a plane of a stack."""
     _check_codec(series)
     pages = [page for page in series.pages if page is not None]
     check_before_decoding(pages)
@@ -308,7 +308,7 @@ def _describe_level(series: Any, image: _Image, plane: bool) -> _Series:
 
 
 def _check_codec(series: Any) -> None:
-    """Rejects non-plain sample types, codecs without a size bound, and strips larger than all samples."""
+    """Raises InputError for packed sample types, codecs without a size bound, and strips larger than all samples."""
     frame = series.keyframe
     if series.dtype is None:
         raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
@@ -329,7 +329,7 @@ def _check_codec(series: Any) -> None:
 
 
 def _check_bytes(path: Path, series: _Series) -> None:
-    """Every strip must lie in the file, and the strips must be able to hold the samples."""
+    """Raises InputError unless all strips lie in the file and can hold the samples."""
     if series.offset is not None:
         return
     require_bytes(max((start + count for start, count in series.segments), default=0), path.stat().st_size)
@@ -342,9 +342,9 @@ def _check_bytes(path: Path, series: _Series) -> None:
 
 
 def _stack_axis(series: _Series) -> int | None:
-    """The axis of planes: Z, else the one other that is neither row, column, colour nor channel; None for a picture.
+    """The axis of planes: Z, else the first other than row, column, colour and channel; None for a single picture.
 
-    Samples along a first axis S of a file that is not in colour are planes too: so are stacks often written.
+    A first axis S of a file without colours holds planes, too: stacks are often written so.
     """
     letters = {axis: series.axes[axis] for axis in series.long}
     stacks = [axis for axis, letter in letters.items() if letter not in "YXCS"]
@@ -373,12 +373,12 @@ def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, 
 
 
 def _index_of(pixels: np.ndarray, index: tuple[int | slice, ...]) -> tuple[int | slice, ...]:
-    """The index in pixels that may be those of one time point alone."""
+    """The index for pixels that may be of one time point only."""
     return tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in zip(index, pixels.shape, strict=True))
 
 
 def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:
-    """All samples [series.shape]; those of one time point, if they are pages of their own that have to be decoded."""
+    """All samples [series.shape]; only of one time point if it has separate pages that must be decoded."""
     if series.offset is not None:
         return map_array(image.path, series.offset, series.dtype, series.shape)
     with decoder_errors("TIFF"):
@@ -406,7 +406,7 @@ def _grid(image: _Image) -> Grid:
 
 
 def _imagej_grid(tiff: Any) -> Grid:
-    """ImageJ: samples per unit in the resolution tags, spacing of planes and the unit in its own metadata."""
+    """ImageJ's grid: samples per unit in the resolution tags, spacing of planes and unit in its metadata."""
     tags, metadata = tiff.pages[0].tags, tiff.imagej_metadata
     per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
     x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
@@ -415,24 +415,24 @@ def _imagej_grid(tiff: Any) -> Grid:
 
 
 def _ome_grid(pixels: Element) -> Grid:
-    """OME: PhysicalSizeX/Y/Z, micrometres unless said otherwise; all are turned into the unit of x."""
+    """OME's grid: PhysicalSizeX/Y/Z, by default in micrometres; all are converted to the unit of x."""
     sizes = {axis: float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"}
     units = {axis: unit_name(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"}
     if not any(sizes.values()):
         return (1.0, 1.0, 1.0), ""
     known = all(unit in METRES for unit in units.values())
     world = {axis: sizes[axis] * (METRES[units[axis]] / METRES[units["X"]] if known else 1.0) for axis in "XYZ"}
-    # a size that is not given is taken from x, as for cubic voxels
+    # a missing size is taken from x, as for cubic voxels
     x, y, z = (world[axis] or world["X"] or 1.0 for axis in "XYZ")
     return (x, y, z), units["X"]
 
 
-# kinds of slide scanners' pictures and of series over many files, which are read as plain pages
+# tifffile's kinds of slides and of series in many files, which are read as plain pages
 OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi", "scn", "svs")
 
 
 def open_tiff(path: Path) -> Any:
-    """The file in tifffile; other files that OME's metadata name are ignored."""
+    """Opens the file in tifffile, without the other files that OME's metadata name."""
     tifffile = import_extra("tifffile", "TIFF files", "tifffile", "readers")
     kinds: Any = {f"is_{kind}": False for kind in OTHER_KINDS}
     with decoder_errors("TIFF"):
@@ -442,8 +442,8 @@ def open_tiff(path: Path) -> Any:
 def read_in_parts(
     path: Path, place: int, levels: Sequence[int], axes: str, index: Sequence[int | slice]
 ) -> list[Chunked]:
-    """What `index` leaves free of those levels of an image, by its place in tiff.series; the file is open as long as
-    one of them lives. axes: of the index; one that the series lacks has one entry.
+    """The parts of levels of an image that `index` leaves free. place: of the image in tiff.series. axes: of the index;
+    an axis that the series lacks has one entry. The file stays open as long as one part lives.
     """
     zarr = import_extra("zarr", "multiscale TIFF files", "zarr", "readers")
     file = _OneFile(path)
@@ -451,9 +451,11 @@ def read_in_parts(
         series = file.tiff.series[place]
         for level in levels:
             check_before_decoding(series.levels[level].pages)
-        found = [(zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels]
-        arrays = [TransposedChunks(array, names, axes) for array, names in found]
-    return [Chunked(str(path), array, index, file, "TIFF") for array in arrays]
+        arrays = [
+            (zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels
+        ]
+        turned = [TransposedChunks(array, names, axes) for array, names in arrays]
+    return [Chunked(str(path), array, index, file, "TIFF") for array in turned]
 
 
 class _OneFile:
@@ -465,12 +467,12 @@ class _OneFile:
 
     def tag(self) -> str:
         """The path, size and time of the file."""
-        told = self.path.stat()
-        return f"{self.path} {told.st_size} {told.st_mtime_ns}"
+        status = self.path.stat()
+        return f"{self.path} {status.st_size} {status.st_mtime_ns}"
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Nothing is to be brought here."""
+        """Does nothing: all chunks are in the file."""
 
     def holds(self, place: Sequence[int]) -> bool:
-        """Every chunk is in the file."""
+        """True: every chunk is in the file."""
         return True

@@ -16,31 +16,31 @@ from splatgl.readers.options import LoadOptions
 from splatgl.readers.vtk_xml import parse_xml
 
 WHITE = "#ffffff"
-# ImageJ's colours of a composite without lookup tables, which it leaves out of its files
+# ImageJ's default colours of a composite, which its files leave out
 COMPOSITE = ("#ff0000", "#00ff00", "#0000ff", WHITE, "#00ffff", "#ff00ff", "#ffff00")
 
 
 def find_channels(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int, ...]) -> ChannelSet:
-    """The channels and time points of an image of those axes. pixels: OME's element of it."""
+    """The channels and time points of an image with these axes. pixels: OME's element Pixels."""
     sizes = dict(zip(axes, shape, strict=True))
     count, times = sizes.get("C", 1), sizes.get("T", 1)
     if pixels is not None:
-        found = _ome_channels(pixels, count, times)
+        channels = _ome_channels(pixels, count, times)
     elif tiff.imagej_metadata:
-        found = _imagej_channels(tiff.imagej_metadata, count, times)
+        channels = _imagej_channels(tiff.imagej_metadata, count, times)
     else:
-        found = ChannelSet(tuple(Channel(str(n)) for n in range(count)), times=times)
-    return replace(found, components=sizes.get("S", 1))
+        channels = ChannelSet(tuple(Channel(str(n)) for n in range(count)), times=times)
+    return replace(channels, components=sizes.get("S", 1))
 
 
 def _ome_channels(pixels: Element, count: int, times: int) -> ChannelSet:
-    """Colours are signed numbers of 32 bits, RGBA; times are seconds unless said otherwise."""
+    """OME's channels: colours are signed numbers of 32 bits, RGBA; times are by default in seconds."""
     nodes = [node for node in pixels if node.tag.endswith("}Channel")][:count]
-    found = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
-    found += [Channel(str(n)) for n in range(len(found), count)]
-    together = count > 1 and any(each.color for each in found)
+    channels = [Channel(node.get("Name") or str(n), _ome_color(node.get("Color"))) for n, node in enumerate(nodes)]
+    channels += [Channel(str(n)) for n in range(len(channels), count)]
+    together = count > 1 and any(channel.color for channel in channels)
     step = _positive_number(pixels.get("TimeIncrement")) * SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
-    return ChannelSet(tuple(found), together, times, step or None)
+    return ChannelSet(tuple(channels), together, times, step or None)
 
 
 def _ome_color(text: str | None) -> str | None:
@@ -52,24 +52,24 @@ def _ome_color(text: str | None) -> str | None:
 
 
 def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int) -> ChannelSet:
-    """Colours are the ends of lookup tables, windows the display ranges."""
+    """ImageJ's channels: colours are the ends of lookup tables, windows the display ranges."""
     tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
     labels, composite = _channel_names(metadata.get("Labels", ()), count), metadata.get("mode") == "composite"
     usual = dict(enumerate(COMPOSITE)) if composite and not len(tables) else {}
-    found = []
+    channels = []
     for n in range(count):
         color = (
             hex_color([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else usual.get(n)
         )
         window = parse_window(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
-        found.append(Channel(labels[n], color, window))
-    together = count > 1 and (composite or any(each.color not in (None, WHITE) for each in found))
-    return ChannelSet(tuple(found), together, times, _positive_number(metadata.get("finterval")) or None)
+        channels.append(Channel(labels[n], color, window))
+    together = count > 1 and (composite or any(channel.color not in (None, WHITE) for channel in channels))
+    return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("finterval")) or None)
 
 
-def _channel_names(told: Any, count: int) -> list[str]:
-    """Names of channels: the planes' labels, where each channel has its own on all its planes; else numbers."""
-    texts = [str(text).strip() for text in told] if isinstance(told, list | tuple) else []
+def _channel_names(labels: Any, count: int) -> list[str]:
+    """Names of channels: the planes' labels if they are the same on all planes of a channel; else numbers."""
+    texts = [str(text).strip() for text in labels] if isinstance(labels, list | tuple) else []
     names = texts[:count]
     # channels vary fastest over the planes
     same = all(text == names[n % count] for n, text in enumerate(texts))
@@ -77,7 +77,7 @@ def _channel_names(told: Any, count: int) -> list[str]:
 
 
 def _positive_number(text: object) -> float:
-    """A positive, finite number; 0 for anything else."""
+    """The positive, finite number in a text; else 0."""
     try:
         number = float(str(text))
     except ValueError:
@@ -85,42 +85,44 @@ def _positive_number(text: object) -> float:
     return number if math.isfinite(number) and number > 0 else 0.0
 
 
-# tags of GeoTIFF 1.1 §2.5 to 2.8, and of GDAL
+# tags of GeoTIFF (1.1 §2.5 to 2.8) and GDAL
 SCALE, TIE, MATRIX, KEYS, METADATA, NODATA = 33550, 33922, 34264, 34735, 42112, 42113
-# keys: kind of coordinates, and the units of lengths along the ground and upwards
+# keys of GeoTIFF: kind of coordinates, units of horizontal and vertical lengths
 MODEL, LINEAR, VERTICAL = 1024, 3076, 4099
 GEOGRAPHIC = 2
-# metres of units by EPSG's numbers, and by GDAL's names
+# metres per unit, by EPSG's numbers and by GDAL's names
 EPSG_METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937, 9036: 1000.0}
 GDAL_METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "ft": 0.3048, "foot": 0.3048, "us-ft": 1200 / 3937, "km": 1000.0}
 MOST_LISTED = 6
 
 
 def select_image(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
-    """The place of the image that is read in tiff.series, and notes: the one that `series` numbers from 1 on or names,
-    else the stack of the most voxels. InputError for a number or name that there is not.
+    """(index in tiff.series, notes) of the selected image: by its number from 1 on or name in `series`, else the stack
+    with the most voxels. Raises InputError for an unknown number or name.
     """
-    every = list(tiff.series)
-    if not every:
+    images = list(tiff.series)
+    if not images:
         raise expected("TIFF", "one image at least", "none in its pages")
-    asked = None if options.series is None else str(options.series)
-    lines = [f"{n} {each}" for n, each in enumerate(map(describe_series, every), 1)]
+    requested = None if options.series is None else str(options.series)
+    lines = [f"{n} {image}" for n, image in enumerate(map(describe_series, images), 1)]
     listed = ", ".join(lines[:MOST_LISTED]) + ", …" * (len(lines) > MOST_LISTED)
-    if asked is not None:
-        named = [n for n, each in enumerate(every) if each.name == asked]
-        number = int(asked) - 1 if re.fullmatch("[0-9]{1,6}", asked) else -1
-        if not named and not 0 <= number < len(every):
-            raise expected("series", f"one of {listed}", repr(asked))
+    if requested is not None:
+        named = [n for n, image in enumerate(images) if image.name == requested]
+        number = int(requested) - 1 if re.fullmatch("[0-9]{1,6}", requested) else -1
+        if not named and not 0 <= number < len(images):
+            raise expected("series", f"one of {listed}", repr(requested))
         return named[0] if named else number, ()
-    sizes = [math.prod(n for n, axis in zip(each.shape, each.axes, strict=True) if axis not in "SCT") for each in every]
-    planes = [math.prod(each.shape[each.axes.index(axis)] for axis in "YX" if axis in each.axes) for each in every]
-    # an overview of one plane may have more pixels than a stack
-    place = max(range(len(every)), key=lambda n: (sizes[n] > planes[n], sizes[n], -n))
-    if len(every) == 1:
+    sizes = [
+        math.prod(n for n, axis in zip(image.shape, image.axes, strict=True) if axis not in "SCT") for image in images
+    ]
+    planes = [math.prod(image.shape[image.axes.index(axis)] for axis in "YX" if axis in image.axes) for image in images]
+    # stacks first: an overview of one plane may have more pixels
+    place = max(range(len(images)), key=lambda n: (sizes[n] > planes[n], sizes[n], -n))
+    if len(images) == 1:
         return 0, ()
     others = ", ".join([line for n, line in enumerate(lines) if n != place][:MOST_LISTED])
-    told = f"image {lines[place]} of {len(every)} is read, the largest stack; --series N picks another: {others}"
-    return place, (told,)
+    note = f"image {lines[place]} of {len(images)} is read, the largest stack; --series N picks another: {others}"
+    return place, (note,)
 
 
 def describe_series(series: Any) -> str:
@@ -130,28 +132,28 @@ def describe_series(series: Any) -> str:
 
 
 def find_pixels(tiff: Any, place: int) -> Element | None:
-    """The element Pixels of OME-XML that describes an image of tiff.series; None without OME-XML."""
+    """OME-XML's element Pixels of an image of tiff.series; None without OME-XML."""
     if not tiff.ome_metadata:
         return None
     nodes = [node for node in parse_xml(tiff.ome_metadata, "OME-XML").iter() if node.tag.endswith("}Pixels")]
     series = tiff.series[place]
     first = next((page.index for page in series.pages if page is not None), None)
-    # images without pages are no series: the first page tells
+    # images without pages are not in tiff.series: match by the first page
     for node in nodes:
-        pages = [int(each.get("IFD", 0)) for each in node if each.tag.endswith("}TiffData")]
+        pages = [int(child.get("IFD", 0)) for child in node if child.tag.endswith("}TiffData")]
         if len(nodes) > 1 and pages and min(pages) == first:
             return node
     return nodes[min(place, len(nodes) - 1)] if nodes else None
 
 
 def read_survey(page: Any) -> Survey | None:
-    """Where the tags of GeoTIFF and GDAL place the heights of a page; None without any."""
-    found = {code: page.tags[code].value for code in (SCALE, TIE, MATRIX, KEYS, METADATA, NODATA) if code in page.tags}
-    if not found:
+    """The survey of heights in the GeoTIFF and GDAL tags of a page; None without these tags."""
+    tags = {code: page.tags[code].value for code in (SCALE, TIE, MATRIX, KEYS, METADATA, NODATA) if code in page.tags}
+    if not tags:
         return None
-    keys = _geo_keys(found.get(KEYS, ()))
-    items = _gdal_items(str(found.get(METADATA, "")))
-    step, top = _pixel_size(found)
+    keys = _geo_keys(tags.get(KEYS, ()))
+    items = _gdal_items(str(tags.get(METADATA, "")))
+    step, top = _pixel_size(tags)
     length = EPSG_METRES.get(keys.get(LINEAR, 9001), 1.0)
     upward = GDAL_METRES.get(items.get("unittype", "").lower(), EPSG_METRES.get(keys.get(VERTICAL, 9001), 1.0))
     unit: str = "m" if keys and step else ""
@@ -163,18 +165,18 @@ def read_survey(page: Any) -> Survey | None:
     elif step and unit:
         step = (step[0] * length, step[1] * length)
     slope, offset = (_parse_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
-    missing = _parse_number(str(found.get(NODATA, "")).strip("\0 "), None)
+    missing = _parse_number(str(tags.get(NODATA, "")).strip("\0 "), None)
     return Survey(step, unit, missing, slope * (upward if unit else 1.0), offset, notes)
 
 
-def _pixel_size(found: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:
-    """Widths of a pixel along x and y, None if they are not told; and y of the first row."""
-    tie = [float(each) for each in found.get(TIE, ())]
-    top = tie[4] + tie[1] * float(found[SCALE][1]) if len(tie) >= 6 and SCALE in found else 0.0
-    if SCALE in found:
-        x, y = (abs(float(each)) for each in found[SCALE][:2])
-    elif len(found.get(MATRIX, ())) == 16:
-        rows = [float(each) for each in found[MATRIX]]
+def _pixel_size(tags: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:
+    """Widths of a pixel along x and y, None if unknown; and y of the first row."""
+    tie = [float(number) for number in tags.get(TIE, ())]
+    top = tie[4] + tie[1] * float(tags[SCALE][1]) if len(tie) >= 6 and SCALE in tags else 0.0
+    if SCALE in tags:
+        x, y = (abs(float(number)) for number in tags[SCALE][:2])
+    elif len(tags.get(MATRIX, ())) == 16:
+        rows = [float(number) for number in tags[MATRIX]]
         x, y, top = math.hypot(rows[0], rows[4]), math.hypot(rows[1], rows[5]), rows[7]
     else:
         return None, 0.0

@@ -1,7 +1,6 @@
 """Checks the structure and the LZW codes of TIFF files before they are decoded.
 
-A code of a strip refers to one that came before it. The decoder of imagecodecs follows those that do not into memory
-that was never written.
+A code of a strip refers to an earlier code. For damaged codes, the decoder of imagecodecs reads unwritten memory.
 """
 
 from __future__ import annotations
@@ -18,17 +17,17 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 
-# most planes of a series: a list of them takes some bytes each, whether they are in the file or not
+# most planes of a series: a list of them takes memory, even if they are not in the file
 MAX_PLANES = 2**20
-# bytes of a tag's value by its type's number (TIFF 6.0 §2, TIFF technical note 1, BigTIFF)
+# bytes of a tag's value by the number of its type (TIFF 6.0 §2, TIFF technical note 1, BigTIFF)
 _TYPE_BYTES = (0, 1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 0, 0, 8, 8, 8)
-# tags of a page: width, height, where its strips are and how many bytes they have; none has thousands
+# least tags of a page (width, height, offsets and bytes of strips), and most
 _MIN_TAGS, _MAX_TAGS = 4, 4096
 _OME_COUNTS = ("IFD", "NumPlanes", "PlaneCount", "FirstC", "FirstT", "FirstZ", "SizeC", "SizeT", "SizeZ")
 
 
 def check_chain(path: Path) -> None:
-    """Raises InputError for pages that form a cycle, overlap, or share their tags' values.
+    """Raises InputError for pages that form a cycle, overlap, or share the values of their tags.
 
     Truncated files are left to the decoder, which reports what is missing.
     """
@@ -47,13 +46,13 @@ def check_chain(path: Path) -> None:
             seen.add(offset)
             table, values, offset = form.page(file, offset)
             used += table + values
-            # 2. few writers share tag values, and none shares long ones
+            # 2. some writers share short tag values between pages
             if used > 2 * size:
                 raise expected("tags", f"at most {size} bytes", "more", "the file is damaged")
 
 
 class _Layout:
-    """The two layouts: classic with 32-bit offsets, BigTIFF with 64-bit ones."""
+    """Layout of a TIFF file: classic with 32-bit offsets, or BigTIFF with 64-bit offsets."""
 
     def __init__(self, order: str, big: bool) -> None:
         self.count = struct.Struct(order + ("Q" if big else "H"))
@@ -61,7 +60,7 @@ class _Layout:
         self.offset = struct.Struct(order + ("Q" if big else "I"))
 
     def page(self, file: BinaryIO, start: int) -> tuple[int, int, int]:
-        """(bytes of the page's table, bytes of its tags' values, place of the next page; 0 at the end)."""
+        """(bytes of the page's table, bytes of its tags' values, offset of the next page or 0) at offset `start`."""
         file.seek(start)
         head = file.read(self.count.size)
         if len(head) < self.count.size:
@@ -79,7 +78,7 @@ class _Layout:
 
 
 def _read_layout(head: bytes) -> tuple[_Layout, int] | None:
-    """The file's layout and its first page's place; None if it is not TIFF."""
+    """The layout and the offset of the first page by a file's first bytes; None if it is not TIFF."""
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
     if order is None or len(head) < 16:
         return None
@@ -91,7 +90,7 @@ def _read_layout(head: bytes) -> tuple[_Layout, int] | None:
 
 
 def check_ome(root: Element) -> None:
-    """Raises InputError if OME's metadata state more planes than any file has."""
+    """Raises InputError if OME's metadata state more than MAX_PLANES planes."""
     for node in root.iter():
         counts = {name: _whole_number(node, name) for name in _OME_COUNTS if name in node.attrib}
         planes = abs(counts.get("SizeC", 1) * counts.get("SizeT", 1) * counts.get("SizeZ", 1))
@@ -103,7 +102,7 @@ def check_ome(root: Element) -> None:
 
 
 def _check_steps(node: Element) -> None:
-    """A modulo annotation counts its own steps."""
+    """Raises InputError for a modulo annotation with more than MAX_PLANES steps."""
     try:
         start, end, step = (float(node.get(name, "1")) for name in ("Start", "End", "Step"))
     except ValueError:
@@ -122,7 +121,7 @@ def _whole_number(node: Element, name: str) -> int:
 _LZW, _PICTURES = 5, (7, 33003, 33005, 34712)
 _CLEAR, _END = 256, 257
 
-# of the n-th code after a table is cleared: its bits, where it starts, and the first code that is not yet in the table
+# of the n-th code after a table is cleared: its bits, its first bit, and the first code that is not in the table yet
 # (TIFF 6.0 §13: codes become longer one entry early)
 _COUNT = 4096
 _FREE = 257 + np.arange(_COUNT)
@@ -130,12 +129,12 @@ _BITS: np.ndarray = np.searchsorted([511, 1023, 2047], _FREE, side="right") + 9
 _STARTS = np.concatenate([[0], np.cumsum(_BITS)])
 _FIRST_FREE = np.where(np.arange(_COUNT) == 0, _CLEAR, _FREE + 1)
 
-# codes looked at first, and bytes per table that is cleared: writers clear full ones, of thousands of codes
+# codes examined first; least bytes per cleared table: writers clear tables when full, after thousands of codes
 _FEW, _BYTES = 256, 64
 
 
 def check_before_decoding(pages: Iterable[Any]) -> None:
-    """Makes tifffile's pages check strips of LZW, JPEG and JPEG 2000 before they decode them."""
+    """Makes tifffile's pages check strips of LZW, JPEG and JPEG 2000 before decoding."""
     for page in pages:
         if page is None or page.keyframe.compression not in (_LZW, *_PICTURES):
             continue
@@ -151,7 +150,7 @@ def _find_check(frame: Any) -> Callable[[bytes], None]:
 
 
 class _CheckedDecoder:
-    """A page's decoder that raises InputError for damaged strips."""
+    """A page's decoder that first raises InputError for damaged strips."""
 
     def __init__(self, decode: Callable[..., Any], check: Callable[[bytes], None]) -> None:
         self.decode, self.check = decode, check
@@ -163,7 +162,7 @@ class _CheckedDecoder:
 
 
 def check_picture(data: bytes, rows: int, columns: int) -> None:
-    """Raises InputError for a strip or tile that states a larger picture than its place has."""
+    """Raises InputError for a strip or tile that states a picture larger than `rows` × `columns`."""
     size, tiles = picture_size(bytes(data))
     if not size or size[0] > rows or size[1] > columns or tiles > MOST_TILES:
         got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
@@ -171,7 +170,7 @@ def check_picture(data: bytes, rows: int, columns: int) -> None:
 
 
 def check_lzw(data: bytes, reversed_bits: bool = False) -> None:
-    """Raises InputError for a strip with a code that is in no table. reversed_bits: the lowest comes first."""
+    """Raises InputError for a strip with a code outside its table. reversed_bits: the lowest bit comes first."""
     array = np.frombuffer(data, np.uint8)
     if reversed_bits:
         array = np.packbits(np.unpackbits(array, bitorder="little"))
@@ -190,7 +189,7 @@ def check_lzw(data: bytes, reversed_bits: bool = False) -> None:
 
 
 def _check_table(padded: np.ndarray, place: int, bits: int) -> tuple[int, bool]:
-    """Checks the codes from a place on, up to where the table is cleared; (the place behind, whether more follow)."""
+    """Checks codes from bit `place` until the table is cleared; returns (the next bit, whether more codes follow)."""
     most = int(np.searchsorted(_STARTS, bits - place, side="right")) - 1
     for count in (min(_FEW, most), most):
         codes = _read_codes(padded, place, count)
@@ -198,11 +197,11 @@ def _check_table(padded: np.ndarray, place: int, bits: int) -> tuple[int, bool]:
         if len(ends):
             break
     last = int(ends[0]) if len(ends) else count
-    # what clears a table, or ends the strip, is in every table
+    # every table has the codes that clear it and that end the strip
     if (codes[:last] >= _FIRST_FREE[:last]).any():
         raise _lzw_error("one that is in no table")
     if not len(ends):
-        # a table that is full and not cleared
+        # a full table must be cleared
         if count == _COUNT and bits - place - _STARTS[count] >= _BITS[-1]:
             raise _lzw_error("a table that is full")
         return bits, False
@@ -210,12 +209,12 @@ def _check_table(padded: np.ndarray, place: int, bits: int) -> tuple[int, bool]:
 
 
 def _read_codes(padded: np.ndarray, place: int, count: int) -> np.ndarray:
-    """The codes of a table that begins at a bit. padded: bytes, uint32, with four more."""
+    """The first `count` codes of a table that begins at bit `place`. padded: bytes as uint32, and four zeros."""
     starts, long = place + _STARTS[:count], _BITS[:count]
     byte, bit = starts >> 3, starts & 7
     word = padded[byte] << 16 | padded[byte + 1] << 8 | padded[byte + 2]
-    found: np.ndarray = (word >> (24 - bit - long).astype(np.uint32)) & ((1 << long) - 1).astype(np.uint32)
-    return found
+    codes: np.ndarray = (word >> (24 - bit - long).astype(np.uint32)) & ((1 << long) - 1).astype(np.uint32)
+    return codes
 
 
 def _lzw_error(got: str) -> Exception:

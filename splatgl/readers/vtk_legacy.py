@@ -1,4 +1,4 @@
-"""Legacy VTK files (.vtk) with structured points, and the selection of arrays in all VTK files.
+"""Legacy VTK files (.vtk) with structured points, and the selection of arrays for all VTK files.
 
 Format: "VTK File Formats", docs.vtk.org; x runs fastest.
 """
@@ -20,13 +20,13 @@ from splatgl.fileio import byte_count
 from splatgl.readers.common import Shape, field_hints, grid_shape, map_array, read_numbers, require_bytes
 from splatgl.readers.options import LoadOptions
 
-# most names of arrays that a note lists
+# most names of arrays in a note
 MOST_LISTED = 8
 
 
 @dataclass(frozen=True)
 class PointArray:
-    """One array of a VTK grid. read() loads it as [D, H, W, components]; loading is lazy."""
+    """An array of a VTK grid; read() loads it as [D, H, W, components]."""
 
     name: str
     components: int
@@ -116,7 +116,7 @@ def _vector_lengths(vectors: np.ndarray) -> np.ndarray:
     return lengths
 
 
-# big-endian numpy codes; long has the eight bytes that 64-bit Unix writes, ids the four that VTK writes of them
+# big-endian numpy codes; long has eight bytes, as 64-bit Unix writes it, and ids have four, as VTK writes them
 _TYPES = {
     "unsigned_char": "u1",
     "char": "i1",
@@ -134,7 +134,7 @@ _TYPES = {
     "double": ">f8",
 }
 
-# longest header line in bytes; a longer one means that the file is something else
+# longest header line in bytes; a longer one means another kind of file
 _LINE_LIMIT = 4096
 _COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9}
 
@@ -143,7 +143,7 @@ Words = list[str]
 
 @dataclass
 class _Parser:
-    """Parser state: the position in the file, and the grid and arrays found so far."""
+    """Parser state: the position in the file, and the grid and arrays read so far."""
 
     path: Path
     file: BinaryIO
@@ -155,14 +155,14 @@ class _Parser:
     cells: list[PointArray] = field(default_factory=list)
 
     def words(self) -> Words:
-        """The words of the next line that is not blank; none at the end of the file."""
+        """The words of the next line that is not blank; [] at the end of the file."""
         while line := self.file.readline(_LINE_LIMIT):
             if line.strip():
                 return line.decode("latin-1").split()
         return []
 
     def values(self, count: int, type_name: str) -> Callable[[], np.ndarray]:
-        """Steps over `count` numbers; the result reads them (binary) or holds them (ASCII)."""
+        """Skips `count` numbers; returns a function that reads them."""
         code = _TYPES.get(type_name.lower())
         if type_name.lower() == "bit" and self.binary and count >= 0:
             return self._bits(count)
@@ -181,7 +181,7 @@ class _Parser:
         return lambda: map_array(self.path, start, dtype, (count,))
 
     def _bits(self, count: int) -> Callable[[], np.ndarray]:
-        """Steps over packed bits, the highest of a byte first; the result reads them as bool."""
+        """Skips packed bits, the highest of a byte first; returns a function that reads them as bool."""
         start, size = self.file.tell(), -(-count // 8)
         require_bytes(size, self.path.stat().st_size - start)
         self.file.seek(start + size)
@@ -191,7 +191,7 @@ class _Parser:
         return grid_shape(_whole_numbers(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
 
     def add(self, name: str, components: int, type_name: str, is_vectors: bool, count: int) -> None:
-        """Steps over an array and keeps it if it has one entry per point, or per cell."""
+        """Skips an array, and adds it if it has one entry per point or per cell."""
         if components < 1 or count < 0:
             raise expected(name, "one or more components and entries", f"{components}, {count}")
         read = self.values(count * components, type_name)
@@ -200,14 +200,14 @@ class _Parser:
             if count != math.prod(self.shape()):
                 raise expected("DIMENSIONS", "one line of them, ahead of the data", "another behind it")
             self.arrays.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(shape)))
-        between = tuple(map(cells_along, self.shape())) if not self.of_points and self.count else ()
-        if between and count == self.count == math.prod(between):
-            found = (*between, components)
-            self.cells.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(found)))
+        per_axis = tuple(map(cells_along, self.shape())) if not self.of_points and self.count else ()
+        if per_axis and count == self.count == math.prod(per_axis):
+            cell_shape = (*per_axis, components)
+            self.cells.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(cell_shape)))
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a legacy VTK file; `array` picks one by name, the first vectors go to `Volume.vectors`."""
+    """The volume of a legacy VTK file; `array` names an array, the first vectors go to `Volume.vectors`."""
     with path.open("rb") as file:
         parser = _Parser(path, file, _is_binary(file))
         while words := parser.words():
@@ -289,14 +289,14 @@ def _fields(parser: _Parser, rest: Words) -> None:
 
 
 def _skip_table_name(file: BinaryIO) -> None:
-    """Steps over the line 'LOOKUP_TABLE name' after SCALARS, which some writers leave out."""
+    """Skips the line 'LOOKUP_TABLE name' after SCALARS, which some writers leave out."""
     start = file.tell()
     if not file.readline(_LINE_LIMIT).upper().startswith(b"LOOKUP_TABLE"):
         file.seek(start)
 
 
 def _skip_metadata(file: BinaryIO) -> None:
-    """Steps over a METADATA block, which ends at a blank line."""
+    """Skips a METADATA block, which ends at a blank line."""
     while file.readline(_LINE_LIMIT).strip():
         pass
 
@@ -320,5 +320,5 @@ def _three_floats(words: Words, what: str) -> tuple[float, float, float]:
 
 
 def cells_along(points: int) -> int:
-    """Cells along an axis; a flat grid has one layer."""
+    """The number of cells along an axis; a flat grid has one layer."""
     return max(points - 1, 1)

@@ -1,8 +1,8 @@
 """VTK XML images: .vti, .vtr, .pvti, .pvtr, .pvd and .vtm.
 
-Samples are those of the points, or of the cells: these stand half a step further, and are one fewer along each axis. A
-point's index counts from index 0, not from the extent's lower end, and Direction is listed row by row. Rectilinear
-grids with uneven steps are refused: a volume has even ones, and those of a resampled grid are not the file's.
+Samples belong to points or to cells, which are one fewer along each axis and half a step further. A point's index
+counts from index 0, not from the extent's lower end, and Direction is listed row by row. Rectilinear grids with uneven
+steps are refused: a volume has even steps, and resampled values are not the file's.
 
 Format: "VTK XML file formats", docs.vtk.org.
 """
@@ -43,45 +43,47 @@ from splatgl.readers.vtk_legacy import PointArray, cells_along, select_arrays
 
 _UNEVEN = "resample it with ParaView's filter Resample To Image"
 
-# world-from-index [3, 3], and the place of index (0, 0, 0)
+# world-from-index [3, 3], and the position of index (0, 0, 0)
 Grid = tuple[np.ndarray, np.ndarray]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a .vti or .vtr file; `array` picks an array by name, the first vectors go to `Volume.vectors`."""
+    """The volume of a .vti or .vtr file; `array` names an array, the first vectors go to `Volume.vectors`."""
     file = parse_vtk(path, ("ImageData", "RectilinearGrid"))
     pieces, coordinates = _read_pieces(file)
     return _volume(pieces, _grid(file, pieces, coordinates), options)
 
 
 def read_parallel(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a .pvti or .pvtr file, whose pieces lie in files in its folder, as `read`."""
+    """The volume of a .pvti or .pvtr file, whose pieces are files in its folder; options as in `read`."""
     parent = parse_vtk(path, ("PImageData", "PRectilinearGrid"))
     names = [node.get("Source", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
     if not names or len(set(names)) < len(names):
         raise expected("Piece", "pieces in a file each", f"{len(names)} in {len(set(names))} files")
     files = [parse_vtk(find_data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]
-    found = [_read_pieces(file) for file in files]
-    pieces = [piece for each, _ in found for piece in each]
+    parts = [_read_pieces(file) for file in files]
+    pieces = [piece for piece_list, _ in parts for piece in piece_list]
     if parent.kind == "PRectilinearGrid":
-        return _volume(pieces, _rectilinear(pieces, [axis for _, axes in found for axis in axes]), options)
-    grids = [_grid(file, each, []) for file, (each, _) in zip(files, found, strict=True)]
+        return _volume(
+            pieces, _rectilinear(pieces, [coordinates for _, axes in parts for coordinates in axes]), options
+        )
+    grids = [_grid(file, piece_list, []) for file, (piece_list, _) in zip(files, parts, strict=True)]
     if any(not np.allclose(grid[0], grids[0][0]) or not np.allclose(grid[1], grids[0][1]) for grid in grids):
         raise expected("pieces", "one spacing, origin and direction", "several", "merge them with ParaView")
     return _volume(pieces, grids[0], options)
 
 
 def _read_pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
-    """The pieces of a file that are not empty, and the coordinates along x, y, z of each, if it has such."""
+    """The pieces of a file that are not empty, and the coordinates along x, y, z of rectilinear ones."""
     owner = file.root.find(file.kind)
     nodes = file.root.findall(f"{file.kind}/Piece")
     if owner is None or not nodes:
         raise expected("Piece", "one or more", "none")
     extents = [read_extent(node if node.get("Extent") else owner) for node in nodes]
-    kept = [n for n, extent in enumerate(extents) if all(extent[a + 1] >= extent[a] for a in (0, 2, 4))] or [0]
-    found = [_read_piece(file, nodes[n], extents[n]) for n in kept]
-    axes = [_read_coordinates(file, nodes[n], piece) for n, piece in zip(kept, found, strict=True)]
-    return found, axes if file.kind == "RectilinearGrid" else []
+    filled = [n for n, extent in enumerate(extents) if all(extent[a + 1] >= extent[a] for a in (0, 2, 4))] or [0]
+    pieces = [_read_piece(file, nodes[n], extents[n]) for n in filled]
+    axes = [_read_coordinates(file, nodes[n], piece) for n, piece in zip(filled, pieces, strict=True)]
+    return pieces, axes if file.kind == "RectilinearGrid" else []
 
 
 def _read_piece(file: VtkXml, node: Element, extent: list[int]) -> Piece:
@@ -98,7 +100,7 @@ def _read_piece(file: VtkXml, node: Element, extent: list[int]) -> Piece:
 
 
 def _read_coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointArray]:
-    """Of a rectilinear piece: the coordinates along x, y, z."""
+    """The coordinates of a rectilinear piece along x, y, z."""
     owner = node.find("Coordinates")
     nodes = [] if owner is None else owner.findall("DataArray")
     if file.kind != "RectilinearGrid":
@@ -118,7 +120,7 @@ def _grid(file: VtkXml, pieces: list[Piece], coordinates: list[list[PointArray]]
 
 
 def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
-    """The grid of even coordinates; one without steps, of a single sample, has the least of the other two."""
+    """The grid of even coordinates; an axis of a single sample gets the least step of the others."""
     steps, starts = [], []
     for axis, name in enumerate("xyz"):
         first = min(piece.low[axis] for piece in pieces)
@@ -154,7 +156,7 @@ Shape4 = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Coding:
-    """How a file codes its arrays: the dtype of the header's counts, and the compressor of its blocks or ""."""
+    """Coding of a file's arrays: the dtype of the headers' counts, and the compressor of blocks or ""."""
 
     header: np.dtype
     compressor: str
@@ -162,7 +164,7 @@ class Coding:
 
 @dataclass(frozen=True)
 class Source:
-    """Coded bytes: `inline` text, or the file itself (None), from `start` on; raw or base64."""
+    """Coded bytes of `inline` text, or of the file if that is None, from `start` on; raw or base64."""
 
     path: Path
     inline: bytes | None
@@ -180,7 +182,7 @@ class Source:
         return count if self.raw else 4 * -(-count // 3)
 
     def read(self, stored: int) -> bytes:
-        """The first `stored` bytes as they are. Raises InputError if they are not there."""
+        """The first `stored` bytes, not decoded. Raises InputError for fewer bytes."""
         size = self.path.stat().st_size if self.inline is None else len(self.inline)
         require_bytes(stored, size - self.start)
         if self.inline is not None:
@@ -190,7 +192,7 @@ class Source:
             return file.read(stored)
 
     def take(self, count: int) -> bytes:
-        """The first `count` bytes, decoded. Raises InputError if they are not there."""
+        """The first `count` bytes, decoded. Raises InputError for fewer bytes."""
         data = self.read(self.stored(count))
         if self.raw:
             return data
@@ -207,7 +209,7 @@ def parse_ascii(text: str, dtype: np.dtype, shape: Shape4) -> np.ndarray:
 
 
 def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np.ndarray:
-    """The array [shape] behind `source`; raw bytes of a file that are not compressed are mapped."""
+    """The array [shape] in `source`; uncompressed raw bytes of a file are mapped."""
     needed, width = byte_count(shape, dtype), coding.header.itemsize
     if coding.compressor:
         return _inflate_blocks(source, coding, needed).view(dtype).reshape(shape)
@@ -224,7 +226,7 @@ def decode(source: Source, coding: Coding, dtype: np.dtype, shape: Shape4) -> np
 
 def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
     """Inflates blocks; header: number of blocks, bytes of each, of the last, compressed bytes of each."""
-    # 1. the header, whose length is in its first number
+    # 1. the header; its first number states its length
     width = coding.header.itemsize
     blocks = int(np.frombuffer(source.take(width), coding.header)[0])
     header = [int(count) for count in np.frombuffer(source.take((3 + blocks) * width), coding.header)]
@@ -261,7 +263,7 @@ def _lz4(data: bytes, most: int) -> bytes:
     return bytes(imagecodecs.lz4_decode(data, out=most))
 
 
-# by VTK's names: (data of one block, most bytes) → at most as many bytes of it
+# decompressors by VTK's names: (data of a block, most bytes) → at most so many bytes
 COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
     "vtkZLibDataCompressor": _zlib,
     "vtkLZ4DataCompressor": _lz4,
@@ -279,7 +281,7 @@ Index = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Piece:
-    """Part of a grid: index (x, y, z) of its first point, points along z, y, x, and the arrays of points and cells."""
+    """Part of a grid: index (x, y, z) of its first point, points along z, y, x, arrays of points and cells."""
 
     low: Index
     shape: Shape
@@ -290,28 +292,34 @@ class Piece:
 def join_pieces(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray], Index]:
     """The arrays of the points or cells of all pieces, and the index of the first point.
 
-    Where pieces overlap the later one counts. Raises InputError, once an array is read, if they leave gaps.
+    Where pieces overlap, the later piece counts. Reading an array raises InputError if pieces leave gaps.
     """
     first: Index = tuple(min(piece.low[axis] for piece in pieces) for axis in range(3))  # type: ignore[assignment]
     groups = [piece.cells if cells else piece.points for piece in pieces]
     if len(pieces) == 1:
         return groups[0], first
-    told = [[(each.name, each.components, each.dtype) for each in group] for group in groups]
-    if any(each != told[0] for each in told):
+    descriptions = [[(array.name, array.components, array.dtype) for array in group] for group in groups]
+    if any(array != descriptions[0] for array in descriptions):
         raise expected("pieces", "the same arrays in all", "others", "save the grid again")
     last = [max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]
     shape = tuple(end - begin for end, begin in zip(last[::-1], first[::-1], strict=True))
     counts: Shape = tuple(cells_along(size) for size in shape) if cells else shape  # type: ignore[assignment]
     lows = [tuple(at - begin for at, begin in zip(piece.low, first, strict=True))[::-1] for piece in pieces]
     return [
-        PointArray(one.name, one.components, one.is_vectors, partial(_join_arrays, parts, lows, counts), one.dtype)
-        for one, *_ in zip(*groups, strict=True)
-        for parts in [[group[groups[0].index(one)] for group in groups]]
+        PointArray(
+            template.name,
+            template.components,
+            template.is_vectors,
+            partial(_join_arrays, parts, lows, counts),
+            template.dtype,
+        )
+        for template, *_ in zip(*groups, strict=True)
+        for parts in [[group[groups[0].index(template)] for group in groups]]
     ], first
 
 
 def _join_arrays(parts: Sequence[PointArray], lows: Sequence[tuple[int, ...]], shape: Shape) -> np.ndarray:
-    """One array [D, H, W, components] out of those of the pieces."""
+    """Joins the pieces' arrays to one array [D, H, W, components]."""
     # every piece is checked against its file before the whole is allocated
     arrays = [part.read() for part in parts]
     if np.prod(shape, dtype=np.float64) > sum(array.size / array.shape[3] for array in arrays):
@@ -330,14 +338,14 @@ _GRIDS = {".vti": read, ".vtr": read, ".pvti": read_parallel, ".pvtr": read_para
 
 # most names in a message
 _MOST_LISTED = 8
-# the name of a time step or block, and that of its file
+# the name of a time step or block, and the name of its file
 Entry = tuple[str, str]
 
 
 def read_series(path: Path, options: LoadOptions) -> Volume:
     """The volume of one time step of a .pvd file, or of one block of a .vtm file.
 
-    `array` is the number of the step or block, or a block's name; an array in it stands behind a slash: 3/density.
+    `array` is the number of the step or block, or a block's name; an array in it follows a slash: 3/density.
     """
     file = parse_vtk(path, ("Collection", "vtkMultiBlockDataSet"))
     steps = file.kind == "Collection"
@@ -348,54 +356,54 @@ def read_series(path: Path, options: LoadOptions) -> Volume:
 
 
 def _read_entry(path: Path, name: str, options: LoadOptions, collections: bool) -> Volume:
-    """The volume in a file that `path` names; a time step may be of blocks, these are of grids."""
+    """The volume in a file that `path` names. collections: whether the file may be a collection of blocks."""
     suffix = Path(name).suffix.lower()
     if suffix not in _GRIDS and not (suffix == ".vtm" and collections):
         raise expected(name, f"a file of {', '.join(_GRIDS)}", repr(suffix), converter(name))
-    found = find_data_file(path, name, options.anywhere)
+    file = find_data_file(path, name, options.anywhere)
     if suffix == ".vtm":
-        parse_vtk(found, ("vtkMultiBlockDataSet",))
-        return read_series(found, options)
-    return _GRIDS[suffix](found, options)
+        parse_vtk(file, ("vtkMultiBlockDataSet",))
+        return read_series(file, options)
+    return _GRIDS[suffix](file, options)
 
 
 def _list_steps(owner: Element) -> list[Entry]:
-    """Time steps in order, each with one file."""
-    found = sorted(
+    """Sorted time steps with one file each."""
+    steps = sorted(
         (parse_numbers(node, "timestep", "0", 1)[0], node.get("file", "")) for node in owner.findall("DataSet")
     )
-    if len({time for time, _ in found}) < len(found):
+    if len({time for time, _ in steps}) < len(steps):
         raise expected("DataSet", "one file a time step", "several", "save the parts as one .pvti")
-    return [(f"{time:g}", name) for time, name in found]
+    return [(f"{time:g}", name) for time, name in steps]
 
 
 def _list_blocks(owner: Element) -> list[Entry]:
-    """The grids among the blocks, by their names; if there is none, all blocks."""
-    found = [(node.get("name", ""), node.get("file", "")) for node in owner.iter("DataSet")]
-    return [entry for entry in found if Path(entry[1]).suffix.lower() in _GRIDS] or found
+    """The blocks that are grids, by name; all blocks if none is a grid."""
+    blocks = [(node.get("name", ""), node.get("file", "")) for node in owner.iter("DataSet")]
+    return [entry for entry in blocks if Path(entry[1]).suffix.lower() in _GRIDS] or blocks
 
 
 def _select_entry(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str, str | None]:
-    """The file that is asked for, and the array in it."""
+    """The requested file, and the array in it."""
     listed = ", ".join(f"{n} ({name})" if name else f"{n}" for n, (name, _) in enumerate(entries[:_MOST_LISTED]))
     listed += ", …" if len(entries) > _MOST_LISTED else ""
     if not entries:
         raise expected(what, "one or more", "none")
-    asked = None if options.array is None else str(options.array)
-    if asked is not None:
-        head, _, rest = asked.partition("/")
+    requested = None if options.array is None else str(options.array)
+    if requested is not None:
+        head, _, rest = requested.partition("/")
         if re.fullmatch("[0-9]{1,9}", head):
             if int(head) >= len(entries):
-                raise expected("array", f"one of the {what} {listed}", repr(asked))
+                raise expected("array", f"one of the {what} {listed}", repr(requested))
             return entries[int(head)][1], rest or None
         if what == "blocks":
             for name, file in entries:
-                if name and (asked == name or asked.startswith(f"{name}/")):
-                    return file, asked[len(name) + 1 :] or None
+                if name and (requested == name or requested.startswith(f"{name}/")):
+                    return file, requested[len(name) + 1 :] or None
     if len(entries) > 1:
         fix = f"pick one with array=0 … array={len(entries) - 1}, an array in it as in array=0/NAME"
         raise expected(what, "one", f"{len(entries)}: {listed}", fix)
-    return entries[0][1], asked
+    return entries[0][1], requested
 
 
 _TYPES = {
@@ -409,7 +417,7 @@ _APPENDED = b"<AppendedData"
 
 @dataclass(frozen=True)
 class VtkXml:
-    """A file's XML part, the start of its appended data if it has such, and the coding of its arrays."""
+    """A file's XML part, its appended data if any, and the coding of its arrays."""
 
     path: Path
     root: Element
@@ -418,12 +426,12 @@ class VtkXml:
 
     @property
     def kind(self) -> str:
-        """What the file holds, such as ImageData."""
+        """The type of the data set, such as ImageData."""
         return self.root.get("type") or self.root.tag
 
 
 def parse_vtk(path: Path, kinds: tuple[str, ...]) -> VtkXml:
-    """The XML part of a file, whose appended data need not be XML. InputError if it holds none of `kinds`."""
+    """Parses the XML part of a file; appended data need not be XML. Raises InputError for a type not in `kinds`."""
     data = np.memmap(path, np.uint8, mode="r")
     text = data[: _find_word(data, _APPENDED)].tobytes()
     appended = None
@@ -440,7 +448,7 @@ def parse_vtk(path: Path, kinds: tuple[str, ...]) -> VtkXml:
 
 
 def _find_word(data: np.ndarray, word: bytes) -> int:
-    """Offset of `word` in the bytes, or their number if absent; reads only up to it."""
+    """Offset of `word` in the bytes, or their number without it; reads only up to it."""
     step = 1 << 20
     for start in range(0, len(data), step):
         place = data[start : start + step + len(word)].tobytes().find(word)
@@ -462,7 +470,7 @@ def _read_coding(root: Element) -> Coding:
 
 
 def read_arrays(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
-    """The arrays below an element [D, H, W, components], each read when it is needed."""
+    """The arrays [D, H, W, components] below an element, which are read later."""
     return [_read_array(file, node, shape) for node in owner.findall("DataArray")]
 
 

@@ -1,4 +1,4 @@
-"""Checks of a Zarr store before zarr decodes anything: its files, codecs and chunks."""
+"""Checks the files, codecs and chunks of a Zarr store before zarr decodes anything."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ Fetch = Callable[[Sequence[str]], None]
 
 _COMPRESSORS = ("zlib", "gzip", "blosc", "zstd", "lz4")
 
-# codecs that turn numbers into numbers; others run what is stored (pickle), or have no bound
+# codecs that turn numbers into numbers; others run stored code (pickle), or have no bound
 _FILTERS = (
     *("bytes", "transpose", "sharding_indexed", "crc32c", "crc32", "adler32"),
     *("shuffle", "delta", "fixedscaleoffset", "quantize", "bitround"),
 )
 
-# bytes of the header of a Blosc chunk; the last four state its length
+# bytes of the header of a Blosc chunk; the last four are its length
 _BLOSC_HEADER = 16
-# chunks read without a file behind each: a moment's work
+# chunks that may be read without a file each: they take a moment
 _FREE_CHUNKS = 4096
-# missing chunks per chunk that is there: sparse volumes leave most of them out
+# missing chunks per existing chunk: sparse volumes leave most of them out
 _CHUNKS_PER_FILE = 64
-# bytes of a shard's index per chunk in it, present or not
+# bytes of a shard's index per chunk, existing or not
 _INDEX_BYTES = 16
-# a chunk's filters may change the size of a sample by this factor at most: eight bytes for one
+# largest factor by which filters change the size of a sample: eight bytes for one
 _DECLARED_ROOM = 8
 
 
 def check_files(path: Path) -> None:
-    """Raises InputError unless the store contains only plain files and folders, or links to such inside it."""
+    """Raises InputError unless the store contains only plain files, folders, and links to files inside it."""
     root = path.resolve()
     folders = [path]
     while folders:
@@ -55,7 +55,7 @@ def _check_link(link: Path, root: Path) -> None:
         raise expected(link.name, "a file inside the store", "a link, pipe or device", "replace it by the file")
 
 
-# samples of a chunk from which reading parts takes no longer for their number
+# least samples of a chunk, if a store of very many chunks is read in parts
 _LEAST_PARTS = 2**12
 
 
@@ -71,22 +71,22 @@ class ChunkFiles:
         self.shape = array.shards or array.chunks
         self.bytes = byte_count(array.chunks, array.dtype)
         names = _codec_names(array)
-        # a shard's chunks are read one by one, each as its codec's ratio allows
+        # a shard's chunks are read one by one, within their codec's ratio
         self.compressors = [name for name in names if name in _COMPRESSORS] if "sharding_indexed" not in names else []
 
     def tag(self) -> str:
-        """What changes with the array's contents; of a copy, which grows, its place and metadata."""
+        """Text that changes with the array's contents; for a growing copy its path and metadata."""
         if self.fetch is None:
             return folder_tag(self.folder)
         return f"{self.folder.resolve()} {sorted(self.metadata.to_dict().items())}"
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Brings the files of the chunks of the samples at those places here."""
+        """Fetches the files of the chunks that hold the samples at `places`."""
         if self.fetch is not None:
             self.fetch(sorted({self._file(place).relative_to(self.path).as_posix() for place in places}))
 
     def holds(self, place: Sequence[int]) -> bool:
-        """Whether there is a file for the chunk of the sample at `place`. InputError if it must not be decoded."""
+        """Whether the chunk of the sample at `place` has a file. Raises InputError if it must not be decoded."""
         file = self._file(place)
         there = file.is_file()
         if there:
@@ -106,8 +106,7 @@ class ChunkFiles:
 def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None = None) -> ChunkFiles:
     """Raises InputError for codecs not known to be safe, and for chunks too large for their files.
 
-    whole: whether all of it is to be read at once; else each chunk's file is still to be checked. fetch: as of
-    ChunkFiles.
+    whole: whether the array is read at once; else each chunk's file is checked later. fetch: see ChunkFiles.
     """
     # 1. the codecs
     names = _codec_names(array)
@@ -116,7 +115,7 @@ def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None 
     if refused or len(compressors) > 1:
         known = ", ".join(_COMPRESSORS)
         raise expected("codecs", f"one of {known}", ", ".join(refused or compressors), "save it with blosc or zstd")
-    # 2. the chunks on disk must be able to hold the array: one that is missing costs nothing to write
+    # 2. the chunks on disk must be able to hold the array: a missing chunk costs nothing to write
     files = [file for file in (path / array.path).rglob("*") if file.is_file()]
     stored = sum(file.stat().st_size for file in files)
     if whole:
@@ -124,18 +123,18 @@ def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None 
     chunk = byte_count(array.chunks, array.dtype)
     if min(array.chunks) < 1 or chunk > MAX_BYTES:
         raise expected("chunks", f"at most {MAX_BYTES} bytes each", f"{chunk} {array.chunks}", "save smaller ones")
-    # 3. and each costs time
+    # 3. each chunk costs time
     count = math.prod(-(-size // part) for size, part in zip(array.shape, array.chunks, strict=True))
     most = _FREE_CHUNKS + _CHUNKS_PER_FILE * len(files) + stored // _INDEX_BYTES
     if count > most and (whole or math.prod(array.chunks) < _LEAST_PARTS):
         raise expected("chunks", f"at most {most} for {len(files)} files", count, "save larger ones")
-    # 4. none may expand beyond its size
-    found = ChunkFiles(path, array, fetch)
+    # 4. no chunk may expand beyond its size
+    chunk_files = ChunkFiles(path, array, fetch)
     if whole:
         for file in files:
             if file.name[:1] != "." and file.name != "zarr.json":
-                found.check(file)
-    return found
+                chunk_files.check(file)
+    return chunk_files
 
 
 def _codec_names(array: Any) -> list[str]:
@@ -143,26 +142,26 @@ def _codec_names(array: Any) -> list[str]:
 
 
 def _list_codecs(array: Any) -> list[Any]:
-    """All codecs of an array, those inside its shards too."""
+    """All codecs of an array, also inside its shards."""
     metadata = array.metadata
     if metadata.zarr_format == 2:
         return [codec for codec in (*(metadata.filters or ()), metadata.compressor) if codec is not None]
-    found, waiting = [], list(metadata.codecs)
+    all_codecs, waiting = [], list(metadata.codecs)
     while waiting:
         codec = waiting.pop()
-        found.append(codec)
+        all_codecs.append(codec)
         waiting += [*getattr(codec, "codecs", ()), *getattr(codec, "index_codecs", ())]
-    return found
+    return all_codecs
 
 
 def _codec_name(codec: Any) -> str:
-    """The codec's name: numcodecs' own, or that of format 3."""
+    """The codec's name in numcodecs or in format 3."""
     name = getattr(codec, "codec_id", None) or codec.to_dict()["name"]
     return str(name).removeprefix("numcodecs.")
 
 
 def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
-    """Raises InputError if the chunk says, or for long zlib data shows, that it expands beyond `chunk` bytes."""
+    """Raises InputError if the chunk's header states, or long zlib data show, an expansion beyond `chunk` bytes."""
     stored, room = file.stat().st_size, _DECLARED_ROOM * chunk
     if compressor in ("zlib", "gzip"):
         size = _inflated_size(file, room) if stored * DEFLATE_RATIO > MAX_BYTES else 0
@@ -170,7 +169,7 @@ def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
         with file.open("rb") as opened:
             head = opened.read(18)
         size = _declared_size(head, compressor, stored)
-        # Blosc is not told where a chunk ends: it reads as many bytes as the header states
+        # Blosc does not know where a chunk ends: it reads as many bytes as the header states
         if compressor == "blosc" and not _BLOSC_HEADER <= (length := int.from_bytes(head[12:16], "little")) <= stored:
             raise expected(f"chunk {file.name}", f"{stored} bytes stored", f"{length} stated", "the file is damaged")
     if size > room:
@@ -178,12 +177,12 @@ def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
 
 
 def _declared_size(head: bytes, compressor: str, stored: int) -> int:
-    """Bytes that the chunk's own header states."""
+    """Bytes that the chunk's header states."""
     if compressor == "blosc":
         return int.from_bytes(head[4:8], "little")
     if compressor == "lz4":
         return int.from_bytes(head[:4], "little")
-    # Zstandard (RFC 8878 §3.1.1.1): a descriptor, perhaps a window and a dictionary, then the size, if it is stated
+    # Zstandard (RFC 8878 §3.1.1.1): a descriptor, optional window and dictionary, then the optional size
     descriptor = head[4] if len(head) > 4 else 0
     single, width = descriptor >> 5 & 1, (1, 2, 4, 8)[descriptor >> 6]
     if descriptor >> 6 == 0 and not single:
@@ -197,7 +196,7 @@ _ZSTD_RATIO = 2**15
 
 
 def _inflated_size(file: Path, room: int) -> int:
-    """Bytes of zlib or gzip data, counted up to a little over `room`."""
+    """Bytes of inflated zlib or gzip data, counted up to a little over `room`."""
     engine, size = zlib.decompressobj(wbits=47), 0
     with file.open("rb") as opened:
         while size <= room and not engine.eof:

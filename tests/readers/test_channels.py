@@ -448,7 +448,7 @@ def test_one_channel_has_its_colour(tmp_path: Path) -> None:
     [
         (["--color-of", "RFP=#ff0000"], "channel: expected one of DAPI, GFP, got 'RFP'"),
         (["--color-of", "GFP=reddish"], "expected CHANNEL=COLOR"),
-        (["--window-of", "GFP=5"], "expected 2 numbers"),
+        (["--window-of", "GFP=5"], "expected CHANNEL=LOW,HIGH"),
         (["--window-of", "GFP=5,5"], "LOW below HIGH"),
         (["--channel", "0", "--color-of", "0=#ff0000"], "expected several channels"),
         (["--time", "0:2"], "--time: expected one time point"),
