@@ -1,4 +1,4 @@
-"""Compares two images: reads them, aligns their sizes and computes all metrics."""
+"""Compares two images: reads them, matches their formats and computes all metrics."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Comparison:
     0 for equal sums. where: (column, row) of the maximum. box: (left, top, right, bottom) of the pixels over the
     threshold, right and bottom exclusive; or None.
     bias: signed mean of a − b in the channel in which it is largest. share_unmatched: fraction of pixels over the
-    threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.unmatched`).
-    ssim, flip: as defined in `metrics`, None if not requested. pixels: number of compared pixels.
+    threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.count_unmatched`).
+    ssim, flip: see `metrics`, None if not requested. pixels: number of compared pixels.
     """
 
     maximum: float
@@ -98,22 +98,22 @@ def compare(
     if mask is not None:
         _check_mask(mask, first)
         first, second = apply_mask(first, mask), apply_mask(second, mask)
-    found = _differences(first, second)
-    if not np.isfinite(found.squares):
+    differences = _differences(first, second)
+    if not np.isfinite(differences.squares):
         _check_finite(names[0], first)
         _check_finite(names[1], second)
     peak = (float(second[..., 3].max()) or 1.0) if b.info.get("blend") == "xray" else 1.0
     count = first.shape[0] * first.shape[1] if mask is None else int(np.count_nonzero(mask))
-    rmse = float(np.sqrt(found.squares / (4 * count)))
-    over = exceeds_threshold(first, second, found.worst, threshold, peak)
-    row, column = np.unravel_index(int(found.worst.argmax()), over.shape)
-    bias = found.sums / count
+    rmse = float(np.sqrt(differences.squares / (4 * count)))
+    over = exceeds_threshold(first, second, differences.worst, threshold, peak)
+    row, column = np.unravel_index(int(differences.worst.argmax()), over.shape)
+    bias = differences.sums / count
     return Comparison(
-        maximum=float(found.worst[row, column]),
+        maximum=float(differences.worst[row, column]),
         rmse=rmse,
         psnr=20 * (math.log10(peak) - math.log10(rmse)) if rmse > 0 else math.inf,
         share_over=int(np.count_nonzero(over)) / count,
-        sum_error=_sum_error(float(found.sums.sum()), found.weight),
+        sum_error=_sum_error(float(differences.sums.sum()), differences.weight),
         where=(int(column), int(row)),
         box=_box(over),
         peak=peak,
@@ -223,7 +223,7 @@ def read(path: str | Path) -> Picture:
 
 
 def _load_image(source: Path) -> Image:
-    """The image; the exceptions that NumPy and Pillow raise for two kinds of faults become InputError."""
+    """Loads an image; two exceptions of NumPy and Pillow for damaged files become InputError."""
     from PIL.Image import DecompressionBombError
 
     try:
@@ -233,7 +233,7 @@ def _load_image(source: Path) -> Image:
 
 
 def match_formats(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Image, Image]:
-    """Both images made comparable: the finer rounded to the coarser's bits, X-rays restored to sums.
+    """Makes two images comparable: rounds the finer one to the bits of the other, and restores X-rays to sums.
 
     Raises InputError for different modes, such as RGB and RGBA, unless any_mode; and for NaN before rounding.
     """
@@ -258,7 +258,7 @@ def _round_image(picture: Picture, bits: int | None, xray: bool) -> Image:
 
 
 def _restore_xray(image: Image) -> Image:
-    """An X-ray from a PNG, normalized to its maximum, restored to its original scale."""
+    """Restores the scale of an X-ray from a PNG, which is normalized to its maximum."""
     scale = image.info.get("scale")
     if image.info.get("blend") != "xray" or not isinstance(scale, (int, float)) or not scale > 0:
         return image
@@ -271,10 +271,10 @@ def read_mask(path: str | Path) -> np.ndarray:
 
 
 def find_pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
-    """(name, actual, right) of one pair of files, or of every PNG and NPY in two folders, by their relative path.
+    """(name, actual, right) of one pair of files, or of every PNG and NPY in two folders, by relative path.
 
-    A file in only one folder is listed too: reading it fails. Raises InputError for a file against a folder,
-    and for a folder without images.
+    A file in only one folder is listed too: reading it fails. Raises InputError for a file against a folder, and for a
+    folder without images.
     """
     for path in (actual, right):
         if not path.exists():
@@ -284,11 +284,11 @@ def find_pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
         raise expected(file, f"a folder like {folder}", "a file", "give two files or two folders")
     if not actual.is_dir():
         return [(str(actual), actual, right)]
-    found = {folder: _list_pictures(folder) for folder in (actual, right)}
-    for folder, names in found.items():
+    names_by_folder = {folder: _list_pictures(folder) for folder in (actual, right)}
+    for folder, names in names_by_folder.items():
         if not names:
             raise expected(folder, f"pictures ({', '.join(SUFFIXES)})", "none")
-    return [(name, actual / name, right / name) for name in sorted({*found[actual], *found[right]})]
+    return [(name, actual / name, right / name) for name in sorted({*names_by_folder[actual], *names_by_folder[right]})]
 
 
 def _list_pictures(folder: Path) -> list[str]:

@@ -1,6 +1,6 @@
 """Classifies differences: shift, flip, gamma, premultiplication, offset, noise, missing object, …
 
-Each change is applied to the reference: if the result is close to the actual image, it names the difference.
+Candidate changes are applied to the reference: a result close to the actual image names the difference.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from splatgl.comparison.compare import Comparison
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
-# pixels examined along the longer side: more add no information on the kind of change
+# pixels examined along the longer side: more pixels do not change the classification
 EXAMINED = 512
 # a change explains the difference if at most this fraction of its RMS remains
 EXPLAINED = 0.25
@@ -37,20 +37,20 @@ class Kind:
     text: str
 
 
-# squares of the largest floats overflow to infinity, and then explain nothing
+# squares of the largest floats overflow to infinity; no change explains them
 @np.errstate(over="ignore", invalid="ignore")
-def classify_difference(actual: np.ndarray, right: np.ndarray, found: Comparison) -> Kind:
-    """Kind of the change between two differing images, linear premultiplied [H, W, 4] of one size."""
+def classify_difference(actual: np.ndarray, right: np.ndarray, comparison: Comparison) -> Kind:
+    """The kind of change between two different images, linear premultiplied [H, W, 4] of one size."""
     a, b = (np.asarray(p, np.float32) for p in (actual, right))
-    if found.peak != 1:
-        a, b = a / np.float32(found.peak), b / np.float32(found.peak)
+    if comparison.peak != 1:
+        a, b = a / np.float32(comparison.peak), b / np.float32(comparison.peak)
     return (
         _empty(a, b)
-        or _few_pixels(a, b, found)
+        or _few_pixels(a, b, comparison)
         or _offset(a, b)
         or _global_change(a, b)
         or _noise(a, b)
-        or _region(a, b, found)
+        or _region(a, b, comparison)
         or Kind("changed", "changed in no way that has a name")
     )
 
@@ -61,9 +61,9 @@ def _empty(a: np.ndarray, b: np.ndarray) -> Kind | None:
     return None
 
 
-def _few_pixels(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
-    count = round(found.share_over * found.pixels)
-    if found.box is None or not 0 < count <= FEW_PIXELS or not _mostly_in(a, b, found.box):
+def _few_pixels(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> Kind | None:
+    count = round(comparison.share_over * comparison.pixels)
+    if comparison.box is None or not 0 < count <= FEW_PIXELS or not _mostly_in(a, b, comparison.box):
         return None
     return Kind("pixels", "one wrong pixel" if count == 1 else f"{count} wrong pixels")
 
@@ -81,10 +81,10 @@ def _squares(d: np.ndarray) -> float:
 def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
     """A constant small offset, in sRGB samples or in linear light."""
     a, b = _thin(a), _thin(b)
-    seen = (b[..., 3] > 0) & (a[..., 3] > 0)
-    if not seen.any():
+    visible = (b[..., 3] > 0) & (a[..., 3] > 0)
+    if not visible.any():
         return None
-    straight = [p[seen][:, :3] / p[seen][:, 3:] for p in (a, b)]
+    straight = [p[visible][:, :3] / p[visible][:, 3:] for p in (a, b)]
     encoded = [srgb_from_linear(np.clip(c, 0, 1)) for c in straight]
     for space, (x, y) in (("sRGB", encoded), ("linear light", straight)):
         d = x.astype(np.float64) - y
@@ -101,7 +101,7 @@ def _thin(p: np.ndarray) -> np.ndarray:
 
 
 def _global_change(a: np.ndarray, b: np.ndarray) -> Kind | None:
-    """The best of the global changes, if it explains the difference."""
+    """The best global change, if it explains the difference."""
     thin = _thin(a)
     whole = _squares(thin - _thin(b))
     left = [(_squares(thin - _thin(changed)) / whole, kind) for kind, changed in _changes(a, b)] if whole else []
@@ -111,7 +111,7 @@ def _global_change(a: np.ndarray, b: np.ndarray) -> Kind | None:
 
 
 def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
-    """Candidate changes, each with its result on the reference."""
+    """Yields candidate changes with their results on the reference."""
     yield Kind("flipped", "flipped upside down"), b[::-1]
     yield Kind("flipped", "flipped left to right"), b[:, ::-1]
     yield Kind("flipped", "turned by 180°"), b[::-1, ::-1]
@@ -158,8 +158,8 @@ def _shift(a: np.ndarray, b: np.ndarray) -> tuple[float, Kind] | None:
     x, y = (p[middle].sum(axis=-1) for p in (a, b))
     spectrum = np.fft.rfft2(x - x.mean()) * np.conj(np.fft.rfft2(y - y.mean()))
     peak = np.fft.irfft2(spectrum / np.maximum(np.abs(spectrum), np.finfo(np.float32).tiny), x.shape)
-    found = np.unravel_index(int(peak.argmax()), x.shape)
-    down, across = (int(i) if i <= n // 2 else int(i) - n for i, n in zip(found, x.shape, strict=True))
+    place = np.unravel_index(int(peak.argmax()), x.shape)
+    down, across = (int(i) if i <= n // 2 else int(i) - n for i, n in zip(place, x.shape, strict=True))
     if (down, across) == (0, 0):
         return None
     # only the overlap after the shift
@@ -182,14 +182,14 @@ def _pixels(count: int, positive: str, negative: str) -> str:
     return f"{abs(count)} {noun} {positive if count > 0 else negative}" if count else ""
 
 
-def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
+def _region(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> Kind | None:
     """A local change: an object is missing, added, or different."""
-    if found.box is None:
+    if comparison.box is None:
         return None
-    left, top, right, bottom = found.box
+    left, top, right, bottom = comparison.box
     area, whole = (right - left) * (bottom - top), a.shape[0] * a.shape[1]
-    fill = found.share_over * found.pixels / area
-    if area > REGION_SHARE * whole or fill < REGION_FILL or not _mostly_in(a, b, found.box):
+    fill = comparison.share_over * comparison.pixels / area
+    if area > REGION_SHARE * whole or fill < REGION_FILL or not _mostly_in(a, b, comparison.box):
         return None
     size = f"{right - left}×{bottom - top} pixels"
     inside = slice(top, bottom), slice(left, right)
@@ -198,7 +198,7 @@ def _region(a: np.ndarray, b: np.ndarray, found: Comparison) -> Kind | None:
     if not less:
         less = _change(_detail(a[inside]), _detail(b[inside]), LESS_DETAIL)
         # a painted-over area also has less detail, but a stronger edge
-        if less * (_edge(a, found.box) - _edge(b, found.box)) < 0:
+        if less * (_edge(a, comparison.box) - _edge(b, comparison.box)) < 0:
             less = 0
     if less < 0:
         return Kind("missing", f"an object is missing ({size})")

@@ -71,12 +71,12 @@ def shrink(pixels: np.ndarray, choose: Callable[..., np.ndarray]) -> np.ndarray:
     return choose(rows.reshape(len(rows), -1, k, *pixels.shape[2:]), axis=2)
 
 
-def detail_box(found: Comparison, shape: tuple[int, ...]) -> Box:
+def detail_box(comparison: Comparison, shape: tuple[int, ...]) -> Box:
     """The region to enlarge: the box of the difference if small, else a region around the worst pixel."""
     height, width = shape[:2]
-    left, top, right, bottom = found.box or (0, 0, width, height)
+    left, top, right, bottom = comparison.box or (0, 0, width, height)
     if max(right - left, bottom - top) + 2 * MARGIN > DETAIL:
-        column, row = found.where
+        column, row = comparison.where
         left, right, top, bottom = column, column + 1, row, row + 1
         grow = (DETAIL - 1) // 2
     else:
@@ -222,20 +222,20 @@ def _same_cases(cases: Sequence[Case]) -> str:
 
 def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarray) -> str:
     """Two rows: the images with the box of the difference, and the enlarged detail."""
-    found, both = verdict.comparison, (actual, right)
-    rows = [_row(both, heat_map(shrink(difference, np.max)), found, _mark(verdict))]
-    left, top, end, bottom = detail_box(found, difference.shape)
+    result, both = verdict.comparison, (actual, right)
+    rows = [_row(both, heat_map(shrink(difference, np.max)), result, _mark(verdict))]
+    left, top, end, bottom = detail_box(result, difference.shape)
     if (end - left, bottom - top) != verdict.size:
         part = slice(top, bottom), slice(left, end)
         cut = [Image(image.pixels[part]) for image in both]
         rows.append(f'<p class="part">columns {left}–{end - 1}, rows {top}–{bottom - 1}, enlarged</p>')
-        rows.append(_row(cut, heat_map(difference[part]), found, "", "detail"))
+        rows.append(_row(cut, heat_map(difference[part]), result, "", "detail"))
     return "".join(rows)
 
 
-def _row(both: Sequence[Image], difference: np.ndarray, found: Comparison, mark: str, kind: str = "") -> str:
-    first, second = (_image(to_display(image, found.peak)) + mark for image in both)
-    gain = f"difference, from black to {format_metric('maximum', found.maximum)}"
+def _row(both: Sequence[Image], difference: np.ndarray, comparison: Comparison, mark: str, kind: str = "") -> str:
+    first, second = (_image(to_display(image, comparison.peak)) + mark for image in both)
+    gain = f"difference, from black to {format_metric('maximum', comparison.maximum)}"
     panels = [
         _panel("actual", first),
         _panel("expected", second),
@@ -275,4 +275,4 @@ def _table(verdict: Verdict) -> str:
         )
         states.append("" if check.limit is None else ("ok" if check.ok else "broken"))
         rows.append((check.name, format_metric(check.name, check.value), limit, HINTS.get(check.name, "")))
-    return html_table(("metric", "found", "allowed", ""), rows, states, "metrics")
+    return html_table(("metric", "value", "limit", ""), rows, states, "metrics")

@@ -1,9 +1,9 @@
-"""The fixture splatgl_image: compares pictures with baselines, and keeps them.
+"""The fixture splatgl_image: compares pictures with baselines, and writes baselines on request.
 
-tests/baselines/<test file>/<name>.png              portable: for any renderer that has none of its own
+tests/baselines/<test file>/<name>.png              portable: for renderers without a specific baseline
 tests/baselines/<test file>/<name>.nvidia.png       for NVIDIA only, instead of the portable one
-tests/baselines/<test file>/<name>.nvidia-2.png     one more that is right there
-tests/baselines/<test file>/<name>.portable-2.png   one more that is right wherever the portable one is
+tests/baselines/<test file>/<name>.nvidia-2.png     one more valid baseline for NVIDIA
+tests/baselines/<test file>/<name>.portable-2.png   one more valid portable baseline
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Baselines:
 
     @property
     def portable(self) -> Path:
-        """The baseline for renderers without one of their own class."""
+        """The baseline for renderers without a baseline of their class."""
         return self.folder / f"{self.stem}{self.suffix}"
 
     @property
@@ -65,7 +65,7 @@ class Baselines:
         return self.folder / f"{self.stem}.{self.key}{self.suffix}" if self.key else self.portable
 
     def valid(self) -> list[Path]:
-        """Existing files to compare with: the class's baseline, else the portable one; then all additional ones."""
+        """Existing files to compare with: the class's baseline, else the portable one; then additional ones."""
         more = self._more(self.key or PORTABLE)
         if self.key and self.of_class.is_file():
             return [self.of_class, *more]
@@ -77,7 +77,7 @@ class Baselines:
         return sorted(set(self._named(r"\.[a-z]+(-\d+)?")) - set(self.valid()))
 
     def fresh(self) -> Path:
-        """Path for a new baseline: the class's or the portable one, if no valid one exists yet."""
+        """Path for a new baseline: the first of the class, or a further one if a valid one exists."""
         if not self.valid():
             return self.of_class
         key = self.key or PORTABLE
@@ -101,7 +101,7 @@ def renderer_class(image: Image) -> str | None:
 
 
 def file_stem(name: str) -> str:
-    """A name as a file stem of Latin letters, digits, _ and -; a digest keeps names with replaced characters unique."""
+    """A file stem of Latin letters, digits, _ and -; a digest distinguishes names with replaced characters."""
     plain = re.sub(r"\[(.*)\]$", r"-\1", name)
     safe = re.sub(r"[^A-Za-z0-9_-]+", "-", plain).strip("-")[:LONGEST]
     if safe == plain:
@@ -173,19 +173,19 @@ class ImageRegression:
     def _outcome(
         self, picture: Image, baselines: Baselines, tolerance: Tolerance, bits: int | None, mask: np.ndarray | None
     ) -> str:
-        """The failure message, or nothing."""
+        """The failure message; "" for success."""
         title = f"{self.test}: {baselines.stem}"
         paths = baselines.valid()
-        found = [self._compare(picture, path, tolerance, mask) for path in paths]
-        good = next((verdict for verdict, _ in found if verdict is not None and verdict.same), None)
-        if good is not None:
-            self._keep(Case(title, "same", good.line))
+        outcomes = [self._compare(picture, path, tolerance, mask) for path in paths]
+        match = next((verdict for verdict, _ in outcomes if verdict is not None and verdict.same), None)
+        if match is not None:
+            self._keep(Case(title, "same", match.line))
             return ""
         if self.mode is not Mode.COMPARE:
             return self._write(title, picture, self._target(baselines), bits)
         if not paths:
             return self._missing(title, picture, baselines)
-        return self._different(title, found, baselines)
+        return self._different(title, outcomes, baselines)
 
     def _compare(
         self, picture: Image, path: Path, tolerance: Tolerance, mask: np.ndarray | None
@@ -222,11 +222,11 @@ class ImageRegression:
         self._keep(build_single_case(title, "missing", line, picture if self.report else None))
         return f"{line}\n  look at the picture: {self._look()}\n  then make it with: {self._command()}"
 
-    def _different(self, title: str, found: list[tuple[Verdict | None, Case]], baselines: Baselines) -> str:
+    def _different(self, title: str, outcomes: list[tuple[Verdict | None, Case]], baselines: Baselines) -> str:
         """Failure message, from the nearest baseline."""
-        verdict, nearest = min(found, key=lambda pair: np.inf if pair[0] is None else pair[0].comparison.rmse)
+        verdict, nearest = min(outcomes, key=lambda pair: np.inf if pair[0] is None else pair[0].comparison.rmse)
         self._keep(replace(nearest, name=title))
-        which = f", the nearest of {len(found)}" if len(found) > 1 else ""
+        which = f", the nearest of {len(outcomes)}" if len(outcomes) > 1 else ""
         lines = [nearest.line]
         if verdict is not None:
             lines = [
@@ -246,8 +246,8 @@ class ImageRegression:
     def _pytest(self) -> str:
         return f"pytest {shlex.quote(self.test)}"
 
-    def _keep(self, kept: Case, written: str = "") -> None:
-        self.cases.append({**kept.as_dict(), "written": written})
+    def _keep(self, case: Case, written: str = "") -> None:
+        self.cases.append({**case.as_dict(), "written": written})
 
 
 def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Image:

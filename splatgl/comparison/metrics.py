@@ -32,7 +32,7 @@ def ssim(a: ArrayLike, b: ArrayLike, peak: float = 1.0, mask: np.ndarray | None 
         rows = slice(top, top + BAND_ROWS + SSIM_WINDOW - 1)
         maps = [_ssim_map(first[rows, :, c], second[rows, :, c], peak) for c in range(first.shape[2])]
         counts = np.ones(maps[0].shape, bool) if mask is None else _window_mean(mask[rows].astype(np.float64)) > 0
-        total += sum(float(found.sum(where=counts)) for found in maps)
+        total += sum(float(values.sum(where=counts)) for values in maps)
         windows += len(maps) * int(np.count_nonzero(counts))
     return total / windows
 
@@ -92,9 +92,9 @@ def count_unmatched(
 ) -> int:
     """Number of `over` pixels that no neighbour explains.
 
-    A pixel is explained if each channel of `a` lies within the range of `b` in the 3×3 neighbourhood, and `b` within
-    the range of `a`, or they do not differ from it (`steps.differ`): an edge moved by a pixel or less is explained, a
-    wrong pixel or a missing line is not. a, b: [H, W, 4]; over: bool [H, W].
+    A pixel is explained if all channels of `a` lie within the range of `b` in the 3×3 neighbourhood, and `b` within the
+    range of `a`, up to the threshold: an edge moved by a pixel or less is explained, a wrong pixel or a missing line is
+    not. a, b: [H, W, 4]; over: bool [H, W].
     """
     count = 0
     for top in range(0, len(a), BAND_ROWS):
@@ -173,9 +173,9 @@ def exceeds_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) -
 
 
 def _exceeds_unit_step(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The same for images of full scale 1.
+    """`exceeds_step` for images of full scale 1.
 
-    A colour is α l: a step of its sRGB changes it by α dl, at most the step times √(α l · α), and one of alpha by l dα.
+    A colour is α l: a step of sRGB changes it by α dl, at most the step times √(α l · α); a step of alpha by l dα.
     """
     off, most = np.abs(a - b), np.clip(np.maximum(a, b), 0, 1)
     alpha, off_alpha = most[..., 3].copy(), off[..., 3].copy()

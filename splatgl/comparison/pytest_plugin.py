@@ -25,7 +25,7 @@ UPDATE, UPDATE_CLASS, ADD, REPORT = (
 )
 # attribute of a test report with the compared cases
 CASES_ATTRIBUTE = "splatgl_cases"
-# the fixture's former name, which pytest-regressions has for its own
+# the fixture's former name, which pytest-regressions uses for another fixture
 FORMER_NAME = "image_regression"
 CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
 
@@ -33,21 +33,21 @@ CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Adds the plugin's options to pytest."""
     group = parser.getgroup("splatgl", "image regression (splatgl)")
-    ways = group.addoption
-    ways(UPDATE, action="store_true", help="write the baselines that are missing, and rewrite those that differ")
-    ways(UPDATE_CLASS, action="store_true", help="write them for this class of renderers only (llvmpipe, nvidia, …)")
-    ways(ADD, action="store_true", help="add what differs as one more that is right for this class of renderers")
-    ways(REPORT, metavar="DIR", help="collect what was compared in DIR/index.html, with pictures of what differs")
+    add = group.addoption
+    add(UPDATE, action="store_true", help="write missing baselines, and rewrite baselines that differ")
+    add(UPDATE_CLASS, action="store_true", help="write baselines for this class of renderers only (llvmpipe, …)")
+    add(ADD, action="store_true", help="add pictures that differ as further baselines for this class of renderers")
+    add(REPORT, metavar="DIR", help="write all comparisons to DIR/index.html, with pictures of the differences")
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Checks the options, creates the report folder, registers the collector and, where no other plugin has a fixture
-    of its name, `image_regression`; UsageError for invalid options.
+    """Checks the options, creates the report folder, registers the collector and, unless another plugin has a fixture
+    of that name, `image_regression`. Raises UsageError for invalid options.
     """
-    asked = [option for option in (UPDATE, UPDATE_CLASS, ADD) if _option(config, option)]
-    if len(asked) > 1:
-        raise pytest.UsageError(f"{' and '.join(asked)}: expected one of them")
+    modes = [option for option in (UPDATE, UPDATE_CLASS, ADD) if _option(config, option)]
+    if len(modes) > 1:
+        raise pytest.UsageError(f"{' and '.join(modes)}: expected one of them")
     folder = _option(config, REPORT)
     if folder:
         try:
@@ -86,11 +86,11 @@ def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
 
 
 class Former:
-    """The fixture by its former name."""
+    """Provides the fixture by its former name."""
 
     @pytest.fixture
     def image_regression(self, splatgl_image: ImageRegression) -> ImageRegression:
-        """The same as `splatgl_image`."""
+        """`splatgl_image` by its former name."""
         return splatgl_image
 
 
@@ -98,7 +98,7 @@ class Former:
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[Any]:
     """Attaches a test's comparisons to its report, which pytest-xdist transfers between processes."""
     report = yield
-    # each case once: a fixture may also compare, before or after the test
+    # report a case once: fixtures may also compare, before or after the test
     if cases := item.stash.get(CASES, []):
         setattr(report, CASES_ATTRIBUTE, list(cases))
         cases.clear()

@@ -22,9 +22,9 @@ class Tolerance:
     """Limits of the metrics; None is not checked. By default only the rounding of 8-bit images may differ.
 
     threshold: minimum difference of a differing pixel, as a fraction of the peak; None is one 8-bit step. share,
-    unmatched: maximum fraction of differing pixels, and of those that a shift by one pixel does not explain. maximum,
-    rmse, bias: fractions of the peak. flip: a maximum. psnr (decibels), ssim: minima. Linear premultiplied light;
-    each as `Comparison` defines it.
+    unmatched: maximum fraction of differing pixels, and of pixels that a shift by one pixel does not explain. maximum,
+    rmse, bias: fractions of the peak. flip: a maximum. psnr (decibels), ssim: minima. Linear premultiplied light; see
+    `Comparison`.
     """
 
     threshold: float | None = None
@@ -44,19 +44,19 @@ class Tolerance:
 
     @classmethod
     def of(cls, value: Tolerance | float | None) -> Tolerance:
-        """A number: the maximum difference of any channel in any pixel, as a share of the peak. None: the default."""
+        """value: a number is the maximum difference of any channel, as a share of the peak; None is the default."""
         if value is None or isinstance(value, Tolerance):
             return value or cls()
         return cls(share=None, rmse=None, bias=None, maximum=value)
 
     @classmethod
     def only(cls, threshold: float | None = None, **limits: float) -> Tolerance:
-        """These limits only."""
+        """Tolerance with these limits only."""
         return cls(threshold, **{"share": None, "rmse": None, "bias": None, **limits})
 
     @property
     def extra(self) -> set[str]:
-        """The slower metrics that are needed."""
+        """The slower metrics that the limits need."""
         return {name for name in ("ssim", "flip") if getattr(self, name) is not None}
 
 
@@ -71,11 +71,11 @@ class Check:
     at_least: bool = False
 
     def __str__(self) -> str:
-        found = f"{self.name} {format_metric(self.name, self.value)}"
+        text = f"{self.name} {format_metric(self.name, self.value)}"
         if self.limit is None:
-            return found
+            return text
         sign = ("≥" if self.ok else "<") if self.at_least else ("≤" if self.ok else ">")
-        return f"{found} {sign} {format_metric(self.name, self.limit)}"
+        return f"{text} {sign} {format_metric(self.name, self.limit)}"
 
 
 @dataclass(frozen=True)
@@ -139,31 +139,31 @@ def judge(
     Raises InputError as `compare` does.
     """
     limits = Tolerance.of(tolerance)
-    found = compare(actual, right, limits.threshold, {*extra, *limits.extra}, names, mask)
-    checks = _checks(found, limits)
+    comparison = compare(actual, right, limits.threshold, {*extra, *limits.extra}, names, mask)
+    checks = _checks(comparison, limits)
     kind = None
     if not all(check.ok for check in checks):
-        kind = classify_difference(apply_mask(actual.pixels, mask), apply_mask(right.pixels, mask), found)
+        kind = classify_difference(apply_mask(actual.pixels, mask), apply_mask(right.pixels, mask), comparison)
     size = (right.pixels.shape[1], right.pixels.shape[0])
-    return Verdict(names[0], names[1], size, found, limits, checks, kind)
+    return Verdict(names[0], names[1], size, comparison, limits, checks, kind)
 
 
-def _checks(found: Comparison, limits: Tolerance) -> tuple[Check, ...]:
+def _checks(comparison: Comparison, limits: Tolerance) -> tuple[Check, ...]:
     """Checks of all metrics; for X-rays, limits relative to the peak are multiplied by it."""
     at_most = (
-        ("maximum", found.maximum, limits.maximum, found.peak),
-        ("rmse", found.rmse, limits.rmse, found.peak),
-        ("bias", found.bias, limits.bias, found.peak),
-        ("share", found.share_over, limits.share, 1.0),
-        ("unmatched", found.share_unmatched, limits.unmatched, 1.0),
-        ("flip", found.flip, limits.flip, 1.0),
+        ("maximum", comparison.maximum, limits.maximum, comparison.peak),
+        ("rmse", comparison.rmse, limits.rmse, comparison.peak),
+        ("bias", comparison.bias, limits.bias, comparison.peak),
+        ("share", comparison.share_over, limits.share, 1.0),
+        ("unmatched", comparison.share_unmatched, limits.unmatched, 1.0),
+        ("flip", comparison.flip, limits.flip, 1.0),
     )
     checks = [
         Check(name, value, None if limit is None else limit * scale, limit is None or abs(value) <= limit * scale)
         for name, value, limit, scale in at_most
         if value is not None
     ]
-    at_least = (("psnr", found.psnr, limits.psnr), ("ssim", found.ssim, limits.ssim))
+    at_least = (("psnr", comparison.psnr, limits.psnr), ("ssim", comparison.ssim, limits.ssim))
     checks += [
         Check(name, value, limit, limit is None or value >= limit, at_least=True)
         for name, value, limit in at_least

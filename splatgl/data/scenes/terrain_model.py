@@ -49,7 +49,7 @@ def terrain(seed: int = 7) -> Volume:
     surface = np.maximum(ground, WATER)
     photo = _photograph(ground, surface, rng)
 
-    # occupancy of every voxel, kept down to the depth exposed by neighbouring columns
+    # occupancy of voxels, filled down to the depth that neighbouring columns expose
     planes = np.arange(TERRAIN_SHAPE[0], dtype=np.float32)[:, None, None]
     filled = np.clip(surface.astype(np.float32) - planes + 0.5, 0.0, 1.0)
     shell = planes >= _floor(surface)
@@ -107,7 +107,7 @@ def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
 
 
 def _drained(target: np.ndarray) -> np.ndarray:
-    """Number of cells that drain through each cell, itself included; a cell that drains into itself is a sink."""
+    """Number of cells that drain through a cell, including the cell; a cell that drains into itself is a sink."""
     sink = len(target)
     jump = np.append(np.where(target == np.arange(sink), sink, target), sink)
     area = np.ones(sink + 1)
