@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import textwrap
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -82,9 +83,14 @@ def command_parsers() -> dict[str, argparse.ArgumentParser]:
 
 def command_reference() -> str:
     """The page of all commands: usage, and a table of options for each group of each command."""
-    parts = ["# Commands", "All commands with their options. `splatgl COMMAND --help` prints the same."]
+    parts = [
+        "# Commands",
+        "**Task: look up an option.** `splatgl COMMAND --help` prints the usual ones, `--help-all` all.",
+    ]
     for name, parser in command_parsers().items():
-        parts += [f"## splatgl {name}", parser.description or "", f"```text\n{parser.format_usage().strip()}\n```"]
+        about, _, examples = (parser.description or "").partition("\n\nexamples:\n")
+        usage = parser.format_usage().removeprefix("usage: ").strip()
+        parts += [f"## splatgl {name}", about, f"```text\n{usage}\n{textwrap.dedent(examples)}".rstrip() + "\n```"]
         for group in parser._action_groups:
             rows = [_row(parser, action) for action in group._group_actions if action.help != argparse.SUPPRESS]
             if rows:
