@@ -70,7 +70,7 @@ def moved(viewer: Viewer, steps: Iterator[Callable[[], None]], seconds: float) -
         times.append(time.perf_counter() - before)
         frame = viewer.painter.frame
         levels[str(frame.level) if frame else "nothing"] += 1
-    viewer.release(Pointer(viewer.input.cursor, "left"))
+    viewer.mouse("release", Pointer(viewer.input.cursor, "left"))
     # the first frame of a motion uploads what the others use
     return Moving(tuple(times[1:]), levels, rest(viewer))
 
@@ -78,12 +78,12 @@ def moved(viewer: Viewer, steps: Iterator[Callable[[], None]], seconds: float) -
 def drags(viewer: Viewer) -> Iterator[Callable[[], None]]:
     """Cursor positions of a drag along a circle."""
     width, height = viewer.state.pose.camera.size
-    viewer.press(Pointer((width / 2, height / 2), "left"))
+    viewer.mouse("press", Pointer((width / 2, height / 2), "left"))
     turn = 0.0
     while True:
         turn += 0.1
         place = width / 2 + height / 4 * math.sin(turn), height / 2 + height / 4 * math.cos(turn)
-        yield lambda place=place: (viewer.raw("cursor", *place), viewer.move(place))  # type: ignore[misc]
+        yield lambda place=place: (viewer.raw("cursor", *place), viewer.mouse("move", Pointer(place)))  # type: ignore[misc]
 
 
 def edits(viewer: Viewer) -> Iterator[Callable[[], None]]:
@@ -135,7 +135,7 @@ def main() -> None:
             for _ in range(20):
                 before = time.perf_counter()
                 viewer.raw("cursor", 200.0, 200.0)
-                viewer.move((200.0, 200.0))
+                viewer.mouse("move", Pointer((200.0, 200.0)))
                 viewer.step(0.0)
                 times.append(time.perf_counter() - before)
             print(f"   hover {statistics.median(times) * 1e3:.1f} ms", flush=True)

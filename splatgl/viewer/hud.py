@@ -83,24 +83,19 @@ def progress(frame: Frame | None) -> str:
 
 
 def _splats(document: Document, frame: Frame) -> list[str]:
-    """What of the volume is shown, numbers of drawn and total splats, and why the rest are omitted."""
-    told = document.stand_in.told if document.stand_in else ""
-    return ([told] if told else []) + _numbers(document, frame)
-
-
-def _numbers(document: Document, frame: Frame) -> list[str]:
-    kept = sum(len(layer.finest) for layer in document.drawn_layers)
-    total = sum(layer.volume.count for layer in document.drawn_layers)
-    first = document.layers[0]
+    """The visible part of the volume, numbers of drawn and total splats, and why the others are missing."""
+    layers, first = document.drawn_layers, document.layers[0]
+    kept, total = sum(len(layer.finest) for layer in layers), sum(layer.volume.count for layer in layers)
+    notes = [document.stand_in.told] if document.stand_in and document.stand_in.told else []
     if frame.level.stride > 1 or not document.has_full_resolution:
-        return [f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
+        return [*notes, f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
     most = f"at most {first.threshold:g}" if first.threshold else "0"
     left = f"the rest: opacity {most}{' around' * first.is_post_classified}"
-    said = [f"{kept:,} of {total:,} voxels are splats ({left})"]
+    notes.append(f"{kept:,} of {total:,} voxels are splats ({left})")
     drawn = frame.info.get("drawn", kept - frame.hidden)
     if isinstance(drawn, int) and drawn < kept:
-        said.append(f"{drawn:,} drawn; the rest can't be seen from here")
-    return said
+        notes.append(f"{drawn:,} drawn; the rest can't be seen from here")
+    return notes
 
 
 def _instead(state: State, document: Document) -> list[str]:

@@ -12,7 +12,7 @@ from splatgl.viewer.key_bindings import keymap
 from splatgl.viewer.measure_tool import MeasureTool, pivoted
 from splatgl.viewer.slice_views import SliceTool
 from splatgl.viewer.state import State
-from splatgl.viewer.tool import Place, Pointer, Tool, View
+from splatgl.viewer.tool import MouseEvent, Place, Pointer, Tool, View
 from splatgl.viewer.trackball import Mouse, up_of, wheeled
 
 
@@ -66,24 +66,12 @@ class InputHandler:
         """Whether the view is being dragged."""
         return self.camera.mouse.drag is not None
 
-    def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
-        """The state after a press of a button."""
-        tried = (tool.press(state, document, view, pointer) for tool in self.tools)
-        return next(filter(None, tried), state)
-
-    def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
-        """The state after a move of the cursor."""
+    def handle(self, event: MouseEvent, pointer: Pointer, state: State, document: Document, view: View) -> State:
+        """The state after a mouse event, handled by the first tool that takes it; a release is for every tool."""
         self.cursor = pointer.place
-        tried = (tool.move(state, document, view, pointer) for tool in self.tools)
-        return next(filter(None, tried), state)
-
-    def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
-        """The state after a rotation of the wheel."""
-        tried = (tool.wheel(state, document, view, pointer) for tool in self.tools)
-        return next(filter(None, tried), state)
-
-    def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State:
-        """The state after the release of a button, of which every tool is told."""
         for tool in self.tools:
-            state = tool.release(state, document, view, pointer) or state
+            result: State | None = getattr(tool, event)(state, document, view, pointer)
+            if result is not None and event != "release":
+                return result
+            state = result or state
         return state

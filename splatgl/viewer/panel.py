@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
+from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.colormaps import CORE
 from splatgl.splat.presets import PRESETS, preset
-from splatgl.splat.settings import choices
+from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
@@ -26,26 +28,8 @@ from splatgl.viewer.transfer_editor import Curve
 # screen units
 WIDTH, MARGIN = 330.0, 8.0
 EXTINCTION = (0.01, 100.0)
-# the paper's name of each setting, and its effect
-ABOUT = {
-    "blend": "Compositing over each other, X-ray sums, or the maximum along each ray.",
-    "kernel": "The radial kernel that every voxel is blurred with.",
-    "antialias": "paper: stretched to a pixel beyond z_k [Eq. 4], weakened by (z_k/z_v)^2 [Eq. 6]; auto: samples.",
-    "align": "exact: the true line integral [row 1]; ray: perpendicular quads [row 4]; grid: aligned with the grid "
-    "[row 5]; hybrid: ray up to z_s, then grid [4.2].",
-    "attenuation": "What (z_k/z_v)^2 weakens beyond z_k: the opacity (the paper's), the optical depth, or by fill.",
-    "compositing": "Every splat over the next, or sheets of equal distance, within which splats add up.",
-    "classification": "pre: voxels are classified, then blurred; post: values and gradients are, then classified.",
-    "footprint": "The footprint texture, or a finer table over the squared distance.",
-    "target": "The frame buffer's numbers; the paper's has 8 bits.",
-    "shading": "C = c (0.3 + 0.7 |n l|), a light at the eye.",
-    "light": "At the eye, from above left on matte or glossy matter, or none that shades.",
-    "order": "Read from the rows of splats, without a sort.",
-    "technique": "How splats are drawn: quads, or gathered by tiles of pixels.",
-    "motion": "Blur while the view is turned. moments: mean of pictures; exact: mean of the footprint along its "
-    "path; energy: half discs and a rectangle with its energy kept; paper: Eq. 11.",
-    "occlusion": "Pixels that next to nothing passes any more are closed to what lies behind.",
-}
+# settings with sliders from 0 to 1; those with choices have lists
+STRENGTHS = ("ambient_occlusion", "shadows")
 
 
 class Panel:
@@ -86,12 +70,9 @@ class Panel:
             # a mesh alone has none
             if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"Transfer function{name}###curve", opened):
                 state = self._transfer(state, edited)
-            if imgui.collapsing_header("View"):
-                state = panel_sections.draw_view(state, document, self.widgets)
-            if imgui.collapsing_header("Slices"):
-                state = panel_sections.draw_slices(state, document, self.widgets)
-            if imgui.collapsing_header("Cuts"):
-                state = panel_sections.draw_clipping(state, document, self.widgets)
+            for title, draw in panel_sections.SECTIONS.items():
+                if imgui.collapsing_header(title):
+                    state = draw(state, document, self.widgets)
             if imgui.collapsing_header("Settings"):
                 state = _settings(state, document)
             if imgui.collapsing_header("Statistics"):
@@ -148,27 +129,32 @@ def _time(state: State) -> State:
 
 
 def _settings(state: State, document: Document) -> State:
-    """Controls of Settings, each with a description."""
-    for name, about in ABOUT.items():
-        allowed = BLURS if name == "motion" else choices()[name]
-        chosen = state.blur if name == "motion" else getattr(state.settings, name)
-        changed, index = imgui.combo(name, allowed.index(chosen), list(allowed))
-        imgui.set_item_tooltip(plain(about))
+    """A widget for each setting with choices or a strength, described as on the command line."""
+    for name, setting in declared(Settings).items():
+        label, now = setting.label or name, getattr(state.settings, name)
+        value: Any = None
         if name == "motion":
-            # an open section that changes nothing redraws nothing
-            state = replace(state, blur=allowed[index]) if changed else state
+            changed, index = imgui.combo(label, BLURS.index(state.blur), list(BLURS))
+            state = replace(state, blur=BLURS[index]) if changed else state
+        elif setting.choices:
+            changed, index = imgui.combo(label, setting.choices.index(now), list(setting.choices))
+            value = setting.choices[index]
+        elif name in STRENGTHS:
+            changed, strength = imgui.slider_float(label, now, 0.0, 1.0, "%.2f")
+            value = round(min(max(strength, 0.0), 1.0), 2)
+        elif name == "tolerance":
+            logarithmic = imgui.SliderFlags_.logarithmic
+            changed, strength = imgui.slider_float(label, now * 255, 0.05, 16.0, "%.2f/255", logarithmic)
+            value = strength / 255
+        else:
             continue
-        settings = state.settings.but(**{name: allowed[index]})
-        if changed:
-            why = why_not(settings, state, document)
+        imgui.set_item_tooltip(plain(setting.help).replace("--", "") + ".")
+        # an open section that changes nothing redraws nothing
+        if changed and value is not None:
+            settings = state.settings.but(**{name: value})
+            why = why_not(settings, state, document) if setting.choices else ""
             state = replace(state, message=why) if why else replace(state, settings=settings, message="")
-        if name == "light":
-            state = panel_sections.cues(state)
-    changed, level = imgui.slider_float(
-        "tolerance", state.settings.tolerance * 255, 0.05, 16.0, "%.2f/255", imgui.SliderFlags_.logarithmic
-    )
-    imgui.set_item_tooltip("The largest difference from the float64 reference, linear light.")
-    return replace(state, settings=state.settings.but(tolerance=level / 255)) if changed else state
+    return state
 
 
 def _colors(transfer: Transfer, stats: Statistics) -> Transfer:

@@ -251,15 +251,6 @@ def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> St
     return state if slices == state.slices else replace(state, slices=slices)
 
 
-CUES = {
-    "ambient_occlusion": (
-        "ambient occl.",
-        "Ambient occlusion: how much matter keeps ambient light off what is in or behind it; 0 is off.",
-    ),
-    "shadows": ("shadows", "How dark shadows are; a light at the eye is then above left; 0 is off."),
-}
-
-
 def draw_view(state: State, document: Document, widgets: CommandWidgets) -> State:
     """The section's controls; returns the edited state."""
     frame = document.volume.frame
@@ -290,17 +281,6 @@ def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
     return replace(state, ruler=Ruler(active=measuring)) if changed else state
 
 
-def cues(state: State) -> State:
-    """What shows shape by the light that matter takes away; it takes a moment after every edit of a curve."""
-    for name, (label, about) in CUES.items():
-        changed, strength = imgui.slider_float(label, getattr(state.settings, name), 0.0, 1.0, "%.2f")
-        imgui.set_item_tooltip(about)
-        if changed:
-            settings = state.settings.but(**{name: round(min(max(strength, 0.0), 1.0), 2)})
-            state = replace(state, settings=settings)
-    return state
-
-
 def _ground(state: State) -> State:
     """What is behind the picture."""
     names = [*GROUNDS, "a colour"]
@@ -325,3 +305,6 @@ def _flow(names: Sequence[str], per_row: int) -> Iterator[str]:
         if number % per_row:
             imgui.same_line()
         yield name
+
+
+SECTIONS = {"View": draw_view, "Slices": draw_slices, "Cuts": draw_clipping}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 # pixels, (0, 0) at the upper left corner
 Place = tuple[float, float]
+MouseEvent = Literal["press", "move", "release", "wheel"]
 
 
 @dataclass(frozen=True)

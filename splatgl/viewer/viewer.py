@@ -33,7 +33,7 @@ from splatgl.viewer.reference_view import Reference, Wanted
 from splatgl.viewer.saving import compose_screenshot, free, is_scene_name, save_as, save_picture, save_scene, try_save
 from splatgl.viewer.slice_views import SliceTool, column
 from splatgl.viewer.state import History, State, changed_fields
-from splatgl.viewer.tool import Place, Pointer, View
+from splatgl.viewer.tool import MouseEvent, Pointer, View
 from splatgl.viewer.trackball import up_of
 from splatgl.viewer.window import Window
 
@@ -182,23 +182,11 @@ class Viewer:
             self.effects += effects
             self.touch()
 
-    def press(self, pointer: Pointer) -> None:
-        """Passes a press of a button to the tools."""
-        self.update(self.input.press(self.state, self.document, self.view, pointer))
-
-    def release(self, pointer: Pointer) -> None:
-        """Passes the release of a button to the tools."""
-        self.update(self.input.release(self.state, self.document, self.view, pointer))
-
-    def move(self, place: Place) -> None:
-        """Passes a move of the cursor to the tools."""
-        self.update(self.input.move(self.state, self.document, self.view, Pointer(place)))
-        if self.state.probe and not self.input.is_dragging:
+    def mouse(self, event: MouseEvent, pointer: Pointer) -> None:
+        """Passes a mouse event to the tools."""
+        self.update(self.input.handle(event, pointer, self.state, self.document, self.view))
+        if event == "move" and self.state.probe and not self.input.is_dragging:
             self.refresh()
-
-    def wheel(self, pointer: Pointer) -> None:
-        """Passes a rotation of the wheel to the tools."""
-        self.update(self.input.wheel(self.state, self.document, self.view, pointer))
 
     def resize(self, size: tuple[int, int]) -> None:
         """Fits the view to a window of `size` in pixels; a minimised one keeps its last size."""

@@ -1,4 +1,4 @@
-"""GLFW window: passes events to a `Listener`, with positions in image pixels."""
+"""GLFW window: passes events to a `Viewer`, with positions in image pixels."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import ctypes.util
 import os
 import sys
 import warnings
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from splatgl.annotations.text import legible
 from splatgl.gl.screen import Screen
 from splatgl.viewer.key_bindings import chord
 from splatgl.viewer.tool import Place, Pointer
+
+if TYPE_CHECKING:
+    from splatgl.viewer.viewer import Viewer
 
 BUTTONS = ("left", "right", "middle")
 # exit code after losing the display
@@ -72,50 +75,10 @@ def from_character(character: str) -> str | None:
     return None if character.isalnum() or character.isspace() else character
 
 
-class Listener(Protocol):
-    """Handles the events of a window. Positions are in pixels, (0, 0) at the upper left corner."""
-
-    def key(self, chord: str) -> None:
-        """Key press or repeat; chord: its name with its modifiers."""
-        ...
-
-    def press(self, pointer: Pointer) -> None:
-        """Mouse button press."""
-        ...
-
-    def release(self, pointer: Pointer) -> None:
-        """Mouse button release."""
-        ...
-
-    def move(self, place: Place) -> None:
-        """Cursor move."""
-        ...
-
-    def wheel(self, pointer: Pointer) -> None:
-        """Rotation of the wheel."""
-        ...
-
-    def resize(self, size: tuple[int, int]) -> None:
-        """New window size in pixels, (0, 0) while minimised."""
-        ...
-
-    def drop(self, paths: list[str]) -> None:
-        """Files dropped on the window."""
-        ...
-
-    def refresh(self) -> None:
-        """The window's content was lost and must be redrawn."""
-        ...
-
-    def raw(self, kind: str, *values: Any) -> bool:
-        """Called first with every event in GLFW's form; True stops further handling (the panel consumed it)."""
-        ...
-
-
 class Window:
     """A screen's window: events, size and title."""
 
-    def __init__(self, screen: Screen, listener: Listener) -> None:
+    def __init__(self, screen: Screen, listener: Viewer) -> None:
         import glfw
 
         self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window
@@ -217,18 +180,18 @@ class Window:
             return
         # releases are always passed on: the press may predate the cursor's entry into the panel
         if action == self.glfw.RELEASE:
-            self.listener.release(Pointer(self.at, BUTTONS[button], modifiers(bits)))
+            self.listener.mouse("release", Pointer(self.at, BUTTONS[button], modifiers(bits)))
         elif not taken:
-            self.listener.press(Pointer(self.at, BUTTONS[button], modifiers(bits)))
+            self.listener.mouse("press", Pointer(self.at, BUTTONS[button], modifiers(bits)))
 
     def _cursor(self, _: Any, x: float, y: float) -> None:
         self.listener.raw("cursor", x, y)
         self.at = self._pixels(x, y)
-        self.listener.move(self.at)
+        self.listener.mouse("move", Pointer(self.at))
 
     def _scroll(self, _: Any, x: float, y: float) -> None:
         if not self.listener.raw("scroll", x, y):
-            self.listener.wheel(Pointer(self.at, notches=y))
+            self.listener.mouse("wheel", Pointer(self.at, notches=y))
 
     def _drop(self, _: Any, paths: Any) -> None:
         self.listener.drop([os.fsdecode(path) for path in paths])

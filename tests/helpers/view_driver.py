@@ -32,6 +32,7 @@ from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import reading
+from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.tool import Pointer
 from splatgl.viewer.viewer import Options, Viewer
 
@@ -138,11 +139,11 @@ def nudged(viewer: Viewer) -> dict[str, Any]:
     def turned_again(inputs: int) -> bool:
         if not shown:
             shown.append(viewer.painter.frame)
-            viewer.wheel(Pointer((120.0, 90.0), notches=1.0))
+            viewer.mouse("wheel", Pointer((120.0, 90.0), notches=1.0))
         return interrupted(inputs)
 
     viewer._is_interrupted = turned_again  # type: ignore[method-assign]
-    viewer.wheel(Pointer((120.0, 90.0), notches=1.0))
+    viewer.mouse("wheel", Pointer((120.0, 90.0), notches=1.0))
     until(viewer, lambda: bool(shown))
     viewer._is_interrupted = interrupted  # type: ignore[method-assign]
     return {**told(viewer), "same": viewer.painter.frame is shown[0]}
@@ -198,7 +199,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         np.save(ask["path"], viewer.shot())
     elif what == "reset":
         document, scene = viewer.document, viewer.document.scene
-        document = document.for_settings(scene.settings)
+        styles = [LayerStyle(base, scene.threshold) for base in viewer.bases]
+        document = document.with_styles(styles, document.mesh_files, scene.settings)
         viewer.state = viewer.state.opened(document)
         viewer.state = type(viewer.state).of(document, viewer.view.size)
         viewer.history.begin(viewer.state)
@@ -214,7 +216,7 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     elif what == "turn":
         # many pictures, each from elsewhere
         for number in range(ask["times"]):
-            viewer.move((100.0 + number % 40, 90.0))
+            viewer.mouse("move", Pointer((100.0 + number % 40, 90.0)))
             viewer.step(0.0)
     elif what == "request":
         # as a window manager does
