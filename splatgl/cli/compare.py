@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
-# options for limits, with their field of Tolerance and their help
+# flags of limits, their fields of Tolerance, and help
 LIMITS = (
     ("--max-difference", "maximum", "largest difference of a channel"),
     ("--max-rmse", "rmse", "root mean square of the differences"),
     ("--max-bias", "bias", "mean difference of a channel"),
-    ("--max-share", "share", "share of pixels over the threshold, 0 to 1"),
-    ("--max-unmatched", "unmatched", "the same without what a move by one pixel explains: moved edges"),
+    ("--max-share", "share", "share of pixels above --threshold, 0 to 1"),
+    ("--max-unmatched", "unmatched", "that share without edges that moved by one pixel"),
     ("--max-flip", "flip", "mean FLIP error, 0 to 1 (extra compare)"),
     ("--min-psnr", "psnr", "PSNR in decibels"),
     ("--min-ssim", "ssim", "structural similarity, up to 1"),
@@ -43,8 +43,8 @@ PATIENCE = 1.0
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Comparison options."""
+class Criteria:
+    """Limits, further metrics, mask and pixel formats of a comparison."""
 
     tolerance: Tolerance
     extra: frozenset[str] = frozenset()
@@ -54,8 +54,8 @@ class Asked:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result for one pair. verdict: None if it cannot be compared; error: the reason. images: kept if requested.
-    of_sizes: whether it is that the pictures have other sizes, which differ.
+    """Result for one pair. verdict: None if the pair cannot be compared; error: the reason. images: kept on request.
+    of_sizes: whether the pictures differ in size.
     """
 
     name: str
@@ -79,58 +79,63 @@ class Outcome:
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl compare`."""
-    parser.add_argument("actual", metavar="ACTUAL", help="a picture, .png (8 or 16 bits) or .npy, or a folder of them")
-    parser.add_argument("expected", metavar="EXPECTED", help="the right one, or a folder with the same names")
-    names = ", ".join(METRICS)
-    parser.add_argument("--metric", type=_metrics, default=(), metavar="M,M…", help=f"show these: {names}; or all")
-    parser.add_argument("--mask", metavar="FILE", help="compare only where this picture is not black")
-    parser.add_argument("--any-mode", action="store_true", help="RGB with RGBA or gray: compare what they look like")
-    parser.add_argument("--diff", metavar="FILE.png", help="write the difference, black to pale yellow at its maximum")
-    parser.add_argument("--report", metavar="FILE.html", help="write a page: side by side, difference, flicker")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
-    parser.add_argument("--quiet", action="store_true", help="print only what differs or cannot be compared")
-    group = parser.add_argument_group(
-        "limits (default: only the rounding of 8-bit pictures passes; naming any replaces the default ones)"
+    parser.add_argument(
+        "actual", metavar="ACTUAL", help="picture, .png (8 or 16 bits) or .npy, or a folder of pictures"
     )
-    group.add_argument("--tolerance", type=_limit, metavar="E", help="the same as --max-difference E")
-    group.add_argument("--threshold", type=_limit, metavar="E", help="a pixel counts from this (one 8-bit step)")
+    parser.add_argument("expected", metavar="EXPECTED", help="correct picture, or a folder with the same file names")
+    names = ", ".join(METRICS)
+    parser.add_argument(
+        "--metric", type=_metrics, default=(), metavar="M,M…", help=f"metrics to print: {names}; or all"
+    )
+    parser.add_argument("--mask", metavar="FILE", help="compare only where this picture is not black")
+    parser.add_argument("--any-mode", action="store_true", help="also compare RGB with RGBA or gray, as they look")
+    parser.add_argument("--diff", metavar="FILE.png", help="write the difference: black, to pale yellow at the maximum")
+    parser.add_argument("--report", metavar="FILE.html", help="write an HTML page: side by side, difference, flicker")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.add_argument("--quiet", action="store_true", help="print only pairs that differ or cannot be compared")
+    group = parser.add_argument_group(
+        "limits", "default: rounding to 8 bits passes; any limit replaces the default ones"
+    )
+    group.add_argument("--tolerance", type=_limit, metavar="E", help="same as --max-difference E")
+    about = "smallest difference of a pixel that --max-share counts (default: one 8-bit step)"
+    group.add_argument("--threshold", type=_limit, metavar="E", help=about)
     for option, name, about in LIMITS:
         group.add_argument(option, dest=f"limit_{name}", type=_limit, metavar="X", help=about)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """0 if all are the same, 1 if any differ, 2 if any pair is unusable."""
+    """Compares and prints; returns 0 if all pairs are the same, 1 if any differ, 2 if any cannot be compared."""
     actual, right = Path(args.actual), Path(args.expected)
-    listed = find_pairs(actual, right)
+    pairs = find_pairs(actual, right)
     if args.diff and actual.is_dir():
         raise expected("--diff", "two files", "two folders", "use --report for folders")
     for path, suffixes in ((args.diff, (".png",)), (args.report, (".html",))):
         if path:
             check_output(Path(path), suffixes)
             check_apart(Path(path), actual, right, *([Path(args.mask)] if args.mask else []))
-    asked = _asked(args)
-    keep = len(listed) == 1
-    outcomes = [compare_files(name, a, b, asked, keep) for name, a, b in _bar(listed, args.quiet or args.json)]
+    criteria = _criteria(args)
+    keep = len(pairs) == 1
+    outcomes = [compare_files(name, a, b, criteria, keep) for name, a, b in _bar(pairs, args.quiet or args.json)]
     # print the verdict first, in case a file cannot be written
     print(_json(outcomes) if args.json else _text(outcomes, args), end="", flush=True)
     if args.diff and outcomes[0].images and outcomes[0].verdict:
-        write_file(Path(args.diff), _diff(*outcomes[0].images, asked))
+        write_file(Path(args.diff), _diff(*outcomes[0].images, criteria))
     if args.report:
-        write_file(Path(args.report), _page(outcomes, asked, f"{actual} against {right}").encode())
+        write_file(Path(args.report), _page(outcomes, criteria, f"{actual} against {right}").encode())
     return max(outcome.code for outcome in outcomes)
 
 
-def compare_files(name: str, actual: Path, right: Path, asked: Asked, keep: bool = False) -> Outcome:
-    """Compares a pair of files; errors are returned as an outcome, not raised. keep: keeps the images too."""
+def compare_files(name: str, actual: Path, right: Path, criteria: Criteria, keep: bool = False) -> Outcome:
+    """Compares a pair of files; returns errors as an outcome. keep: keeps the images in it."""
     try:
-        images = _images(actual, right, asked)
-        sizes = [each.pixels.shape[:2] for each in images]
+        images = _images(actual, right, criteria)
+        sizes = [image.pixels.shape[:2] for image in images]
         if sizes[0] != sizes[1]:
             got, this = (f"{width}×{height}" for height, width in sizes)
             error = expected(actual, f"one size, {this}", got, "draw both at the same size")
             return Outcome(name, actual, right, None, str(error), images if keep else None, True)
-        verdict = _judge(*images, (str(actual), str(right)), asked)
+        verdict = judge(*images, criteria.tolerance, criteria.extra, (str(actual), str(right)), criteria.mask)
     except InputError as error:
         return Outcome(name, actual, right, None, str(error))
     return Outcome(name, actual, right, verdict, images=images if keep else None)
@@ -139,32 +144,28 @@ def compare_files(name: str, actual: Path, right: Path, asked: Asked, keep: bool
 def check_apart(output: Path, *inputs: Path) -> None:
     """InputError if writing `output` would overwrite one of the compared images."""
     if output.exists() and any(path.exists() and output.samefile(path) for path in inputs):
-        raise expected(output, "another file than those compared", "one of them", "write to another name")
+        raise expected(output, "another file than the compared pictures", "one of them", "write to another name")
 
 
-def _images(actual: Path, right: Path, asked: Asked) -> tuple[Image, Image]:
+def _images(actual: Path, right: Path, criteria: Criteria) -> tuple[Image, Image]:
     """Both images, read in parallel if large: decoding releases the GIL."""
     with ThreadPoolExecutor(2) as threads:
         pictures = list(threads.map(read, (actual, right)))
-    return match_formats(pictures[0], pictures[1], asked.any_mode)
-
-
-def _judge(first: Image, second: Image, names: tuple[str, str], asked: Asked) -> Verdict:
-    return judge(first, second, asked.tolerance, asked.extra, names, asked.mask)
+    return match_formats(pictures[0], pictures[1], criteria.any_mode)
 
 
 def check_against(
     image: Image, reference: Picture, output: Path, background: tuple[float, float, float] | None = None
 ) -> Verdict:
-    """The verdict on a new image, as it would be saved at `output`, by the default limits."""
+    """Verdict on a new image, as saved at `output`, by the default limits."""
     drawn = Picture(str(output), image)
     if reference.bits is not None:
         drawn = replace(drawn, image=image.rounded(reference.bits, background), bits=reference.bits)
     first, second = match_formats(drawn, reference)
-    return _judge(first, second, (str(output), reference.name), Asked(Tolerance()))
+    return judge(first, second, Tolerance(), frozenset(), (str(output), reference.name))
 
 
-def _asked(args: argparse.Namespace) -> Asked:
+def _criteria(args: argparse.Namespace) -> Criteria:
     limits = {name: getattr(args, f"limit_{name}") for _, name, _ in LIMITS}
     limits = {name: limit for name, limit in limits.items() if limit is not None}
     if args.tolerance is not None:
@@ -174,29 +175,29 @@ def _asked(args: argparse.Namespace) -> Asked:
     extra = frozenset(args.metric) & {"ssim", "flip"}
     if "flip" in extra | tolerance.extra:
         require_flip()
-    return Asked(tolerance, extra, mask, args.any_mode)
+    return Criteria(tolerance, extra, mask, args.any_mode)
 
 
-def _diff(actual: Image, right: Image, asked: Asked) -> bytes:
+def _diff(actual: Image, right: Image, criteria: Criteria) -> bytes:
     from splatgl.comparison import html_report
 
-    difference = html_report.largest_difference(actual, right, asked.mask)
+    difference = html_report.largest_difference(actual, right, criteria.mask)
     return encode_png(html_report.heat_map(difference), html_report.COMPRESSION)
 
 
-def _page(outcomes: list[Outcome], asked: Asked, title: str) -> str:
-    """HTML report: unusable pairs first, then the largest differences; only pairs shown with images are read again."""
+def _page(outcomes: list[Outcome], criteria: Criteria, title: str) -> str:
+    """HTML report: pairs that cannot be compared, then the largest differences. Reads pairs with images again."""
     from splatgl.comparison.html_report import MOST_PICTURED, build_page
 
     ranked = sorted(outcomes, key=lambda o: -o.verdict.comparison.rmse if o.verdict else -math.inf)
-    return build_page([_case(outcome, asked, i < MOST_PICTURED) for i, outcome in enumerate(ranked)], title)
+    return build_page([_case(outcome, criteria, i < MOST_PICTURED) for i, outcome in enumerate(ranked)], title)
 
 
-def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
+def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
     from splatgl.comparison.html_report import build_case, build_single_case, build_size_case
 
     if outcome.of_sizes and pictured:
-        images = outcome.images or _images(outcome.actual, outcome.right, asked)
+        images = outcome.images or _images(outcome.actual, outcome.right, criteria)
         return build_size_case(outcome.name, outcome.error, *images)
     if outcome.of_sizes:
         return build_single_case(outcome.name, "different", outcome.error)
@@ -205,12 +206,12 @@ def _case(outcome: Outcome, asked: Asked, pictured: bool) -> Case:
     if outcome.verdict.same or not pictured:
         return build_single_case(outcome.name, "same" if outcome.verdict.same else "different", outcome.verdict.line)
     verdict = replace(outcome.verdict, name=outcome.name)
-    first, second = outcome.images or _images(outcome.actual, outcome.right, asked)
-    return build_case(verdict, first, second, asked.mask)
+    first, second = outcome.images or _images(outcome.actual, outcome.right, criteria)
+    return build_case(verdict, first, second, criteria.mask)
 
 
 def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:
-    """A line for each differing pair; for a single pair its metrics too."""
+    """A line for each pair that differs; for a single pair its metrics, too."""
     lines = []
     for outcome in outcomes:
         if outcome.code == UNUSABLE:
@@ -227,7 +228,7 @@ def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:
 
 
 def _json(outcomes: list[Outcome]) -> str:
-    """A record per pair; infinite decibels become null."""
+    """JSON with a record for each pair; infinite decibels become null."""
     records = [_record(outcome) for outcome in outcomes]
     return json.dumps({"exit": max(o.code for o in outcomes), "pairs": records}, indent=1, ensure_ascii=False) + "\n"
 
@@ -254,9 +255,8 @@ def _record(outcome: Outcome) -> dict[str, object]:
 
 def _metrics(text: str) -> tuple[str, ...]:
     names = METRICS if text == "all" else tuple(text.split(","))
-    unknown = [name for name in names if name not in METRICS]
-    if unknown:
-        raise argparse.ArgumentTypeError(f"expected all, or some of {', '.join(METRICS)}, got {', '.join(unknown)}")
+    if not set(names) <= set(METRICS):
+        raise argparse.ArgumentTypeError(f"expected all, or some of {', '.join(METRICS)}, got {text}")
     return names
 
 
@@ -272,14 +272,14 @@ def _limit(text: str) -> float:
     return value
 
 
-def _bar(listed: list[tuple[str, Path, Path]], quiet: bool) -> Iterator[tuple[str, Path, Path]]:
+def _bar(pairs: list[tuple[str, Path, Path]], quiet: bool) -> Iterator[tuple[str, Path, Path]]:
     """Progress bar over pairs, if tqdm is installed and stderr is a terminal."""
-    shown: Iterable[tuple[str, Path, Path]] = listed
-    if not quiet and len(listed) > 1 and sys.stderr.isatty():
+    shown: Iterable[tuple[str, Path, Path]] = pairs
+    if not quiet and len(pairs) > 1 and sys.stderr.isatty():
         try:
             from tqdm import tqdm
 
-            shown = tqdm(listed, "comparing", unit="pair", delay=PATIENCE, leave=False)
+            shown = tqdm(pairs, "comparing", unit="pair", delay=PATIENCE, leave=False)
         except ImportError:
             pass
     return iter(shown)

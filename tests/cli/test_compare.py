@@ -224,8 +224,8 @@ def test_bad_input_each_in_its_own_words(here: Path, capsys: Said) -> None:
         "dir full": "dir: expected pictures (.png, .npy), got none",
         "full dir": "dir: expected pictures (.png, .npy), got none",
         "full full --diff d.png": "--diff: expected two files, got two folders; use --report for folders",
-        "right.png right16.png --diff right16.png": "right16.png: expected another file than those compared",
-        "right.png right16.png --mask rgb.png --diff ./rgb.png": "rgb.png: expected another file than those compared",
+        "right.png right16.png --diff right16.png": "right16.png: expected another file than the compared pictures",
+        "right.png right16.png --mask rgb.png --diff ./rgb.png": "rgb.png: expected another file than the compared",
         "right.png right.png --report right.png/r.html": "right.png/r.html: expected a folder, got the file",
         "right.png right.png --report full.html": "full.html: expected a file to write, got a directory",
         "right.png right.png --mask none.png": "none.png: cannot be read: no such file",
@@ -318,7 +318,7 @@ def test_render_ref_leaves_the_right_picture_alone(here: Path, capsys: Said) -> 
     right = Path("noise.png").read_bytes()
     for output in ([], ["-o", "noise.png"], ["-o", "../" + here.name + "/noise.png"]):
         assert main([*draw, *output, "--ref", "noise.png", "--azimuth", "50"]) == 2
-        assert "noise.png: expected another file than those compared" in capsys.readouterr().err
+        assert "noise.png: expected another file than the compared pictures" in capsys.readouterr().err
     assert Path("noise.png").read_bytes() == right
     assert main([*draw, "-o", "x.png", "--ref", "none.png"]) == 2
     assert main([*draw, "-o", "x.png", "--ref", "right.png"]) == 2
