@@ -77,7 +77,7 @@ def left_out(image: Image) -> list[str]:
 
 
 def compose(layer: Canvas, view: View, names: Sequence[str]) -> None:
-    """Draws annotations on an empty layer, without lines behind the image."""
+    """Draws annotations on an empty canvas, without lines behind the image."""
     rows = _rows(names)
     for row in rows:
         if row.draw_below is not None:
@@ -167,7 +167,7 @@ def _write(layer: Canvas, text: str, name: str, lefts: Sequence[int], tops: Sequ
     """Writes a text at the first free place."""
     if text:
         wide, tall = layer.text_size(text)
-        rect = layer.place([Rect(x, y, x + wide, y + tall) for y in tops for x in lefts], name)
+        rect = layer.reserve([Rect(x, y, x + wide, y + tall) for y in tops for x in lefts], name)
         if rect is not None:
             layer.text(text, rect.left, rect.top)
 

@@ -1,4 +1,4 @@
-"""The volume's box: its edges as the camera sees them, with ticks and numbers along three outer ones."""
+"""Edges of the volume's box, with ticks and numbers along three outer edges."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View, 
 from splatgl.annotations.scale_bar import in_digits, ticks
 from splatgl.splat.camera import Camera
 
-# the ends of the edges along grid x, y and z, as numbers of corners; corner 4z + 2y + x
+# ends of the edges along grid x, y and z as indices of corners; corner 4z + 2y + x
 EDGES = tuple(tuple((n, n + step) for n in range(8) if not n & step) for step in (1, 2, 4))
 # width of lines and length of ticks, in font heights; dashes and the gaps between them
 WIDTH, TICK, DASH, GAP = 0.06, 0.45, 0.5, 0.4
@@ -19,17 +19,15 @@ ALPHA, BEHIND = 0.9, 0.6
 MOST_TICKS, APART = 6, 2.6
 # depths below this share of the box's size are behind the eye
 NEAREST = 1e-4
-# an axis of the grid this near to one of the world's has its letter and its coordinates
+# a grid axis this close to a world axis has its letter and coordinates
 ALONG = 1e-6
-# of two outer edges the one is numbered that looks most this way: down, and a little left
+# of two outer edges, the one farther in this direction is numbered: down, and slightly left
 TOWARDS = np.array([-0.6, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """An edge of the box. corners: its ends; outer: whether it is part of the outline; hidden: whether it lies behind
-    the box.
-    """
+    """An edge of the box. corners: its ends; outer: whether it is on the outline; hidden: whether it is behind the box."""
 
     axis: int
     corners: tuple[int, int]
@@ -49,67 +47,67 @@ def edges(corners: np.ndarray, camera: Camera) -> list[Edge]:
             outward = normal * np.sign(normal @ (place - middle))
             to_eye = camera.eye - place if camera.perspective else -camera.forward
             facing[axis, end] = float(outward @ to_eye) > 1e-9 * float(np.linalg.norm(outward) * np.abs(to_eye).max())
-    found = []
+    result = []
     for axis, pairs in enumerate(EDGES):
         for first, second in pairs:
             faces = [facing[other, first >> other & 1] for other in range(3) if other != axis]
-            found.append(Edge(axis, (first, second), faces[0] != faces[1], not any(faces)))
-    return found
+            result.append(Edge(axis, (first, second), faces[0] != faces[1], not any(faces)))
+    return result
 
 
 def projected(points: np.ndarray, camera: Camera) -> np.ndarray:
-    """Places [N, 2] in pixels of world points [N, 3] in front of the eye."""
-    seen = camera.eye_from_points(points)
-    scale = np.asarray(camera.pixel_pitch(seen[:, 2]))[:, None]
-    return np.asarray(seen[:, :2] / scale + np.array(camera.size) / 2)
+    """Pixel places [N, 2] of world points [N, 3] in front of the eye."""
+    eye_points = camera.eye_from_points(points)
+    scale = np.asarray(camera.pixel_pitch(eye_points[:, 2]))[:, None]
+    return np.asarray(eye_points[:, :2] / scale + np.array(camera.size) / 2)
 
 
 def parts_ahead(ends: np.ndarray, camera: Camera) -> np.ndarray:
-    """The parts [M, 2, 3] of segments [N, 2, 3] in front of the eye."""
+    """Parts [M, 2, 3] of segments [N, 2, 3] in front of the eye."""
     near = NEAREST * float(np.ptp(ends.reshape(-1, 3), axis=0).max())
     depth = camera.eye_from_points(ends)[..., 2]
-    kept = (depth > near).any(axis=1)
-    ends, depth = ends[kept], depth[kept]
+    is_ahead = (depth > near).any(axis=1)
+    ends, depth = ends[is_ahead], depth[is_ahead]
     step = np.where(depth[:, 0] == depth[:, 1], 1.0, depth[:, 1] - depth[:, 0])
-    cut = ends[:, 0] + (ends[:, 1] - ends[:, 0]) * ((near - depth[:, 0]) / step)[:, None]
-    return np.where((depth > near)[..., None], ends, cut[:, None])
+    crossing = ends[:, 0] + (ends[:, 1] - ends[:, 0]) * ((near - depth[:, 0]) / step)[:, None]
+    return np.where((depth > near)[..., None], ends, crossing[:, None])
 
 
 def draw_behind(layer: Canvas, view: View) -> None:
     """Draws the edges that lie behind the box, dashed."""
     subject, camera = view.subject, view.camera
-    hidden = [each for each in edges(subject.corners, camera) if each.hidden]
+    hidden = [edge for edge in edges(subject.corners, camera) if edge.hidden]
     em = layer.em
-    # dashes beyond the picture are many in a close view
-    inside = clipped(_seen(hidden, subject, camera), (-em, -em, layer.size[0] + em, layer.size[1] + em))
+    # a close view would have many dashes beyond the image
+    inside = clipped(_in_image(hidden, subject, camera), (-em, -em, layer.size[0] + em, layer.size[1] + em))
     layer.segments(dashes(inside, DASH * em, max(GAP * em, 2 * layer.edge + 2)), alpha=BEHIND, width=_width(layer))
 
 
 def draw_edges(layer: Canvas, view: View) -> None:
-    """Draws the other edges, with ticks along an outer one of each axis."""
+    """Draws the other edges, with ticks along an outer edge of each axis."""
     subject, camera = view.subject, view.camera
-    every = edges(subject.corners, camera)
-    drawn = [_seen([each for each in every if not each.hidden], subject, camera)]
-    for edge in numbered(every, subject, camera):
-        seen, out = projected(marks(subject, edge, camera, layer.em)[0], camera), outwards(edge, subject, camera)
-        drawn.append(np.concatenate([seen, seen + out * TICK * layer.em], axis=1))
+    box = edges(subject.corners, camera)
+    drawn = [_in_image([edge for edge in box if not edge.hidden], subject, camera)]
+    for edge in numbered(box, subject, camera):
+        start, out = projected(marks(subject, edge, camera, layer.em)[0], camera), outwards(edge, subject, camera)
+        drawn.append(np.concatenate([start, start + out * TICK * layer.em], axis=1))
     layer.segments(np.concatenate(drawn), alpha=ALPHA, width=_width(layer))
 
 
 def draw_numbers(layer: Canvas, view: View) -> None:
-    """Draws the numbers of the ticks, and the axes' names."""
+    """Draws the numbers of the ticks, and the names of the axes."""
     subject, camera = view.subject, view.camera
-    every = edges(subject.corners, camera)
-    if not any(each.outer for each in every):
+    box = edges(subject.corners, camera)
+    if not any(edge.outer for edge in box):
         layer.notes.append("no numbers of the box: the eye is in it")
-    left_out = sum(_number(layer, subject, each, camera) for each in numbered(every, subject, camera))
+    left_out = sum(_number(layer, subject, edge, camera) for edge in numbered(box, subject, camera))
     if left_out:
         layer.notes.append(f"no room for {left_out} numbers of the box")
 
 
-def _seen(every: list[Edge], subject: Subject, camera: Camera) -> np.ndarray:
-    """Edges in the picture [S, 4], as far as they are in front of the eye."""
-    ends = np.array([subject.corners[list(each.corners)] for each in every]).reshape(-1, 2, 3)
+def _in_image(box: list[Edge], subject: Subject, camera: Camera) -> np.ndarray:
+    """Parts of edges in front of the eye, in pixels [S, 4]."""
+    ends = np.array([subject.corners[list(edge.corners)] for edge in box]).reshape(-1, 2, 3)
     ahead = parts_ahead(ends, camera) if len(ends) else ends
     return projected(ahead.reshape(-1, 3), camera).reshape(-1, 4)
 
@@ -118,32 +116,32 @@ def _width(layer: Canvas) -> float:
     return max(1.0, WIDTH * layer.em)
 
 
-def numbered(every: list[Edge], subject: Subject, camera: Camera) -> list[Edge]:
-    """One outer edge of each axis that has one in front of the eye: the lower, or the one further left."""
+def numbered(box: list[Edge], subject: Subject, camera: Camera) -> list[Edge]:
+    """An outer edge of each axis in front of the eye, if any: the lower one, or the one farther left."""
     depth = camera.eye_from_points(subject.corners)[:, 2]
-    found = []
+    result = []
     for axis in range(3):
-        outer = [each for each in every if each.axis == axis and each.outer]
-        outer = [each for each in outer if (depth[list(each.corners)] > 0).all() or not camera.perspective]
+        outer = [edge for edge in box if edge.axis == axis and edge.outer]
+        outer = [edge for edge in outer if (depth[list(edge.corners)] > 0).all() or not camera.perspective]
         if outer:
-            found.append(max(outer, key=lambda each: float(outwards(each, subject, camera) @ TOWARDS)))
-    return found
+            result.append(max(outer, key=lambda edge: float(outwards(edge, subject, camera) @ TOWARDS)))
+    return result
 
 
 def outwards(edge: Edge, subject: Subject, camera: Camera) -> np.ndarray:
-    """Unit vector [2] in the picture, across an edge and away from the box."""
+    """Unit vector [2] in the image, across an edge and away from the box."""
     a, b = projected(subject.corners[list(edge.corners)], camera)
     along = (b - a) / (float(np.hypot(*(b - a))) or 1.0)
     across = np.array([-along[1], along[0]])
     depth = camera.eye_from_points(subject.corners)[:, 2]
-    seen = projected(subject.corners[depth > 0] if camera.perspective else subject.corners, camera)
-    return across if float((seen - a).mean(axis=0) @ across) < 0 else -across
+    corners = projected(subject.corners[depth > 0] if camera.perspective else subject.corners, camera)
+    return across if float((corners - a).mean(axis=0) @ across) < 0 else -across
 
 
 def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.ndarray, list[str], str]:
-    """Places [N, 3] of ticks on an edge, world units, what is written at them, and at the edge.
+    """World places [N, 3] of an edge's ticks, their texts, and the name of the axis.
 
-    Along an axis of the world its coordinates; else, of grid axis i, j or k, lengths from the box's first corner.
+    Along a world axis the ticks are coordinates, else lengths from the first corner along grid axis i, j or k.
     """
     first, second = subject.corners[list(edge.corners)]
     length = float(np.linalg.norm(second - first))
@@ -154,14 +152,14 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
     low, high = sorted((start, start + sign * length))
     factor, name = in_digits(max(abs(low), abs(high)), subject.unit)
     most = min(MOST_TICKS, int(np.hypot(*np.subtract(*projected(np.array([first, second]), camera))) / (APART * em)))
-    found = ticks(low * factor, high * factor, most) if most > 1 else []
-    places = first + unit * ((np.array(found).reshape(-1, 1) / factor - start) * sign)
+    values = ticks(low * factor, high * factor, most) if most > 1 else []
+    places = first + unit * ((np.array(values).reshape(-1, 1) / factor - start) * sign)
     letter = "xyz"[world] if straight else "ijk"[edge.axis]
-    return places, [f"{each:.6g}" for each in found], f"{letter}, {name}" if name else letter
+    return places, [f"{value:.6g}" for value in values], f"{letter}, {name}" if name else letter
 
 
 def _number(layer: Canvas, subject: Subject, edge: Edge, camera: Camera) -> int:
-    """Draws an edge's numbers and name; returns how many of these have no room."""
+    """Draws an edge's numbers and name; returns how many have no room."""
     a, b = projected(subject.corners[list(edge.corners)], camera)
     places, texts, name = marks(subject, edge, camera, layer.em)
     if not texts:
@@ -179,7 +177,7 @@ def _number(layer: Canvas, subject: Subject, edge: Edge, camera: Camera) -> int:
 
 
 def _write(layer: Canvas, text: str, middles: list[np.ndarray]) -> bool:
-    """Writes a text around the first of some places that is free; whether one is."""
+    """Writes a text centred on the first free place; returns whether one is free."""
     wide, tall = layer.text_size(text)
     for x, y in middles:
         left, top = round(float(x) - wide / 2), round(float(y) - tall / 2)

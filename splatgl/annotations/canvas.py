@@ -1,4 +1,4 @@
-"""Antialiased lines and text with halos, and the `Subject` that annotations describe."""
+"""Canvas for antialiased lines and text with halos; the subject, view and rows of annotations."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from splatgl.data.volume import Volume
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 
-# font height as a fraction of the smaller side, and its least, in pixels
+# font height as a fraction of the smaller side, and its minimum in pixels
 FONT_SHARE, LEAST_FONT = 0.026, 11
 # subpixels along each axis of a line's pixel
 FINE = 4
 HALO_ALPHA = 0.7
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
-# linear light that looks as far from black as from white
+# linear light halfway between black and white to the eye
 MIDDLE = 0.18
-# light and opacity of a pixel that shows nothing
+# largest light and opacity of an empty pixel
 EMPTY = 2e-3
 
 Color = tuple[float, float, float]
@@ -41,24 +41,24 @@ class Rect:
     bottom: int
 
     def meets(self, other: Rect) -> bool:
-        """Whether both have a pixel in common."""
+        """Whether both share a pixel."""
         across = self.left < other.right and other.left < self.right
         return across and self.top < other.bottom and other.top < self.bottom
 
     def moved(self, x: int, y: int) -> Rect:
-        """It, that many pixels further right and down."""
+        """The rectangle, that many pixels farther right and down."""
         return Rect(self.left + x, self.top + y, self.right + x, self.bottom + y)
 
 
-# pixels that are drawn on: a rectangle, with the patch that alone lies there, or their numbers
+# changed pixels: a rectangle, a rectangle with the only patch on it, or indices of pixels
 Touched = Rect | np.ndarray | tuple[Rect, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """pixels: float32 [H, W, 4], linear, premultiplied. ink: of text and lines; picture: what it lies on, [H, W, 4], or
-    None; ground: linear RGB of that where it is empty. taken: reserved places; notes: what is left out, and why;
-    touched: what is drawn on. scratch: of lines, made with the first. font: its height, 0: as suits the picture.
+    """pixels: float32 [H, W, 4], linear, premultiplied. ink: colour of text and lines. picture [H, W, 4]: the image
+    below, or None; ground: linear RGB of its empty pixels. taken: reserved places. notes: reasons for omissions.
+    touched: changed pixels. scratch: buffer for lines. font: its height in pixels; 0: by the size of the image.
     """
 
     pixels: np.ndarray
@@ -73,13 +73,10 @@ class Canvas:
 
     @classmethod
     def over(cls, pixels: np.ndarray, ground: Color | None) -> Canvas:
-        """An empty layer for a picture; its ink is black or white, whichever reads at the picture's edges.
-
-        Transparency counts as `ground`, or else as white.
-        """
+        """Empty canvas for an image, with black or white ink, whichever is legible at its edges over `ground` or white."""
         edges = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
-        seen = edges[:, :3] + (1 - edges[:, 3:]) * np.asarray(ground or WHITE, np.float32)
-        return cls(np.zeros_like(pixels, dtype=np.float32), ink_on(seen), pixels, ground)
+        light = edges[:, :3] + (1 - edges[:, 3:]) * np.asarray(ground or WHITE, np.float32)
+        return cls(np.zeros_like(pixels, dtype=np.float32), ink_on(light), pixels, ground)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -88,7 +85,7 @@ class Canvas:
 
     @property
     def halo(self) -> Color:
-        """The contrary of the ink."""
+        """Colour of halos: black for white ink, else white."""
         return BLACK if self.ink == WHITE else WHITE
 
     @property
@@ -98,27 +95,27 @@ class Canvas:
 
     @property
     def pad(self) -> int:
-        """Distance from the picture's edges and between annotations."""
+        """Distance from the image's edges and between annotations, pixels."""
         return round(0.7 * self.em)
 
     @property
     def edge(self) -> int:
-        """Width of a halo."""
+        """Width of a halo, pixels."""
         return max(1, round(self.em / 12))
 
     @property
     def stroke(self) -> float:
-        """Width of a line."""
+        """Width of a line, pixels."""
         return max(1.25, self.em / 10)
 
     def free(self, rect: Rect) -> bool:
-        """Whether a place is within the picture, and not taken."""
+        """Whether a place is within the image and not taken."""
         width, height = self.size
         inside = rect.left >= 0 and rect.top >= 0 and rect.right <= width and rect.bottom <= height
         return inside and not any(rect.meets(other) for other in self.taken)
 
     def empty(self, rect: Rect) -> bool:
-        """Whether the picture shows nothing there; True if it is not known."""
+        """Whether the image is empty there; True without an image."""
         if self.picture is None:
             return True
         part = self.picture[max(rect.top, 0) : rect.bottom, max(rect.left, 0) : rect.right]
@@ -127,37 +124,35 @@ class Canvas:
             return bool((np.abs(over - np.asarray(self.ground, np.float32)) <= EMPTY).all())
         return bool((part[..., 3] <= EMPTY).all())
 
-    def place(self, places: Sequence[Rect], what: str) -> Rect | None:
-        """Takes the first place that is free, of those where the picture is empty if there are any; None, with a note
-        about `what`, if none is free.
-        """
-        free = [each for each in places if self.free(each)]
-        found = next((each for each in free if self.empty(each)), free[0] if free else None)
-        if found is not None:
-            self.taken.append(found)
+    def reserve(self, places: Sequence[Rect], name: str) -> Rect | None:
+        """Reserves the first free place, preferably one where the image is empty; None, with a note, if none is free."""
+        free = [place for place in places if self.free(place)]
+        reserved = next((place for place in free if self.empty(place)), free[0] if free else None)
+        if reserved is not None:
+            self.taken.append(reserved)
         else:
-            self.notes.append(f"no room for the {what} in {self.size[0]}×{self.size[1]} pixels")
-        return found
+            self.notes.append(f"no room for the {name} in {self.size[0]}×{self.size[1]} pixels")
+        return reserved
 
     def text_size(self, text: str) -> tuple[int, int]:
         """Width and height of a line of text with its halo."""
         return text_size(text, self.em, self.edge)
 
     def text(self, text: str, left: int, top: int, color: Color | None = None) -> None:
-        """A line of text with its halo; (left, top): of the place that `text_size` tells."""
-        self.lay(_written(text, self.em, self.edge, color or self.ink, self.halo), (left, top))
+        """Draws a line of text with its halo; (left, top): corner of its `text_size`."""
+        self.paste(_text_patch(text, self.em, self.edge, color or self.ink, self.halo), (left, top))
 
     def lines(self, paths: Sequence[Sequence[Point]], color: Color | None = None, alpha: float = 1.0) -> None:
-        """Antialiased lines through points (x, y), the centre of pixel (0, 0) at (½, ½), with a halo."""
-        every = [np.asarray(path, np.float64) for path in paths]
-        parts = [np.concatenate([path[:-1], path[1:]], axis=1) for path in every if len(path) > 1]
+        """Draws antialiased lines with halos through points (x, y); the centre of pixel (0, 0) is (½, ½)."""
+        arrays = [np.asarray(path, np.float64) for path in paths]
+        parts = [np.concatenate([path[:-1], path[1:]], axis=1) for path in arrays if len(path) > 1]
         if parts:
             self.segments(np.concatenate(parts), color, alpha)
 
     def segments(
         self, segments: np.ndarray, color: Color | None = None, alpha: float = 1.0, width: float | None = None
     ) -> None:
-        """Antialiased lines [S, 4], (x, y, x, y), with a halo; None: of the stroke's width."""
+        """Draws antialiased segments [S, 4], (x, y, x, y), with halos. width: None: `stroke`."""
         half = (self.stroke if width is None else width) / 2
         if not self.scratch:
             self.scratch.append(np.full(self.size[0] * self.size[1], np.inf, np.float32))
@@ -174,38 +169,40 @@ class Canvas:
         self.touched.append(number)
 
     def polygon(self, points: np.ndarray, color: Color) -> None:
-        """A filled polygon [N, 2]."""
+        """Fills a polygon [N, 2]."""
         low = np.maximum(np.floor(points.min(axis=0) - 1), 0).astype(int)
         high = np.minimum(np.ceil(points.max(axis=0) + 1), self.size).astype(int)
         if (high <= low).any():
             return
         mask, pen = _canvas(*((high - low) * FINE).tolist())
-        # Pillow's coordinates are of pixels' centres
+        # Pillow's coordinates are centres of pixels
         pen.polygon([tuple(point) for point in ((points - low) * FINE - 0.5).tolist()], fill=255)
         cover = np.asarray(mask, np.float32).reshape(high[1] - low[1], FINE, high[0] - low[0], FINE).mean(axis=(1, 3))
-        self.stamp(cover / 255, color, (int(low[0]), int(low[1])))
+        self.blend_mask(cover / 255, color, (int(low[0]), int(low[1])))
 
     def bar(self, left: float, right: float, top: int, bottom: int) -> None:
-        """A horizontal bar from `left` to `right`, its ends exact to fractions of a pixel, with a halo."""
+        """Draws a horizontal bar with a halo, its ends exact to fractions of a pixel."""
         edge = self.edge
         for grow, paint, share in ((edge, self.halo, HALO_ALPHA), (0, self.ink, 1.0)):
             start = int(np.floor(left - grow))
             cell = np.arange(start, int(np.ceil(right + grow)))
             cover = np.clip(np.minimum(cell + 1, right + grow) - np.maximum(cell, left - grow), 0, 1)
             rows = np.ones((bottom - top + 2 * grow, 1))
-            self.stamp((rows * cover * share).astype(np.float32), paint, (start, top - grow))
+            self.blend_mask((rows * cover * share).astype(np.float32), paint, (start, top - grow))
 
-    def stamp(self, mask: np.ndarray, color: Color | np.ndarray, at: tuple[int, int]) -> None:
-        """Colour (linear RGB, or [h, w, 3]) 'over' the layer where `mask` [h, w] covers it; (x, y) of its corner."""
+    def blend_mask(self, mask: np.ndarray, color: Color | np.ndarray, at: tuple[int, int]) -> None:
+        """Draws a colour (linear RGB, or [h, w, 3]) over the canvas by a coverage mask [h, w]; at: (x, y) of its
+        corner.
+        """
         paint = np.broadcast_to(np.asarray(color, np.float32), (*mask.shape, 3))
-        self.lay(np.concatenate([paint * mask[..., None], mask[..., None]], axis=-1), at)
+        self.paste(np.concatenate([paint * mask[..., None], mask[..., None]], axis=-1), at)
 
     def clear(self, rect: Rect) -> None:
-        """Takes away what is drawn there."""
+        """Clears a rectangle."""
         self.pixels[rect.top : rect.bottom, rect.left : rect.right] = 0
 
-    def lay(self, patch: np.ndarray, at: tuple[int, int]) -> None:
-        """A premultiplied patch [h, w, 4] 'over' the layer; (x, y) of its corner."""
+    def paste(self, patch: np.ndarray, at: tuple[int, int]) -> None:
+        """Draws a premultiplied patch [h, w, 4] over the canvas; at: (x, y) of its corner."""
         (width, height), (x, y) = self.size, at
         left, top = max(x, 0), max(y, 0)
         right, bottom = min(x + patch.shape[1], width), min(y + patch.shape[0], height)
@@ -222,37 +219,37 @@ class Canvas:
             self.touched.append((rect, patch) if alone else rect)
 
 
-def ink_on(seen: np.ndarray) -> Color:
-    """Black or white, whichever reads on linear RGB [..., 3]."""
-    return WHITE if float(seen.mean()) < MIDDLE else BLACK
+def ink_on(light: np.ndarray) -> Color:
+    """Black or white, whichever is legible on linear RGB [..., 3]."""
+    return WHITE if float(light.mean()) < MIDDLE else BLACK
 
 
 @lru_cache(maxsize=1024)
 def text_size(text: str, em: int, edge: int) -> tuple[int, int]:
-    """Width and height of a line of text of that font height with its halo."""
+    """Width and height of a line of text with its halo; em: font height."""
     return int(np.ceil(_font(em).getlength(readable(text)))) + 2 * edge, em + 2 * edge + 2
 
 
 @lru_cache(maxsize=256)
-def _written(text: str, em: int, edge: int, ink: Color, halo: Color) -> np.ndarray:
-    """A line of text and its halo, linear and premultiplied, [h, w, 4]."""
+def _text_patch(text: str, em: int, edge: int, ink: Color, halo: Color) -> np.ndarray:
+    """Line of text with its halo [h, w, 4], linear, premultiplied."""
     width, height = text_size(text, em, edge)
-    found: np.ndarray = np.zeros((height, width, 4), np.float32)
+    patch: np.ndarray = np.zeros((height, width, 4), np.float32)
     for stroke, paint, share in ((edge, halo, HALO_ALPHA), (0, ink, 1.0)):
         mask, pen = _canvas(width, height)
         # the baseline is the same for all text
         at = (edge, edge + round(0.8 * em))
         pen.text(at, readable(text), font=_font(em), fill=255, stroke_width=stroke, anchor="ls")
         cover = np.asarray(mask, np.float32)[..., None] / 255 * share
-        found = found * (1 - cover) + cover * np.array([*paint, 1.0], np.float32)
-    return found
+        patch = patch * (1 - cover) + cover * np.array([*paint, 1.0], np.float32)
+    return patch
 
 
 def readable(text: str) -> str:
-    """Text in characters that the font has: accents are dropped, and what it lacks becomes a question mark."""
+    """Text in characters of the font: without accents, other missing characters as question marks."""
     spelled = unicodedata.normalize("NFKD", plain(text.replace("Å", "A").replace("μ", "u")))
-    kept = "".join(letter for letter in spelled if not unicodedata.combining(letter))
-    return "".join(letter if " " <= letter <= "~" or letter in "°·" else "?" for letter in kept)
+    letters = "".join(letter for letter in spelled if not unicodedata.combining(letter))
+    return "".join(letter if " " <= letter <= "~" or letter in "°·" else "?" for letter in letters)
 
 
 def _canvas(width: int, height: int) -> tuple[Any, Any]:
@@ -270,9 +267,9 @@ def _font(height: int) -> Any:
 
 
 def near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.ndarray) -> np.ndarray:
-    """Numbers [N] of pixels whose centres are within `reach` pixels of segments [S, 4], (x, y, x, y).
+    """Indices [N] of pixels whose centres are within `reach` pixels of segments [S, 4], (x, y, x, y).
 
-    scratch [H · W]: infinite; there, at these numbers, the distances are written. What is as near to two is told twice.
+    scratch [H · W]: infinite; receives the distances at these indices. A pixel equally near to two is listed twice.
     """
     width, height = size
     inside = clipped(segments, (-reach, -reach, width + reach, height + reach))
@@ -282,14 +279,14 @@ def near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.
     length = np.hypot(along[:, 0], along[:, 1])
     # a dot has any direction
     unit = np.where(length[:, None] > 0, along / np.where(length > 0, length, 1.0)[:, None], [1.0, 0.0])
-    # steps along the axis that a segment runs along most, and, at each, as many pixels across as any needs
+    # steps along the major axis of a segment; at each step, as many pixels across as any segment needs
     steep = np.abs(along[:, 1]) > np.abs(along[:, 0])
     ends = np.sort(np.where(steep[:, None], inside[:, [1, 3]], inside[:, [0, 2]]), axis=1)
     first = np.floor(ends[:, 0] - reach).astype(np.intp)
     steps = np.floor(ends[:, 1] + reach).astype(np.intp) - first + 1
     owner = np.repeat(np.arange(len(inside)), steps)
     major = np.arange(len(owner)) - np.repeat(np.cumsum(steps) - steps - first, steps)
-    # each segment as if its steps ran along the first of two axes; past its ends the line goes on
+    # swap the axes of steep segments, so that all steps run along the first; lines continue past their ends
     swap = np.where(steep[:, None], np.array([1, 0]), np.array([0, 1]))
     run, rise = (np.take_along_axis(unit, swap[:, n : n + 1], 1)[:, 0] for n in (0, 1))
     at, beside = (np.take_along_axis(start, swap[:, n : n + 1], 1)[:, 0] for n in (0, 1))
@@ -308,17 +305,17 @@ def near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.
     most = np.where(steep, width, height)[owner, None]
     column = minor[:, None] + np.arange(wide)
     lies = (major >= 0) & (major < np.where(steep, height, width)[owner])
-    kept = (apart <= reach) & (column >= 0) & (column < most) & lies[:, None]
+    is_near = (apart <= reach) & (column >= 0) & (column < most) & lies[:, None]
     stride = np.where(steep, width, 1)[owner], np.where(steep, 1, width)[owner]
-    number = ((major * stride[0])[:, None] + column * stride[1][:, None])[kept]
-    apart = apart[kept]
+    number = ((major * stride[0])[:, None] + column * stride[1][:, None])[is_near]
+    apart = apart[is_near]
     np.minimum.at(scratch, number, apart)
-    # each pixel once, as a rule: where it is nearest
+    # keep a pixel where it is nearest
     return np.asarray(number[scratch[number] == apart])
 
 
 def clipped(segments: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
-    """The parts [M, 4] of segments [S, 4] within a box (left, top, right, bottom); Liang and Barsky 1984."""
+    """Parts [M, 4] of segments [S, 4] within a box (left, top, right, bottom); Liang and Barsky 1984."""
     start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
     enter, leave = np.zeros(len(segments)), np.ones(len(segments))
     meets = np.ones(len(segments), bool)
@@ -330,12 +327,12 @@ def clipped(segments: np.ndarray, box: tuple[float, float, float, float]) -> np.
         leave = np.where(still, leave, np.minimum(leave, ends[:, 1]))
         meets &= ~still | ((start[:, axis] >= box[axis]) & (start[:, axis] <= box[axis + 2]))
     meets &= enter <= leave
-    found = np.concatenate([start + along * enter[:, None], start + along * leave[:, None]], axis=1)
-    return np.asarray(found[meets])
+    parts = np.concatenate([start + along * enter[:, None], start + along * leave[:, None]], axis=1)
+    return np.asarray(parts[meets])
 
 
 def dashes(segments: np.ndarray, dash: float, gap: float) -> np.ndarray:
-    """Segments [S, 4] as dashes [D, 4] of one length, from the first point on; the last one may be shorter."""
+    """Dashes [D, 4] of segments [S, 4], from their first points on; the last dash may be shorter."""
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
     count = np.ceil(length / (dash + gap)).astype(np.intp)
     owner = np.repeat(np.arange(len(segments)), count)
@@ -348,7 +345,7 @@ def dashes(segments: np.ndarray, dash: float, gap: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Scale:
-    """A colour map and the values at its ends, and what they are of."""
+    """A colour map, the values at its ends, and the name of the quantity."""
 
     colormap: str
     low: float
@@ -357,17 +354,16 @@ class Scale:
 
     @classmethod
     def of(cls, meshes: Sequence[Mesh]) -> tuple[Scale, ...]:
-        """Those of meshes whose values are seen, each once."""
-        shown = [each for each in meshes if each.mapped and each.opacity > 0]
-        return tuple(dict.fromkeys(cls(each.colormap, *each.ranged, each.quantity or each.name) for each in shown))
+        """Distinct scales of the visible meshes with values."""
+        visible = [mesh for mesh in meshes if mesh.mapped and mesh.opacity > 0]
+        return tuple(dict.fromkeys(cls(mesh.colormap, *mesh.ranged, mesh.quantity or mesh.name) for mesh in visible))
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """corners [8, 3]: of the box, world units; center [3]. colored: whether voxels have their own colours.
-
-    value_unit: name of the values' unit. scales: of meshes. empty: whether voxels show nothing, as those that a mesh
-    alone stands on.
+    """Volume described by annotations. corners [8, 3]: of the box, world units; center [3]. colored: whether voxels
+    have colours. value_unit: unit of the values. scales: of meshes. empty: whether voxels show nothing, as below a lone
+    mesh.
     """
 
     corners: np.ndarray
@@ -382,13 +378,13 @@ class Subject:
 
     @classmethod
     def of(cls, volume: Volume) -> Subject:
-        """That of a volume."""
+        """The subject of a volume."""
         colored = volume.color is not None
         return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored, volume.value_unit)
 
     @property
     def value_name(self) -> str:
-        """What a colour bar is called: the volume's name, and the unit of its values."""
+        """Title of a colour bar: the volume's name and the unit of its values."""
         return f"{self.name}, {self.value_unit}" if self.name and self.value_unit else self.name or self.value_unit
 
 

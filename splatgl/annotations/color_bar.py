@@ -1,4 +1,4 @@
-"""The colour bar: the transfer function's colours over its window, with a curve of opacity, or the scale of sums."""
+"""Colour bar: the transfer function's colours over its window with a curve of opacity, or the scale of sums."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from splatgl.annotations.scale_bar import log_ticks, ticks
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.transfer import Transfer
 
-# the bar's height as a fraction of the picture's, and its and the curve's width in font heights
+# the bar's height as a fraction of the image's; widths of the bar and the curve in font heights
 TALL, WIDE, CURVE = 0.45, 0.9, 1.6
 MOST_TICKS = 6
 MOST_LETTERS = 16
@@ -22,8 +22,8 @@ STATISTICS = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
 
 @dataclass(frozen=True, eq=False)
 class ColorBar:
-    """low, high: the values at its ends. colors: linear RGB and coverage, from high to low, [N, 4], straight.
-    opacity: at each row, or None. logarithmic: whether rows are even in logarithms of values.
+    """low, high: values at the ends. colors [N, 4]: linear RGB and coverage, straight, from high to low. opacity: of
+    each row, or None. logarithmic: whether rows are even in the logarithm of the value.
     """
 
     low: float
@@ -34,19 +34,19 @@ class ColorBar:
     logarithmic: bool = False
 
     def down(self, value: float) -> float:
-        """The place of a value: 0 at the upper end, 1 at the lower one."""
+        """Place of a value: 0 at the upper end, 1 at the lower end."""
         if self.logarithmic:
             return math.log(self.high / value) / math.log(self.high / self.low)
         return (self.high - value) / (self.high - self.low)
 
     def marks(self) -> list[float]:
-        """Values that are written beside it."""
+        """Values written beside the bar."""
         return (log_ticks if self.logarithmic else ticks)(self.low, self.high, MOST_TICKS)
 
 
 @lru_cache(maxsize=4)
 def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar | None:
-    """The bar of classified values, at the centres of `rows`; None if its window is one value."""
+    """Bar of classified values, at the centres of `rows`; None for a window of a single value."""
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     if not (high > low and np.isfinite(high - low)):
         return None
@@ -59,16 +59,16 @@ def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar 
 
 
 def of_scale(scale: Scale, rows: int) -> ColorBar:
-    """The bar of values of a mesh."""
+    """Bar of a mesh's values."""
     down = (np.arange(rows) + 0.5) / rows
     table = colormap(scale.colormap)
     at = (1 - down) * (len(table) - 1)
-    colors = np.stack([np.interp(at, np.arange(len(table)), each) for each in table.T] + [np.ones(rows)], axis=-1)
+    colors = np.stack([np.interp(at, np.arange(len(table)), channel) for channel in table.T] + [np.ones(rows)], axis=-1)
     return ColorBar(scale.low, scale.high, colors, None, scale.label or "value")
 
 
 def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
-    """The bar of an X-ray picture scaled by `scale`; its colour is the mean of the picture's. None if it is empty."""
+    """Bar of an X-ray image scaled by `scale`, in the image's mean colour; None for an empty image."""
     depth = float(pixels[..., 3].sum(dtype=np.float64))
     if not depth > 0:
         return None
@@ -85,9 +85,9 @@ def draw(layer: Canvas, view: View) -> None:
         (tall, wide), pad = patch.shape[:2], layer.pad
         top = (layer.size[1] - tall) // 2
         places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
-        place = layer.place(places, "colour bar")
+        place = layer.reserve(places, "colour bar")
         if place is not None:
-            layer.lay(patch, (place.left, place.top))
+            layer.paste(patch, (place.left, place.top))
 
 
 def _bars(layer: Canvas, view: View) -> list[ColorBar]:
@@ -127,7 +127,7 @@ ROWS = (
 
 @lru_cache(maxsize=4)
 def _drawn(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
-    """The bar, its numbers and its curve, linear and premultiplied, [h, w, 4]; its rows are one pixel each."""
+    """Bar with numbers and curve [h, w, 4], linear, premultiplied; a row of the bar is a pixel high."""
     sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
     rows, edge = len(bar.colors), sizes.edge
     label = bar.label if len(bar.label) <= MOST_LETTERS else f"{bar.label[: MOST_LETTERS - 3]}..."
@@ -144,7 +144,7 @@ def _drawn(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
     layer.clear(Rect(left, top, left + wide, top + rows))
     shape = (rows, wide)
     cover = np.broadcast_to(bar.colors[:, None, 3].astype(np.float32), shape)
-    layer.stamp(cover, np.broadcast_to(bar.colors[:, None, :3], (*shape, 3)), (left, top))
+    layer.blend_mask(cover, np.broadcast_to(bar.colors[:, None, :3], (*shape, 3)), (left, top))
     layer.text(label, right - layer.text_size(label)[0], 0)
     for mark, text in zip(marks, texts, strict=True):
         y = top + bar.down(mark) * rows
@@ -159,6 +159,6 @@ def _drawn(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
 
 
 def _frame(left: int, top: int, wide: int, tall: int) -> list[tuple[float, float]]:
-    """A closed path around the bar."""
+    """Closed path around the bar."""
     a, b, c, d = left - 0.5, top - 0.5, left + wide + 0.5, top + tall + 0.5
     return [(a, b), (c, b), (c, d), (a, d), (a, b)]

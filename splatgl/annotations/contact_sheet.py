@@ -14,7 +14,7 @@ from splatgl.data.color import srgb_from_linear
 # sizes in sheet pixels: gap between panels, outer margin, text height, and room for the caption below a panel
 GAP, MARGIN, TEXT, ROOM = 12, 10, 15, 26
 WHITE, INK = (255, 255, 255), (0, 0, 0)
-# lines are black with a white edge of this many pixels, visible on any background
+# width of the white edge around black lines, in pixels
 EDGE = 1
 
 

@@ -1,4 +1,4 @@
-"""`LiveOverlay`: annotations of an interactive view, drawn anew for each frame in a few milliseconds."""
+"""`LiveOverlay`: annotations of an interactive view, drawn for each frame in a few milliseconds."""
 
 from __future__ import annotations
 
@@ -14,34 +14,35 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 
-# steps of linear light from 0 to 1 in the table to sRGB: an 8-bit step is missed in the darkest few alone
+# entries of the table from linear light to sRGB: only the darkest few 8-bit steps are missed
 STEPS = 4096
 SRGB = np.round(srgb_from_linear(np.arange(STEPS + 1) / STEPS) * 255).astype(np.uint8)
 
 
 class LiveOverlay:
-    """Draws overlays of one size after another; keeps its buffers, and text and colour bars that it has drawn."""
+    """Draws overlays; reuses buffers, text and colour bars of earlier frames."""
 
     def __init__(self) -> None:
         self.layer: Canvas | None = None
         self.pixels = np.zeros((0, 0, 4), np.uint8)
         self.notes: tuple[str, ...] = ()
 
-    def drawn(
+    def draw(
         self,
         subject: Subject,
         transfer: Transfer,
         camera: Camera,
-        asked: Sequence[str],
+        annotate: Sequence[str],
         ground: Color = BLACK,
         blend: str = "composite",
     ) -> np.ndarray:
-        """uint8 [H, W, 4], sRGB with straight alpha, of the camera's size; good until the next call.
+        """uint8 [H, W, 4], sRGB with straight alpha, of the camera's size; valid until the next call.
 
-        asked: names as of `annotated`. ground: linear RGB behind the picture, for the colour of text. Edges behind the
-        box are dashed; X-rays have no colour bar. notes: why annotations are left out. InputError for unknown names.
+        annotate: names as of `annotated`. ground: linear RGB behind the image, for the colour of text. Sets `notes`,
+        the reasons for omissions. Edges behind the box are dashed; X-rays have no colour bar. Raises InputError for
+        unknown names.
         """
-        names, layer = check(asked), self._cleared(camera.size, ground)
+        names, layer = check(annotate), self._cleared(camera.size, ground)
         view = View(subject, transfer, camera, blend)
         draw_behind(layer, view, names)
         compose(layer, view, names)
@@ -51,7 +52,7 @@ class LiveOverlay:
         return self.pixels
 
     def _cleared(self, size: tuple[int, int], ground: Color) -> Canvas:
-        """An empty layer of that size."""
+        """Empty canvas of that size."""
         ink = ink_on(np.asarray(ground))
         if self.layer is None or self.layer.size != size:
             self.layer = Canvas(np.zeros((size[1], size[0], 4), np.float32), ink)
@@ -69,18 +70,18 @@ class LiveOverlay:
 
 
 def _encode(linear: np.ndarray, coded: np.ndarray, part: Touched) -> None:
-    """Writes what is drawn on one part as sRGB."""
+    """Converts a changed part to sRGB."""
     if isinstance(part, np.ndarray):
         coded.reshape(-1, 4)[part] = _srgb(linear.reshape(-1, 4)[part])
         return
     rect, patch = part if isinstance(part, tuple) else (part, None)
     place = (slice(rect.top, rect.bottom), slice(rect.left, rect.right))
-    coded[place] = _srgb(linear[place]) if patch is None else _kept(_Patch(patch))
+    coded[place] = _srgb(linear[place]) if patch is None else _srgb_of_patch(_Patch(patch))
 
 
 @dataclass(frozen=True)
 class _Patch:
-    """A patch by its identity: texts and bars are kept where they are drawn, and so are these."""
+    """A patch, hashed by its identity: texts and bars are cached arrays."""
 
     pixels: np.ndarray = field(compare=False)
     number: int = field(init=False)
@@ -90,12 +91,12 @@ class _Patch:
 
 
 @lru_cache(maxsize=256)
-def _kept(patch: _Patch) -> np.ndarray:
+def _srgb_of_patch(patch: _Patch) -> np.ndarray:
     return _srgb(patch.pixels)
 
 
 def _srgb(linear: np.ndarray) -> np.ndarray:
-    """uint8 sRGB with straight alpha of linear premultiplied pixels [..., 4]."""
+    """uint8 sRGB with straight alpha of linear, premultiplied pixels [..., 4]."""
     alpha = linear[..., 3:]
     straight = linear[..., :3] * (STEPS / np.maximum(alpha, 1e-6))
     shades = SRGB[np.minimum(straight + 0.5, STEPS).astype(np.int16)]

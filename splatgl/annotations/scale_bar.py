@@ -1,4 +1,4 @@
-"""The scale bar, and round numbers for bars and ticks."""
+"""Scale bar, and round numbers for bars and ticks."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import numpy as np
 from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View
 from splatgl.splat.camera import Camera
 
-# longest bar as a fraction of the picture's width
+# longest bar as a fraction of the image's width
 WIDEST = 0.25
-# lengths of units in metres, and those that a length may be switched to, ascending
+# units in metres, and the units that a length is converted to, ascending
 METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3}
 METRES |= {"Å": 1e-10, "angstrom": 1e-10, "micrometer": 1e-6, "micron": 1e-6, "millimeter": 1e-3, "meter": 1.0}
 LADDER = ("nm", "um", "mm", "m", "km")
-# a number in the file's own unit is kept from 1 to below this
+# a length keeps the file's unit from 1 to below this
 MOST = 1000.0
 PERSPECTIVE = "at the centre's depth"
 
 
 @dataclass(frozen=True)
 class Scale:
-    """pixels: the bar's length; label: the length it stands for."""
+    """pixels: the bar's length; label: the world length."""
 
     pixels: float
     label: str
 
 
 def scale_of(subject: Subject, camera: Camera) -> Scale | None:
-    """The bar of a view; None where the volume's centre is behind the eye of a perspective."""
+    """Scale bar of a view; None if the volume's centre is behind a perspective eye."""
     depth = float(camera.eye_from_points(subject.center)[2])
     if camera.perspective and not depth > 0:
         return None
@@ -40,7 +40,7 @@ def scale_of(subject: Subject, camera: Camera) -> Scale | None:
 
 
 def length_text(length: float, unit: str) -> str:
-    """A length with its unit, of which another is chosen for fewer digits."""
+    """A length with its unit, converted to a unit with fewer digits."""
     metres = METRES.get(unit)
     if metres is None or (length * (1 + 1e-9) >= 1 and length < MOST):
         return f"{length:g} {unit}".strip()
@@ -49,7 +49,7 @@ def length_text(length: float, unit: str) -> str:
 
 
 def in_digits(length: float, unit: str) -> tuple[float, str]:
-    """The factor from a unit to one in which a length has few digits, and that one's name."""
+    """Factor from a unit to one in which a length has few digits, and the name of that unit."""
     metres = METRES.get(unit)
     if metres is None or 1 <= length < MOST * 10 or not length > 0:
         return 1.0, unit
@@ -70,13 +70,13 @@ def draw(layer: Canvas, view: View) -> None:
     tall = sum(size[1] for size in sizes) + thick + 2 * layer.edge
     wide, bottom = int(np.ceil(wide)) + 1, height - layer.pad
     ends = [width - layer.pad, (width + wide) // 2, layer.pad + wide]
-    rect = layer.place([Rect(end - wide, bottom - tall, end, bottom) for end in ends], "scale bar")
+    rect = layer.reserve([Rect(end - wide, bottom - tall, end, bottom) for end in ends], "scale bar")
     if rect is None:
         return
     right, top = rect.right, rect.top
     end = right - layer.edge
     for label, size in zip(reversed(labels), reversed(sizes), strict=True):
-        # the length is centred over the bar, or ends with it where it is wider
+        # the label is centred over the bar, or ends with it if it is wider
         center = end - scale.pixels / 2 - size[0] / 2
         layer.text(label, min(round(center), right - size[0]), top)
         top += size[1]
@@ -89,15 +89,15 @@ STEPS = (1.0, 2.0, 5.0)
 
 
 def nice_below(length: float) -> float:
-    """The largest of 1, 2, 5 · 10ⁿ that is at most a positive `length`."""
+    """Largest of 1, 2, 5 · 10ⁿ that is at most a positive `length`."""
     power = math.floor(math.log10(length))
-    # a power of ten may be missed by rounding
-    fine = [step * 10.0**n for n in (power - 1, power, power + 1) for step in STEPS]
-    return max(each for each in fine if each <= length * (1 + 1e-12))
+    # rounding may miss a power of ten
+    lengths = [step * 10.0**n for n in (power - 1, power, power + 1) for step in STEPS]
+    return max(candidate for candidate in lengths if candidate <= length * (1 + 1e-12))
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """At most `most` (≥ 2) multiples of a nice number from low to high; none if there is nothing between them."""
+    """At most `most` (≥ 2) multiples of a round number from low to high; none for an empty range."""
     if not (high > low and math.isfinite(high - low)):
         return []
     step = nice_below((high - low) / most)
@@ -108,12 +108,12 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def log_ticks(low: float, high: float, most: int) -> list[float]:
-    """At most `most` of 1, 2, 5 · 10ⁿ from low > 0 to high, else of powers of ten, or of every few of them."""
+    """At most `most` of 1, 2, 5 · 10ⁿ from low > 0 to high; of powers of ten, or every n-th power, if there are more."""
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-    for steps, every in [(STEPS, 1), *(((1.0,), n) for n in range(1, last - first + 2))]:
-        powers = [n for n in range(first, last + 1) if n % every == 0]
-        found = [float(f"{step:g}e{n}") for n in powers for step in steps]
-        found = [each for each in found if low * (1 - 1e-9) <= each <= high * (1 + 1e-9)]
-        if len(found) <= most:
-            return found
+    for steps, stride in [(STEPS, 1), *(((1.0,), n) for n in range(1, last - first + 2))]:
+        powers = [n for n in range(first, last + 1) if n % stride == 0]
+        values = [float(f"{step:g}e{n}") for n in powers for step in steps]
+        values = [value for value in values if low * (1 - 1e-9) <= value <= high * (1 + 1e-9)]
+        if len(values) <= most:
+            return values
     return []

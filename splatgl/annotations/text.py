@@ -22,22 +22,22 @@ def label(lines: tuple[str, ...], scale: float = 1.0) -> np.ndarray:
 
     height, pad = round(HEIGHT * scale), round(PAD * scale)
     font, step = ImageFont.load_default(height), round(height * LABEL_LEADING)
-    told = [plain(line) for line in lines]
-    wide = int(np.ceil(max(map(font.getlength, told), default=0.0))) + 2 * pad
-    picture = Image.new("RGBA", (wide, step * len(told) + 2 * pad), LABEL_PAPER)
+    texts = [plain(line) for line in lines]
+    wide = int(np.ceil(max(map(font.getlength, texts), default=0.0))) + 2 * pad
+    picture = Image.new("RGBA", (wide, step * len(texts) + 2 * pad), LABEL_PAPER)
     pen = ImageDraw.Draw(picture)
-    for number, line in enumerate(told):
+    for number, line in enumerate(texts):
         pen.text((pad, pad + number * step), line, font=font, fill=INK)
     return np.asarray(picture)
 
 
 def beside(place: tuple[float, float], size: tuple[int, int], window: tuple[int, int], gap: float) -> Box:
     """Left, top, right, bottom of a label of `size` beside a place, on the side where the window has room."""
-    found = []
+    corner = []
     for at, long, room in zip(place, size, window, strict=True):
         start = at + gap if at + gap + long <= room else at - gap - long
-        found.append(float(np.clip(round(start), 0, max(room - long, 0))))
-    return found[0], found[1], found[0] + size[0], found[1] + size[1]
+        corner.append(float(np.clip(round(start), 0, max(room - long, 0))))
+    return corner[0], corner[1], corner[0] + size[0], corner[1] + size[1]
 
 
 Path = tuple[tuple[float, float], ...]
@@ -47,7 +47,7 @@ TEXT, EDGE, PAPER = (235, 235, 235, 255), (0, 0, 0, 160), (0, 0, 0, 175)
 NOTE, LINE = (255, 214, 90, 255), (255, 214, 90, 255)
 # heights in pixels at a content scale of 1
 FONT, PADDING = 13, 6
-# font heights that are tried for a text that is to fit
+# font heights to try for a text that has to fit
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
 CORNERS = ("top left", "bottom left", "middle")
 # line spacing in font heights
@@ -63,8 +63,8 @@ PLAIN = str.maketrans(
 
 @dataclass(frozen=True)
 class Text:
-    """Lines of text at one of CORNERS; tabs separate columns. note: in the message colour. fit: in as many columns, and
-    as small, as the picture takes.
+    """Lines of text at one of CORNERS; tabs separate columns. note: in the colour of messages. fit: with as many
+    columns and as small as needed to fit into the image.
     """
 
     lines: tuple[str, ...]
@@ -105,12 +105,12 @@ def plain(text: str) -> str:
 
 
 def legible(text: str) -> str:
-    """Text that can be encoded: names of files may hold bytes that are no letters."""
+    """Text that can be encoded: file names may hold invalid bytes."""
     return text.encode(errors="replace").decode()
 
 
 def box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int, int, int]:
-    """What a text covers of an image of `size`: left, top, right, bottom in pixels."""
+    """Left, top, right, bottom of a text in an image of `size`, pixels."""
     block = _fitted(text, size, scale)
     left, top = _corner(text.corner, size, block.size, block.pad)
     return left, top, left + block.size[0], top + block.size[1]
@@ -136,16 +136,16 @@ def _write(picture: Any, text: Text, overlay: Overlay) -> None:
 
 
 def _fitted(text: Text, size: tuple[int, int], scale: float) -> Block:
-    """The text in one column, or, if it is to fit, in as many and as small as needed."""
+    """The text in one column, or, if it has to fit, in as many columns and as small as needed."""
     if not text.fit:
         return _block(text.lines, FONT * scale, 1)
-    tried = [_block(text.lines, FONT * scale * share, count) for share in SHARES for count in (1, 2, 3)]
-    return next((each for each in tried if each.size[0] <= size[0] and each.size[1] <= size[1]), tried[-1])
+    blocks = [_block(text.lines, FONT * scale * share, count) for share in SHARES for count in (1, 2, 3)]
+    return next((block for block in blocks if block.size[0] <= size[0] and block.size[1] <= size[1]), blocks[-1])
 
 
 @lru_cache(maxsize=32)
 def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
-    """Lines in columns of equal length, each with columns of its own between tabs."""
+    """Lines in columns of equal length; tabs separate cells within a column."""
     font, pad = _font(round(height)), max(1, round(PADDING * height / FONT))
     step, per = round(height * LEADING), -(-len(lines) // count)
     cells: list[tuple[str, float, int]] = []
@@ -173,7 +173,7 @@ def _corner(corner: str, size: tuple[int, int], box: tuple[int, int], pad: int) 
 
 @lru_cache(maxsize=512)
 def _letters(line: str, height: int) -> Any:
-    """The coverage of a line's glyphs."""
+    """Coverage of a line's glyphs."""
     from PIL import Image, ImageDraw
 
     font = _font(height)

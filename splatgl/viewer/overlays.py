@@ -64,7 +64,7 @@ class Legend:
         if key != self.key:
             subject = self._subject(scenery.volume)
             look = scenery.transfer, camera, scenery.asked, scenery.ground, scenery.blend
-            self.key, self.latest = key, cropped(self.overlay.drawn(subject, *look))
+            self.key, self.latest = key, cropped(self.overlay.draw(subject, *look))
         return self.latest
 
     def _subject(self, volume: Volume) -> Subject:

@@ -261,7 +261,7 @@ def test_live_overlays_are_what_pictures_have() -> None:
     names = ["box", "colorbar", "title=Head", *default_names(subject)]
     for angle in (10.0, 50.0, 51.0):
         camera = sg.Camera.orbit(OBLONG, angle, 20, size=(300, 260), zoom=0.6)
-        live = overlay.drawn(subject, TRANSFER, camera, names)
+        live = overlay.draw(subject, TRANSFER, camera, names)
         empty = sg.Image(np.zeros((260, 300, 4), np.float32), {"blend": "composite"})
         right = sg.annotated(empty, OBLONG, TRANSFER, camera, names, (0, 0, 0)).pixels
         assert list(overlay.notes) == sg.annotated(empty, OBLONG, TRANSFER, camera, names).info["not_annotated"]
