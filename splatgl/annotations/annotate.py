@@ -80,22 +80,22 @@ def compose(layer: Canvas, view: View, names: Sequence[str]) -> None:
     """Draws annotations on an empty canvas, without lines behind the image."""
     rows = _rows(names)
     for row in rows:
-        if row.draw_below is not None:
-            row.draw_below(layer, view)
+        if row.lines is not None:
+            row.lines[0](layer, view)
     for row in rows:
         row.draw(layer, replace(view, text=text_of(names, row.name) or ""))
 
 
 def has_lines_behind(names: Sequence[str]) -> bool:
     """Whether an annotation has lines that lie behind the image."""
-    return any(row.draw_behind for row in _rows(names))
+    return any(row.lines for row in _rows(names))
 
 
 def draw_behind(layer: Canvas, view: View, names: Sequence[str]) -> None:
     """Draws the lines that lie behind the image."""
     for row in _rows(names):
-        if row.draw_behind is not None:
-            row.draw_behind(layer, view)
+        if row.lines is not None:
+            row.lines[1](layer, view)
 
 
 def _rows(names: Sequence[str]) -> list[Annotation]:
@@ -173,8 +173,8 @@ def _write(layer: Canvas, text: str, name: str, lefts: Sequence[int], tops: Sequ
 
 
 ROWS = (
-    Annotation("time", "time", "The time of the volume, in a corner.", _draw_time, rank=0, example="3h"),
-    Annotation("title", "title", "A title, at the top.", _draw_title, rank=1, example="Head", needs_text=True),
+    Annotation("time", "time", "The time of the volume, in a corner.", _draw_time, 0, example="3h"),
+    Annotation("title", "title", "A title, at the top.", _draw_title, 1, example="Head", needs_text=True),
 )
 
 

@@ -115,24 +115,9 @@ def _inwards(layer: Canvas, rect: Rect, step: tuple[int, int]) -> Rect:
     return rect
 
 
+ABOUT_AXES = "The directions of x, y and z, at the lower left."
+ABOUT_LETTERS = "Letters of the patient's directions at the edges."
 ROWS = (
-    Annotation(
-        "axes",
-        "axes",
-        "The directions of x, y and z, at the lower left.",
-        draw_triad,
-        rank=4,
-        key="j",
-        default=True,
-    ),
-    Annotation(
-        "directions",
-        "patient directions",
-        "Letters of the patient's directions at the edges.",
-        draw_directions,
-        rank=5,
-        key="j",
-        default=True,
-        needs_frame=True,
-    ),
+    Annotation("axes", "axes", ABOUT_AXES, draw_triad, 4, "j", default=True),
+    Annotation("directions", "directions", ABOUT_LETTERS, draw_directions, 5, "j", default=True, needs_frame=True),
 )

@@ -27,7 +27,9 @@ TOWARDS = np.array([-0.6, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """An edge of the box. corners: its ends; outer: whether it is on the outline; hidden: whether it is behind the box."""
+    """An edge of the box. corners: its ends; outer: whether it is on the outline; hidden: whether it is behind the
+    box.
+    """
 
     axis: int
     corners: tuple[int, int]
@@ -189,16 +191,6 @@ def _write(layer: Canvas, text: str, middles: list[np.ndarray]) -> bool:
     return False
 
 
-ROWS = (
-    Annotation(
-        "box",
-        "the volume's box, with numbers",
-        "The volume's box with numbers along its edges.",
-        draw_numbers,
-        rank=6,
-        key="ctrl+j",
-        draw_below=draw_edges,
-        draw_behind=draw_behind,
-        room=1.25,
-    ),
-)
+TITLE, ABOUT = "the volume's box, with numbers", "The volume's box with numbers along its edges."
+LINES = draw_edges, draw_behind
+ROWS = (Annotation("box", TITLE, ABOUT, draw_numbers, 6, "ctrl+j", lines=LINES, room=1.25),)

@@ -73,7 +73,9 @@ class Canvas:
 
     @classmethod
     def over(cls, pixels: np.ndarray, ground: Color | None) -> Canvas:
-        """Empty canvas for an image, with black or white ink, whichever is legible at its edges over `ground` or white."""
+        """Empty canvas for an image, with black or white ink, whichever is legible at its edges over `ground` or
+        white.
+        """
         edges = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
         light = edges[:, :3] + (1 - edges[:, 3:]) * np.asarray(ground or WHITE, np.float32)
         return cls(np.zeros_like(pixels, dtype=np.float32), ink_on(light), pixels, ground)
@@ -125,7 +127,9 @@ class Canvas:
         return bool((part[..., 3] <= EMPTY).all())
 
     def reserve(self, places: Sequence[Rect], name: str) -> Rect | None:
-        """Reserves the first free place, preferably one where the image is empty; None, with a note, if none is free."""
+        """Reserves the first free place, preferably one where the image is empty; None, with a note, if none is
+        free.
+        """
         free = [place for place in places if self.free(place)]
         reserved = next((place for place in free if self.empty(place)), free[0] if free else None)
         if reserved is not None:
@@ -362,8 +366,8 @@ class Scale:
 @dataclass(frozen=True, eq=False)
 class Subject:
     """Volume described by annotations. corners [8, 3]: of the box, world units; center [3]. colored: whether voxels
-    have colours. value_unit: unit of the values. scales: of meshes. empty: whether voxels show nothing, as below a lone
-    mesh.
+    have colours. value_unit: unit of the values. scales: of meshes. empty: whether voxels show nothing, as below a
+    lone mesh.
     """
 
     corners: np.ndarray
@@ -390,8 +394,8 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Inputs of an annotation's functions. blend: of the image. pixels: the image, for a colour bar of sums, and their
-    scale; None in live views. text: given after the name and "=".
+    """Inputs of an annotation's functions. blend: of the image. pixels: the image, for a colour bar of sums, and
+    their scale; None in live views. text: given after the name and "=".
     """
 
     subject: Subject
@@ -412,8 +416,8 @@ class Annotation:
 
     rank: annotations of lower rank take their places first. key: toggles it in the window. default: whether the window
     shows it at first. needs_frame: whether it needs patient directions; needs_values: whether it needs values without
-    colours. example: of its text, "" if it takes none. draw_below: draws lines below all annotations; draw_behind:
-    lines behind the image. room: size of the box that a view is fitted to, over the size of the volume.
+    colours. example: of its text, "" if it takes none. lines: functions that draw lines below all annotations, and
+    behind the image. room: size of the box that a view is fitted to, over the size of the volume.
     """
 
     name: str
@@ -427,6 +431,5 @@ class Annotation:
     needs_values: bool = False
     example: str = ""
     needs_text: bool = False
-    draw_below: Draw | None = None
-    draw_behind: Draw | None = None
+    lines: tuple[Draw, Draw] | None = None
     room: float = 1.0

@@ -22,8 +22,8 @@ STATISTICS = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
 
 @dataclass(frozen=True, eq=False)
 class ColorBar:
-    """low, high: values at the ends. colors [N, 4]: linear RGB and coverage, straight, from high to low. opacity: of
-    each row, or None. logarithmic: whether rows are even in the logarithm of the value.
+    """low, high: values at the ends. colors [N, 4]: linear RGB and coverage, straight, from high to low. opacity:
+    of each row, or None. logarithmic: whether rows are even in the logarithm of the value.
     """
 
     low: float
@@ -112,17 +112,8 @@ def bar_of(view: View, rows: int) -> ColorBar | None:
     return of_values(view.transfer, view.subject.value_name, view.blend, rows)
 
 
-ROWS = (
-    Annotation(
-        "colorbar",
-        "colour bar",
-        "The colours and opacities of values.",
-        draw,
-        rank=2,
-        key="shift+j",
-        needs_values=True,
-    ),
-)
+ABOUT = "The colours and opacities of values."
+ROWS = (Annotation("colorbar", "colour bar", ABOUT, draw, 2, "shift+j", needs_values=True),)
 
 
 @lru_cache(maxsize=4)

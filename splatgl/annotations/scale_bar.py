@@ -84,7 +84,7 @@ def draw(layer: Canvas, view: View) -> None:
 
 
 ABOUT = "A length at the depth of the volume's middle, at the lower right."
-ROWS = (Annotation("scale", "scale bar", ABOUT, draw, rank=3, key="j", default=True),)
+ROWS = (Annotation("scale", "scale bar", ABOUT, draw, 3, "j", default=True),)
 STEPS = (1.0, 2.0, 5.0)
 
 
@@ -108,7 +108,9 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def log_ticks(low: float, high: float, most: int) -> list[float]:
-    """At most `most` of 1, 2, 5 · 10ⁿ from low > 0 to high; of powers of ten, or every n-th power, if there are more."""
+    """At most `most` of 1, 2, 5 · 10ⁿ from low > 0 to high; of powers of ten, or every n-th power, if there are
+    more.
+    """
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     for steps, stride in [(STEPS, 1), *(((1.0,), n) for n in range(1, last - first + 2))]:
         powers = [n for n in range(first, last + 1) if n % stride == 0]

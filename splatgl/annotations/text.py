@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,8 +75,8 @@ class Text:
 
 @dataclass(frozen=True)
 class Overlay:
-    """Overlay of an image of `size` pixels; equal overlays look the same. scale: the display's content scale. paths:
-    lines through points [x, y] in pixels; a path that ends where it begins is closed.
+    """Overlay of an image of `size` pixels; equal overlays look the same. scale: the display's content scale.
+    paths: lines through points [x, y] in pixels; a path that ends where it begins is closed.
     """
 
     size: tuple[int, int]
@@ -116,8 +116,7 @@ def box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int, int,
     return left, top, left + block.size[0], top + block.size[1]
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(NamedTuple):
     """A text in place: cells with their places, font height, margin and size, pixels."""
 
     cells: tuple[tuple[str, float, int], ...]

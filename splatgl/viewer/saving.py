@@ -50,7 +50,8 @@ def with_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite
     layer = Canvas(np.zeros_like(image.pixels), WHITE)
     for sprite in sprites:
         left, top = (round(edge) for edge in sprite.place[:2])
-        layer.blend_mask(as_dark(sprite.pixels[..., 3] / 255), linear_from_srgb(sprite.pixels[..., :3] / 255), (left, top))
+        color = linear_from_srgb(sprite.pixels[..., :3] / 255)
+        layer.blend_mask(as_dark(sprite.pixels[..., 3] / 255), color, (left, top))
     for stroke in strokes:
         ends, alpha = np.array([[*stroke.start, *stroke.stop]]), stroke.color[3]
         red, green, blue = linear_from_srgb(np.array(stroke.color[:3])).tolist()
