@@ -237,7 +237,7 @@ def test_a_picture_shows_a_voxel_where_napari_does(blend: str | None) -> None:
     # 2 pixels per unit from the centre
     np.testing.assert_allclose(place, (32 + 2 * (13.5 - 8.25), 24 + 2 * (4 - 9)), atol=0.05)
     assert image.info["blend"] == (blend or "mip") and image.pixels[..., 1:3].max() == 0
-    assert draw.told(image).startswith(f"64×48 pixels, {blend or 'mip'} of ")
+    assert draw.summary(image).startswith(f"64×48 pixels, {blend or 'mip'} of ")
 
 
 def test_a_maximum_has_the_layers_colours() -> None:
@@ -377,7 +377,7 @@ def test_a_flat_view_shows_its_slice(order: tuple[int, int, int], vertical: str)
             if 0 <= at < shown.shape[0] and 0 <= place < shown.shape[1]:
                 right[row, column] = shown[at, place]
     assert (np.abs(np.asarray(image.to_pil().convert("RGB"))[..., 0].astype(int) - right) <= 1).all()
-    assert draw.told(image) == "64×48 pixels, slices"
+    assert draw.summary(image) == "64×48 pixels, slices"
 
 
 def test_a_flat_view_is_interpolated_and_ends() -> None:
@@ -408,9 +408,9 @@ def test_what_is_left_out_is_told() -> None:
         "cells: drawn between voxels, not by the nearest",
         "not drawn: nuclei's bounding box",
         "nuclei: its colour map is opaque, so that napari shows the faces of its box: drawn denser for larger values",
-        "layers that are not opaque surfaces are laid over each other in their order, not by depth",
+        "layers that are not opaque surfaces are drawn over each other in their order, not by depth",
     )
-    assert draw.told(image).splitlines()[1:] == list(notes)
+    assert draw.summary(image).splitlines()[1:] == list(notes)
     assert draw.picture(viewer(Image(block()), center=MIDDLE)).info["notes"] == ()
 
 
@@ -469,10 +469,10 @@ viewer.add_labels((data > 100).astype(int))
 viewer.screenshot(flash=False)
 drawn = widget.Panel(viewer)
 drawn.draw()
-assert drawn.image is not None and drawn.keep.isEnabled() and "pixels" in drawn.summary.text()
+assert drawn.image is not None and drawn.save_button.isEnabled() and "pixels" in drawn.summary.text()
 viewer.layers.clear()
 drawn.draw()
-assert drawn.image is None and not drawn.keep.isEnabled() and drawn.shown.pixmap().isNull()
+assert drawn.image is None and not drawn.save_button.isEnabled() and drawn.shown.pixmap().isNull()
 assert "expected a visible Image or Labels layer" in drawn.summary.text()
 print("done", flush=True)
 os._exit(0)

@@ -1,4 +1,4 @@
-"""Files as layers of napari: the samples, mapped or lazy, where the file places them, as the file shows them."""
+"""Reads files as napari layers: mapped or lazy samples with the file's geometry, colours and window."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from splatgl.readers import FORMATS
 
 LayerData = tuple[Any, dict[str, Any], str]
 
-# endings of what napari reads as well, and of what may be anything
+# suffixes that napari reads too, or that name no particular format
 OTHERS = (".npy", ".png", ".jpg", ".jpeg", ".csv", ".bin", ".dat", ".zip", ".img")
-# names of units in `Volume.unit` as napari knows them
+# napari's names of units in `Volume.unit`
 UNITS = {"Å": "angstrom", "in": "inch"}
 # axes of napari, (z, y, x), in the order (x, y, z)
 TURN = slice(None, None, -1)
 
 
 def patterns() -> list[str]:
-    """The patterns of file names that are offered, as the manifest lists them."""
+    """Patterns of file names, as the manifest lists them."""
     return [f"*{suffix}" for form in FORMATS for suffix in form.suffixes if suffix not in OTHERS]
 
 
 def reader_of(path: str | Sequence[str]) -> Callable[[Any], list[LayerData]] | None:
-    """The function that reads a path, None for what is not read: several paths that are one stack."""
+    """Function that reads a path; None for several paths of one stack, and missing files."""
     if not isinstance(path, str):
         if len(path) != 1:
             return None
@@ -40,35 +40,35 @@ def reader_of(path: str | Sequence[str]) -> Callable[[Any], list[LayerData]] | N
 
 
 def read(path: str | Sequence[str]) -> list[LayerData]:
-    """Data, keywords and kind of each layer of a file or folder: one per channel; colours and labels are told apart.
+    """Data, keywords and kind of each layer of a file or folder: one per channel, as image or labels.
 
-    Raises InputError for what `load` refuses.
+    Raises InputError as `load`.
     """
     name = path if isinstance(path, str) else path[0]
     volume = readers.load(name)
     channels = volume.channels or (volume,)
-    return [_layer(name, volume, number, each) for number, each in enumerate(channels)]
+    return [_layer(name, volume, number, channel) for number, channel in enumerate(channels)]
 
 
 def _layer(path: str, first: Volume, number: int, channel: Volume) -> LayerData:
     several = first.times > 1
-    levels = [each.color if each.color is not None else each.samples for each in (channel, *channel.coarser)]
-    data = [_lazy(each) for each in levels]
+    levels = (channel, *channel.coarser)
+    data = [_lazy(level.samples if level.color is None else level.color) for level in levels]
     if several:
         data = [_times(data[0], first.times, partial(_time, path, number))]
     metadata: dict[str, Any] = {"frame": channel.frame, "notes": first.notes}
-    given = {"name": channel.name or first.name, "metadata": metadata, **_placed(channel, first, several)}
+    keywords = {"name": channel.name or first.name, "metadata": metadata, **_geometry(channel, first, several)}
     whole = data if len(data) > 1 else data[0]
     if channel.labels is not None and channel.samples.dtype.kind in "ui":
-        return whole, {**given, **_named(channel)}, "labels"
+        return whole, {**keywords, **_label_keywords(channel)}, "labels"
     if channel.color is not None:
-        return whole, {**given, "rgb": True}, "image"
+        return whole, {**keywords, "rgb": True}, "image"
     limits = _range(channel.samples) if several else {}
-    return whole, {**given, **limits, **_shown(channel, len(first.channels) > 1)}, "image"
+    return whole, {**keywords, **limits, **_display(channel, len(first.channels) > 1)}, "image"
 
 
 def _lazy(samples: Any) -> Any:
-    """An array of numpy as it is, what is read in parts as one of dask."""
+    """A NumPy array unchanged; an array that is read in parts as a Dask array."""
     if isinstance(samples, np.ndarray):
         return samples
     import dask.array
@@ -78,62 +78,62 @@ def _lazy(samples: Any) -> Any:
 
 
 def _time(path: str, channel: int, time: int) -> Any:
-    """The samples of a channel at a time point."""
+    """Samples of a channel at a time point."""
     volume = readers.load(path, time=time)
-    found = (volume.channels or (volume,))[channel]
-    return np.asarray(found.samples if found.color is None else found.color)
+    part = (volume.channels or (volume,))[channel]
+    return np.asarray(part.samples if part.color is None else part.color)
 
 
 def _times(sample: Any, count: int, read_one: Callable[[int], Any]) -> Any:
-    """All time points along a first axis; each is read when it is shown."""
+    """Dask array of all time points along a first axis."""
     import dask.array
     from dask.delayed import delayed
 
     parts = [delayed(read_one)(number) for number in range(count)]
-    return dask.array.stack([dask.array.from_delayed(each, sample.shape, sample.dtype) for each in parts])
+    return dask.array.stack([dask.array.from_delayed(part, sample.shape, sample.dtype) for part in parts])
 
 
-def _placed(volume: Volume, first: Volume, several: bool) -> dict[str, Any]:
-    """The keywords that place voxels in napari's world (z, y, x), or (time, z, y, x)."""
+def _geometry(volume: Volume, first: Volume, several: bool) -> dict[str, Any]:
+    """Keywords that place voxels in napari's world (z, y, x), or (time, z, y, x)."""
     unit = UNITS.get(volume.unit, volume.unit) or "pixel"
     step, lead = first.time_step, int(several)
-    given: dict[str, Any] = {"units": ("second" if step else "pixel",) * lead + (unit,) * 3}
+    keywords: dict[str, Any] = {"units": ("second" if step else "pixel",) * lead + (unit,) * 3}
     if np.array_equal(volume.direction, np.eye(3)):
         scale, translate = list(volume.spacing[::-1]), list(volume.origin[::-1])
-        return {**given, "scale": [step or 1.0] * lead + scale, "translate": [0.0] * lead + translate}
+        return {**keywords, "scale": [step or 1.0] * lead + scale, "translate": [0.0] * lead + translate}
     # turned, mirrored or sheared
     affine = np.eye(4 + lead)
     affine[lead:-1, lead:-1] = volume.world_from_index[TURN, TURN]
     affine[lead:-1, -1] = volume.origin[TURN]
     affine[:lead, :lead] *= step or 1.0
-    return {**given, "affine": affine}
+    return {**keywords, "affine": affine}
 
 
 def _range(samples: Any) -> dict[str, Any]:
-    """Contrast limits of a time point in memory: napari would take those of one plane."""
+    """Contrast limits of a time point in memory: napari would use a single plane."""
     known = samples[np.isfinite(samples)] if isinstance(samples, np.ndarray) else np.zeros(0)
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     return {"contrast_limits": (low, high)} if low < high else {}
 
 
-def _shown(volume: Volume, several: bool) -> dict[str, Any]:
-    """The window, and the colours of one of several channels."""
-    hints, given = volume.hints, dict[str, Any]()
+def _display(volume: Volume, several: bool) -> dict[str, Any]:
+    """Keywords of the window, and of the colour of a channel."""
+    hints, keywords = volume.hints, dict[str, Any]()
     if hints.window is not None:
-        given["contrast_limits"] = hints.window
+        keywords["contrast_limits"] = hints.window
     if hints.color is not None:
-        given["colormap"] = hints.color
-    return {**given, "blending": "additive"} if several else given
+        keywords["colormap"] = hints.color
+    return {**keywords, "blending": "additive"} if several else keywords
 
 
-def _named(volume: Volume) -> dict[str, Any]:
-    """Colours and names of labels that have them."""
+def _label_keywords(volume: Volume) -> dict[str, Any]:
+    """Keywords of the labels' colours and names."""
     labels = volume.labels or ()
     colors: dict[int | None, str] = {label.number: label.color for label in labels if label.color}
-    given: dict[str, Any] = {}
+    keywords: dict[str, Any] = {}
     if colors:
-        given["colormap"] = {None: "transparent", 0: "transparent", **colors}
+        keywords["colormap"] = {None: "transparent", 0: "transparent", **colors}
     if any(label.name for label in labels):
         numbers = [0, *(label.number for label in labels)]
-        given["features"] = {"index": numbers, "name": ["", *(label.name for label in labels)]}
-    return given
+        keywords["features"] = {"index": numbers, "name": ["", *(label.name for label in labels)]}
+    return keywords

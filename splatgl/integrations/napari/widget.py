@@ -1,4 +1,4 @@
-"""The panel in napari's window: draws the visible layers, shows the picture and what was drawn, and saves it."""
+"""Panel in napari's window: draws the visible layers, shows the image with its summary, and saves it."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from qtpy.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QLabel, QPushBut
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError
-from splatgl.integrations.napari.draw import picture, told
+from splatgl.integrations.napari.draw import picture, summary
 from splatgl.splat.settings import BLENDS
 
-# least width of the picture in the panel, pixels
+# minimum width of the image in the panel, pixels
 LEAST_WIDTH = 320
-# the blend that napari draws the layers by
+# item of the blend that napari uses
 AS_SHOWN = "as shown"
 
 
 class Panel(QWidget):  # type: ignore[misc, unused-ignore]
-    """Draws what the viewer shows; `image` is the last picture."""
+    """Draws the viewer's layers; `image` is the last image."""
 
     def __init__(self, napari_viewer: Any) -> None:
         super().__init__()
@@ -28,39 +28,39 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
         self.image: Image | None = None
         self.blends = QComboBox()
         self.blends.addItems([AS_SHOWN, *BLENDS])
-        draw, self.keep = QPushButton("Render"), QPushButton("Save…")
+        draw, self.save_button = QPushButton("Render"), QPushButton("Save…")
         draw.clicked.connect(self.draw)
-        self.keep.clicked.connect(self.save)
-        self.keep.setEnabled(False)
+        self.save_button.clicked.connect(self.save)
+        self.save_button.setEnabled(False)
         self.shown, self.summary = QLabel(), QLabel()
         self.shown.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.shown.setMinimumSize(LEAST_WIDTH, LEAST_WIDTH)
         self.summary.setWordWrap(True)
         row, column = QHBoxLayout(), QVBoxLayout(self)
-        for each in (self.blends, draw, self.keep):
-            row.addWidget(each)
+        for widget in (self.blends, draw, self.save_button):
+            row.addWidget(widget)
         column.addLayout(row)
         column.addWidget(self.shown, stretch=1)
         column.addWidget(self.summary)
 
     def draw(self) -> None:
-        """Draws the visible layers; what cannot be drawn, and what is left out, is told below."""
-        # no older picture is left that could be saved as this one
+        """Draws the visible layers; shows errors and notes below the image."""
+        # an older image must not be saved in place of this one
         self.image = None
         self.shown.clear()
-        self.keep.setEnabled(False)
+        self.save_button.setEnabled(False)
         try:
             blend = self.blends.currentText()
             self.image = picture(self.viewer, None if blend == AS_SHOWN else blend)
         except InputError as error:
             self.summary.setText(str(error))
             return
-        self.summary.setText(told(self.image))
-        self.keep.setEnabled(True)
+        self.summary.setText(summary(self.image))
+        self.save_button.setEnabled(True)
         self._show()
 
     def save(self) -> None:
-        """Asks for a file's name and writes the picture."""
+        """Asks for a file name and writes the image."""
         name, _ = QFileDialog.getSaveFileName(self, "Save the picture", "picture.png")
         if name and self.image is not None:
             try:

@@ -1,4 +1,4 @@
-"""ImageData of VTK and PyVista: point or cell data, on a grid with a direction; volumes from it, and back."""
+"""Converts ImageData of VTK and PyVista to volumes and back: point or cell data, with a direction."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from splatgl.data.arrays import ArrayOptions
 
 
-# names of arrays that have none
+# names of unnamed arrays
 VALUES, COLORS, VECTORS = "values", "colors", "vectors"
 
 
 def of_vtk(x: Any, options: ArrayOptions) -> Volume:
-    """The volume of a vtkImageData or pyvista.ImageData, a view of its memory: the active scalars, or those that
-    `array` names. Samples of cells stand at their middle.
+    """Volume of a vtkImageData or pyvista.ImageData, a view of its memory: the active scalars, or the array named
+    by `array`. Samples of cells lie at the cells' centres.
     """
     if not hasattr(x, "IsA") or not x.IsA("vtkImageData"):
         fix = "resample it: pyvista.ImageData(dimensions=…, spacing=…, origin=…).sample(x)"
@@ -30,13 +30,13 @@ def of_vtk(x: Any, options: ArrayOptions) -> Volume:
     array, in_cells = chosen(x, options)
     count = array.GetNumberOfComponents()
     if count > 1:
-        fix = "add one of them as an array of its own"
+        fix = "add one component as a separate array"
         raise expected("array", "one number per voxel", f"{count} components in {array.GetName()!r}", fix)
     return of_components(x, array, in_cells)[0]
 
 
 def of_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
-    """A volume of each component of an array of a vtkImageData, views of its memory."""
+    """A volume for each component of an array of a vtkImageData, views of its memory."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     extent = x.GetExtent()
@@ -48,42 +48,43 @@ def of_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
     direction = np.array([[turn.GetElement(row, column) for column in range(3)] for row in range(3)])
     matrix = direction * np.array(x.GetSpacing())
     spacing, direction = spacing_and_direction(matrix, "direction and spacing")
-    # the origin is that of index 0, which the extent need not hold
+    # the origin belongs to index 0, which may lie outside of the extent
     origin = triple(matrix @ (first + 0.5 * in_cells) + np.array(x.GetOrigin()), "origin")
-    every = vtk_to_numpy(array).reshape(*sizes[::-1], -1)
-    parts = (check_samples(every[..., component], "array") for component in range(every.shape[3]))
+    samples = vtk_to_numpy(array).reshape(*sizes[::-1], -1)
+    parts = (check_samples(samples[..., component], "array") for component in range(samples.shape[3]))
     return [Volume(part, spacing, origin, direction, name=array.GetName() or "") for part in parts]
 
 
 def image_data(volume: Volume) -> Any:
-    """The pyvista.ImageData of a volume: samples in its points, without a copy where VTK permits, and colours and
-    vectors if there are any. Raises InputError without PyVista.
+    """pyvista.ImageData of a volume: point data of samples, without a copy where VTK permits, colours and vectors.
+
+    Raises InputError without PyVista.
     """
     pyvista = library("pyvista.ImageData")
     place = {"spacing": volume.spacing, "origin": volume.origin, "direction_matrix": volume.direction}
-    found = pyvista.ImageData(dimensions=volume.shape[::-1], **place)
+    data = pyvista.ImageData(dimensions=volume.shape[::-1], **place)
     for name, array in ((COLORS, volume.color), (VECTORS, volume.vectors)):
         if array is not None:
-            found.point_data[name] = _known(array).reshape(-1, 3)
+            data.point_data[name] = _vtk_array(array).reshape(-1, 3)
     name = volume.name or VALUES
-    found.point_data[name] = _known(volume.samples).ravel()
-    found.set_active_scalars(name)
-    return found
+    data.point_data[name] = _vtk_array(volume.samples).ravel()
+    data.set_active_scalars(name)
+    return data
 
 
 def poly_data(mesh: Mesh) -> Any:
-    """The pyvista.PolyData of a mesh, with its colours, uint8, if it has any."""
+    """pyvista.PolyData of a mesh with its colours, uint8, and values."""
     pyvista = library("Mesh.to_pyvista")
-    found = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
+    data = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
     if mesh.colors is not None:
-        found.point_data[COLORS] = mesh.colors
+        data.point_data[COLORS] = mesh.colors
     if mesh.values is not None:
-        found.point_data[mesh.quantity or VALUES] = mesh.values
-    return found
+        data.point_data[mesh.quantity or VALUES] = mesh.values
+    return data
 
 
 def library(what: str) -> Any:
-    """PyVista. Raises InputError, naming what needs it, without."""
+    """The module pyvista. Raises InputError, naming the function that needs it, without."""
     try:
         import pyvista
     except ImportError as error:
@@ -91,15 +92,15 @@ def library(what: str) -> Any:
     return pyvista
 
 
-def _known(array: Any) -> np.ndarray:
-    """The array in a type that VTK has."""
-    found = np.asarray(array[:])
-    kind = found.dtype.newbyteorder("=")
+def _vtk_array(array: Any) -> np.ndarray:
+    """The array, contiguous, in a type of VTK."""
+    samples = np.asarray(array[:])
+    kind = samples.dtype.newbyteorder("=")
     if kind.kind == "b":
         kind = np.dtype(np.uint8)
     elif kind.kind == "f" and kind.itemsize not in (4, 8):
         kind = np.dtype(np.float32 if kind.itemsize < 4 else np.float64)
-    return np.ascontiguousarray(found, kind)
+    return np.ascontiguousarray(samples, kind)
 
 
 def chosen(x: Any, options: ArrayOptions) -> tuple[Any, bool]:

@@ -1,9 +1,9 @@
-"""Actors of a renderer of VTK as meshes: triangles, lines as tubes and points as balls, in their colours."""
+"""Converts VTK actors to meshes: triangles, lines as tubes and points as balls, with colours."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from splatgl.errors import expected
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, vtk_plane
 from splatgl.splat.camera import Camera
 
-# the array of colours, which VTK's filters take along with the geometry
+# name of the colour array, which VTK's filters pass on with the geometry
 COLORS = "splatgl colors"
 # VTK's numbers of representations
 POINTS, WIREFRAME = 0, 1
@@ -21,8 +21,8 @@ POINTS, WIREFRAME = 0, 1
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Points float64 [N, 3], world; cells as arrays of their numbers. colors uint8 [N or cells, 4], or None; of cells:
-    balls, then lines, then triangles.
+    """Points float64 [N, 3], world; cells as arrays of point indices. colors uint8 [N, 4], None, or, if of_cells,
+    one per cell: balls, then lines, then triangles.
     """
 
     points: np.ndarray
@@ -33,7 +33,7 @@ class Shape:
     of_cells: bool
 
     def colors_of(self, cells: list[np.ndarray], first: int) -> np.ndarray | None:
-        """Colours of the points of cells, one after the other, of which the first has that number."""
+        """Colours of the points of consecutive cells. first: index of the first cell."""
         if self.colors is None or not cells:
             return None
         if self.of_cells:
@@ -42,52 +42,52 @@ class Shape:
 
 
 def meshes_of(actor: Any, camera: Camera) -> Iterator[Mesh]:
-    """The meshes of a vtkActor: surfaces, and lines and points as wide as the camera sees them at their middle.
+    """Meshes of a vtkActor: surfaces, and lines and points of their pixel width at their middle.
 
     Raises InputError for surfaces whose points differ in opacity.
     """
-    mapper, looks = actor.GetMapper(), actor.GetProperty()
+    mapper, prop = actor.GetMapper(), actor.GetProperty()
     if mapper is None or not hasattr(mapper, "GetLookupTable") or mapper.GetInputAlgorithm() is None:
         return
     mapper.GetInputAlgorithm().Update()
-    style, matrix = looks.GetRepresentation(), matrix_of(actor)
+    style, matrix = prop.GetRepresentation(), matrix_of(actor)
     for data in _leaves(mapper.GetInputDataObject(0, 0)):
         surface = _clipped(_surface(_colored(data, mapper)), mapper, matrix)
         shape = _shape(surface, matrix)
-        wire = style == WIREFRAME or looks.GetEdgeVisibility()
+        wire = style == WIREFRAME or prop.GetEdgeVisibility()
         if wire and len(shape.faces):
             edges = _shape(_edges(surface), matrix)
-            color = looks.GetColor() if style == WIREFRAME else looks.GetEdgeColor()
-            kept = edges.colors if style == WIREFRAME else None
-            edges = Shape(edges.points, [], edges.lines, edges.faces[:0], kept, edges.of_cells)
-            yield from _drawn(edges, looks, color, camera)
+            color = prop.GetColor() if style == WIREFRAME else prop.GetEdgeColor()
+            colors = edges.colors if style == WIREFRAME else None
+            edges = replace(edges, balls=[], faces=edges.faces[:0], colors=colors)
+            yield from _shape_meshes(edges, prop, color, camera)
         if style == POINTS:
             corners = [np.array([number]) for number in range(len(shape.points))]
-            kept = None if shape.of_cells else shape.colors
-            shape = Shape(shape.points, corners, [], shape.faces[:0], kept, False)
+            colors = None if shape.of_cells else shape.colors
+            shape = Shape(shape.points, corners, [], shape.faces[:0], colors, False)
         elif style == WIREFRAME:
-            shape = Shape(shape.points, shape.balls, shape.lines, shape.faces[:0], shape.colors, shape.of_cells)
-        yield from _drawn(shape, looks, looks.GetColor(), camera)
+            shape = replace(shape, faces=shape.faces[:0])
+        yield from _shape_meshes(shape, prop, prop.GetColor(), camera)
 
 
-def _drawn(shape: Shape, looks: Any, color: Any, camera: Camera) -> Iterator[Mesh]:
+def _shape_meshes(shape: Shape, prop: Any, color: Any, camera: Camera) -> Iterator[Mesh]:
     """Balls, tubes and triangles of a shape."""
     code = "#{:02x}{:02x}{:02x}".format(*np.rint(255 * np.clip(color, 0, 1)).astype(int).tolist())
-    full = float(np.clip(looks.GetOpacity(), 0.0, 1.0))
+    full = float(np.clip(prop.GetOpacity(), 0.0, 1.0))
     if shape.balls:
         colors, opacity = _opacity(shape.colors_of(shape.balls, 0), full)
         places = shape.points[np.concatenate(shape.balls)]
-        ball = Mesh.of_points(places, _radius(places, looks.GetPointSize(), camera), color=code, opacity=opacity)
+        ball = Mesh.of_points(places, _radius(places, prop.GetPointSize(), camera), color=code, opacity=opacity)
         yield _recolored(ball, colors, len(ball.vertices) // len(places))
     if shape.lines:
         colors, opacity = _opacity(shape.colors_of(shape.lines, len(shape.balls)), full)
         lines = [shape.points[line] for line in shape.lines]
-        radius = _radius(np.concatenate(lines), looks.GetLineWidth(), camera)
+        radius = _radius(np.concatenate(lines), prop.GetLineWidth(), camera)
         yield _recolored(Mesh.of_lines(lines, radius, color=code, opacity=opacity), colors, SIDES)
     if len(shape.faces):
         corners, first = list(shape.faces), len(shape.balls) + len(shape.lines)
         if shape.of_cells and shape.colors is not None:
-            # a vertex has one colour, so triangles share none
+            # triangles share no vertices, each of which has one colour
             colors, opacity = _opacity(shape.colors_of(corners, first), full)
             numbers = np.arange(3 * len(shape.faces)).reshape(-1, 3)
             yield Mesh(shape.points[shape.faces.ravel()], numbers, code, opacity, colors)
@@ -97,14 +97,14 @@ def _drawn(shape: Shape, looks: Any, color: Any, camera: Camera) -> Iterator[Mes
 
 
 def _recolored(mesh: Mesh, colors: np.ndarray | None, times: int) -> Mesh:
-    """The mesh with colours, each of that many vertices."""
+    """The mesh with colours, each for that many vertices."""
     if colors is None:
         return mesh
     return Mesh(mesh.vertices, mesh.faces, mesh.color, mesh.opacity, np.repeat(colors, times, axis=0))
 
 
 def _opacity(colors: np.ndarray | None, full: float) -> tuple[np.ndarray | None, float]:
-    """Colours [N, 3] without their opacity, and the opacity with it. Raises InputError for several opacities."""
+    """Colours [N, 3], and their common opacity times `full`. Raises InputError for several opacities."""
     if colors is None or not len(colors):
         return None, full
     alpha = colors[:, 3]
@@ -114,13 +114,13 @@ def _opacity(colors: np.ndarray | None, full: float) -> tuple[np.ndarray | None,
 
 
 def _radius(places: np.ndarray, pixels: float, camera: Camera) -> float:
-    """World length of half that many pixels at the middle of points."""
+    """World length of half as many pixels at the middle of points."""
     depth = float(camera.eye_from_points(places.mean(axis=0))[2])
     return pixels / 2 * float(camera.pixel_pitch(abs(depth) or 1.0))
 
 
 def _leaves(data: Any) -> Iterator[Any]:
-    """The data sets in a tree of blocks."""
+    """Data sets in a tree of blocks."""
     if not data.IsA("vtkCompositeDataSet"):
         yield data
         return
@@ -132,72 +132,72 @@ def _leaves(data: Any) -> Iterator[Any]:
 
 
 def _colored(data: Any, mapper: Any) -> Any:
-    """The data with the colours of its scalars, if the mapper shows them, as VTK maps them."""
+    """The data with the mapped colours of its scalars, if the mapper shows them."""
     from vtkmodules.vtkCommonCore import reference
     from vtkmodules.vtkRenderingCore import vtkAbstractMapper
 
     cells: Any = reference(0)
-    found = data.NewInstance()
-    found.ShallowCopy(data)
+    copy = data.NewInstance()
+    copy.ShallowCopy(data)
     if not mapper.GetScalarVisibility():
-        return found
-    way = mapper.GetScalarMode(), mapper.GetArrayAccessMode(), mapper.GetArrayId(), mapper.GetArrayName()
-    scalars = vtkAbstractMapper.GetScalars(data, *way, cells)
+        return copy
+    selection = mapper.GetScalarMode(), mapper.GetArrayAccessMode(), mapper.GetArrayId(), mapper.GetArrayName()
+    scalars = vtkAbstractMapper.GetScalars(data, *selection, cells)
     if scalars is None or int(cells) not in (0, 1):
-        return found
+        return copy
     table = scalars.GetLookupTable() or mapper.GetLookupTable()
     if not mapper.GetUseLookupTableScalarRange():
         table.SetRange(mapper.GetScalarRange())
     table.Build()
     colors = table.MapScalars(scalars, mapper.GetColorMode(), mapper.GetArrayComponent())
     colors.SetName(COLORS)
-    (found.GetCellData() if int(cells) else found.GetPointData()).AddArray(colors)
-    return found
+    (copy.GetCellData() if int(cells) else copy.GetPointData()).AddArray(colors)
+    return copy
 
 
 def _surface(data: Any) -> Any:
-    """Its polygons, lines and points."""
+    """The data as polygons, lines and points."""
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
 
-    return data if data.IsA("vtkPolyData") else _through(vtkGeometryFilter(), data)
+    return data if data.IsA("vtkPolyData") else _apply(vtkGeometryFilter(), data)
 
 
 def _clipped(data: Any, mapper: Any, matrix: np.ndarray) -> Any:
-    """What the mapper's planes keep; they are in the world, the data is not."""
+    """The data clipped by the mapper's planes. matrix: world-from-data."""
     from vtkmodules.vtkFiltersCore import vtkClipPolyData
 
     for plane in clip_planes(mapper):
         x, y, z, w = (np.array([*plane[:3], -plane[3]]) @ matrix).tolist()
         clip = vtkClipPolyData()
         clip.SetClipFunction(vtk_plane((x, y, z, -w)))
-        data = _through(clip, data)
+        data = _apply(clip, data)
     return data
 
 
 def _edges(data: Any) -> Any:
-    """The edges of its polygons as lines."""
+    """Edges of polygons as lines."""
     from vtkmodules.vtkFiltersCore import vtkExtractEdges
 
-    return _through(vtkExtractEdges(), data)
+    return _apply(vtkExtractEdges(), data)
 
 
-def _through(step: Any, data: Any) -> Any:
-    step.SetInputData(data)
-    step.Update()
-    return step.GetOutput()
+def _apply(filter: Any, data: Any) -> Any:
+    filter.SetInputData(data)
+    filter.Update()
+    return filter.GetOutput()
 
 
 def _shape(data: Any, matrix: np.ndarray) -> Shape:
-    """The parts of polygonal data, in triangles, as arrays."""
+    """Polygonal data as arrays, polygons as triangles."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
     step = vtkTriangleFilter()
     step.PassLinesOn()
     step.PassVertsOn()
-    data = _through(step, data)
-    held = data.GetPoints()
-    points = np.zeros((0, 3)) if held is None else vtk_to_numpy(held.GetData()).astype(np.float64)
+    data = _apply(step, data)
+    vtk_points = data.GetPoints()
+    points = np.zeros((0, 3)) if vtk_points is None else vtk_to_numpy(vtk_points.GetData()).astype(np.float64)
     on_cells = data.GetCellData().GetArray(COLORS)
     colors = on_cells or data.GetPointData().GetArray(COLORS)
     return Shape(
@@ -210,9 +210,9 @@ def _shape(data: Any, matrix: np.ndarray) -> Shape:
     )
 
 
-def _cells(held: Any) -> list[np.ndarray]:
-    """The numbers of the points of each cell."""
+def _cells(cells: Any) -> list[np.ndarray]:
+    """Point indices of each cell of a vtkCellArray."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
-    numbers, ends = vtk_to_numpy(held.GetConnectivityArray()), vtk_to_numpy(held.GetOffsetsArray())
+    numbers, ends = vtk_to_numpy(cells.GetConnectivityArray()), vtk_to_numpy(cells.GetOffsetsArray())
     return np.split(numbers, ends[1:-1]) if len(ends) > 1 else []

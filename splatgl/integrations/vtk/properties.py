@@ -1,4 +1,4 @@
-"""Transfer functions both ways."""
+"""Converts transfer functions and clipping planes to VTK and back."""
 
 from __future__ import annotations
 
@@ -14,67 +14,67 @@ from splatgl.splat.clipping import Plane
 from splatgl.splat.lighting import Light
 from splatgl.splat.transfer import Nodes, Transfer
 
-# values at which functions that are not linear between their nodes are looked up, and control colours at most
+# samples of functions that are not piecewise linear, and maximum number of control colours
 SAMPLES, COLORS = 1024, 256
-# share of the values' range between the two nodes of a step, and of opacity that a node on a line may be off
+# distance between the two nodes of a step, over the value range; tolerance of opacity for nodes on a line
 STEP, ON_LINE = 1e-6, 1e-9
-# VTK's number of piecewise linear nodes: value, result, midpoint, sharpness
+# VTK's midpoint of piecewise linear nodes: value, result, midpoint, sharpness
 MIDDLE = 0.5
-# half of the way from one label to the next, and less
+# half of the distance between labels, and slightly less
 HALF, WITHIN = 0.5, 0.49
-# VTK's volume property is of nearest samples, or of those between
+# VTK's linear interpolation of a volume property
 LINEAR = 1
 
 
-def transfer_of(looks: Any, index: int, spacing: float, is_whole: bool = False) -> Transfer:
-    """The transfer function of a component of a vtkVolumeProperty. spacing: the mean one of its volume, world units;
-    is_whole: with the colours of values that are clear, too.
+def transfer_of(prop: Any, index: int, spacing: float, is_whole: bool = False) -> Transfer:
+    """Transfer function of a component of a vtkVolumeProperty. spacing: mean spacing of its volume, world units.
+    is_whole: whether it includes the colours of transparent values.
 
     Raises InputError for transfer functions of two variables.
     """
-    if looks.GetTransferFunctionMode():
+    if prop.GetTransferFunctionMode():
         raise expected("volume", "a transfer function of one variable", "one of two", "set a scalar opacity")
-    points = nodes_of(looks.GetScalarOpacity(index))
-    window, colors = _colors(looks, index, (-np.inf, np.inf) if is_whole else _support(points))
+    points = nodes_of(prop.GetScalarOpacity(index))
+    window, colors = _colors(prop, index, (-np.inf, np.inf) if is_whole else _support(points))
     return Transfer(
         points,
         colors,
         window,
-        unit=float(looks.GetScalarOpacityUnitDistance(index)),
-        gradient=_gradient(looks, index, spacing),
-        shading=bool(looks.GetShade(index)),
+        unit=float(prop.GetScalarOpacityUnitDistance(index)),
+        gradient=_gradient(prop, index, spacing),
+        shading=bool(prop.GetShade(index)),
     )
 
 
 def nodes_of(function: Any) -> Nodes:
-    """Nodes of a vtkPiecewiseFunction, with values from 0 to 1; others than linear ones are looked up."""
+    """Nodes of a vtkPiecewiseFunction, clipped to 0 to 1; functions that are not piecewise linear are sampled."""
     rows = _rows(function, 4)
     if not len(rows):
         return ((0.0, 0.0),)
     places, shares = rows[:, 0], np.clip(rows[:, 1], 0.0, 1.0)
-    if not (rows[:, 2:] == (MIDDLE, 0.0)).all() or _logarithmic(function):
+    if not (rows[:, 2:] == (MIDDLE, 0.0)).all() or _is_logarithmic(function):
         places = np.union1d(places, np.linspace(places[0], places[-1], SAMPLES))
         shares = np.clip([function.GetValue(place) for place in places.tolist()], 0.0, 1.0)
-    nodes = opacity_nodes(*_needed(places, shares))
+    nodes = opacity_nodes(*_without_collinear(places, shares))
     # without clamping, opacity is 0 beyond the ends
     return nodes if function.GetClamping() else ((nodes[0][0], 0.0), *nodes, (nodes[-1][0], 0.0))
 
 
 def _rows(function: Any, length: int) -> np.ndarray:
-    """The nodes of a function of VTK [N, length], whose node is of that many numbers."""
-    found = np.zeros((function.GetSize(), length))
-    for number in range(len(found)):
+    """Nodes of a VTK function [N, length]; a node has `length` numbers."""
+    nodes = np.zeros((function.GetSize(), length))
+    for number in range(len(nodes)):
         row = [0.0] * length
         function.GetNodeValue(number, row)
-        found[number] = row
-    return found
+        nodes[number] = row
+    return nodes
 
 
-def _logarithmic(function: Any) -> bool:
+def _is_logarithmic(function: Any) -> bool:
     return bool(getattr(function, "GetUseLogScale", bool)())
 
 
-def _needed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _without_collinear(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The nodes without those on a line between their neighbours."""
     width = x[2:] - x[:-2]
     across = y[:-2] + (y[2:] - y[:-2]) * (x[1:-1] - x[:-2]) / np.where(width > 0, width, 1.0)
@@ -84,23 +84,23 @@ def _needed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _support(points: Nodes) -> tuple[float, float]:
-    """The values between which opacity is not 0; infinite where it goes on beyond the nodes."""
-    shown = [number for number, (_, share) in enumerate(points) if share > 0]
-    if not shown:
+    """Interval of values with opacity; infinite where opacity continues beyond the nodes."""
+    opaque = [number for number, (_, share) in enumerate(points) if share > 0]
+    if not opaque:
         return -np.inf, np.inf
-    low = points[shown[0] - 1][0] if shown[0] else -np.inf
-    high = points[shown[-1] + 1][0] if shown[-1] + 1 < len(points) else np.inf
+    low = points[opaque[0] - 1][0] if opaque[0] else -np.inf
+    high = points[opaque[-1] + 1][0] if opaque[-1] + 1 < len(points) else np.inf
     return low, high
 
 
-def _colors(looks: Any, index: int, support: tuple[float, float]) -> tuple[tuple[float, float] | None, str]:
-    """Window and colour map of the values that are seen, from sRGB, which VTK draws as it is."""
-    gray = looks.GetColorChannels(index) == 1
-    function = looks.GetGrayTransferFunction(index) if gray else looks.GetRGBTransferFunction(index)
+def _colors(prop: Any, index: int, support: tuple[float, float]) -> tuple[tuple[float, float] | None, str]:
+    """Window and colour map of the visible values; VTK's colours are sRGB."""
+    gray = prop.GetColorChannels(index) == 1
+    function = prop.GetGrayTransferFunction(index) if gray else prop.GetRGBTransferFunction(index)
     low, high = function.GetRange()
     low, high = max(low, min(support[0], high)), min(high, max(support[1], low))
     rows = _rows(function, 4 if gray else 6)
-    linear = (rows[:, -2:] == (MIDDLE, 0.0)).all() and not _logarithmic(function)
+    linear = (rows[:, -2:] == (MIDDLE, 0.0)).all() and not _is_logarithmic(function)
     plain = linear and (gray or (function.GetColorSpace() == 0 and not function.GetScale()))
     inside = rows[(rows[:, 0] > low) & (rows[:, 0] < high), 0]
     places = np.concatenate([[low], inside, [high]]) if plain else np.linspace(low, high, COLORS)
@@ -110,45 +110,45 @@ def _colors(looks: Any, index: int, support: tuple[float, float]) -> tuple[tuple
     return color_nodes(places, np.array(rgb))
 
 
-def _gradient(looks: Any, index: int, spacing: float) -> Nodes:
-    """Weights of gradients, which VTK has per mean spacing."""
-    if looks.GetDisableGradientOpacity(index) or not looks.HasGradientOpacity(index):
+def _gradient(prop: Any, index: int, spacing: float) -> Nodes:
+    """Weights of gradients; VTK's gradients are per mean spacing."""
+    if prop.GetDisableGradientOpacity(index) or not prop.HasGradientOpacity(index):
         return ()
-    nodes = nodes_of(looks.GetGradientOpacity(index))
+    nodes = nodes_of(prop.GetGradientOpacity(index))
     return () if all(weight == 1 for _, weight in nodes) else tuple((size / spacing, share) for size, share in nodes)
 
 
 def property_of(volume: Volume, transfer: Transfer, light: Light, lit: bool) -> Any:
-    """The vtkVolumeProperty of a transfer function. lit: whether it is shaded."""
+    """vtkVolumeProperty of a transfer function. lit: whether it is shaded."""
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
     from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkVolumeProperty
 
-    opacity, color, looks = vtkPiecewiseFunction(), vtkColorTransferFunction(), vtkVolumeProperty()
-    for value, share in opacity_nodes(*_tabulated(transfer)):
+    opacity, color, prop = vtkPiecewiseFunction(), vtkColorTransferFunction(), vtkVolumeProperty()
+    for value, share in opacity_nodes(*_opacity_samples(transfer)):
         opacity.AddPoint(value, share)
-    places, colors = _colored(transfer)
+    places, colors = _color_samples(transfer)
     for value, shade in zip(places.tolist(), srgb_from_linear(colors).tolist(), strict=True):
         color.AddRGBPoint(value, *shade)
     spacing = float(np.mean(volume.spacing))
-    looks.SetScalarOpacity(opacity)
-    looks.SetColor(color)
-    looks.SetScalarOpacityUnitDistance(transfer.unit or spacing)
+    prop.SetScalarOpacity(opacity)
+    prop.SetColor(color)
+    prop.SetScalarOpacityUnitDistance(transfer.unit or spacing)
     if transfer.gradient:
         weights = vtkPiecewiseFunction()
         for size, weight in transfer.gradient:
             weights.AddPoint(size * spacing, weight)
-        looks.SetGradientOpacity(weights)
-    looks.SetInterpolationType(0 if transfer.labels else LINEAR)
-    looks.SetShade(lit)
-    looks.SetAmbient(light.ambient)
-    looks.SetDiffuse(light.diffuse)
-    looks.SetSpecular(light.specular)
-    looks.SetSpecularPower(2.0**light.sharpness)
-    return looks
+        prop.SetGradientOpacity(weights)
+    prop.SetInterpolationType(0 if transfer.labels else LINEAR)
+    prop.SetShade(lit)
+    prop.SetAmbient(light.ambient)
+    prop.SetDiffuse(light.diffuse)
+    prop.SetSpecular(light.specular)
+    prop.SetSpecularPower(2.0**light.sharpness)
+    return prop
 
 
-def _colored(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
-    """Values, all different, and linear colours [N, 3] between which VTK may be linear."""
+def _color_samples(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct values and linear colours [N, 3], linear in between."""
     if transfer.labels:
         numbers = np.array([number for number, _, _ in transfer.labels], float)
         return (numbers[:, None] + (-WITHIN, WITHIN)).ravel(), np.repeat(transfer.color(numbers), 2, axis=0)
@@ -157,8 +157,8 @@ def _colored(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
     return places, transfer.color(places)
 
 
-def _tabulated(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
-    """Values, all different, and opacities between which VTK may be linear."""
+def _opacity_samples(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
+    """Distinct values and opacities, linear in between."""
     if transfer.labels:
         rows = [(n + side, share) for n, _, full in transfer.labels for side, share in _plateau(full)]
         return np.array([place for place, _ in rows]), np.array([share for _, share in rows])
@@ -168,8 +168,8 @@ def _tabulated(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
     width = max(float(np.ptp(values)), float(np.abs(values).max()), STEP) * STEP
     before = [next(share for value, share in transfer.points if value == step) for step in steps]
     places, shares = np.append(values, steps - width), np.append(transfer.opacity(values), before)
-    places, kept = np.unique(places, return_index=True)
-    return places, shares[kept]
+    places, first = np.unique(places, return_index=True)
+    return places, shares[first]
 
 
 def _plateau(opacity: float) -> tuple[tuple[float, float], ...]:
@@ -177,22 +177,22 @@ def _plateau(opacity: float) -> tuple[tuple[float, float], ...]:
 
 
 def matrix_of(prop: Any) -> np.ndarray:
-    """World-from-data [4, 4] of a vtkProp3D. Raises InputError for a perspective."""
+    """World-from-data matrix [4, 4] of a vtkProp3D. Raises InputError for a perspective."""
     prop.ComputeMatrix()
-    held = prop.GetMatrix()
-    found = np.array([[held.GetElement(row, column) for column in range(4)] for row in range(4)])
-    if not np.allclose(found[3], (0, 0, 0, 1)):
-        raise expected("matrix", "an affine one", found[3].tolist())
-    return found
+    elements = prop.GetMatrix()
+    matrix = np.array([[elements.GetElement(row, column) for column in range(4)] for row in range(4)])
+    if not np.allclose(matrix[3], (0, 0, 0, 1)):
+        raise expected("matrix", "an affine one", matrix[3].tolist())
+    return matrix
 
 
 def clip_planes(mapper: Any) -> list[Plane]:
-    """The clipping planes of a mapper, world units: VTK keeps the side that their normals point to."""
+    """Clipping planes of a mapper, world units; VTK keeps the side that the normals point to."""
     planes: list[Plane] = []
-    held = mapper.GetClippingPlanes()
-    for number in range(held.GetNumberOfItems() if held is not None else 0):
+    collection = mapper.GetClippingPlanes()
+    for number in range(collection.GetNumberOfItems() if collection is not None else 0):
         # the values of the function include its own transform
-        value = held.GetItem(number).FunctionValue
+        value = collection.GetItem(number).FunctionValue
         start = value((0.0, 0.0, 0.0))
         x, y, z = (float(value(axis) - start) for axis in np.eye(3).tolist())
         planes.append((x, y, z, float(-start)))
@@ -200,7 +200,7 @@ def clip_planes(mapper: Any) -> list[Plane]:
 
 
 def vtk_plane(plane: Plane) -> Any:
-    """The vtkPlane of a clipping plane."""
+    """vtkPlane of a clipping plane."""
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     converted, normal = vtkPlane(), np.array(plane[:3])

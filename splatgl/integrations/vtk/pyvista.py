@@ -1,4 +1,4 @@
-"""Plotters of PyVista of a scene: its layers, meshes, planes, camera, light and background."""
+"""PyVista plotters of scenes: layers, meshes, planes, camera, light and background."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
-# the view of a scene whose camera is not given, degrees
+# default view of a scene, degrees
 AZIMUTH, ELEVATION = 30.0, 20.0
 # VTK's numbers of blend modes
 BLENDS = {"composite": 0, "mip": 1, "minip": 2, "mean": 3}
 
 
 def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, options: dict[str, Any]) -> Any:
-    """The pyvista.Plotter of a scene; see `Scene.to_pyvista`."""
+    """pyvista.Plotter of a scene; see `Scene.to_pyvista`."""
     pyvista = library("Scene.to_pyvista")
     camera = camera or Camera.orbit(scene, AZIMUTH, ELEVATION)
     settings = settings or Settings()
@@ -35,8 +35,8 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     plotter = pyvista.Plotter(**{"window_size": list(camera.size), "lighting": "none", **options})
     light = Light.of(settings.light, settings.light_from)
     plotter.add_light(_light(pyvista, light))
-    for layer, own in zip(scene.shown, scene.planes, strict=True):
-        planes = (*settings.clip, *own)
+    for layer, layer_planes in zip(scene.shown, scene.planes, strict=True):
+        planes = (*settings.clip, *layer_planes)
         plotter.add_actor(_volume(pyvista, layer, light, settings, planes), reset_camera=False)
     for mesh in map(paint_vertices, scene.surfaces(settings)):
         color = srgb_from_linear(np.array(mesh.color)).tolist()
@@ -51,63 +51,63 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
 
 
 def camera_of(camera: Camera, corners: np.ndarray) -> Any:
-    """The pyvista.Camera of a camera. corners [N, 3]: of what it looks at, in whose middle its focal point is."""
-    found = library("Camera.to_pyvista").Camera()
+    """pyvista.Camera of a camera. corners [N, 3]: box whose middle sets the depth of the focal point."""
+    converted = library("Camera.to_pyvista").Camera()
     middle = camera.eye_from_points((corners.min(axis=0) + corners.max(axis=0)) / 2)[2]
     away = float(middle) if middle > 0 else 1.0
-    found.position = camera.eye.tolist()
-    found.focal_point = (camera.eye + away * camera.forward).tolist()
-    found.up = (-camera.eye_from_world[1]).tolist()
+    converted.position = camera.eye.tolist()
+    converted.focal_point = (camera.eye + away * camera.forward).tolist()
+    converted.up = (-camera.eye_from_world[1]).tolist()
     if camera.perspective:
-        found.view_angle = float(np.degrees(2 * np.arctan(camera.extent / 2)))
+        converted.view_angle = float(np.degrees(2 * np.arctan(camera.extent / 2)))
     else:
-        found.parallel_projection, found.parallel_scale = True, camera.extent / 2
-    return found
+        converted.parallel_projection, converted.parallel_scale = True, camera.extent / 2
+    return converted
 
 
 def _volume(pyvista: Any, layer: Layer, light: Light, settings: Settings, planes: tuple[Plane, ...]) -> Any:
-    """The volume of a layer, which the mapper cuts; its directions in a matrix, as VTK's caster on the CPU needs."""
+    """pyvista.Volume of a layer, clipped by the mapper; directions in a matrix, as VTK's CPU ray caster requires."""
     from vtkmodules.vtkRenderingVolumeOpenGL2 import vtkSmartVolumeMapper
 
-    mapper, found, volume = vtkSmartVolumeMapper(), pyvista.Volume(), layer.volume
+    mapper, actor, volume = vtkSmartVolumeMapper(), pyvista.Volume(), layer.volume
     if volume.masks:
-        raise expected(volume.name or "volume", "no masks, which this mapper of VTK has not", "some")
+        raise expected(volume.name or "volume", "no masks: VTK's mapper does not support them", "masks")
     lit = settings.shading == "on" or (settings.shading == "auto" and layer.seen.shading)
-    looks = property_of(volume, layer.seen, light, lit)
+    prop = property_of(volume, layer.seen, light, lit)
     data = image_data(Volume(volume.samples, volume.spacing, name=volume.name))
     if volume.color is not None:
-        _colored(data, volume, layer.seen, looks)
+        _set_colors(data, volume, layer.seen, prop)
     mapper.SetInputData(data)
     mapper.SetBlendMode(BLENDS[settings.blend])
     for plane in planes:
         mapper.AddClippingPlane(vtk_plane(plane))
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = volume.direction, volume.origin
-    found.SetMapper(mapper)
-    found.SetProperty(looks)
-    found.user_matrix = matrix
-    return found
+    actor.SetMapper(mapper)
+    actor.SetProperty(prop)
+    actor.user_matrix = matrix
+    return actor
 
 
-def _colored(data: Any, volume: Volume, transfer: Transfer, looks: Any) -> None:
-    """Colours and opacities as the samples of the data, and what shows these as they are."""
+def _set_colors(data: Any, volume: Volume, transfer: Transfer, prop: Any) -> None:
+    """Makes colours and opacities the samples of the data, drawn unchanged."""
     opacity = np.rint(255 * transfer.opacity(np.asarray(volume.samples[:]))).astype(np.uint8)
     data.point_data["rgba"] = np.concatenate([np.asarray(volume.color[:]), opacity[..., None]], axis=3).reshape(-1, 4)
     data.set_active_scalars("rgba")
-    looks.IndependentComponentsOff()
-    shares = looks.GetScalarOpacity()
+    prop.IndependentComponentsOff()
+    shares = prop.GetScalarOpacity()
     shares.RemoveAllPoints()
     shares.AddPoint(0.0, 0.0)
     shares.AddPoint(255.0, 1.0)
 
 
 def _light(pyvista: Any, light: Light) -> Any:
-    """A light at the eye, or beside it; the ambient share of what it shines on is of its own colour, too."""
-    found = pyvista.Light(light_type="headlight")
+    """pyvista.Light at the eye or beside it; white ambient light keeps the objects' colours."""
+    converted = pyvista.Light(light_type="headlight")
     if light.direction is not None:
         x, y, z = light.direction.tolist()
-        found.set_camera_light()
-        # from its place in the camera's axes, right, up and back, to their origin
-        found.position, found.focal_point = (-x, y, z), (0.0, 0.0, 0.0)
-    found.ambient_color = "white"
-    return found
+        converted.set_camera_light()
+        # from its position in camera axes, right, up and back, to the origin
+        converted.position, converted.focal_point = (-x, y, z), (0.0, 0.0, 0.0)
+    converted.ambient_color = "white"
+    return converted

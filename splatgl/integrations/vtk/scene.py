@@ -1,4 +1,4 @@
-"""Scenes from renderers of VTK and plotters of PyVista."""
+"""Converts VTK renderers and PyVista plotters to scenes."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
-# VTK's numbers of kinds of light: at the eye, and where it is in the camera's axes
+# VTK's light types: at the eye, and positioned in camera axes
 AT_EYE, OF_CAMERA = 1, 2
-# of ways between samples, and of shading
+# VTK's nearest interpolation, and physically based shading
 NEAREST, PHYSICAL = 0, 3
-# values that are averaged, unless others are set
+# default range of averaged values
 UNBOUNDED = (float(np.finfo(np.float32).min), float(np.finfo(np.float32).max))
-# classes of props that have no like here
+# classes of props without a counterpart here
 KINDS = {
     "vtkScalarBarActor": "a scalar bar",
     "vtkTextActor": "a text",
@@ -42,22 +42,22 @@ KINDS = {
     "vtkImageSlice": "an image",
     "vtkActor2D": "labels",
 }
-# degrees within which a light is at the eye
+# largest angle of a light that counts as at the eye, degrees
 NEAR_EYE = 1.0
 
 
 def renderer_of(x: Any) -> Any:
-    """The vtkRenderer of a plotter, the active one, or of a window, its first. Raises InputError for what has none."""
-    found = getattr(x, "renderer", x)
-    if hasattr(found, "GetRenderers"):
-        found = found.GetRenderers().GetFirstRenderer()
-    if not hasattr(found, "GetVolumes"):
+    """Active vtkRenderer of a plotter, or first renderer of a window. Raises InputError for other objects."""
+    renderer = getattr(x, "renderer", x)
+    if hasattr(renderer, "GetRenderers"):
+        renderer = renderer.GetRenderers().GetFirstRenderer()
+    if not hasattr(renderer, "GetVolumes"):
         raise expected("scene", "a plotter of PyVista, or a window or renderer of VTK", f"a {type(x).__name__}")
-    return found
+    return renderer
 
 
 def scene_of(x: Any) -> Scene:
-    """The visible volumes and meshes; see `Scene.of`."""
+    """Scene of the visible volumes and meshes; see `Scene.of`."""
     renderer, camera = renderer_of(x), Camera.of(x)
     layers = [layer for prop in _volumes(renderer) for layer in layers_of(prop)]
     if not layers:
@@ -69,7 +69,7 @@ def scene_of(x: Any) -> Scene:
 
 
 def settings_of(x: Any) -> Settings:
-    """Blend, background and light; see `Settings.of`."""
+    """Settings of blend, background and light; see `Settings.of`."""
     renderer = renderer_of(x)
     volumes = _volumes(renderer)
     blends = {blend_of(prop.GetMapper()) for prop in volumes}
@@ -77,19 +77,21 @@ def settings_of(x: Any) -> Settings:
         raise expected("plotter", "volumes of one blend mode", " and ".join(sorted(blends)))
     sides = [renderer.GetBackground()] + [renderer.GetBackground2()] * bool(renderer.GetGradientBackground())
     ground = linear_from_srgb(np.clip(np.mean(sides, axis=0), 0.0, 1.0)).tolist()
-    looks = [prop.GetProperty() for prop in volumes] + [actor.GetProperty() for actor in _items(renderer.GetActors())]
-    return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer, looks))
+    surfaces = [prop.GetProperty() for prop in volumes] + [
+        actor.GetProperty() for actor in _items(renderer.GetActors())
+    ]
+    return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer, surfaces))
 
 
 def left_out(x: Any) -> Iterator[str]:
-    """A line for each thing that a plotter shows, and its scene and settings do not have."""
+    """A line for each thing that a plotter shows, but not its scene and settings."""
     renderer = renderer_of(x)
     several = len(_items(renderer.GetRenderWindow().GetRenderers())) if renderer.GetRenderWindow() else 1
-    shown = [each for each in _items(renderer.GetViewProps()) if each.GetVisibility()]
-    kinds = [name for each in shown for name in _prop_left_out(each)]
+    visible = [prop for prop in _items(renderer.GetViewProps()) if prop.GetVisibility()]
+    kinds = [name for prop in visible for name in _prop_left_out(prop)]
     for name in dict.fromkeys(kinds):
         yield f"not drawn: {name}" + (f", {kinds.count(name)} times" if kinds.count(name) > 1 else "")
-    lights = [light for light in _items(renderer.GetLights()) if light.GetSwitch() and light.GetIntensity() > 0]
+    lights = _lights(renderer)
     if len(lights) > 1:
         yield f"lit by the brightest of {len(lights)} lights"
     if renderer.GetGradientBackground():
@@ -103,13 +105,13 @@ def left_out(x: Any) -> Iterator[str]:
 
 
 def _overlays(renderer: Any) -> int:
-    """How many renderers of the window lie over others, or show nothing: PyVista adds one for its background."""
-    every = _items(renderer.GetRenderWindow().GetRenderers())
-    return sum(each is not renderer and not each.GetViewProps().GetNumberOfItems() for each in every)
+    """Number of empty renderers of the window: PyVista adds one for its background."""
+    others = [other for other in _items(renderer.GetRenderWindow().GetRenderers()) if other is not renderer]
+    return sum(not other.GetViewProps().GetNumberOfItems() for other in others)
 
 
 def _prop_left_out(prop: Any) -> Iterator[str]:
-    """Of a visible prop: its kind, or parts of it."""
+    """Names of a visible prop, or of its parts, that are not drawn."""
     if prop.IsA("vtkVolume"):
         if prop.GetProperty().GetInterpolationType() == NEAREST:
             yield "steps between voxels (nearest interpolation)"
@@ -117,7 +119,7 @@ def _prop_left_out(prop: Any) -> Iterator[str]:
         if prop.GetMapper() is not None and blend_of(prop.GetMapper()) == "mean" and (low, high) != UNBOUNDED:
             yield "the range of values that are averaged"
     elif prop.IsA("vtkActor") and hasattr(prop.GetMapper(), "GetLookupTable"):
-        # PyVista's scenes of polygons, lines and points
+        # polygons, lines and points
         if prop.GetTexture() is not None:
             yield "a texture"
         if prop.GetProperty().GetInterpolation() == PHYSICAL:
@@ -128,20 +130,24 @@ def _prop_left_out(prop: Any) -> Iterator[str]:
 
 
 def _volumes(renderer: Any) -> list[Any]:
-    return [each for each in _items(renderer.GetVolumes()) if each.GetVisibility() and each.GetMapper() is not None]
+    return [prop for prop in _items(renderer.GetVolumes()) if prop.GetVisibility() and prop.GetMapper() is not None]
+
+
+def _lights(renderer: Any) -> list[Any]:
+    return [light for light in _items(renderer.GetLights()) if light.GetSwitch() and light.GetIntensity() > 0]
 
 
 def _items(collection: Any) -> list[Any]:
     return [collection.GetItemAsObject(number) for number in range(collection.GetNumberOfItems())]
 
 
-def _light(renderer: Any, looks: list[Any]) -> dict[str, Any]:
-    """Settings of the brightest light; glossy if what it shines on is."""
-    lights = [light for light in _items(renderer.GetLights()) if light.GetSwitch() and light.GetIntensity() > 0]
+def _light(renderer: Any, surfaces: list[Any]) -> dict[str, Any]:
+    """Settings of the brightest light; glossy if a surface is."""
+    lights = _lights(renderer)
     if not lights:
         return {}
     brightest = max(lights, key=lambda light: light.GetIntensity())
-    shining = any(each.GetShade() and each.GetSpecular() > 0 for each in looks if hasattr(each, "GetShade"))
+    shining = any(prop.GetShade() and prop.GetSpecular() > 0 for prop in surfaces if hasattr(prop, "GetShade"))
     side, above = _place(brightest, Camera.of(renderer))
     if max(abs(side), abs(above)) < NEAR_EYE:
         return {"light": "glossy", "light_from": (0.0, 0.0)} if shining else {}
@@ -149,7 +155,7 @@ def _light(renderer: Any, looks: list[Any]) -> dict[str, Any]:
 
 
 def _place(light: Any, camera: Camera) -> tuple[float, float]:
-    """Degrees of a light to the right of the eye, and above it."""
+    """Angles of a light to the right of the eye, and above it, degrees."""
     kind = light.GetLightType()
     if kind == AT_EYE:
         return 0.0, 0.0
@@ -161,18 +167,18 @@ def _place(light: Any, camera: Camera) -> tuple[float, float]:
     return float(np.degrees(np.arctan2(right, back))), float(np.degrees(np.arcsin(np.clip(up, -1.0, 1.0))))
 
 
-# VTK's numbers of ways to choose samples by the name or number of an array, and of the part that is cropped
+# VTK's scalar modes that name an array, and its flag of the cropped box
 BY_NAME, SUBVOLUME = (3, 4), 0x2000
-# colours and an opacity
+# red, green, blue, opacity
 COMPONENTS = 4
-# of masks of mappers: what is not 0 is seen
+# VTK's type of masks that show voxels other than 0
 BINARY = 0
 
 
 def layers_of(prop: Any) -> Iterator[Layer]:
-    """The layers of a vtkVolume, one for each independent component of its samples, or of those of a vtkMultiVolume.
+    """Layers of a vtkVolume or vtkMultiVolume, one for each independent component of the samples.
 
-    Raises InputError for other data than even grids, and for what splatgl has no like of.
+    Raises InputError for data other than uniform grids, and for unsupported properties.
     """
     mapper = prop.GetMapper()
     if not prop.IsA("vtkMultiVolume"):
@@ -184,23 +190,23 @@ def layers_of(prop: Any) -> Iterator[Layer]:
 
 
 def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
-    """Those of the input of a mapper's port, with the look and the place of a vtkVolume."""
+    """Layers of the input at a mapper's port, with the property and matrix of a vtkVolume."""
     looks = prop.GetProperty()
     source = mapper.GetInputAlgorithm(port, 0)
     if source is not None:
         source.Update()
     data = mapper.GetInputDataObject(port, 0)
-    asked = ArrayOptions(array=mapper.GetArrayName() or None) if mapper.GetScalarMode() in BY_NAME else ArrayOptions()
+    options = ArrayOptions(array=mapper.GetArrayName() or None) if mapper.GetScalarMode() in BY_NAME else ArrayOptions()
     if not data.IsA("vtkImageData"):
-        of_vtk(data, asked)
-    array, in_cells = chosen(data, asked)
+        of_vtk(data, options)
+    array, in_cells = chosen(data, options)
     matrix = matrix_of(prop)
     planes = (*clip_planes(mapper), *_cropping(mapper, matrix))
     parts = [_masked(_placed(part, matrix), mapper) for part in of_components(data, array, in_cells)]
     if len(parts) > 1 and not looks.GetIndependentComponents():
         parts = [_colored(parts)]
+    is_mean = blend_of(mapper) == "mean"
     for number, part in enumerate(parts):
-        is_mean = blend_of(mapper) == "mean"
         transfer = transfer_of(looks, number, float(np.mean(part.spacing)), is_mean)
         if part.color is not None:
             transfer = replace(transfer, colormap="gray", window=None)
@@ -211,45 +217,44 @@ def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
 
 
 def _averaged(volume: Volume, transfer: Transfer) -> tuple[Volume, Transfer]:
-    """What VTK averages along a ray, values times their opacities, and shows in their colour wherever the volume is."""
+    """Volume and transfer function of VTK's average along rays: of values times their opacities."""
     values = np.asarray(volume.samples[:])
     samples = (values * transfer.opacity(values)).astype(np.float32)
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
-    look = replace(transfer, points=((low, 1.0), (high, 1.0)), gradient=(), shading=False)
-    return replace(volume, samples=samples), look
+    mean = replace(transfer, points=((low, 1.0), (high, 1.0)), gradient=(), shading=False)
+    return replace(volume, samples=samples), mean
 
 
 def _masked(volume: Volume, mapper: Any) -> Volume:
-    """A volume by the mask of its mapper, if that has one. Raises InputError for one of labels, and of another size."""
+    """The volume with the mapper's mask, if any. Raises InputError for a mask of labels, or of another size."""
     mask = mapper.GetMaskInput() if mapper.IsA("vtkGPUVolumeRayCastMapper") else None
     if mask is None:
         return volume
     array, in_cells = chosen(mask, ArrayOptions())
-    (found,) = of_components(mask, array, in_cells)
-    if mapper.GetMaskType() != BINARY or found.shape != volume.shape:
-        told = "one of labels" if mapper.GetMaskType() != BINARY else f"one of {found.shape}"
-        raise expected(
-            "mask", f"a binary one of {volume.shape} voxels", told, "SetMaskInput(None), and mask the volume"
-        )
-    return volume.masked(np.asarray(found.samples))
+    (part,) = of_components(mask, array, in_cells)
+    if mapper.GetMaskType() != BINARY or part.shape != volume.shape:
+        got = "one of labels" if mapper.GetMaskType() != BINARY else f"one of {part.shape}"
+        fix = "SetMaskInput(None), and mask the volume"
+        raise expected("mask", f"a binary one of {volume.shape} voxels", got, fix)
+    return volume.masked(np.asarray(part.samples))
 
 
 def _cropping(mapper: Any, matrix: np.ndarray) -> list[Plane]:
-    """The planes of the box that a mapper crops to, along the axes of its data. Raises InputError for other regions."""
+    """Planes of a mapper's cropping box along the axes of its data. Raises InputError for other regions."""
     if not mapper.GetCropping():
         return []
     if mapper.GetCroppingRegionFlags() != SUBVOLUME:
         raise expected("cropping", "the box between the planes", "other regions", "SetCroppingRegionFlagsToSubVolume()")
-    inverse, found = np.linalg.inv(matrix), []
+    inverse, planes = np.linalg.inv(matrix), []
     for number, place in enumerate(mapper.GetCroppingRegionPlanes()):
         side = -1.0 if number % 2 else 1.0
         x, y, z, start = (side * inverse[number // 2]).tolist()
-        found.append((x, y, z, side * place - start))
-    return found
+        planes.append((x, y, z, side * place - start))
+    return planes
 
 
 def _placed(volume: Volume, matrix: np.ndarray) -> Volume:
-    """The volume in the world of its actor."""
+    """The volume moved by its actor's matrix."""
     if np.array_equal(matrix, np.eye(4)):
         return volume
     spacing, direction = spacing_and_direction(matrix[:3, :3] @ volume.world_from_index, "the actor's matrix")
@@ -258,7 +263,7 @@ def _placed(volume: Volume, matrix: np.ndarray) -> Volume:
 
 
 def _colored(parts: list[Volume]) -> Volume:
-    """A volume of colours and opacities. Raises InputError for others that depend on each other."""
+    """Volume of colours and opacities. Raises InputError for other dependent components."""
     if len(parts) != COMPONENTS or parts[0].samples.dtype != np.uint8:
         got = f"{len(parts)} of {parts[0].samples.dtype}"
         raise expected("volume", "one component, independent ones, or four of uint8 for RGBA", got)
@@ -266,10 +271,10 @@ def _colored(parts: list[Volume]) -> Volume:
 
 
 def blend_of(mapper: Any) -> str:
-    """The blend of a volume mapper. Raises InputError for those that splatgl has no like of."""
+    """Blend of a volume mapper. Raises InputError for modes without a counterpart."""
     names = ("composite", "mip", "minip", "mean")
     mode = int(mapper.GetBlendMode())
     if not 0 <= mode < len(names):
-        told = {4: "additive", 5: "isosurface", 6: "slice"}.get(mode, str(mode))
-        raise expected("blend mode", "composite, maximum, minimum or average", told, "set another")
+        got = {4: "additive", 5: "isosurface", 6: "slice"}.get(mode, str(mode))
+        raise expected("blend mode", "composite, maximum, minimum or average", got, "set another")
     return names[mode]
