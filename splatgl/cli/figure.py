@@ -11,7 +11,7 @@ from splatgl.errors import expected
 from splatgl.fileio import check_output, write_file
 from splatgl.studies.claims import page
 from splatgl.studies.figures import FIGURES, Figure
-from splatgl.studies.figures.rendered import PICTURES, add_pictures, refuse, run_picture
+from splatgl.studies.figures.rendered import PICTURES, add_pictures, check_no_options, run_picture
 from splatgl.studies.tables import PAGE
 
 # figures whose text output is the claims based on them
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.number in map(str, PICTURES):
         return run_picture(args)
-    refuse(args)
+    check_no_options(args)
     figure = _figure(args.number)
     output = Path(args.output or f"figure{figure.number}.png")
     drawn = bool(args.output) or not (args.csv or args.text)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.studies.accuracy.content import CONVERGENCE
-from splatgl.studies.accuracy.ground_truth import LEVELS, Level, Subject, Truths, Wanted
+from splatgl.studies.accuracy.ground_truth import LEVELS, Level, Request, Subject, Truths
 from splatgl.studies.accuracy.methods import AXES, methods
 from splatgl.studies.accuracy.sweep import Task, truths_of
 
@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     from splatgl.studies.accuracy.sweep import Results, Tick
 
 
-# what measures and writes is imported once there is something to measure: bad input is told at once
+# modules that measure and write are imported later: errors in the input are reported at once
 
 # default sources
 DEFAULT_SCENES = ("tunnel", "terrain", "nerve")
 # folder of computed references
-KEPT = "truths"
+TRUTHS_FOLDER = "truths"
 INTERRUPTED = 130
 # maximum pixels per side, since references take several rays per pixel; and maximum rounds
 MAX_SIZE, MAX_ROUNDS = 16384, 10_000
@@ -79,10 +79,10 @@ def run(args: argparse.Namespace) -> int:
     for name in args.only:
         if name not in known:
             raise expected("--only", "methods or axes of splatgl report --list", repr(name))
-    return _measured(args, level, args.sources or list(DEFAULT_SCENES), _folder(args.output))
+    return _measure(args, level, args.sources or list(DEFAULT_SCENES), _folder(args.output))
 
 
-def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder: Path) -> int:
+def _measure(args: argparse.Namespace, level: Level, sources: list[str], folder: Path) -> int:
     """Measures, writes the report and returns the exit code."""
     # an unreadable source must neither delete existing results nor leave a folder behind
     scenes = subjects(sources, level)
@@ -107,11 +107,11 @@ def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder
         }
         for scene in scenes:
             check_size(renderer.ctx, scene.camera.size)
-        _make(folder)
+        _create(folder)
         store = Store(folder / NAME, head, args.resume)
         if not args.resume:
-            _forget(folder / KEPT)
-        task = Task(level, tuple(args.only), args.peers, _has_flip(), folder / KEPT)
+            _delete_truths(folder / TRUTHS_FOLDER)
+        task = Task(level, tuple(args.only), args.peers, _has_flip(), folder / TRUTHS_FOLDER)
         if asked(args):
             _prepare(args, renderer, sources, scenes, task)
         try:
@@ -131,13 +131,13 @@ def _measured(args: argparse.Namespace, level: Level, sources: list[str], folder
 def _prepare(
     args: argparse.Namespace, renderer: Renderer, sources: list[str], scenes: list[Subject], task: Task
 ) -> None:
-    """Has workers compute truths. They end before anything is timed, which takes the machine for itself."""
+    """Computes truths on workers, which end before timing starts."""
     from splatgl.distributed.cluster import connected
 
     with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
         count = prepare(client, renderer, sources, scenes, task, drawing_of(args))
     if not args.quiet:
-        print(f"{count} truths by workers; times are measured by this process, after them")
+        print(f"{count} truths by workers; this process measures times afterwards")
 
 
 def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> Strip:
@@ -158,7 +158,7 @@ def _level(args: argparse.Namespace) -> Level:
 
 
 def _folder(name: str) -> Path:
-    """The folder; InputError if it is invalid, before any measurement."""
+    """The output folder. Raises InputError for an invalid one before any measurement."""
     folder = Path(name)
     there = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
     if not name or not there.is_dir():
@@ -168,17 +168,17 @@ def _folder(name: str) -> Path:
     return folder
 
 
-def _make(folder: Path) -> None:
-    """Creates the folder and its subfolder of references."""
+def _create(folder: Path) -> None:
+    """Creates the folder and its subfolder of truths."""
     try:
-        (folder / KEPT).mkdir(parents=True, exist_ok=True)
+        (folder / TRUTHS_FOLDER).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror or error}") from error
+        raise InputError(f"{folder}: cannot be created: {error.strerror or error}") from error
 
 
-def _forget(kept: Path) -> None:
-    """Removes the references of an earlier report, since code changes may invalidate them."""
-    for path in kept.glob("*.npy"):
+def _delete_truths(folder: Path) -> None:
+    """Deletes truths of an earlier report, which code changes may invalidate."""
+    for path in folder.glob("*.npy"):
         path.unlink()
 
 
@@ -191,7 +191,7 @@ def _has_flip() -> bool:
 
 
 def listed() -> str:
-    """The registry of methods as text."""
+    """List of methods as text."""
     lines = []
     for axis in AXES.values():
         lines.append(f"{axis.name}: {axis.about}")
@@ -210,29 +210,28 @@ def _progress(steps: int, quiet: bool) -> Iterator[Tick]:
         else:
             with tqdm(total=steps, unit="step", leave=False) as bar:
 
-                def tell(text: str) -> None:
+                def tick(text: str) -> None:
                     bar.set_description(text, refresh=False)
                     bar.update()
 
-                yield tell
+                yield tick
                 return
     yield lambda text: None
 
 
 def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
-    """The scenes of all sources, each with a unique name valid for files. InputError as `subject`."""
-    found: list[Subject] = []
+    """Scenes of all sources with unique names, valid for files. Raises InputError as `subject`."""
+    scenes: list[Subject] = []
     for source in sources:
-        made = subject(source, level)
-        taken = {CONVERGENCE, *(each.name for each in found)}
-        free = (f"{made.name}-{n}" for n in count(2))
-        name = made.name if made.name not in taken else next(each for each in free if each not in taken)
-        found.append(replace(made, name=name))
-    return found
+        scene = subject(source, level)
+        taken = {CONVERGENCE, *(other.name for other in scenes)}
+        names = chain([scene.name], (f"{scene.name}-{n}" for n in count(2)))
+        scenes.append(replace(scene, name=next(name for name in names if name not in taken)))
+    return scenes
 
 
 def subject(source: str, level: Level) -> Subject:
-    """The scene of a source, downsampled until it has at most as many splats as the level allows."""
+    """Scene of a source, downsampled to at most the level's number of splats."""
     scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
     scene.refuse_more()
     volume = scene.open()
@@ -244,16 +243,16 @@ def subject(source: str, level: Level) -> Subject:
         raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")
     camera = replace(scene.view, size=_fitted(scene.view.size, level.size)).camera(volume, splats)
     formula = FORMULAS.get(scene.volume) if not scene.load else None
-    joined = 0
-    # joined voxels would not be samples of the formula
+    halvings = 0
+    # averaged voxels would not be samples of the formula
     while formula is None and level.splats is not None and len(splats) > level.splats and min(volume.shape) > 1:
         joint = halve_volume(volume, bool(transfer.labels))
         fewer = extract(joint, transfer, scene.threshold, classification="pre")
         # thin structures may vanish when averaged with empty voxels
         if not len(fewer):
             break
-        volume, splats, joined = joint, fewer, joined + 1
-    note = f"voxels joined {2**joined}×{2**joined}×{2**joined}" if joined else ""
+        volume, splats, halvings = joint, fewer, halvings + 1
+    note = f"voxels joined {2**halvings}×{2**halvings}×{2**halvings}" if halvings else ""
     build = _Build(volume, transfer, scene.threshold)
     name = Path(source).name.split(".")[0]
     return Subject(name, camera, scene.settings, build, note, (volume, transfer), formula)
@@ -287,23 +286,23 @@ def _fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
 def prepare(
     client: Client, here: Renderer, sources: Sequence[str], scenes: Sequence[Subject], task: Task, drawing: Drawing
 ) -> int:
-    """Has workers compute the truths that are not in the folder, writes them there, and returns how many."""
+    """Computes missing truths on workers and writes them into the folder; returns their number."""
     from splatgl.distributed.cluster import spread
 
     truths = {scene.name: Truths(here, scene, task.level, task.folder) for scene in scenes}
     items = []
     for source, scene in zip(sources, scenes, strict=True):
         there = str(Path(source).resolve()) if Path(source).exists() else source
-        for wanted in truths_of(truths[scene.name], task):
-            path = truths[scene.name].path(wanted[0])
+        for request in truths_of(truths[scene.name], task):
+            path = truths[scene.name].path(request[0])
             if path is not None and not path.exists():
-                items.append((f"{scene.name}: {wanted[1]}", (there, scene.name, task.level, drawing, wanted)))
+                items.append((f"{scene.name}: {request[1]}", (there, scene.name, task.level, drawing, request)))
     for _, (name, key, pixels) in spread(client, _truth, items):
-        truths[name].keep(key, pixels)
+        truths[name].write(key, pixels)
     return len(items)
 
 
-def _truth(source: str, name: str, level: Level, drawing: Drawing, wanted: Wanted) -> tuple[str, str, np.ndarray]:
+def _truth(source: str, name: str, level: Level, drawing: Drawing, request: Request) -> tuple[str, str, np.ndarray]:
     """On a worker: one truth."""
     scene = kept((source, name, level), lambda: replace(subject(source, level), name=name))
-    return name, wanted[0], Truths(renderer(drawing), scene, level).made(*wanted)
+    return name, request[0], Truths(renderer(drawing), scene, level).compute(*request)

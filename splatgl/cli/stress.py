@@ -28,7 +28,7 @@ FEW = 3
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl stress`."""
     parser.add_argument("--case", nargs="+", action="extend", metavar="NAME", help="only these; all of their checks")
-    parser.add_argument("--list", action="store_true", help="tell what cases there are, and draw nothing")
+    parser.add_argument("--list", action="store_true", help="format_line what cases there are, and draw nothing")
     parser.add_argument("--explain", metavar="NAME", help=f"a page on one case; in depth: {', '.join(PAGES)}")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for stress.md, stress.csv and stress.json")
     parser.add_argument("--markdown", metavar="FILE", help="write the table as Markdown")
@@ -49,59 +49,59 @@ def run(args: argparse.Namespace) -> int:
     files = _files(args)
     chosen = [_case(name) for name in args.case] if args.case else list(CASES.values())
     explained = _case(args.explain) if args.explain else None
-    tell = lines if args.case and len(chosen) <= FEW else line
+    format_line = lines if args.case and len(chosen) <= FEW else line
     if asked(args) and not explained:
-        results, drawn_by = _on_workers(args, chosen, tell)
+        results, drawn_by = _on_workers(args, chosen, format_line)
     else:
         from splatgl.gl.renderer import Renderer
 
         with Renderer(args.backend, args.device) as renderer:
             if explained:
                 return _explain(explained, renderer)
-            drawn_by = _by(renderer)
+            drawn_by = _renderer_name(renderer)
             print(f"{drawn_by}\n{heading()}")
             results = []
             for case in chosen:
                 results.append(run_case(case, renderer))
-                print(tell(results[-1]), flush=True)
+                print(format_line(results[-1]), flush=True)
     print(verdict(results))
     for kind, path in files.items():
         write_file(path, _text(kind, results, drawn_by).encode())
     return 0 if all(result.ok for result in results) else BROKEN
 
 
-def _by(renderer: Renderer) -> str:
+def _renderer_name(renderer: Renderer) -> str:
     return f"{renderer.info.renderer}, OpenGL {renderer.info.version} ({renderer.info.backend})"
 
 
 def _on_workers(
-    args: argparse.Namespace, chosen: list[Case], tell: Callable[[Result], str]
+    args: argparse.Namespace, chosen: list[Case], format_line: Callable[[Result], str]
 ) -> tuple[list[Result], str]:
-    """The results, in the order of the cases, and by what they were drawn. They are told as they are done."""
+    """(results in the order of the cases, name of the renderer); prints each result when it is ready."""
     from splatgl.distributed.cluster import connected, spread
 
-    found, drawn_by = dict[str, Result](), ""
+    results, drawn_by = dict[str, Result](), ""
     with connected(args.workers, args.scheduler) as client:
         items = ((case.name, (case.name, drawing_of(args))) for case in chosen)
         for name, (by, checks, pictures, bad, seconds) in spread(client, _case_on_worker, items):
             if by != drawn_by:
                 drawn_by = by
                 print(f"{by}\n{heading()}")
-            found[name] = Result(CASES[name], checks, pictures, bad, seconds)
-            print(tell(found[name]), flush=True)
-    return [found[case.name] for case in chosen], drawn_by
+            results[name] = Result(CASES[name], checks, pictures, bad, seconds)
+            print(format_line(results[name]), flush=True)
+    return [results[case.name] for case in chosen], drawn_by
 
 
 def _case_on_worker(name: str, drawing: Drawing) -> tuple[str, tuple[Check, ...], int, int, float]:
-    """On a worker: by what a case was drawn, and what a Result holds besides the case."""
+    """On a worker: name of the renderer, and the fields of a Result without its case."""
     from splatgl.distributed.worker import renderer
 
     result = run_case(CASES[name], renderer(drawing))
-    return _by(renderer(drawing)), result.checks, result.pictures, result.bad_pixels, result.seconds
+    return _renderer_name(renderer(drawing)), result.checks, result.pictures, result.bad_pixels, result.seconds
 
 
 def _explain(case: Case, renderer: Renderer) -> int:
-    """Prints a page on a case: its description, its analysis if available, and its checks."""
+    """Prints a page on a case: description, analysis if available, and checks."""
     print(about(case))
     if case.name in PAGES:
         print(f"\n{PAGES[case.name](Bench(renderer))}")
@@ -118,21 +118,21 @@ def _text(kind: str, results: list[Result], drawn_by: str) -> str:
 
 def _files(args: argparse.Namespace) -> dict[str, Path]:
     """Output files by kind, checked before any work."""
-    wanted = {kind: Path(path) for kind in ("markdown", "csv", "json") if (path := getattr(args, kind))}
+    files = {kind: Path(path) for kind in ("markdown", "csv", "json") if (path := getattr(args, kind))}
     if args.output:
         folder = Path(args.output)
         if folder.exists() and not folder.is_dir():
             raise expected(folder, "a folder", "a file", "give another name to --output")
         check_folder(folder, folder)
         names = {"markdown": "stress.md", "csv": "stress.csv", "json": "stress.json"}
-        wanted = {**{kind: folder / name for kind, name in names.items()}, **wanted}
+        files = {**{kind: folder / name for kind, name in names.items()}, **files}
     suffixes = {"markdown": (".md",), "csv": (".csv",), "json": (".json",)}
-    for kind, path in wanted.items():
+    for kind, path in files.items():
         check_output(path, suffixes[kind])
-    return wanted
+    return files
 
 
 def _case(name: str) -> Case:
     if name not in CASES:
-        raise expected("stress case", "one of " + ", ".join(CASES), repr(name), "splatgl stress --list tells them all")
+        raise expected("stress case", "one of " + ", ".join(CASES), repr(name), "splatgl stress --list shows all")
     return CASES[name]

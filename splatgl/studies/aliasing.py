@@ -1,7 +1,7 @@
 """Metrics of aliasing in images, and of flicker between frames.
 
-Pixels represent at most half a cycle per pixel; faster detail of the scene aliases into slower patterns. The same
-image at four samples a pixel, with splats as wide as in the original, shows how much there is.
+Pixels represent at most half a cycle per pixel; finer detail aliases into coarser patterns. The same image at four
+samples a pixel, with splats as wide as in the original, measures the amount.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LINE, LINE_SEEN = 1.0, 0.3
 # kernel spectra: maximum frequency in cycles a pixel, points along each axis, and depth bins
 FASTEST, POINTS, DEPTHS = 4.0, 401, 40
 # minimum alpha of a pixel that shows matter
-SEEN = 0.5
+VISIBLE_ALPHA = 0.5
 
 
 def finer(draw: Draw, splats: Splats, camera: Camera, settings: Settings, times: int = TIMES) -> np.ndarray:
@@ -45,13 +45,13 @@ def finer(draw: Draw, splats: Splats, camera: Camera, settings: Settings, times:
     offsets = (np.arange(times) + 0.5) / times - 0.5
     for j, down in enumerate(offsets):
         for i, across in enumerate(offsets):
-            shown, view = _beside(splats, camera, across, down)
-            fine[:, j, :, i] = draw(shown, view, settings).pixels
+            sheared, view = _shear(splats, camera, across, down)
+            fine[:, j, :, i] = draw(sheared, view, settings).pixels
     return fine.reshape(height * times, width * times, 4)
 
 
-def _beside(splats: Splats, camera: Camera, across: float, down: float) -> tuple[Splats, Camera]:
-    """Splats and camera sheared so that pixel centres show points `across` and `down` pixels beside them."""
+def _shear(splats: Splats, camera: Camera, across: float, down: float) -> tuple[Splats, Camera]:
+    """Splats and camera sheared so that pixel centres show points offset by `across` and `down` pixels."""
     pitch = camera.extent / camera.size[1]
     offset = np.array([across, down]) * pitch
     if not camera.perspective:
@@ -66,8 +66,8 @@ def _beside(splats: Splats, camera: Camera, across: float, down: float) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Pixels that show matter beyond z_k. depth [H, W]: of the visible matter, world units, infinite where there is
-    none; z_k: the depth at which a voxel is a pixel wide.
+    """Pixels that show matter beyond z_k. depth [H, W]: of visible matter, world units, infinite for none; z_k:
+    depth at which a voxel is a pixel wide.
     """
 
     depth: np.ndarray
@@ -75,7 +75,7 @@ class Reach:
 
     @classmethod
     def of(cls, draw: Draw, splats: Splats, camera: Camera) -> Reach:
-        """From an image with depth as its colour."""
+        """Reach of an image with depth as its colour."""
         depth = camera.eye_from_points(world(splats))[:, 2]
         far = float(np.abs(depth).max(initial=0.0)) or 1.0
         records = as_points(splats.records)
@@ -84,9 +84,9 @@ class Reach:
         painted = splats.in_cells(records=records)
         # no antialiasing, so that near and far do not mix
         pixels = draw(painted, camera, Settings(antialias="off", shading="off")).pixels.astype(np.float64)
-        seen = pixels[..., 3] > SEEN
-        shown = np.where(seen, pixels[..., 0] / np.where(seen, pixels[..., 3], 1.0) * far, np.inf)
-        return cls(shown, camera.z_k(splats.grid.smallest_spacing))
+        visible = pixels[..., 3] > VISIBLE_ALPHA
+        depths = np.where(visible, pixels[..., 0] / np.where(visible, pixels[..., 3], 1.0) * far, np.inf)
+        return cls(depths, camera.z_k(splats.grid.smallest_spacing))
 
     @property
     def beyond(self) -> np.ndarray:
@@ -99,7 +99,7 @@ class Reach:
         return np.asarray(self.depth < self.z_k)
 
     def line(self, times: int = 1) -> np.ndarray:
-        """Where visible matter crosses z_k, bool [times·H, times·W]: one sample wide, smoothed over voxel steps."""
+        """Line where visible matter crosses z_k, bool [times·H, times·W]: a sample wide, smoothed over voxel steps."""
         large = [np.kron(part, np.ones((times, times))) for part in (self.before, self.beyond)]
         before, beyond = (soft(part.astype(np.float64), LINE * times) for part in large)
         nearer = before > beyond
@@ -138,9 +138,9 @@ def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) ->
     fast = np.maximum(down[:, None], across[None]) > 0.5
     energy = 0.0
     for channel in range(3):
-        shown = fine[..., channel]
-        mean = float((shown * window).sum() / window.sum())
-        spectrum = np.fft.fft2((shown - mean) * window)
+        values = fine[..., channel]
+        mean = float((values * window).sum() / window.sum())
+        spectrum = np.fft.fft2((values - mean) * window)
         energy += float((np.abs(spectrum[fast]) ** 2).sum())
     return energy / window.size / total / 3
 
@@ -148,9 +148,9 @@ def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) ->
 def noise_ratio(splats: Splats, camera: Camera, name: str) -> float:
     """Ratio of aliasing energy with and without antialiasing, for randomly coloured splats, from the kernel's spectrum.
 
-    Beyond z_k a footprint is m = z_v/z_k times as wide as its splat: its spectrum is m times narrower, as a pixel's.
-    For m close to 1 there is little to remove, and the kernel's energy above half a cycle a pixel remains.
-    For splats of one kind of voxel, at their own depths; X-ray blending.
+    Beyond z_k a footprint is m = z_v/z_k times as wide as its splat: its spectrum is m times narrower.
+    For m close to 1 the kernel's energy above half a cycle a pixel remains.
+    For equal voxels at the splats' depths; X-ray blending.
     """
     shape = kernel(name)
     across = np.linspace(0.0, shape.radius, POINTS)
@@ -189,7 +189,7 @@ def soft(shape: np.ndarray, sigma: float) -> np.ndarray:
     return np.asarray(np.clip(soft[margin:-margin, margin:-margin], 0.0, 1.0))
 
 
-def only(splats: Splats, keep: np.ndarray) -> Splats:
+def subset(splats: Splats, keep: np.ndarray) -> Splats:
     """Subset of the splats, in the same cells."""
     cell_y, cell_z = (np.repeat(rows, np.diff(splats.row_start)) for rows in (splats.row_y, splats.row_z))
     cells = np.stack([splats.cell_x, cell_y, cell_z], axis=1)[keep]
@@ -197,10 +197,10 @@ def only(splats: Splats, keep: np.ndarray) -> Splats:
 
 
 def differing_before(draw: Draw, splats: Splats, camera: Camera, settings: Settings) -> tuple[int, int]:
-    """Of the pixels that show nothing beyond z_k: the number changed by antialiasing, and the total."""
+    """(changed, total) number of pixels that show nothing beyond z_k; changed: by antialiasing."""
     z_k = camera.z_k(splats.grid.smallest_spacing)
     beyond = camera.eye_from_points(world(splats))[:, 2] >= z_k
-    reached = draw(only(splats, beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0
+    reached = draw(subset(splats, beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0
     off, on = (draw(splats, camera, settings.but(antialias=name)).pixels for name in ("off", "paper"))
     changed = (off != on).any(axis=-1) & ~reached
     return int(changed.sum()), int((~reached).sum())
@@ -224,15 +224,15 @@ def strip(draw: Draw, splats: Splats, cameras: Iterable[Camera], settings: Setti
     return np.stack(columns, axis=1)
 
 
-def flicker(shown: np.ndarray) -> float:
-    """Variance of the colour differences between consecutive frames; [rows, frames, 4]."""
-    return float(np.diff(shown[..., :3], axis=1).var())
+def flicker(frames: np.ndarray) -> float:
+    """Variance of the colour differences between consecutive frames [rows, frames, 4]."""
+    return float(np.diff(frames[..., :3], axis=1).var())
 
 
 @dataclass(frozen=True)
 class Pop:
-    """angle: rotation in degrees at which the drawing order changes. change: the largest pixel difference between two
-    frames 0.01° apart around it; usual: the same, 0.1° before, where the order stays.
+    """A change of the drawing order. angle: rotation in degrees. change: largest pixel difference between two
+    frames 0.01° apart around it; usual: the same 0.1° before, without a change.
     """
 
     angle: float
@@ -244,7 +244,7 @@ def popping(
     draw: Draw, splats: Splats, camera: Callable[[float], Camera], settings: Settings, turn: float = 360.0
 ) -> list[Pop]:
     """All changes of the slicing axis as a camera rotates by that many degrees."""
-    found = []
+    pops = []
     last = order_for(splats, camera(0.0)).axis
     for step in range(round(turn / SEARCH)):
         low, high = step * SEARCH, (step + 1) * SEARCH
@@ -259,9 +259,9 @@ def popping(
                 high = middle
         angle = (low + high) / 2
         changes = [_change(draw, splats, camera, settings, at) for at in (angle, angle - 10 * CLOSE)]
-        found.append(Pop(angle, *changes))
+        pops.append(Pop(angle, *changes))
         last = axis
-    return found
+    return pops
 
 
 def _change(draw: Draw, splats: Splats, camera: Callable[[float], Camera], settings: Settings, at: float) -> float:

@@ -1,6 +1,6 @@
-"""The paper's claims, each computed and compared.
+"""Checks of the paper's claims.
 
-The scene is the paper's (`figures.setting`); a level is 1/255 of row 1's largest value for that voxel.
+The scene is the paper's (`figures.paper_setup`); a level is 1/255 of row 1's largest value for that voxel.
 """
 
 from __future__ import annotations
@@ -33,15 +33,14 @@ EDGE_DEPTHS = 24
 
 @dataclass(frozen=True)
 class Claim:
-    """text: the claim. source: its reference, such as "M98 §4.2"; found: the numbers computed here, as text.
-
-    holds: whether they support the claim. values: the numbers, in the order of `found`.
+    """A claim and its check. source: reference, such as "M98 §4.2"; numbers: results as text; holds: whether they
+    support the claim. values: results in the order of `numbers`.
     """
 
     name: str
     text: str
     source: str
-    found: str
+    numbers: str
     holds: bool
     values: tuple[float, ...]
 
@@ -65,15 +64,15 @@ def near_axis() -> Claim:
 def close_to_z_k() -> Claim:
     """Fig. 9, second voxel, and a few voxels behind it."""
     at = voxels()[1]
-    found = [_levels(Voxel(at.setting, "", at.y, at.z + behind)) for behind in (0, 5, 10)]
-    pairs = "; ".join(f"{row5:.2f} and {row4:.3f}" for row5, row4 in found)
+    levels = [_levels(Voxel(at.setting, "", at.y, at.z + behind)) for behind in (0, 5, 10)]
+    pairs = "; ".join(f"{row5:.2f} and {row4:.3f}" for row5, row4 in levels)
     return Claim(
         "close to z_k",
         "close to z_k and far off the axis row 5 errs by more than 25 levels, row 4 by less than 2",
         "M98 §4.2, Fig. 9",
         f"{pairs} levels at z_k, z_k + 5 and z_k + 10, y = 256",
-        min(row5 for row5, _ in found) > 25 and max(row4 for _, row4 in found) < 2,
-        tuple(value for pair in found for value in pair),
+        min(row5 for row5, _ in levels) > 25 and max(row4 for _, row4 in levels) < 2,
+        tuple(value for pair in levels for value in pair),
     )
 
 
@@ -109,19 +108,18 @@ def in_between() -> Claim:
 
 def share_of_row5() -> Claim:
     """The two surfaces of Fig. 10 against each other."""
-    found = surfaces()
-    row5, row4 = found.errors["row5"], found.errors["row4"]
+    grid = surfaces()
+    row5, row4 = grid.errors["row5"], grid.errors["row4"]
     maxima = float(row4.max() / row5.max())
-    each = (row4 / row5)[:, 1:]
-    edge = found.dz >= 0
+    ratio = (row4 / row5)[:, 1:][grid.dz >= 0]
     return Claim(
         "row 4 within 5 %",
         "the error of row 4 stays below 5 % of that of row 5",
         "M98 §4.2, Fig. 10",
         f"{100 * maxima:.1f} % as a ratio of the largest errors; voxel by voxel behind z_k from "
-        f"{100 * each[edge].min():.1f} to {100 * each[edge].max():.1f} %",
+        f"{100 * ratio.min():.1f} to {100 * ratio.max():.1f} %",
         bool(maxima < SHARE),
-        (maxima, float(each[edge].min()), float(each[edge].max())),
+        (maxima, float(ratio.min()), float(ratio.max())),
     )
 
 
@@ -169,7 +167,7 @@ def box_for_trapezoid() -> Claim:
         "box for trapezoid",
         "a box in place of the trapezoid is never off by more than 0.02 volume units (256³)",
         "M98 §4.2",
-        f"R²/z_k = {corner:.5f} at the corners, {rim:.5f} at the kernel's own rim",
+        f"R²/z_k = {corner:.5f} at the corners, {rim:.5f} at the kernel's rim",
         corner <= BOX,
         (corner, rim),
     )
@@ -177,8 +175,8 @@ def box_for_trapezoid() -> Claim:
 
 def ideal_and_practical() -> Claim:
     """Rows 3 and 4 over the voxels of Fig. 10."""
-    found = surfaces()
-    apart = float((255 * np.abs(found.errors["row3"] - found.errors["row4"]) / found.top).max())
+    grid = surfaces()
+    apart = float((255 * np.abs(grid.errors["row3"] - grid.errors["row4"]) / grid.top).max())
     return Claim(
         "ideal and practical",
         "practical ray-perpendicular quads (row 4) are as good as ideal ones (row 3)",
@@ -191,19 +189,19 @@ def ideal_and_practical() -> Claim:
 
 def cumulative_error() -> Claim:
     """Sums of the error over a footprint against its maximum, over the voxels of Fig. 10."""
-    found, likes, ratios = surfaces(), [], []
+    grid, correlations, ratios = surfaces(), [], []
     for row in ("row5", "row4"):
-        total, top = cumulative(row)[:, 1:].ravel(), found.errors[row][:, 1:].ravel()
-        likes.append(float(np.corrcoef(total, top)[0, 1]))
+        total, top = cumulative(row)[:, 1:].ravel(), grid.errors[row][:, 1:].ravel()
+        correlations.append(float(np.corrcoef(total, top)[0, 1]))
         ratios += [float((total / top).min()), float((total / top).max())]
     return Claim(
         "cumulative error",
         "the error summed over a footprint behaves as its maximum does",
         "M98 §4.2, Fig. 10",
-        f"correlation {likes[0]:.3f} (row 5), {likes[1]:.4f} (row 4); the sum is {ratios[0]:.2f} to {ratios[1]:.2f} "
-        f"(row 5), {ratios[2]:.2f} to {ratios[3]:.2f} (row 4) times the maximum, in pixels",
-        min(likes) > ALIKE,
-        (*likes, *ratios),
+        f"correlation {correlations[0]:.3f} (row 5), {correlations[1]:.4f} (row 4); the sum is {ratios[0]:.2f} to "
+        f"{ratios[1]:.2f} (row 5), {ratios[2]:.2f} to {ratios[3]:.2f} (row 4) times the maximum, in pixels",
+        min(correlations) > ALIKE,
+        (*correlations, *ratios),
     )
 
 
@@ -232,10 +230,10 @@ def whole_volume() -> Claim:
     """Worst voxels of the whole volume, including the image corners."""
     depth = np.append(np.linspace(PAPER.front, PAPER.back, EDGE_DEPTHS), PAPER.z_k)
     out = np.minimum(PAPER.edge, depth * PAPER.slope)
-    seen = np.concatenate([np.stack([out, out, depth], axis=1), [(0.0, 0.0, PAPER.z_k)]])
+    visible = np.concatenate([np.stack([out, out, depth], axis=1), [(0.0, 0.0, PAPER.z_k)]])
     corner = Space(PAPER.kernel, PAPER.z_k, np.array([(PAPER.edge, PAPER.edge, PAPER.front)]))
-    behind = Space(PAPER.kernel, PAPER.z_k, seen[seen[:, 2] >= PAPER.z_k])
-    in_view = Space(PAPER.kernel, PAPER.z_k, seen)
+    behind = Space(PAPER.kernel, PAPER.z_k, visible[visible[:, 2] >= PAPER.z_k])
+    in_view = Space(PAPER.kernel, PAPER.z_k, visible)
     row5, row4 = (float(in_view.levels(ALL[row]).max()) for row in ("row5", "row4"))
     forms = {form: float(behind.levels(ALL[form]).max()) for form in ("a", "b1", "b", "bprime")}
     outside = float(corner.levels(ALL["row5"])[0])
@@ -279,18 +277,18 @@ CLAIMS: tuple[Callable[[], Claim], ...] = (
 @lru_cache(maxsize=1)
 def claims() -> tuple[Claim, ...]:
     """Checks all claims; takes a few seconds."""
-    return tuple(try_it() for try_it in CLAIMS)
+    return tuple(check() for check in CLAIMS)
 
 
 def page(figure: int | None = None) -> str:
-    """The claims as text for a terminal, 78 columns; figure: only those about that figure."""
+    """Claims as text for a terminal of 78 columns; figure: only claims about that figure."""
     chosen = [c for c in claims() if figure is None or f"Fig. {figure}" in c.source or f"and {figure}" in c.source]
     blocks = []
     for claim in chosen:
         verdict = "holds:        " if claim.holds else "DOES NOT HOLD:"
         head = wrap(f"{claim.text} [{claim.source}]", PAGE - 15)
         text = [f"{verdict} {head[0]}", *[" " * 15 + line for line in head[1:]]]
-        text += [" " * 15 + line for line in wrap(f"found: {claim.found}", PAGE - 15)]
+        text += [" " * 15 + line for line in wrap(f"found: {claim.numbers}", PAGE - 15)]
         blocks.append("\n".join(text))
     held = sum(claim.holds for claim in chosen)
     scene = (
@@ -307,8 +305,8 @@ REACH = 1.1
 
 
 def layer_sums(form: Form, kernel: Kernel, z_k: float, depth: float, angle: float) -> np.ndarray:
-    """[PHASES²]: the sums on rays at `angle` degrees through a layer of voxels at `depth`, of unit extinction,
-    over the ray's path length through it: 1 is right. The kernel's ripple shows as their spread.
+    """[PHASES²]: sums on rays at `angle` degrees through a layer of voxels at `depth`, of unit extinction, over the
+    path length: 1 is right. Their spread is the kernel's ripple.
     """
     slope = np.tan(np.radians(angle))
     reach = REACH * kernel.radius * max(depth / z_k, 1.0) / np.cos(np.radians(angle)) + 1

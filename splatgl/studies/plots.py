@@ -23,7 +23,7 @@ COLUMN = 3.5
 # dots per inch of a PNG: a column of 1400 dots
 RESOLUTION = 400
 
-# Colours of Okabe and Ito, suitable for colour blindness; each form also has its own dashes.
+# Colours of Okabe and Ito, suitable for colour blindness; forms also differ by dashes.
 BLACK, BLUE, RED, GREEN, ORANGE = "#000000", "#0072B2", "#C44E00", "#00805C", "#C98500"
 PALE, GRAY = "#c4c4c4", "#7a7a7a"
 LINES: dict[str, dict[str, Any]] = {
@@ -66,14 +66,14 @@ def style() -> Iterator[None]:
     except ImportError as error:
         raise missing_extra("figures", "matplotlib", "plots") from error
     with matplotlib.rc_context():
-        # ignore the user's own settings, for reproducible figures
+        # ignore the user's settings, for reproducible figures
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(SETTINGS)
         yield
 
 
 def sheet(height: float, width: float = COLUMN) -> Figure:
-    """An empty figure; inches."""
+    """Empty figure; sizes in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -165,15 +165,15 @@ def places(
     taken = np.concatenate([points - POINT, points + POINT], axis=1)
     along = np.concatenate([np.zeros((0, 2)), *(_along(line) for line in lines)])
     drawn = np.concatenate([along - LINE, along + LINE], axis=1)
-    found: list[Place | None] = []
+    placed: list[Place | None] = []
     for point, size in zip(points, sizes, strict=True):
         place = _place(point, size, frame, np.concatenate([taken, drawn])) or _place(point, size, frame, taken)
-        found.append(place)
+        placed.append(place)
         if place is not None:
             box = (place.left, place.bottom, place.left + size[0], place.bottom + size[1])
             leader = _along(np.array([point, _nearest(point, place, size)]))
             taken = np.concatenate([taken, [box], np.concatenate([leader - LINE, leader + LINE], axis=1)])
-    return found
+    return placed
 
 
 def _along(line: np.ndarray) -> np.ndarray:
@@ -203,7 +203,7 @@ def _place(point: np.ndarray, size: tuple[float, float], frame: Box, taken: np.n
 
 
 def _crosses(point: np.ndarray, place: Place, size: tuple[float, float], taken: np.ndarray) -> bool:
-    """Whether a leader line crosses anything but its own point."""
+    """Whether a leader line crosses anything but its point."""
     path = _along(np.array([point, _nearest(point, place, size)]))
     path = path[np.abs(path - point).max(axis=1) > 2 * POINT]
     return any(Box(x, y, x, y).touches(taken) for x, y in path.tolist())

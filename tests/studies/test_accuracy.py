@@ -24,7 +24,7 @@ from splatgl.studies.accuracy import sweep as work
 from splatgl.studies.accuracy.content import verdict
 from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
 from splatgl.studies.accuracy.html import publish
-from splatgl.studies.accuracy.pareto import Point, Timing, cheapest, front, stairs, standing
+from splatgl.studies.accuracy.pareto import Point, Timing, cheapest, dominance, front, stairs
 from splatgl.studies.accuracy.sweep import Results, Store, Sweep, chosen, errors
 from splatgl.studies.accuracy.vtk_peers import MAPPERS, Peer
 from splatgl.studies.stress import CASES, run_case
@@ -94,8 +94,8 @@ def test_the_front_and_what_it_beats() -> None:
     alike, wasted = point("alike", 1.05e-4, 1.98), point("wasted", 1e-1, 5.0)
     points = [fast, good, slow, alike, wasted]
     assert front(points) == [fast, good]
-    assert str(standing(good, points)) == "front"
-    assert {str(standing(p, points)) for p in (slow, wasted, alike)} == {"dominated by good"}
+    assert str(dominance(good, points)) == "front"
+    assert {str(dominance(p, points)) for p in (slow, wasted, alike)} == {"dominated by good"}
     named = {limit: p.name if p else None for limit, p in cheapest(points, (1e-1, 1e-2, 1e-5))}
     assert named == {1e-1: "fast", 1e-2: "alike", 1e-5: None}
 
@@ -121,7 +121,7 @@ def test_two_reports_never_contradict_each_other() -> None:
     points = [*clear, point("worse", 1e-2, 3.0), point("close", 1e-3, 0.9 * 1.5**4), point("twin", 1e-5, 1.5**5)]
     for _ in range(20):
         found = [noisy(points, rng) for _ in range(2)]
-        words = [{p.name: standing(p, run).word for p in run} for run in found]
+        words = [{p.name: dominance(p, run).word for p in run} for run in found]
         for name in words[0]:
             assert {words[0][name], words[1][name]} != {"front", "dominated"}, name
         assert {p.name for run in found for p in front(run)} <= {p.name for p in clear}
@@ -135,7 +135,7 @@ def test_times_are_compared_round_by_round() -> None:
     assert (quick.median, quick.low, quick.high, quick.count) == (1.0, 1.0, 9.0, 4)
     # of times that could be either way nothing is said
     points = [Point("a", 1e-3, slow), Point("b", 1e-2, Timing.of({0: 1.0, 1: 18.0, 2: 1.0, 4: 0.1}))]
-    assert str(standing(points[1], points)) == "front, or behind a"
+    assert str(dominance(points[1], points)) == "front, or behind a"
     assert front(points) == points[:1] and front(points, unsure=True) == stairs(points) == points[::-1]
 
 
@@ -199,7 +199,7 @@ def test_a_new_method_is_one_entry(
 @pytest.mark.few(6)
 @pytest.mark.parametrize("name", [name for name, method in methods.methods().items() if not method.peer])
 def test_every_method_draws(renderer: sg.Renderer, subject: Subject, name: str) -> None:
-    splats, settings = subject.drawn(methods.methods()[name])
+    splats, settings = subject.inputs(methods.methods()[name])
     image = renderer.render(splats, subject.camera, settings)
     assert np.isfinite(image.pixels).all() and image.pixels.any()
 

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from splatgl.studies.accuracy.diagram import _figure, looks, picture
+from splatgl.studies.accuracy.diagram import _figure, picture, plot_styles
 from splatgl.studies.accuracy.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.studies.accuracy.pareto import Timing
 from splatgl.studies.accuracy.sweep import Row, Scene
@@ -47,7 +47,7 @@ def test_the_first_label_is_nearest() -> None:
 
 
 def test_axes_differ_without_colour() -> None:
-    told = [(look.marker, str(look.dashes)) for look in looks().values()]
+    told = [(look.marker, str(look.dashes)) for look in plot_styles().values()]
     assert len(set(told)) == len(told)
 
 

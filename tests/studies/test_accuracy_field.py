@@ -16,7 +16,7 @@ from splatgl.cli.report import subject as opened
 from splatgl.data.scenes import FORMULAS
 from splatgl.reference.field import field_integral
 from splatgl.studies.accuracy import convergence, sweep
-from splatgl.studies.accuracy.content import rivals, story
+from splatgl.studies.accuracy.content import conclusion, rivals
 from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
 from splatgl.studies.accuracy.methods import axis_of, methods
 from splatgl.studies.accuracy.sweep import Results, Store, Sweep, chosen
@@ -96,7 +96,7 @@ def test_methods_are_measured_against_the_field(renderer: sg.Renderer, balls: Su
     seconds = {row.method: row.extraction for row in scene.rows}
     assert seconds["post b-spline"] == seconds["post b-spline 2×2"] != seconds["exact"]
     assert all(second and second > 0 for second in seconds.values())
-    told = story(scene)[-1]
+    told = conclusion(scene)[-1]
     assert told.startswith("**The field itself** (the formula") and "post b-spline 2×2" in told
     assert store.of("picture")[0]["missing"] == {}
 
@@ -132,7 +132,7 @@ def test_scenes_without_a_field(
     _, results = swept(renderer, subject, tmp_path, "exact")
     (scene,) = results.scenes
     assert "field" not in scene.truths and not rivals("field", scene)
-    assert story(scene)[-1].startswith("**The field** is no truth here") and why in story(scene)[-1]
+    assert conclusion(scene)[-1].startswith("**The field** is no truth here") and why in conclusion(scene)[-1]
 
 
 @pytest.mark.long

@@ -53,10 +53,10 @@ def found() -> dict[str, Claim]:
 def test_claim(name: str, found: dict[str, Claim]) -> None:
     values, holds = KNOWN[name]
     claim = found[name]
-    assert claim.holds is holds, claim.found
+    assert claim.holds is holds, claim.numbers
     assert np.isfinite(claim.values).all()
     for value, (known, digit) in zip(claim.values, values, strict=False):
-        assert value == pytest.approx(known, abs=digit * 1.001), claim.found
+        assert value == pytest.approx(known, abs=digit * 1.001), claim.numbers
     assert len(claim.values) >= len(values)
 
 

@@ -14,7 +14,7 @@ from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Pan
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.studies.figures.rendered import PICTURES, Shown, by_moments
+from splatgl.studies.figures.rendered import PICTURES, RenderedFigure, by_moments
 from tests.helpers.figures import refused
 from tests.helpers.splatting import SPLATS
 
@@ -90,7 +90,7 @@ def test_figure_14_abuts_columns_of_blocks(here: Path, renderer: sg.Renderer) ->
     blocks = strip[: (height - 2 * ROOM - GAP) // 2].reshape(-1, 5, 7, 5, 3)
     assert (blocks == blocks[:, :1, :, :1]).all()
     scene = SceneFile("letter-f", view=ViewOptions(size=(32, 32)))
-    shown = Shown(PICTURES[14], scene, renderer.render, by_moments(2))
+    shown = RenderedFigure(PICTURES[14], scene, renderer.render, by_moments(2))
     strips = shown.strips(1.0, 7)
     assert len(strips) == 4 and strips[0].shape == (16, 7, 4)
     # the first column is the middle one of the first frame
@@ -125,7 +125,7 @@ def test_real_terrain_is_seen_from_low(here: Path) -> None:
         pytest.skip("no terrain_puget: set SPLATGL_DATA")
     load = {"color": str(folder / "texture_1024.png")}
     scene = SceneFile(str(folder / "height_u8_512.png"), load=load, view=ViewOptions(size=(48, 48)))
-    shown = Shown(PICTURES[13], scene, lambda *_: sg.Image(np.zeros((48, 48, 4))))
+    shown = RenderedFigure(PICTURES[13], scene, lambda *_: sg.Image(np.zeros((48, 48, 4))))
     eye = shown.camera.eye_from_points(shown.splats.outline)
     assert (eye[:, 2] > 0).all() and np.abs(eye[:, 0] / eye[:, 2]).max() < 0.75
     assert shown.camera.forward[2] > -0.6

@@ -1,4 +1,4 @@
-"""The blocks and sentences of an accuracy report."""
+"""Blocks and sentences of an accuracy report."""
 
 from __future__ import annotations
 
@@ -7,41 +7,41 @@ from dataclasses import dataclass
 
 from splatgl.studies.accuracy.ground_truth import LEVELS
 from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, TRUTHS, axis_of, methods
-from splatgl.studies.accuracy.pareto import ERRORS, FASTER, Point, Timing, cheapest, front, standing
+from splatgl.studies.accuracy.pareto import ERRORS, FASTER, Point, Timing, cheapest, dominance, front
 from splatgl.studies.accuracy.sweep import Results, Row, Scene
 from splatgl.studies.tables import Heading, Table, Text
 
 INTRO = (
     "Each method draws the same view. Its time is the wall clock around a finished frame with its pixels read back: "
     "the median of {rounds} rounds in which every method has its turn, each round in another random order, each turn "
-    "after a frame of the same that is not counted; in brackets the least and the most. Machines are not as fast at "
-    "one time as at another: what other reports find within these brackets are the times over those of exact, round "
-    "by round. Errors are those of linear, premultiplied light over all four channels; RMSE is relative to the truth's "
-    "own root mean square. {truths} The sampled truth is drawn in float32; the ray integral is sampled more coarsely, "
-    "and its difference from splats of the same samples added to the sampled truth. The field is sampled as coarsely, "
-    "at {rays}×{rays} rays a pixel and {steps} points a voxel. Of a scene with a formula it is the formula, so that "
-    "errors are those of a true picture. Of other samples it is what the b-spline reconstructs: methods with that "
-    "kernel miss only what sheets, steps and pixels add, others also how far their field is from it. Extraction is "
-    "not part of a frame: its seconds are in the table of all methods."
+    "after a warm-up frame of the same method; minimum and maximum in brackets. The speed of a machine varies: "
+    "reproducible are the times relative to exact, round by round. Errors are those of linear, premultiplied light "
+    "over all four channels; RMSE is relative to the truth's own root mean square. {truths} The sampled truth is "
+    "drawn in float32; the ray integral is sampled more coarsely, and its difference from splats of the same samples "
+    "added to the sampled truth. The field is sampled as coarsely, at {rays}×{rays} rays a pixel and {steps} points a"
+    " voxel. Of a scene with a formula it is the formula, so that errors are against the true picture. For other "
+    "samples it is the b-spline reconstruction: methods with that kernel differ only by sheets, steps and pixels, "
+    "others also by their reconstruction. Extraction is not part of a frame: its seconds are in the table of all "
+    "methods."
 )
 FRONT = (
-    "A method is on the front if, beside every other that is as right or more, it takes less than 1/1.1 of the time in "
-    "three quarters of the rounds; if it does so in a quarter or less beside one of them, that one dominates it; what "
-    "is in between is told as such. Times are compared round by round, since whatever else a machine does falls on "
-    "both: another report may find in between what is on the front or dominated here, but not the one to be the other. "
-    "Errors that agree to 26 % count as the same; of methods of the same error and time the first stands for all."
+    "A method is on the front if it takes less than 1/1.1 of the time of every method that is as accurate or more, in "
+    "three quarters of the rounds. If it does so in a quarter of the rounds or less, the other method dominates it; "
+    "cases in between are marked. Times are compared round by round, since other load on the machine slows both "
+    "methods: another report may mark a method of the front as uncertain, but not as dominated. Errors that agree to "
+    "26 % count as equal; of methods with equal error and time the first represents all."
 )
 PEERS = (
     "VTK casts rays through the same box of samples with the same camera, opacities over the same length, linear "
-    "colours and head light. It interpolates samples and classifies what comes out, as methods classified after "
-    "reconstruction do: it is on the front of the field with them. Against the other truths it is not comparable: "
-    "splats classify voxels and mix what comes out. Its light is parallel, and it lights samples without a gradient by "
+    "colours and head light. It interpolates samples and classifies the result, as methods classified after "
+    "reconstruction do, and competes with them on the front of the field. It is not comparable against other truths: "
+    "splats classify voxels and blend the results. Its light is parallel, and it lights samples without a gradient by "
     "ambient light alone; its caster for the CPU interpolates the light of samples, not their gradients, which is "
     "brighter, and ends rays at an opacity of 0.992; the one for OpenGL writes 8 bits; at k×k its own samples are "
     "averaged."
 )
 FRONT_HEAD = ("method", "ms a frame", "times exact's", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP", "")
-GIST_HEAD = (
+SUMMARY_HEAD = (
     "scene",
     "splats, pixels",
     "RMSE of drawing, 1998",
@@ -84,7 +84,7 @@ def blocks(results: Results) -> Iterator[Block]:
     by = f"{machine['renderer']}, OpenGL {machine['opengl']}"
     yield Text((f"{by}; {machine['processor']}, {machine['cores']} cores.",))
     if len(results.scenes) > 1:
-        yield _gists(results)
+        yield _summaries(results)
     for scene in results.scenes:
         yield from _scene(scene)
     if results.convergence:
@@ -92,18 +92,19 @@ def blocks(results: Results) -> Iterator[Block]:
     yield from _how(results)
 
 
-def _gists(results: Results) -> Table:
-    """A one-line summary of each scene."""
+def _summaries(results: Results) -> Table:
+    """Summary table, a row per scene."""
     rows = []
     for scene in results.scenes:
-        gist = Gist.of(scene)
-        drawn = (number(gist.old), number(gist.new), f"÷ {times(gist.gain)}" if gist.gain else "")
-        cost = f"{gist.cost:.2g}" if gist.cost else ""
+        summary = Summary.of(scene)
+        drawing = (number(summary.old), number(summary.new), f"÷ {times(summary.gain)}" if summary.gain else "")
+        cost = f"{summary.cost:.2g}" if summary.cost else ""
         width, height = scene.about["size"]
         size = f"{grouped(scene.about['splats'])}, {width}×{height}"
-        fielded = *map(number, gist.field), f"{number(gist.nearest.error)}, {gist.nearest.name}" if gist.nearest else ""
-        rows.append((scene.name, size, *drawn, cost, *map(number, gist.filtered), number(gist.least), *fielded))
-    return Table(GIST_HEAD, tuple(rows))
+        nearest = f"{number(summary.nearest.error)}, {summary.nearest.name}" if summary.nearest else ""
+        errors = map(number, (*summary.filtered, summary.least, *summary.field))
+        rows.append((scene.name, size, *drawing, cost, *errors, nearest))
+    return Table(SUMMARY_HEAD, tuple(rows))
 
 
 def _scene(scene: Scene) -> Iterator[Block]:
@@ -112,7 +113,7 @@ def _scene(scene: Scene) -> Iterator[Block]:
     note = f" ({about['note']})" if about["note"] else ""
     yield Heading(scene.name)
     yield Text((f"{grouped(about['splats'])} splats{note}, {width}×{height} pixels.",))
-    yield Text(tuple(story(scene)), bullets=True)
+    yield Text(tuple(conclusion(scene)), bullets=True)
     yield Diagram(scene.name)
     yield Pictures(scene.name)
     yield _cheapest(scene)
@@ -132,34 +133,34 @@ def _scene(scene: Scene) -> Iterator[Block]:
 
 
 def _cells(scene: Scene, row: Row, truth: str) -> tuple[str, ...]:
-    found = {name: row.error(truth, name) for name in ("rmse", "maximum", "p999", "share_over", "energy", "flip")}
-    share = found["share_over"]
+    errors = {name: row.error(truth, name) for name in ("rmse", "maximum", "p999", "share_over", "energy", "flip")}
+    share = errors["share_over"]
     return (
         row.method,
         milliseconds(row.timing),
         relative(row.timing, scene.usual),
-        number(found["rmse"]),
-        number(found["maximum"]),
-        number(found["p999"]),
+        number(errors["rmse"]),
+        number(errors["maximum"]),
+        number(errors["p999"]),
         "" if share is None else f"{100 * share:.2g} %",
-        number(found["energy"]),
-        number(found["flip"]),
+        number(errors["energy"]),
+        number(errors["flip"]),
     )
 
 
 def _front(scene: Scene, truth: str) -> Table:
-    """The Pareto front, from the fastest to the most accurate, including uncertain members."""
+    """Pareto front, from the fastest to the most accurate method, with uncertain members."""
     points = rivals(truth, scene)
     cells = []
     for point in front(points, unsure=True):
-        row, stands = scene.row(point.name), standing(point, points)
+        row, stands = scene.row(point.name), dominance(point, points)
         if row is not None:
             cells.append((*_cells(scene, row, truth), "" if stands.word == "front" else str(stands)))
     return _table(f"The front: {TRUTHS[truth]}", cells)
 
 
 def _table(title: str, cells: list[tuple[str, ...]]) -> Table:
-    """Rows of FRONT_HEAD, without empty columns."""
+    """Table with FRONT_HEAD, without empty columns."""
     empty = {n for n in range(len(FRONT_HEAD)) if not any(line[n] for line in cells)}
     rows = tuple(tuple(cell for n, cell in enumerate(line) if n not in empty) for line in (FRONT_HEAD, *cells))
     return Table(rows[0], rows[1:], title)
@@ -167,10 +168,10 @@ def _table(title: str, cells: list[tuple[str, ...]]) -> Table:
 
 def _cheapest(scene: Scene) -> Table:
     truths = scene.truths
-    found = {truth: cheapest(rivals(truth, scene)) for truth in truths}
+    best = {truth: cheapest(rivals(truth, scene)) for truth in truths}
     rows = []
     for n, limit in enumerate(ERRORS):
-        points = [found[truth][n][1] for truth in truths]
+        points = [best[truth][n][1] for truth in truths]
         if any(points):
             named = [f"{p.name}, {as_milliseconds(p.time.median)} ms" if p else "–" for p in points]
             rows.append(("1/255" if limit == 1 / 255 else number(limit), *named))
@@ -178,7 +179,7 @@ def _cheapest(scene: Scene) -> Table:
 
 
 def _tolerances(scene: Scene) -> Table:
-    """For each requested tolerance, the measured error and time."""
+    """Measured error and time of each requested tolerance."""
     rows: list[tuple[str, ...]] = []
     strong = set()
     for method in AXES["tolerance"].methods:
@@ -186,9 +187,9 @@ def _tolerances(scene: Scene) -> Table:
         got = row.error("reference", "maximum") if row else None
         if row is None or got is None or row.tolerance is None:
             continue
-        text, kept = verdict(got, row.tolerance, row.bound)
+        text, is_met = verdict(got, row.tolerance, row.bound)
         text += f"; nothing to save: the picture of {row.same_as}" if row.same_as else ""
-        if not kept:
+        if not is_met:
             strong.add(len(rows))
         rows.append((number(row.tolerance), number(got), number(row.bound), milliseconds(row.timing), text))
     head = ("tolerance", "largest error", "bound", "ms a frame", "")
@@ -196,7 +197,7 @@ def _tolerances(scene: Scene) -> Table:
 
 
 def verdict(error: float, tolerance: float, bound: float | None) -> tuple[str, bool]:
-    """Whether a tolerance is met, as text, with the reason if not."""
+    """(text with the reason, whether the tolerance is met)."""
     if error <= tolerance:
         sure = bound is not None and bound <= tolerance
         return ("kept, as promised" if sure else "kept; the picture's bound promises less"), True
@@ -206,7 +207,7 @@ def verdict(error: float, tolerance: float, bound: float | None) -> tuple[str, b
 
 
 def _all(scene: Scene) -> Table:
-    """Every method: its time, and its error and standing against each truth."""
+    """Table of all methods: time, and error and dominance against each truth."""
     truths = scene.truths
     points = {truth: rivals(truth, scene) for truth in truths}
     rows = []
@@ -216,9 +217,9 @@ def _all(scene: Scene) -> Table:
         times = milliseconds(row.timing), relative(row.timing, scene.usual), number(row.extraction)
         cells = [row.method, axis_of(row.method).name, *times]
         for truth in truths:
-            own = next((p for p in points[truth] if p.name == row.method), None)
+            point = next((p for p in points[truth] if p.name == row.method), None)
             error = number(row.error(truth))
-            cells.append(f"{error} {standing(own, points[truth])}" if own else error)
+            cells.append(f"{error} {dominance(point, points[truth])}" if point else error)
         rows.append((*cells, f"the same picture as {row.same_as}" if row.same_as else ""))
     head = (
         "method",
@@ -253,7 +254,7 @@ def _convergence(results: Results) -> Iterator[Block]:
 
 
 def _orders(results: Results) -> Table:
-    """The observed and expected order of each study: the median of the orders between neighbours."""
+    """Observed order of each study, the median between neighbours, and the expected order."""
     rows = []
     for line in results.convergence:
         orders = sorted(order for order in line["orders"] if order is not None)
@@ -266,7 +267,7 @@ def _orders(results: Results) -> Table:
 
 
 def registry() -> Table:
-    """Every method, by what is varied; also in the guide."""
+    """All methods by axis; also in the guide."""
     rows = tuple((axis.name, axis.about, " · ".join(m.name for m in axis.methods)) for axis in AXES.values())
     title = f"all {len(methods())} methods, by what is varied"
     return Table(("axis", "what it is", "methods"), rows, title, folded=True)
@@ -281,7 +282,7 @@ def _how(results: Results) -> Iterator[Block]:
     how = {"rounds": head["rounds"], "rays": level.rays, "steps": level.steps}
     yield Text((INTRO.format(truths=f"What is measured: {truths}.", **how), FRONT))
     yield registry()
-    versions = ", ".join(f"{name} {found}" for name, found in machine["versions"].items())
+    versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
     yield Text((f"Level {head['level']}; {machine['system']}, Python {machine['python']}, {versions}.",))
     if not results.flip:
         yield Text(("FLIP left out: flip-evaluator is not installed (pip install 'splatgl[compare]').",))
@@ -308,7 +309,7 @@ def times(factor: float) -> str:
 
 
 def milliseconds(timing: Timing | None) -> str:
-    """The median with minimum and maximum."""
+    """Median with minimum and maximum."""
     if timing is None:
         return ""
     median, low, high = map(as_milliseconds, (timing.median, timing.low, timing.high))
@@ -319,8 +320,8 @@ def relative(timing: Timing | None, other: Timing | None) -> str:
     """Ratio to the other's time: median with minimum and maximum."""
     if timing is None or other is None:
         return ""
-    found = timing.over(other)
-    return f"{found.median:.2g} ({found.low:.2g}–{found.high:.2g})"
+    ratio = timing.over(other)
+    return f"{ratio.median:.2g} ({ratio.low:.2g}–{ratio.high:.2g})"
 
 
 def as_milliseconds(seconds: float) -> str:
@@ -330,17 +331,17 @@ def as_milliseconds(seconds: float) -> str:
 
 
 def rivals(truth: str, scene: Scene) -> list[Point]:
-    """The points that compete for the front of that truth."""
+    """Points that compete for the front of that truth."""
     return [p for p in scene.points(truth) if axis_of(p.name).competes(truth)]
 
 
 @dataclass(frozen=True)
-class Gist:
+class Summary:
     """Key results of a scene; None if unknown.
 
-    old, new: drawing errors of the paper's settings and of exact splats; cost: the ratio of their times, new over
-    old. filtered: errors against supersampling, of both. least: the smallest error against the ray integral, by `best`.
-    field: errors of exact splats and of the default settings against the field; nearest: the rival nearest to it.
+    old, new: drawing errors of the paper's settings and of exact splats; cost: ratio of their times, new over old.
+    filtered: errors of both against supersampling. least: smallest error against the ray integral, by `best`. field:
+    errors of exact splats and of the default settings against the field; nearest: the rival nearest to the field.
     """
 
     old: float | None
@@ -353,7 +354,7 @@ class Gist:
     nearest: Point | None
 
     @classmethod
-    def of(cls, scene: Scene) -> Gist:
+    def of(cls, scene: Scene) -> Summary:
         """Compares a scene's rows of the paper's settings, of exact splats, and of the default settings."""
         paper, exact = scene.row(PAPER), scene.row(EXACT)
         before, now = (row.timing if row else None for row in (paper, exact))
@@ -362,8 +363,8 @@ class Gist:
         unfiltered, filtered = (row.error("sampled") if row else None for row in (paper, exact))
         best = min(rivals("integral", scene), key=lambda p: p.error, default=None)
         least, name = (best.error, best.name) if best else (None, "")
-        own = scene.row(DEFAULT)
-        field = exact.error("field") if exact else None, own.error("field") if own else None
+        default = scene.row(DEFAULT)
+        field = exact.error("field") if exact else None, default.error("field") if default else None
         nearest = min(rivals("field", scene), key=lambda p: p.error, default=None)
         return cls(old, new, cost, (unfiltered, filtered), least, name, field, nearest)
 
@@ -373,46 +374,53 @@ class Gist:
         return self.old / self.new if self.old and self.new else None
 
 
-def story(scene: Scene) -> list[str]:
-    """Summary of the results, a sentence each."""
-    gist = Gist.of(scene)
-    found = (_drawing(gist), _filtering(scene, gist), _splatting(gist), _worth(scene), _field(scene, gist))
-    return [text for text in found if text]
+def conclusion(scene: Scene) -> list[str]:
+    """Sentences about the results."""
+    summary = Summary.of(scene)
+    texts = (
+        _drawing(summary),
+        _filtering(scene, summary),
+        _splatting(summary),
+        _members_of_front(scene),
+        _field(scene, summary),
+    )
+    return [text for text in texts if text]
 
 
 def caption(scene: Scene, truth: str) -> str:
-    """Summary for one truth, as the caption of its diagram."""
-    gist = Gist.of(scene)
-    if truth == "reference" and gist.gain and gist.cost:
-        return f"exact against 1998: error ÷ {times(gist.gain)}, time × {gist.cost:.2g}"
-    if truth == "sampled" and gist.filtered[1]:
-        return f"exact is {number(gist.filtered[1])} away, 1998 {number(gist.filtered[0])}"
-    if truth == "integral" and gist.least:
-        return f"nothing comes below {number(gist.least)}"
-    if truth == "field" and gist.nearest and all(gist.field):
-        exact, own = map(number, gist.field)
-        return f"the default is {own} away, exact splats {exact}"
+    """Caption of the diagram for one truth."""
+    summary = Summary.of(scene)
+    if truth == "reference" and summary.gain and summary.cost:
+        return f"exact against 1998: error ÷ {times(summary.gain)}, time × {summary.cost:.2g}"
+    if truth == "sampled" and summary.filtered[1]:
+        return f"exact is {number(summary.filtered[1])} away, 1998 {number(summary.filtered[0])}"
+    if truth == "integral" and summary.least:
+        return f"nothing comes below {number(summary.least)}"
+    if truth == "field" and summary.nearest and all(summary.field):
+        exact, default = map(number, summary.field)
+        return f"the default is {default} away, exact splats {exact}"
     return ""
 
 
-def _drawing(gist: Gist) -> str:
-    if not gist.gain or not gist.cost:
+def _drawing(summary: Summary) -> str:
+    if not summary.gain or not summary.cost:
         return ""
     return (
-        f"**Drawing**: exact errs {times(gist.gain)} times less than the settings of 1998 (RMSE {number(gist.new)} "
-        f"against {number(gist.old)}), {'in' if gist.cost < 1 else 'at'} {gist.cost:.2g} times their time."
+        f"**Drawing**: exact errs {times(summary.gain)} times less than the settings of 1998 "
+        f"(RMSE {number(summary.new)} against {number(summary.old)}), "
+        f"{'in' if summary.cost < 1 else 'at'} {summary.cost:.2g} times their time."
     )
 
 
-def _filtering(scene: Scene, gist: Gist) -> str:
+def _filtering(scene: Scene, summary: Summary) -> str:
     exact = next((p for p in scene.points("sampled") if p.name == EXACT), None)
     if exact is None:
         return ""
     names = {method.name for method in AXES["supersampling"].methods}
     nearer = [p for p in scene.points("sampled") if p.name in names and p.error < exact.error]
     text = f"**Antialiasing**: stretched splats are within {number(exact.error)} of supersampling"
-    if gist.filtered[0] is not None:
-        text += f", those of 1998 within {number(gist.filtered[0])}"
+    if summary.filtered[0] is not None:
+        text += f", those of 1998 within {number(summary.filtered[0])}"
     if not nearer:
         return text + "; no number of samples tried here is nearer."
     best = min(nearer, key=lambda p: p.time.median)
@@ -421,39 +429,40 @@ def _filtering(scene: Scene, gist: Gist) -> str:
     return text + f"; {best.name} samples a pixel get to {number(best.error)} {how}."
 
 
-def _splatting(gist: Gist) -> str:
-    if gist.least is None:
+def _splatting(summary: Summary) -> str:
+    if summary.least is None:
         return ""
     return (
-        f"**Splatting itself**, which mixes what overlaps in the wrong order, leaves {number(gist.least)} against the "
-        f"ray integral, however well it is drawn ({gist.best})."
+        f"**Splatting itself**, which blends overlapping splats in the wrong order, leaves {number(summary.least)} "
+        f"against the ray integral, however well it is drawn ({summary.best})."
     )
 
 
-def _worth(scene: Scene) -> str:
+def _members_of_front(scene: Scene) -> str:
     """Members of the front for drawing errors."""
     points = rivals("reference", scene)
     return f"**On the front** when drawing: {_members(points)}" if points else ""
 
 
-def _field(scene: Scene, gist: Gist) -> str:
-    """The errors against the field, and the members of its front; or why there is no field."""
+def _field(scene: Scene, summary: Summary) -> str:
+    """Errors against the field and members of its front, or the reason why there is no field."""
     if scene.about.get("no_field"):
         return f"**The field** is no truth here: {scene.about['no_field']}."
-    if gist.field[0] is None or gist.nearest is None:
+    if summary.field[0] is None or summary.nearest is None:
         return ""
     what = "the formula" if scene.about.get("formula") else "the samples' b-spline"
-    near, points = gist.nearest, rivals("field", scene)
-    own = "" if gist.field[1] is None else f"the default is {number(gist.field[1])} away, "
+    near, points = summary.nearest, rivals("field", scene)
+    default = "" if summary.field[1] is None else f"the default is {number(summary.field[1])} away, "
     return (
-        f"**The field itself** ({what}, classified after reconstruction): {own}exact splats {number(gist.field[0])}, "
-        f"{near.name} {number(near.error)} in {as_milliseconds(near.time.median)} ms. On its front: {_members(points)}"
+        f"**The field itself** ({what}, classified after reconstruction): {default}exact splats "
+        f"{number(summary.field[0])}, {near.name} {number(near.error)} in {as_milliseconds(near.time.median)} ms. "
+        f"On its front: {_members(points)}"
     )
 
 
 def _members(points: list[Point]) -> str:
-    """The front by name, and methods that the timings cannot distinguish from its members."""
-    stands = {p.name: standing(p, points).word for p in points}
+    """Names of the front, and of methods that the timings cannot exclude."""
+    stands = {p.name: dominance(p, points).word for p in points}
     text = ", ".join(p.name for p in front(points))
     unsure = [name for name, word in stands.items() if word == "unsure"]
     if unsure:

@@ -32,15 +32,15 @@ POINTS = 401
 # rays within this fraction of the radius from the centre: the rim converges with another order
 INNER = 0.7
 
-# (what is varied, the error's root mean square relative to the truth's)
+# (varied value, relative RMSE)
 Pair = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study. unit: what is varied; expected: the order, the error's power of it; floor: the limit of convergence.
+    """A study. unit: of the varied value; expected: order of convergence; floor: limit of convergence.
 
-    pairs: of the unit's values, from coarse to fine; for True, as many as in --full.
+    pairs: from coarse to fine; the bool says whether to draw all values of --full.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Study:
     pairs: Callable[[Renderer, bool], Iterator[Pair]]
 
     def line(self, renderer: Renderer, level: Level) -> dict[str, Any]:
-        """The record for the store."""
+        """Record for the store."""
         pairs = list(self.pairs(renderer, level.name == "full"))
         return {
             "study": self.name,
@@ -65,11 +65,12 @@ class Study:
 
 def orders(pairs: list[Pair]) -> list[float | None]:
     """log(error ratio)/log(value ratio) between neighbours; None for the first, and where an error is 0."""
-    found: list[float | None] = [None]
+    result: list[float | None] = [None]
     for (a, coarse), (b, fine) in pairwise(pairs):
-        both = coarse > 0 and fine > 0
-        found.append(abs(float(np.log(coarse / fine) / np.log(b / a))) * (1 if fine < coarse else -1) if both else None)
-    return found
+        is_known = coarse > 0 and fine > 0
+        sign = 1 if fine < coarse else -1
+        result.append(sign * abs(float(np.log(coarse / fine) / np.log(b / a))) if is_known else None)
+    return result
 
 
 def _transfer() -> Transfer:
@@ -99,7 +100,7 @@ def table(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 
 def radial(renderer: Renderer, full: bool) -> Iterator[Pair]:
-    """Entries of a radial table, likewise."""
+    """Entries of a radial table, against the float64 reference, before z_k."""
     yield from _tables(renderer, "auto", (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())))
 
 
@@ -185,7 +186,9 @@ def slabs(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 
 def points(renderer: Renderer, full: bool) -> Iterator[Pair]:
-    """Points a voxel at which the field is classified, against many more: the discretization error of the fourth."""
+    """Points a voxel at which the field is classified, against many more: the discretization error of the fourth
+    truth.
+    """
     volume, camera = ball(RADIUS), _camera(12)
 
     def smooth(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The work–precision diagram: error against time, both logarithmic, a line per axis of methods, and the front."""
+"""Work–precision diagram: error against time, both logarithmic, a line per axis of methods, and the front."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ LABEL = 6.5
 
 
 @dataclass(frozen=True)
-class Look:
-    """Style of an axis. fill: of its markers; size: of them, points."""
+class PlotStyle:
+    """Style of an axis. fill, size: of its markers; size in points."""
 
     marker: str
     dashes: Any
@@ -56,10 +56,10 @@ class Look:
     size: float = 4.0
 
 
-def looks() -> dict[str, Look]:
+def plot_styles() -> dict[str, PlotStyle]:
     """A style for every axis, each with a unique combination of marker and dashes."""
     return {
-        name: Look(MARKS[n % len(MARKS)], DASHES[n % len(DASHES)], COLORS[n % len(COLORS)])
+        name: PlotStyle(MARKS[n % len(MARKS)], DASHES[n % len(DASHES)], COLORS[n % len(COLORS)])
         for n, name in enumerate(AXES)
     }
 
@@ -75,7 +75,7 @@ def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> 
     with style():
         figure = sheet(HEIGHT, 1.6 * PANEL)
         plot = figure.subplots()
-        for line, look in zip(lines, looks().values(), strict=False):
+        for line, look in zip(lines, plot_styles().values(), strict=False):
             x = np.array(line["values"]) / line["values"][0]
             errors = np.array(line["errors"])
             name = f"{line['study']}, from {line['values'][0]:g} {line['unit']}"
@@ -133,14 +133,14 @@ def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
     points = {point.name: point for point in scene.points(truth)}
     least = min((p.error for p in points.values() if p.error > 0), default=1.0)
     shown = {}
-    for name, look in looks().items():
+    for name, look in plot_styles().items():
         axis = AXES[name]
         if truth in axis.truths:
             on = _on(axis, points)
             for practical, (mark, fill) in PRACTICAL.items():
                 for point in [point for point in on if point.name == practical]:
-                    own = Look(mark, "-", BLACK, fill, 6.0)
-                    shown[practical] = _line(plot, [point], own, least, False)
+                    marker = PlotStyle(mark, "-", BLACK, fill, 6.0)
+                    shown[practical] = _line(plot, [point], marker, least, False)
                     on.remove(point)
             if on:
                 shown[name] = _line(plot, on, look, least, axis.connected)
@@ -161,7 +161,7 @@ def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
 
 
 def _ticks(plot: Plot) -> None:
-    """Ticks in plain milliseconds: powers of ten are too sparse within a decade."""
+    """Sets ticks at 1, 2, 5 · 10ⁿ milliseconds: powers of ten are too sparse within a decade."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     plot.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -180,7 +180,7 @@ def _places(points: list[Point], least: float) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _line(plot: Plot, points: list[Point], look: Look, least: float, connected: bool) -> Any:
+def _line(plot: Plot, points: list[Point], look: PlotStyle, least: float, connected: bool) -> Any:
     x, y = _places(points, least)
     spread = np.abs(np.array([[1e3 * p.time.low, 1e3 * p.time.high] for p in points]).T - x)
     plot.errorbar(x, y, xerr=spread, fmt="none", ecolor=look.color, elinewidth=0.5, alpha=0.6, zorder=2)
@@ -201,16 +201,16 @@ def _line(plot: Plot, points: list[Point], look: Look, least: float, connected: 
 
 
 def _text(name: str, drawn: set[str]) -> str:
-    """A method's label: its whole name where its line begins, then only what changes along it."""
+    """Label of a method: its whole name at the start of a line, else only the changed value."""
     axis = axis_of(name)
     first = next(method.name for method in axis.methods if method.name in drawn)
     return name if axis.connected and name == first else methods()[name].label or name
 
 
 def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> None:
-    """Labels beside points: practical settings first, then the front, then the others, as space permits.
+    """Labels points if there is space: practical settings, then the front, then others.
 
-    On a line, its ends and members of the front are labelled.
+    Only ends and members of the front are labelled on a line.
     """
     points = [p for p in scene.points(truth) if truth in axis_of(p.name).truths]
     least = min((p.error for p in points if p.error > 0), default=1.0)
@@ -229,9 +229,9 @@ def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> Non
     for point in points:
         spread = [(1e3 * seconds, point.error or NOTHING * least) for seconds in (point.time.low, point.time.high)]
         lines.append(plot.transData.transform(spread))
-    found = places(where, sizes, Box(*plot.bbox.extents), lines)
+    positions = places(where, sizes, Box(*plot.bbox.extents), lines)
     back = plot.transData.inverted()
-    for text, place, point, (width, height) in zip(drawn, found, where, sizes, strict=True):
+    for text, place, point, (width, height) in zip(drawn, positions, where, sizes, strict=True):
         if place is None:
             text.remove()
             continue

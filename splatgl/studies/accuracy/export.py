@@ -1,4 +1,4 @@
-"""A report's numbers as CSV and JSON, and its text as Markdown."""
+"""Numbers of a report as CSV and JSON, and its text as Markdown."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 from splatgl.studies import tables
 from splatgl.studies.accuracy.content import Diagram, blocks, rivals
 from splatgl.studies.accuracy.methods import TRUTHS
-from splatgl.studies.accuracy.pareto import standing
+from splatgl.studies.accuracy.pareto import dominance
 from splatgl.studies.accuracy.sweep import Results, Row, Scene, Store
 from splatgl.studies.tables import Heading, Table, Text
 
 
 def as_markdown(results: Results, diagrams: Mapping[str, str]) -> str:
-    """The whole text. diagrams: file names by scene; images of the methods are only in the HTML page."""
+    """The whole report without images of the methods. diagrams: file names by scene."""
     parts = []
     for block in blocks(results):
         match block:
@@ -54,15 +54,15 @@ def as_csv(results: Results) -> str:
 
 
 def as_json(results: Results, store: Store) -> str:
-    """Everything: the head, the methods as in the CSV, the convergence, and every single run."""
-    found = {
+    """JSON of the head, the methods as in the CSV, the convergence, and all runs."""
+    report = {
         **{name: value for name, value in results.head.items() if name != "kind"},
         "truths": TRUTHS,
         "methods": [_cells(scene, row) for scene in results.scenes for row in scene.rows],
         "convergence": results.convergence,
         "runs": store.lines,
     }
-    return tables.as_json(found)
+    return tables.as_json(report)
 
 
 def _cells(scene: Scene, row: Row) -> dict[str, Any]:
@@ -88,10 +88,10 @@ def _cells(scene: Scene, row: Row) -> dict[str, Any]:
         if scene.usual is not None:
             ratio = timing.over(scene.usual)
             cells |= {"times_exact": ratio.median, "times_exact_low": ratio.low, "times_exact_high": ratio.high}
-    for truth, found in row.errors.items():
-        cells |= {f"{truth}_{name}": found.get(name) for name in ERRORS}
+    for truth, errors in row.errors.items():
+        cells |= {f"{truth}_{name}": errors.get(name) for name in ERRORS}
         points = rivals(truth, scene)
-        own = next((point for point in points if point.name == row.method), None)
-        if own is not None:
-            cells[f"{truth}_standing"] = str(standing(own, points))
+        point = next((point for point in points if point.name == row.method), None)
+        if point is not None:
+            cells[f"{truth}_standing"] = str(dominance(point, points))
     return cells

@@ -1,4 +1,4 @@
-"""References of a subject, drawn once and cached."""
+"""References of a scene, drawn once and cached."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Level:
     """Level of effort.
 
     size: pixels of an image's longer side. rounds: timings per method. splats: approximate maximum, beyond which
-    the volume is downsampled; None: never. samples: of the sampled truth, along an axis of a pixel. rays, steps: of
-    the integrals along rays, along an axis of a pixel and for each voxel. all_methods: those that are not quick, too.
+    the volume is downsampled; None: never. samples: of the sampled truth, per axis of a pixel. rays, steps: of
+    integrals along rays, per axis of a pixel and per voxel. all_methods: whether it includes slow methods.
     """
 
     name: str
@@ -62,9 +62,9 @@ LEVELS = {
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A scene with its camera. note: its modifications, for the reader. content: of peers and the field, for volumes.
+    """A scene with its camera. note: its modifications. content: volume and transfer function, for peers and the field.
 
-    formula: of which the volume is samples, None if unknown. seconds: that extraction took, by the splats' `id`.
+    formula: sampled by the volume, None if unknown. cache: extracted splats. seconds: of extraction, by `id` of splats.
     """
 
     name: str
@@ -74,35 +74,35 @@ class Subject:
     note: str = ""
     content: tuple[Volume, Transfer] | None = None
     formula: Formula | None = None
-    kept: dict[tuple[float, int, str], Splats] = field(default_factory=dict)
+    cache: dict[tuple[float, int, str], Splats] = field(default_factory=dict)
     seconds: dict[int, float] = field(default_factory=dict)
 
     def splats(self, threshold: float = 0.0, coarse: int = 0, post: str = "") -> Splats:
-        """The splats above that threshold, of voxels downsampled that often; cached.
+        """Splats above a threshold, of voxels downsampled `coarse` times; cached.
 
-        post: kernel of values that are classified after reconstruction. Raises InputError as `extract`.
+        post: kernel for classification after reconstruction, "" for before. Raises InputError as `extract`.
         """
         key = (threshold, coarse, post)
-        if key not in self.kept:
+        if key not in self.cache:
             started = time.perf_counter()
-            made = self.build(threshold, coarse, post)
+            splats = self.build(threshold, coarse, post)
             seconds = time.perf_counter() - started
             # a threshold that removes nothing changes nothing
-            same = threshold > 0 and len(made) == len(self.splats(0.0, coarse))
-            self.kept[key] = self.splats(0.0, coarse) if same else made
-            self.seconds.setdefault(id(self.kept[key]), seconds)
-        return self.kept[key]
+            same = threshold > 0 and len(splats) == len(self.splats(0.0, coarse))
+            self.cache[key] = self.splats(0.0, coarse) if same else splats
+            self.seconds.setdefault(id(self.cache[key]), seconds)
+        return self.cache[key]
 
     @property
     def no_field(self) -> str:
-        """Why it is not a field that is classified by value; empty if it is."""
+        """Reason why the scene has no field classified by value; empty if it has one."""
         if self.settings.blend != "composite":
             return str(expected("field", "blend composite", self.settings.blend))
         return self.only_pre
 
     @property
     def only_pre(self) -> str:
-        """Why its values can't be classified after reconstruction; empty if they can."""
+        """Reason why values cannot be classified after reconstruction; empty if they can."""
         try:
             if self.content is None:
                 raise expected("field", "a volume", "splats alone")
@@ -111,76 +111,76 @@ class Subject:
             return str(error)
         return ""
 
-    def drawn(self, method: Method) -> tuple[Splats, Settings]:
-        """Splats and settings of `method`. Raises InputError for what the scene does not allow."""
+    def inputs(self, method: Method) -> tuple[Splats, Settings]:
+        """Splats and settings of a method. Raises InputError if the scene does not allow it."""
         settings = method.settings(self.settings, depth_range(self.splats(), self.camera))
         why = self.only_pre if settings.classification == "auto" else None
         kernel = extraction_kind(settings, moving=False, why=why, voxels=0)[1]
         return self.splats(method.threshold, method.coarse, kernel), settings
 
     def mark(self) -> str:
-        """Identifier of the scene: 16 hexadecimal digits of its splats and its camera."""
+        """Identifier of the scene: 16 hexadecimal digits of a hash of splats and camera."""
         splats, camera = self.splats(), self.camera
-        found = hashlib.sha256(np.ascontiguousarray(splats.records).tobytes())
+        digest = hashlib.sha256(np.ascontiguousarray(splats.records).tobytes())
         for part in (splats.grid.world_from_index, splats.grid.origin, camera.eye, camera.eye_from_world):
-            found.update(np.ascontiguousarray(part, dtype=np.float64).tobytes())
-        found.update(repr((camera.size, camera.extent, camera.perspective, self.settings)).encode())
-        return found.hexdigest()[:16]
+            digest.update(np.ascontiguousarray(part, dtype=np.float64).tobytes())
+        digest.update(repr((camera.size, camera.extent, camera.perspective, self.settings)).encode())
+        return digest.hexdigest()[:16]
 
 
-# settings used by the truths: the reference uses all, the others those before the gap
+# settings of all splat truths, and of the reference alone
 OPTICS = ("blend", "kernel", "shading", "background")
 FILTERS = ("antialias", "samples", "attenuation")
-# the field is not reconstructed by the settings' kernel
+# settings of the field, which has its own kernel
 FIELD = ("blend", "shading", "background")
 # tolerance of the sampled truth: nothing is omitted
 TIGHT = 1e-9
-# a reference of more samples than this takes minutes
+# maximum samples of a reference: more would take minutes
 MOST_SAMPLES = {"quick": 1 << 17, "normal": 1 << 19, "full": 1 << 21}
 
 # key, kind and settings of a truth
-Wanted = tuple[str, str, Settings]
+Request = tuple[str, str, Settings]
 
 
 class Truths:
-    """Truths of one scene. folder: cache, or None."""
+    """Truths of one scene. folder: of cached files, or None."""
 
     def __init__(self, renderer: Renderer, subject: Subject, level: Level, folder: Path | None = None) -> None:
         self.renderer, self.subject, self.level, self.folder = renderer, subject, level, folder
-        self.kept: dict[str, np.ndarray] = {}
+        self.cache: dict[str, np.ndarray] = {}
         self.mark = subject.mark()
 
     def get(self, truth: str, settings: Settings) -> Image:
-        """The truth for an image with those settings, float64 [H, W, 4].
+        """Truth of an image with those settings, float64 [H, W, 4].
 
         Raises InputError if there is none, or if it would take too long.
         """
-        return Image(self.made(*self.wanted(truth, settings)), {"blend": settings.blend})
+        return Image(self.compute(*self.request(truth, settings)), {"blend": settings.blend})
 
-    def wanted(self, truth: str, settings: Settings) -> Wanted:
-        """Which truth an image with those settings is measured against. Raises InputError as `get`."""
+    def request(self, truth: str, settings: Settings) -> Request:
+        """Key, kind and settings of the truth of an image with those settings. Raises InputError as `get`."""
         if truth not in TRUTHS:
             raise expected("truth", " or ".join(TRUTHS), repr(truth))
         names = FIELD if truth == "field" else OPTICS + (FILTERS if truth == "reference" else ())
-        asked = {name: getattr(settings, name) for name in names}
+        values = {name: getattr(settings, name) for name in names}
         if truth == "reference":
             if settings.antialias != "supersample":
-                asked["samples"] = 1
+                values["samples"] = 1
             if settings.antialias == "auto":
-                asked["tolerance"] = settings.tolerance
-            self._check(asked)
-            key = f"reference {asked}"
+                values["tolerance"] = settings.tolerance
+            self._check(values)
+            key = f"reference {values}"
         else:
             if truth in ("integral", "field") and settings.blend != "composite":
                 raise expected("ray integral", "blend composite", settings.blend)
             if truth == "field" and self.subject.no_field:
                 raise InputError(self.subject.no_field)
-            key = f"{truth} {self.level.samples} {self.level.rays} {self.level.steps} {asked}"
-        return key, truth, Settings.like("0.1", **asked)
+            key = f"{truth} {self.level.samples} {self.level.rays} {self.level.steps} {values}"
+        return key, truth, Settings.like("0.1", **values)
 
-    def _check(self, asked: dict[str, Any]) -> None:
+    def _check(self, values: dict[str, Any]) -> None:
         width, height = self.subject.camera.size
-        samples = width * height * asked["samples"] ** 2
+        samples = width * height * values["samples"] ** 2
         if samples > MOST_SAMPLES[self.level.name]:
             raise expected(
                 "float64 reference",
@@ -189,23 +189,23 @@ class Truths:
                 "more would take too long: use --full or a smaller --size",
             )
 
-    def made(self, key: str, truth: str, settings: Settings) -> np.ndarray:
-        """A truth that is `wanted`: kept, from the folder, or computed."""
-        if key not in self.kept:
+    def compute(self, key: str, truth: str, settings: Settings) -> np.ndarray:
+        """The truth of a `request`: cached, from the folder, or drawn."""
+        if key not in self.cache:
             path = self.path(key)
-            found = _read(path, (*self.subject.camera.size[::-1], 4)) if path else None
-            if found is None:
-                found = self._draw(truth, settings)
-                self.keep(key, found)
-            self.kept[key] = found
-        return self.kept[key]
+            pixels = _read(path, (*self.subject.camera.size[::-1], 4)) if path else None
+            if pixels is None:
+                pixels = self._draw(truth, settings)
+                self.write(key, pixels)
+            self.cache[key] = pixels
+        return self.cache[key]
 
     def path(self, key: str) -> Path | None:
-        """Where a truth is in the folder."""
+        """File of a truth in the folder; None without a folder."""
         name = hashlib.sha256(f"{self.mark} {key}".encode()).hexdigest()[:16]
         return self.folder / f"{name}.npy" if self.folder else None
 
-    def keep(self, key: str, pixels: np.ndarray) -> None:
+    def write(self, key: str, pixels: np.ndarray) -> None:
         """Writes a truth into the folder, if there is one."""
         path = self.path(key)
         if path is not None:
@@ -237,7 +237,7 @@ class Truths:
         fine = self.subject.camera.resized((width * rays, height * rays))
         field: Field | str = POST_KERNEL
         if self.subject.formula is not None:
-            field = placed(self.subject.formula, volume)
+            field = on_grid(self.subject.formula, volume)
         drawn = field_integral(volume, transfer, fine, field, self.level.steps)
         pixels = pixel_means(drawn.pixels, rays)
         if settings.background is None:
@@ -255,8 +255,8 @@ class Truths:
         return self.renderer.render(self.subject.splats(), self.subject.camera, exact).pixels.astype(np.float64)
 
 
-def placed(formula: Formula, volume: Volume) -> Field:
-    """The formula as a function of a volume's grid positions."""
+def on_grid(formula: Formula, volume: Volume) -> Field:
+    """The formula as a function of grid positions."""
     world, origin = volume.world_from_index, np.asarray(volume.origin)[:, None]
     return lambda places: formula(world @ places + origin)
 
@@ -264,8 +264,8 @@ def placed(formula: Formula, volume: Volume) -> Field:
 def _read(path: Path, shape: tuple[int, ...]) -> np.ndarray | None:
     """A cached truth, float64; None if missing or invalid."""
     try:
-        found = np.load(path, allow_pickle=False)
+        pixels = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError):
         return None
-    fine = isinstance(found, np.ndarray) and found.shape == shape and found.dtype == np.float64
-    return found if fine else None
+    valid = isinstance(pixels, np.ndarray) and pixels.shape == shape and pixels.dtype == np.float64
+    return pixels if valid else None

@@ -57,31 +57,31 @@ def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, Str
 
 
 def _strip(strip: Strip) -> str:
-    """Columns of a method each: its picture, and its difference from each truth."""
+    """A column per method: its image, and its difference from each truth."""
     scales = "; ".join(
         f"{NAMES[truth]}: black is none, pale {number(strip.scales[truth])} and more"
         for truth in COMPARED
-        if any(truth in each.differences for each in strip.thumbnails)
+        if any(truth in thumbnail.differences for thumbnail in strip.thumbnails)
     )
-    columns = "".join(_column(each) for each in strip.thumbnails)
+    columns = "".join(map(_column, strip.thumbnails))
     kind = "strip squares" if strip.small else "strip"
     return f'<h3>Pictures, and their differences on one scale ({scales})</h3><div class="{kind}">{columns}</div>'
 
 
-def _column(each: Thumbnail) -> str:
-    pictures = [f'<img alt="{escape(each.name)}" src="{each.picture}">']
+def _column(thumbnail: Thumbnail) -> str:
+    pictures = [f'<img alt="{escape(thumbnail.name)}" src="{thumbnail.picture}">']
     for truth in COMPARED:
-        if truth in each.differences:
+        if truth in thumbnail.differences:
             name = NAMES[truth]
-            pictures.append(f'<img alt="difference, {name}" src="{each.differences[truth]}"><i>{name}</i>')
-    return f"<figure><figcaption>{escape(each.name)}</figcaption>{''.join(pictures)}</figure>"
+            pictures.append(f'<img alt="difference, {name}" src="{thumbnail.differences[truth]}"><i>{name}</i>')
+    return f"<figure><figcaption>{escape(thumbnail.name)}</figcaption>{''.join(pictures)}</figure>"
 
 
 PAGE = "report.html"
 
 
 def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, Strip]) -> list[str]:
-    """Writes all possible files; returns a line about them, and one about files that could not be written."""
+    """Writes all possible files; returns a line about them, and a line about missing files."""
     written = {"report.csv": as_csv(results).encode(), "report.json": as_json(results, store).encode()}
     left_out = []
     try:
@@ -99,14 +99,14 @@ def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, S
 
 
 def _diagrams(results: Results) -> dict[str, bytes]:
-    """Every diagram, as PNG and SVG, by file name."""
-    drawn = {scene.name: picture(scene, results.head) for scene in results.scenes}
+    """All diagrams as PNG and SVG by file name."""
+    diagrams = {scene.name: picture(scene, results.head) for scene in results.scenes}
     if results.convergence:
-        drawn[CONVERGENCE] = convergence(results.convergence, results.head)
-    return {name + suffix: data for name, each in drawn.items() for suffix, data in each.items()}
+        diagrams[CONVERGENCE] = convergence(results.convergence, results.head)
+    return {name + suffix: data for name, files in diagrams.items() for suffix, data in files.items()}
 
 
-# methods shown, if drawn
+# methods with thumbnails, if drawn
 PREVIEW = "preview 1/2"
 SPLATS = (PAPER, "grid", "ray", EXACT, "no antialiasing", "2×2", "4×4", PREVIEW)
 SHOWN = (*SPLATS, "sheets 3", "post b-spline", "post b-spline 2×2")
@@ -139,28 +139,28 @@ class Strip:
 
 
 def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) -> Strip:
-    """Redraws the methods: the images are bitwise identical."""
+    """Thumbnails of the methods, drawn again: the images are bitwise identical."""
     rows = {name: row for name in SHOWN if (row := scene.row(name)) is not None and not row.omitted}
     drawn: dict[str, Image] = {}
-    found: dict[tuple[str, str], np.ndarray] = {}
+    differences: dict[tuple[str, str], np.ndarray] = {}
     for name, row in rows.items():
-        splats, settings = subject.drawn(methods()[name])
+        splats, settings = subject.inputs(methods()[name])
         drawn[name] = renderer.render(splats, subject.camera, settings)
         for truth in COMPARED:
             if truth in row.errors:
-                found[name, truth] = largest_difference(drawn[name], truths.get(truth, settings))
-    scales = {t: _scale([d for (name, of), d in found.items() if of == t and name != PREVIEW]) for t in COMPARED}
+                differences[name, truth] = largest_difference(drawn[name], truths.get(truth, settings))
+    scales = {t: _scale([d for (name, of), d in differences.items() if of == t and name != PREVIEW]) for t in COMPARED}
     peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
     peak = peak if subject.settings.blend == "xray" else 1.0
     cells = [Thumbnail(name, data_uri(to_display(right, peak)), {}) for name, right in _truth(truths, subject.settings)]
     for name in rows:
-        heats = {t: _heat(found[name, t], scales[t]) for t in COMPARED if (name, t) in found}
+        heats = {t: _heat(differences[name, t], scales[t]) for t in COMPARED if (name, t) in differences}
         cells.append(Thumbnail(name, data_uri(to_display(drawn[name], peak)), heats))
     return Strip(tuple(cells), scales, max(subject.camera.size) <= SQUARES)
 
 
 def _truth(truths: Truths, settings: Settings) -> Iterator[tuple[str, Image]]:
-    """The sampled truth and the field by their names, if any."""
+    """(name, image) of the sampled truth and of the field, if any."""
     for truth, name in (("sampled", "sampled truth"), ("field", "the field")):
         try:
             yield name, truths.get(truth, settings)

@@ -1,7 +1,6 @@
-"""The registry of methods: every trade of accuracy for time, one entry each.
+"""Registry of methods that trade accuracy for time.
 
-An axis is one varied quantity; its methods are the values. `register` adds an axis to be drawn, timed,
-measured, tabulated and plotted with the others.
+An axis is one varied quantity; its methods are the values. `register` adds an axis to all reports.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from typing import Any
 from splatgl.errors import expected
 from splatgl.splat.settings import Settings
 
-# references for errors, and what each reveals
+# references of errors, with descriptions
 TRUTHS = {
     "reference": "the float64 reference of the same splats: the error of drawing",
     "sampled": "exact splats at many samples a pixel: drawing and antialiasing",
@@ -28,17 +27,16 @@ FILTERING = ("sampled", "integral", "field")
 class Method:
     """A rendering method. name: in tables and for --only; label: in a diagram.
 
-    changes: of Settings, from the exact splats of version 0.1; own: from the scene's settings as they are; paper: from
-    the settings of 1998. z_s_share: z_s as a fraction of the way from
-    the nearest splat to the farthest. threshold: of the extractor, above the scene's own. coarse: how often voxels are
-    downsampled by two. quick: whether --quick draws it. peer: of `vtk_peers.MAPPERS`, which draws it instead of
-    splatgl.
+    changes: of Settings, relative to the exact splats of version 0.1, or, if from_scene, to the scene's settings, or,
+    if paper, to the settings of 1998. z_s_share: z_s as a fraction of the way from the nearest to the farthest splat.
+    threshold: of the extractor, if above the scene's. coarse: number of downsamplings by two. quick: whether --quick
+    includes it. peer: of `vtk_peers.MAPPERS`, which draws it instead of splatgl.
     """
 
     name: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     label: str = ""
-    own: bool = False
+    from_scene: bool = False
     paper: bool = False
     z_s_share: float | None = None
     threshold: float = 0.0
@@ -47,11 +45,11 @@ class Method:
     peer: str = ""
 
     def settings(self, base: Settings, depths: tuple[float, float]) -> Settings:
-        """The method's settings; depths: of the nearest and the farthest splat, world units."""
-        chosen = base if self.own else Settings.like("0.1", **base.given)
+        """Settings of the method; depths: of the nearest and the farthest splat, world units."""
+        chosen = base if self.from_scene else Settings.like("0.1", **base.given)
         if self.paper:
-            kept = {name: getattr(base, name) for name in ("blend", "kernel", "shading", "background", "tolerance")}
-            chosen = Settings.paper(**kept)
+            shared = {name: getattr(base, name) for name in ("blend", "kernel", "shading", "background", "tolerance")}
+            chosen = Settings.paper(**shared)
         if self.z_s_share is not None:
             near, far = max(depths[0], 0.0), depths[1]
             chosen = chosen.but(z_s=near + self.z_s_share * (far - near))
@@ -60,10 +58,10 @@ class Method:
 
 @dataclass(frozen=True)
 class Axis:
-    """Methods along one choice. truths: of the diagrams that show it; connected: whether a line joins them.
+    """Methods of one varied quantity. truths: of its diagrams; connected: whether a line joins the methods.
 
-    fronts: the truths for whose front it competes: those for which others render the same image; None: all of `truths`.
-    apart: whether it has no other truths, since it does not render the splats' image.
+    fronts: truths for whose front it competes, since other methods draw the same image; None: all `truths`. apart:
+    whether it has no other truths, since it does not draw the image of the splats.
     """
 
     name: str
@@ -80,7 +78,7 @@ class Axis:
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """The truths that its methods are measured against."""
+        """Truths for the errors of its methods."""
         return self.truths if self.apart else ALL
 
 
@@ -88,17 +86,17 @@ AXES: dict[str, Axis] = {}
 
 
 def register(axis: Axis) -> Axis:
-    """Adds an axis to every report. InputError for a name that is taken."""
+    """Adds an axis to all reports. Raises InputError for a name in use."""
     taken = {axis.name for axis in AXES.values()} | set(methods())
     for name in (axis.name, *(method.name for method in axis.methods)):
         if name in taken:
-            raise expected("method", "a name that no other has", repr(name))
+            raise expected("method", "an unused name", repr(name))
     AXES[axis.name] = axis
     return axis
 
 
 def methods() -> dict[str, Method]:
-    """Every method by its name, in the registry's order."""
+    """All methods by name, in the order of registration."""
     return {method.name: method for axis in AXES.values() for method in axis.methods}
 
 
@@ -107,23 +105,25 @@ def axis_of(name: str) -> Axis:
     return next(axis for axis in AXES.values() if any(method.name == name for method in axis.methods))
 
 
-def _each(name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ...], **others: Any) -> tuple[Method, ...]:
-    """A method for every value of a setting."""
-    made = []
+def _variants(
+    name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ...], **others: Any
+) -> tuple[Method, ...]:
+    """A method per value of a setting."""
+    variants = []
     for value in values:
         text = f"{value:g}" if isinstance(value, float) else str(value)
-        made.append(Method(f"{name} {text}", {**others, key: value}, text, quick=value in quick))
-    return tuple(made)
+        variants.append(Method(f"{name} {text}", {**others, key: value}, text, quick=value in quick))
+    return tuple(variants)
 
 
 def _sampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) -> tuple[Method, ...]:
-    """A method with one sample in the middle of each pixel, and others with k×k."""
-    made = []
+    """A method per number of samples along an axis of a pixel."""
+    variants = []
     for k in counts:
         kind = {"antialias": "supersample", "samples": k} if k > 1 else {"antialias": "off"}
         label = f"{k}×{k}" if k > 1 else name
-        made.append(Method(f"{name} {label}" if k > 1 else name, {**others, **kind}, label, quick=k < 4, peer=peer))
-    return tuple(made)
+        variants.append(Method(f"{name} {label}" if k > 1 else name, {**others, **kind}, label, quick=k < 4, peer=peer))
+    return tuple(variants)
 
 
 DEFAULT, EXACT, PAPER, PAPER_FLOAT = "default", "exact", "paper 1998", "paper, 32 bits"
@@ -131,7 +131,7 @@ register(
     Axis(
         "default",
         "what settings on auto draw: sheets, classified after reconstruction where the scene allows it, k×k samples",
-        (Method(DEFAULT, own=True),),
+        (Method(DEFAULT, from_scene=True),),
         FILTERING,
         connected=False,
         apart=True,
@@ -172,28 +172,28 @@ register(
     Axis(
         "hybrid by tolerance",
         "z_s taken from --tolerance",
-        _each("hybrid", "tolerance", (1e-1, 1e-2, 1e-3), (1e-2,), align="hybrid"),
+        _variants("hybrid", "tolerance", (1e-1, 1e-2, 1e-3), (1e-2,), align="hybrid"),
     )
 )
 register(
     Axis(
         "table",
         "texels along each side of a footprint texture, exact",
-        _each("table", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), footprint="table", align="exact"),
+        _variants("table", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), footprint="table", align="exact"),
     )
 )
 register(
     Axis(
         "table bits",
         "bits a texel of 256×256, exact",
-        _each("bits", "table_bits", (8, 16), (8, 16), footprint="table", align="exact"),
+        _variants("bits", "table_bits", (8, 16), (8, 16), footprint="table", align="exact"),
     )
 )
 register(
     Axis(
         "radial",
         "entries of a table over the squared distance, exact",
-        _each("radial", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), align="exact"),
+        _variants("radial", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), align="exact"),
     )
 )
 register(
@@ -210,7 +210,7 @@ register(
     Axis(
         "attenuation",
         "what weakens beyond z_k",
-        _each("attenuation", "attenuation", ("opacity", "optical-depth"), ("opacity", "optical-depth")),
+        _variants("attenuation", "attenuation", ("opacity", "optical-depth"), ("opacity", "optical-depth")),
         FILTERING,
         connected=False,
     )
@@ -239,7 +239,7 @@ register(
     Axis(
         "target",
         "the frame buffer's numbers",
-        _each("target", "target", ("rgba16f", "rgba8"), ("rgba16f", "rgba8")),
+        _variants("target", "target", ("rgba16f", "rgba8"), ("rgba16f", "rgba8")),
         connected=False,
     )
 )
@@ -263,7 +263,7 @@ register(
     Axis(
         "tolerance",
         "what --tolerance asks for",
-        _each("tolerance", "tolerance", (1e-1, 1e-2, 1e-3, 1e-4), (1e-1, 1e-2, 1e-3, 1e-4)),
+        _variants("tolerance", "tolerance", (1e-1, 1e-2, 1e-3, 1e-4), (1e-1, 1e-2, 1e-3, 1e-4)),
     )
 )
 register(

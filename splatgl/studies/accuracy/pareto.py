@@ -1,4 +1,4 @@
-"""Pareto front of error against time, dominance, and the cheapest method under each error."""
+"""Pareto front of error against time, dominance, and the cheapest method below each error."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Point:
-    """A method's position in a work–precision diagram."""
+    """Position of a method in a work–precision diagram."""
 
     name: str
     error: float
@@ -58,9 +58,9 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Standing:
-    """Standing of a point: the fraction of rounds in which it is on the front against `rival`, the point with the
-    smallest such fraction; 1 without rivals.
+class Dominance:
+    """share: fraction of rounds in which a point is on the front against `rival`, the point with the smallest
+    fraction.
     """
 
     share: float = 1.0
@@ -68,55 +68,56 @@ class Standing:
 
     @property
     def word(self) -> str:
-        """Either "front", "dominated", or "unsure" if noise allows both."""
+        """One of "front", "dominated", and "unsure" if noise allows both."""
         return "front" if self.share >= SURE else "dominated" if self.share <= 1 - SURE else "unsure"
 
     def __str__(self) -> str:
-        """Either "front", "dominated by …" or "front, or behind …"."""
+        """One of "front", "dominated by …" and "front, or behind …"."""
         if self.rival is None or self.word == "front":
             return "front"
         return f"{'dominated by' if self.word == 'dominated' else 'front, or behind'} {self.rival.name}"
 
 
-def standing(point: Point, points: Sequence[Point]) -> Standing:
-    """The standing of `point`, one of `points`.
+def dominance(point: Point, points: Sequence[Point]) -> Dominance:
+    """Dominance of `point`, one of `points`.
 
-    It is on the front if it is certainly faster than every other that is at least as accurate. Of two equally
-    accurate points, the first in `points` only needs not to be certainly slower: it represents both.
+    A point is on the front if it is certainly faster than all that are at least as accurate. Of two equally accurate
+    points, the first in `points` represents both unless it is certainly slower.
     """
     mine = points.index(point)
-    found = []
+    rivals = []
     for n, other in enumerate(points):
         if n != mine and other.rounded <= point.rounded:
             first = other.rounded == point.rounded and mine < n
             share = 1 - other.time.faster(point.time) if first else point.time.faster(other.time)
-            found.append(Standing(share, other))
+            rivals.append(Dominance(share, other))
     # of equal rivals, report the most accurate
-    return min(found, key=lambda s: (s.share, s.rival.rounded if s.rival else 0.0), default=Standing())
+    return min(rivals, key=lambda s: (s.share, s.rival.rounded if s.rival else 0.0), default=Dominance())
 
 
 def front(points: Sequence[Point], unsure: bool = False) -> list[Point]:
-    """The points on the front, fastest first; unsure: including those that the timings cannot decide."""
+    """Points on the front, fastest first; unsure: with points that the timings cannot exclude."""
     words = ("front", "unsure") if unsure else ("front",)
-    return sorted((p for p in points if standing(p, points).word in words), key=lambda p: p.time.median)
+    return sorted((p for p in points if dominance(p, points).word in words), key=lambda p: p.time.median)
 
 
 def stairs(points: Sequence[Point]) -> list[Point]:
-    """The drawn front, by medians: of its possible members, each that is more accurate than all faster ones."""
-    found: list[Point] = []
+    """Front by medians, for drawing: possible members that are more accurate than all faster ones."""
+    steps: list[Point] = []
     for point in front(points, unsure=True):
-        if not found or point.error < found[-1].error:
-            found.append(point)
-    return found
+        if not steps or point.error < steps[-1].error:
+            steps.append(point)
+    return steps
 
 
 def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[tuple[float, Point | None]]:
-    """For each error, the point below it whose median time is the shortest; of equal times, the most accurate."""
-    found: list[tuple[float, Point | None]] = []
-    for limit in limits:
-        under = (point for point in points if point.error <= limit)
-        found.append((limit, min(under, key=lambda p: (p.time.median, p.error), default=None)))
-    return found
+    """(limit, fastest point below the limit) for each limit; of equal times, the most accurate."""
+
+    def fastest(limit: float) -> Point | None:
+        below = (point for point in points if point.error <= limit)
+        return min(below, key=lambda p: (p.time.median, p.error), default=None)
+
+    return [(limit, fastest(limit)) for limit in limits]
 
 
 def finite(points: Iterable[Point]) -> list[Point]:

@@ -20,20 +20,20 @@ from splatgl.errors import InputError, expected
 from splatgl.reference.renderer import Planner
 from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.convergence import STUDIES
-from splatgl.studies.accuracy.ground_truth import Level, Subject, Truths, Wanted
+from splatgl.studies.accuracy.ground_truth import Level, Request, Subject, Truths
 from splatgl.studies.accuracy.methods import EXACT, TRUTHS, Method, axis_of, methods
 from splatgl.studies.accuracy.pareto import Point, Timing, finite
 from splatgl.studies.accuracy.vtk_peers import Peer
 
-# fraction of pixels worse than `p999`, per cent
+# pixels above `p999`, per cent
 WORST = 0.1
 
 
 @dataclass(frozen=True)
 class Errors:
-    """rmse: root mean square of the differences over that of the truth. maximum: the largest of any channel; p999:
-    exceeded by one pixel in a thousand. share_over: of the pixels off by more than 1/255. energy: (Σ − Σ_truth)/Σ_truth
-    over all channels. flip: mean FLIP, None if not requested. maximum and p999 relative to an X-ray's peak.
+    """Errors of an image. rmse: of the differences, over the root mean square of the truth. maximum: of any
+    channel; p999: exceeded by one pixel in a thousand; both relative to an X-ray's peak. share_over: of pixels off
+    by more than 1/255. energy: (Σ − Σ_truth)/Σ_truth over all channels. flip: mean FLIP, None if not requested.
     """
 
     rmse: float
@@ -49,24 +49,24 @@ class Errors:
 
 
 def errors(image: Image, truth: Image, flip: bool = False) -> Errors:
-    """The errors of `image` against `truth`, both [H, W, 4] of one size. Raises InputError as `compare`."""
-    found = compare(image, truth, extra=("flip",) if flip else ())
-    drawn, right = (np.asarray(each.pixels, np.float64) for each in (image, truth))
+    """Errors of `image` against `truth`, both [H, W, 4]. Raises InputError as `compare`."""
+    comparison = compare(image, truth, extra=("flip",) if flip else ())
+    drawn, right = (np.asarray(part.pixels, np.float64) for part in (image, truth))
     worst = np.abs(drawn - right).max(axis=-1)
     scale = float(np.sqrt((right * right).mean()))
     return Errors(
-        rmse=found.rmse / scale if scale else found.rmse,
-        maximum=found.maximum / found.peak,
-        p999=float(np.percentile(worst, 100 - WORST)) / found.peak,
-        share_over=found.share_over,
-        energy=found.sum_error,
-        flip=found.flip,
+        rmse=comparison.rmse / scale if scale else comparison.rmse,
+        maximum=comparison.maximum / comparison.peak,
+        p999=float(np.percentile(worst, 100 - WORST)) / comparison.peak,
+        share_over=comparison.share_over,
+        energy=comparison.sum_error,
+        flip=comparison.flip,
     )
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method on one scene. timing: None where it was not timed. errors: by truth, then by name."""
+    """One method on one scene. timing: None if not timed. errors: by truth and name."""
 
     method: str
     axis: str
@@ -82,46 +82,46 @@ class Row:
     drawn: dict[str, Any] = field(default_factory=dict)
 
     def error(self, truth: str, name: str = "rmse") -> float | None:
-        """The error of that name against that truth, None where it was not measured."""
+        """Error of that name against that truth; None if not measured."""
         return self.errors.get(truth, {}).get(name)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene's rows, in the registry's order. about: the store's record of it."""
+    """Rows of a scene, in the order of the registry. about: the scene's record in the store."""
 
     name: str
     about: dict[str, Any]
     rows: tuple[Row, ...]
 
     def row(self, method: str) -> Row | None:
-        """The row of that method, None where there is none."""
+        """Row of a method; None if there is none."""
         return next((row for row in self.rows if row.method == method), None)
 
     @property
     def usual(self) -> Timing | None:
-        """The time of the default settings, the baseline for the others."""
+        """Time of exact splats, the baseline for other methods."""
         row = self.row(EXACT)
         return row.timing if row else None
 
     def points(self, truth: str, name: str = "rmse", same: bool = False) -> list[Point]:
-        """The methods with time and error; same: including those with the same image as another."""
-        found = []
+        """Methods with time and error. same: with methods whose image is the same as another's."""
+        points = []
         for row in self.rows:
             error = row.error(truth, name)
             if row.timing is not None and error is not None and (same or not row.same_as):
-                found.append(Point(row.method, error, row.timing))
-        return finite(found)
+                points.append(Point(row.method, error, row.timing))
+        return finite(points)
 
     @property
     def truths(self) -> list[str]:
-        """The truths that any method was measured against."""
+        """Truths with errors of any method."""
         return [truth for truth in TRUTHS if any(truth in row.errors for row in self.rows)]
 
 
 @dataclass(frozen=True)
 class Results:
-    """Everything: the head's values, the scenes, and the lines about convergence."""
+    """All results: values of the head, scenes, and records of convergence."""
 
     head: dict[str, Any]
     scenes: tuple[Scene, ...]
@@ -129,7 +129,7 @@ class Results:
 
     @classmethod
     def of(cls, store: Store) -> Results:
-        """Reads everything from a store that has its head line."""
+        """Results of a store."""
         scenes = tuple(_scene(store, line) for line in store.of("scene"))
         return cls(store.of("head")[0], scenes, tuple(store.of("convergence")))
 
@@ -165,7 +165,7 @@ def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:
 
 
 NAME = "runs.jsonl"
-# kinds of lines, and their keys
+# kinds of records, and their keys
 KINDS: dict[str, set[str]] = {
     "head": set(),
     "scene": {"scene", "mark", "splats", "size", "note"},
@@ -176,18 +176,18 @@ KINDS: dict[str, set[str]] = {
 
 
 class Store:
-    """The lines of a report. lines: all of them, in the order written."""
+    """Records of a report, appended to a JSON Lines file. lines: all records in order."""
 
     def __init__(self, path: Path, head: Mapping[str, Any], resume: bool = False) -> None:
-        """Starts or resumes a store. Raises InputError if the existing one belongs to another report."""
+        """Starts or resumes a store. Raises InputError to resume another report."""
         self.path = path
         self.lines: list[dict[str, Any]] = list(_read(path)) if resume and path.exists() else []
-        begun = {"kind": "head", **head}
+        first = {"kind": "head", **head}
         if self.lines:
             old = self.lines[0]
-            other = [name for name in begun if old.get(name) != begun[name]]
+            other = [name for name in first if old.get(name) != first[name]]
             if other:
-                what = f"{other[0]} {begun[other[0]]!r}"
+                what = f"{other[0]} {first[other[0]]!r}"
                 got = repr(old.get(other[0]))
                 raise expected(f"{path} --resume", what, got, "leave out --resume to begin anew")
         try:
@@ -199,7 +199,7 @@ class Store:
             self.add("head", **head)
 
     def add(self, kind: str, **values: Any) -> dict[str, Any]:
-        """Writes a line, and returns it."""
+        """Writes a record, and returns it."""
         line = {"kind": kind, **values}
         self.lines.append(line)
         try:
@@ -210,7 +210,7 @@ class Store:
         return line
 
     def of(self, kind: str, **values: Any) -> list[dict[str, Any]]:
-        """The lines of that kind with those values."""
+        """Records of that kind with those values."""
         return [
             line
             for line in self.lines
@@ -223,7 +223,7 @@ def _text(line: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path) -> Iterator[dict[str, Any]]:
-    """The complete lines. InputError for a file that is not a report."""
+    """Complete records of a file. Raises InputError if it is not a report."""
     for number, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
         try:
             line = json.loads(text)
@@ -238,9 +238,9 @@ def _read(path: Path) -> Iterator[dict[str, Any]]:
 
 # seed of the random order, fixed for all runs
 SEED = 1998
-# after this total time in seconds a method is not timed again beyond the minimum number of rounds
+# seconds in total after which a method is timed no more than LEAST_ROUNDS times
 LONGEST, LEAST_ROUNDS = 20.0, 3
-# a turn has as many frames as fit into TURN seconds, at least one and at most FRAMES
+# a turn has as many frames as fit into TURN seconds, from 1 to FRAMES
 TURN, FRAMES = 0.04, 5
 # FLIP is measured against this truth
 FLIP_TRUTH = "sampled"
@@ -252,28 +252,32 @@ Tick = Callable[[str], None]
 
 
 def chosen(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> list[Method]:
-    """The methods of a report at that level; only: names of methods or axes, all if empty; peers: VTK too."""
+    """Methods of a report at a level. only: names of methods or axes, all if empty; peers: with VTK."""
     known = [method for method in methods().values() if method.quick or level.all_methods or only]
     named = [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
     return [m for m in known if (m.peer and peers) or (m in named and (not m.peer or only))]
 
 
+def _empty_line(method: Method) -> dict[str, object]:
+    return {"axis": axis_of(method.name).name, "method": method.name, "same_as": "", "omitted": ""}
+
+
 class Sweep:
-    """Records one scene's images and times in a store. flip: whether FLIP is measured."""
+    """Records images and times of a scene in a store. flip: whether FLIP is measured."""
 
     def __init__(self, renderer: Planner, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
         self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
         self.plans: dict[tuple[Hashable, int], str] = {}
         self.peers: dict[str, Peer] = {}
 
-    def pictures(self, wanted: list[Method], tick: Tick) -> None:
-        """Draws each method once, and measures it against every truth."""
-        for method in wanted:
+    def pictures(self, requested: list[Method], tick: Tick) -> None:
+        """Draws each method once, and measures its errors."""
+        for method in requested:
             tick(f"{self.subject.name}: {method.name}")
             done = self.store.of("picture", scene=self.subject.name, method=method.name)
             if done and not (done[0]["same_as"] or done[0]["omitted"] or method.peer):
                 # already drawn: other methods may turn out to be identical
-                splats, settings = self.subject.drawn(method)
+                splats, settings = self.subject.inputs(method)
                 plan = self.renderer.plan(splats, self.subject.camera, settings)
                 self.plans.setdefault((plan.key, id(splats)), method.name)
             if not done:
@@ -281,11 +285,10 @@ class Sweep:
                 self.store.add("picture", scene=self.subject.name, **line)
 
     def _picture(self, method: Method) -> dict[str, object]:
-        """The record of a method."""
-        axis = axis_of(method.name).name
-        line: dict[str, object] = {"axis": axis, "method": method.name, "same_as": "", "omitted": ""}
+        """Record of a method."""
+        line = _empty_line(method)
         try:
-            splats, settings = self.subject.drawn(method)
+            splats, settings = self.subject.inputs(method)
             plan = self.renderer.plan(splats, self.subject.camera, settings)
         except InputError as error:
             return {**line, "omitted": str(error)}
@@ -306,22 +309,17 @@ class Sweep:
             "tolerance": settings.tolerance,
             "bound": image.info["error_bound"],
             "drawn": {name: image.info[name] for name in DRAWN} | {"technique": plan.program.technique},
-            **self._measured(image, settings, method),
+            **self._measure(image, settings, method),
         }
 
     def _peer_picture(self, method: Method) -> dict[str, object]:
-        """The record of a method of a peer."""
-        line: dict[str, object] = {
-            "axis": axis_of(method.name).name,
-            "method": method.name,
-            "same_as": "",
-            "omitted": "",
-        }
+        """Record of a method of a peer."""
+        line = _empty_line(method)
         try:
             image = self._peer(method).frame()[0]
         except InputError as error:
             return {**line, "omitted": str(error)}
-        return {**line, **self._measured(image, self.subject.settings, method)}
+        return {**line, **self._measure(image, self.subject.settings, method)}
 
     def _peer(self, method: Method) -> Peer:
         if method.name not in self.peers:
@@ -337,43 +335,42 @@ class Sweep:
             peer.close()
         self.peers.clear()
 
-    def _measured(self, image: Image, settings: Settings, method: Method) -> dict[str, object]:
-        """The errors against each of the method's truths, or the reason why there are none.
-
-        That the scene has no field is recorded with the scene.
+    def _measure(self, image: Image, settings: Settings, method: Method) -> dict[str, object]:
+        """Errors against the method's truths, and reasons for missing ones; a missing field is recorded with the
+        scene.
         """
-        found: dict[str, object] = {}
+        measured: dict[str, object] = {}
         missing: dict[str, str] = {}
         for truth in axis_of(method.name).measured:
             if truth == "field" and self.subject.no_field:
                 continue
-            # what is classified after reconstruction is no picture of splats
+            # an image classified after reconstruction has no truth of splats
             if truth != "field" and image.info.get("classification") == "post":
                 continue
             try:
                 flip = self.flip and truth == FLIP_TRUTH
-                found[truth] = errors(image, self.truths.get(truth, settings), flip).as_dict()
+                measured[truth] = errors(image, self.truths.get(truth, settings), flip).as_dict()
             except InputError as error:
                 missing[truth] = str(error)
-        return {"errors": found, "missing": missing}
+        return {"errors": measured, "missing": missing}
 
-    def times(self, wanted: list[Method], rounds: int, tick: Tick) -> None:
-        """Times every method with a distinct image once per round, each round in another random order.
+    def times(self, requested: list[Method], rounds: int, tick: Tick) -> None:
+        """Times every method with a distinct image once per round, in random order.
 
-        Temporary load on the machine thus affects all methods alike, and they can be compared round by round.
+        Load on the machine thus affects all methods alike, and they can be compared round by round.
         """
-        named = {method.name: method for method in wanted}
-        own = [
+        named = {method.name: method for method in requested}
+        distinct = [
             line["method"]
             for line in self.store.of("picture", scene=self.subject.name, same_as="", omitted="")
             if line["method"] in named
         ]
         done = self.store.of("time", scene=self.subject.name)
-        spent = {name: sum(line["seconds"] for line in done if line["method"] == name) for name in own}
+        spent = {name: sum(line["seconds"] for line in done if line["method"] == name) for name in distinct}
         finished = {(line["method"], line["round"]) for line in done}
         shuffled = random.Random(SEED)
         for turn in range(rounds):
-            for name in shuffled.sample(own, len(own)):
+            for name in shuffled.sample(distinct, len(distinct)):
                 tick(f"{self.subject.name}: timing")
                 if (name, turn) in finished or (spent[name] > LONGEST and turn >= LEAST_ROUNDS):
                     continue
@@ -382,7 +379,7 @@ class Sweep:
                 self.store.add("time", scene=self.subject.name, method=name, round=turn, seconds=round(seconds, 6))
 
     def turn(self, method: Method) -> float:
-        """Seconds per frame after a warm-up frame: the median of up to FRAMES that fit into TURN."""
+        """Seconds per frame after a warm-up frame: median of a turn."""
         self.frame(method)
         first = self.frame(method)
         count = min(FRAMES, int(TURN / first))
@@ -390,10 +387,10 @@ class Sweep:
         return statistics.median([first, *(self.frame(method) for _ in range(2 * ((count - 1) // 2)))])
 
     def frame(self, method: Method) -> float:
-        """Seconds for one finished frame, its pixels read back."""
+        """Seconds of a frame with its pixels read back."""
         if method.peer:
             return self._peer(method).frame()[1]
-        splats, settings = self.subject.drawn(method)
+        splats, settings = self.subject.inputs(method)
         started = time.perf_counter()
         self.renderer.render(splats, self.subject.camera, settings, verify_bound=False)
         return time.perf_counter() - started
@@ -401,7 +398,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Task:
-    """A report request. only: names of methods or axes, all if empty. peers: VTK too. flip: FLIP too."""
+    """Task of a report. only: names of methods or axes, all if empty. peers: with VTK. flip: with FLIP."""
 
     level: Level
     only: tuple[str, ...] = ()
@@ -415,22 +412,22 @@ class Task:
         return scenes * count * (1 + self.level.rounds) + len(STUDIES)
 
 
-def truths_of(truths: Truths, task: Task) -> list[Wanted]:
-    """The different truths of one scene that a report measures against."""
-    subject, found = truths.subject, dict[str, Wanted]()
+def truths_of(truths: Truths, task: Task) -> list[Request]:
+    """Distinct truths of a scene that a report needs."""
+    subject, requests = truths.subject, dict[str, Request]()
     for method in chosen(task.level, task.only, task.peers):
         for kind in axis_of(method.name).measured:
-            # what has no truth is told when it is measured
+            # a missing truth is recorded when the method is measured
             with suppress(InputError):
-                settings = subject.settings if method.peer else subject.drawn(method)[1]
-                wanted = truths.wanted(kind, settings)
-                found.setdefault(wanted[0], wanted)
-    return list(found.values())
+                settings = subject.settings if method.peer else subject.inputs(method)[1]
+                request = truths.request(kind, settings)
+                requests.setdefault(request[0], request)
+    return list(requests.values())
 
 
 def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
-    """Measures everything not in the store yet."""
-    wanted = chosen(task.level, task.only, task.peers)
+    """Measures everything that is not in the store."""
+    requested = chosen(task.level, task.only, task.peers)
     for subject in subjects:
         known = store.of("scene", scene=subject.name)
         if known and known[0]["mark"] != subject.mark():
@@ -443,8 +440,8 @@ def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Stor
         truths = Truths(renderer, subject, task.level, task.folder)
         sweep = Sweep(renderer, subject, truths, store, task.flip)
         with closing(sweep):
-            sweep.pictures(wanted, tick)
-            sweep.times(wanted, task.level.rounds, tick)
+            sweep.pictures(requested, tick)
+            sweep.times(requested, task.level.rounds, tick)
     for study in STUDIES:
         tick(f"convergence: {study.name}")
         if not store.of("convergence", study=study.name):

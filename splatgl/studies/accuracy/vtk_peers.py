@@ -1,4 +1,4 @@
-"""VTK's ray casters on the same scene: same camera, opacities and colours, each in a separate process.
+"""VTK's ray casters on the same scene: same camera, opacities and colours; each in a process.
 
 Differences: they interpolate samples along rays between voxels and classify the result, whereas splats
 classify voxels and blend the result; their light is parallel and leaves ambient light alone where there is no
@@ -39,7 +39,7 @@ PATIENCE = 120.0
 
 
 class Peer:
-    """One of VTK's mappers, drawing one scene. Close it after use."""
+    """A VTK mapper that draws one scene. Close it after use."""
 
     def __init__(self, mapper: str, content: tuple[Volume, Transfer], camera: Camera, settings: Settings) -> None:
         """mapper: of MAPPERS. Raises InputError if VTK is not installed or the scene cannot be converted."""
@@ -87,10 +87,10 @@ class Peer:
 
 
 def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Settings) -> None:
-    """InputError for features without a counterpart in VTK."""
+    """Raises InputError for features without a counterpart in VTK."""
     for fine, this, got in (
         (settings.blend == "composite", "blend composite", settings.blend),
-        (volume.color is None, "colours by value", "colours of its own"),
+        (volume.color is None, "colours by value", "colours per voxel"),
         (not transfer.gradient, "opacities by value", "opacities by gradient"),
         (camera.perspective, "perspective", "parallel rays"),
         (settings.background is None, "no background", "a background"),
@@ -130,7 +130,7 @@ def _frame(mapper_name: str, scene: Sequence[Any]) -> Callable[[], np.ndarray]:
     volume, renderer, window = vtk.vtkVolume(), vtk.vtkRenderer(), vtk.vtkRenderWindow()
     volume.SetMapper(mapper)
     _place(vtk, volume, samples, spacing, origin, direction)
-    volume.SetProperty(_looks(vtk, samples, transfer, shaded, min(spacing)))
+    volume.SetProperty(_volume_property(vtk, samples, transfer, shaded, min(spacing)))
     renderer.AddVolume(volume)
     light = vtk.vtkLight()
     light.SetLightTypeToHeadlight()
@@ -155,25 +155,25 @@ def _frame(mapper_name: str, scene: Sequence[Any]) -> Callable[[], np.ndarray]:
         volume.Modified()
         view.Modified()
         window.Render()
-        return _cast(vtk, mapper) if "FixedPoint" in mapper_name else _shown(vtk, window)
+        return _cast_pixels(vtk, mapper) if "FixedPoint" in mapper_name else _window_pixels(vtk, window)
 
     return frame
 
 
-def _shown(vtk: Any, window: Any) -> np.ndarray:
-    """What a window shows: uint8 [H, W, 4]."""
+def _window_pixels(vtk: Any, window: Any) -> np.ndarray:
+    """Pixels of a window, uint8 [H, W, 4]."""
     from vtk.util.numpy_support import vtk_to_numpy
 
     width, height = window.GetSize()
-    found = vtk.vtkUnsignedCharArray()
-    window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, found)
-    return np.array(vtk_to_numpy(found).reshape(height, width, 4)[::-1])
+    pixels = vtk.vtkUnsignedCharArray()
+    window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, pixels)
+    return np.array(vtk_to_numpy(pixels).reshape(height, width, 4)[::-1])
 
 
-def _cast(vtk: Any, mapper: Any) -> np.ndarray:
-    """What the CPU's caster wrote: uint16 [H, W, 4].
+def _cast_pixels(vtk: Any, mapper: Any) -> np.ndarray:
+    """Pixels of the CPU's ray caster, uint16 [H, W, 4].
 
-    Not what the window shows: there, M cast pixels are stretched to M / (M - 1) of their size and interpolated.
+    The window shows these stretched by M / (M - 1) and interpolated.
     """
     from vtk.util.numpy_support import vtk_to_numpy
 
@@ -188,7 +188,7 @@ def _cast(vtk: Any, mapper: Any) -> np.ndarray:
 
 
 def _place(vtk: Any, volume: Any, samples: np.ndarray, spacing: Any, origin: Any, direction: Any) -> None:
-    """Fills the box of the voxels: half a voxel beyond the outer samples, which continue there."""
+    """Sets the volume's image and matrix; outer samples extend to the box of the voxels, half a voxel farther."""
     from vtk.util.numpy_support import numpy_to_vtk
 
     native = np.pad(samples, 1, mode="edge").astype(samples.dtype.newbyteorder("="))
@@ -212,8 +212,8 @@ def _place(vtk: Any, volume: Any, samples: np.ndarray, spacing: Any, origin: Any
             volume.GetMapper().AddClippingPlane(plane)
 
 
-def _looks(vtk: Any, samples: np.ndarray, transfer: Transfer, shaded: bool, spacing: float) -> Any:
-    """The transfer function: opacity over its own length, linear colours, the same head light."""
+def _volume_property(vtk: Any, samples: np.ndarray, transfer: Transfer, shaded: bool, spacing: float) -> Any:
+    """vtkVolumeProperty of the transfer function: its unit length, linear colours, the same head light."""
     opacity, color = vtk.vtkPiecewiseFunction(), vtk.vtkColorTransferFunction()
     nodes = [value for value, _ in transfer.points]
     low, high = float(np.nanmin(samples)), float(np.nanmax(samples))
@@ -224,13 +224,13 @@ def _looks(vtk: Any, samples: np.ndarray, transfer: Transfer, shaded: bool, spac
     values = np.linspace(low, high, COLORS)
     for value, shade in zip(values.tolist(), transfer.color(values).tolist(), strict=True):
         color.AddRGBPoint(value, *shade)
-    looks = vtk.vtkVolumeProperty()
-    looks.SetScalarOpacity(opacity)
-    looks.SetScalarOpacityUnitDistance(transfer.unit or spacing)
-    looks.SetColor(color)
-    looks.SetInterpolationTypeToLinear()
-    looks.SetShade(shaded)
-    looks.SetAmbient(AMBIENT)
-    looks.SetDiffuse(DIFFUSE)
-    looks.SetSpecular(0.0)
-    return looks
+    prop = vtk.vtkVolumeProperty()
+    prop.SetScalarOpacity(opacity)
+    prop.SetScalarOpacityUnitDistance(transfer.unit or spacing)
+    prop.SetColor(color)
+    prop.SetInterpolationTypeToLinear()
+    prop.SetShade(shaded)
+    prop.SetAmbient(AMBIENT)
+    prop.SetDiffuse(DIFFUSE)
+    prop.SetSpecular(0.0)
+    return prop

@@ -1,4 +1,4 @@
-"""The paper's figures, drawn from the code's own geometry and formulas; each with the numbers behind it."""
+"""The paper's figures, drawn from the geometry and formulas of this package, with their data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Figure:
     table: Callable[[], Table]
 
     def picture(self, suffix: str, maker: str = "splatgl") -> bytes:
-        """The bytes of a .png or .svg that names its maker. Raises InputError if matplotlib is not there."""
+        """Bytes of a .png or .svg that names its maker. Raises InputError without matplotlib."""
         with style():
             about = {"Title": f"Figure {self.number}", "Description": self.caption}
             return encode(self.draw(), suffix, about, maker)

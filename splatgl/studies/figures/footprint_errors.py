@@ -45,7 +45,7 @@ class Voxel:
 
     @property
     def plane(self) -> Plane:
-        """The voxel as a plane's only one, N = 1."""
+        """Plane with this voxel alone."""
         return Plane(self.setting.kernel, self.setting.z_k, np.array([self.y]), np.array([self.z]))
 
     @property
@@ -58,7 +58,7 @@ class Voxel:
         return np.degrees(np.arctan(self.plane.slope(place[None])[0]))
 
     def levels(self, form: str, place: np.ndarray) -> np.ndarray:
-        """|form − row 1| on each ray, in 1/255 of row 1's largest value."""
+        """|form − row 1| on rays, in 1/255 of row 1's largest value."""
         splat = self.plane.splat(place[None], planar=form in PLANAR)
         top = float(row1(self.plane.splat(np.linspace(-1, 1, RAYS)[None], splat.planar)).max())
         return np.asarray(255 * difference(ALL[form], splat)[0] / top)
@@ -75,7 +75,7 @@ def voxels(setting: Setting = PAPER) -> tuple[Voxel, Voxel, Voxel]:
 
 
 def integral_errors() -> Figure:
-    """Fig. 9."""
+    """Figure 9."""
     from matplotlib.lines import Line2D
 
     figure = sheet(5.6)
@@ -98,7 +98,7 @@ def integral_errors() -> Figure:
 
 
 def _shape(axes: Axes, voxel: Voxel) -> None:
-    """Isolines over angle and depth: in perspective space every ray is vertical."""
+    """Draws isolines over angle and depth: in perspective space all rays are vertical."""
     radius = voxel.setting.kernel.radius
     place = np.linspace(-1, 1, 241)
     slope, depth = np.meshgrid(voxel.plane.slope(place[None])[0], np.linspace(-1.15, 1.15, 241) * radius)
@@ -125,7 +125,7 @@ def quad(voxel: Voxel, grid_aligned: bool) -> np.ndarray:
 
 def _errors(axes: Axes, voxel: Voxel) -> None:
     place = np.linspace(-1, 1, RAYS)
-    for form in shown(voxel):
+    for form in drawn_forms(voxel):
         levels = voxel.levels(form, place)
         axes.semilogy(voxel.angles(place), np.where(levels > 0, levels, np.nan), **LINES[form])
     if voxel.z < voxel.setting.z_k:
@@ -138,8 +138,8 @@ def _errors(axes: Axes, voxel: Voxel) -> None:
     _angles(axes, voxel)
 
 
-def shown(voxel: Voxel) -> tuple[str, ...]:
-    """The forms drawn; before z_k, b has nothing to correct, since c is exact."""
+def drawn_forms(voxel: Voxel) -> tuple[str, ...]:
+    """Forms in the figure; before z_k form c is exact, so that b has nothing to correct."""
     return (*PLANAR, *SPATIAL) if voxel.z >= voxel.setting.z_k else ("row5", "row4")
 
 
@@ -155,7 +155,7 @@ def integral_table() -> Table:
     """Errors by the ray's angle, in levels; before z_k form c stands for b and b′."""
     place, rows = np.linspace(-1, 1, 201), []
     for voxel in voxels():
-        forms = (*shown(voxel), "c", "c")[:4]
+        forms = (*drawn_forms(voxel), "c", "c")[:4]
         columns = [voxel.angles(place), *[voxel.levels(form, place) for form in forms]]
         rows += [(voxel.y, voxel.z, *[float(v) for v in row]) for row in zip(*columns, strict=True)]
     return Table(("y", "z", "angle (deg)", "row 5", "row 4", "form b or c", "form b' or c"), tuple(rows))
@@ -216,41 +216,41 @@ def _plane(dz: tuple[float, ...], y: tuple[float, ...], setting: Setting) -> Pla
 
 
 def error_surfaces() -> Figure:
-    """Fig. 10."""
-    found = surfaces(tuple(sorted({*DEPTHS, *STEP} - {-1.0})), OFFSETS)
+    """Figure 10."""
+    grid = surfaces(tuple(sorted({*DEPTHS, *STEP} - {-1.0})), OFFSETS)
     figure = sheet(4.5, COLUMN)
     figure.set_layout_engine("none")
     for number, row in enumerate(SURFACE_ROWS):
         left, low = 0.5 * (number % 2), 0.5 * (1 - number // 2)
         axes = figure.add_axes((left + 0.02, low + 0.025, 0.47, 0.405), projection="3d")
-        top = _surface(axes, found, row)
+        top = _surface(axes, grid, row)
         figure.text(left + 0.02, low + 0.48, f"({'abcd'[number]}) row {row[3:]}, {TITLES[row]}", va="center")
         figure.text(left + 0.02, low + 0.447, f"largest: {top}", va="center", fontsize=7)
     return figure
 
 
-def _surface(axes: Axes3D, found: Surfaces, row: str) -> str:
+def _surface(axes: Axes3D, grid: Surfaces, row: str) -> str:
     """Draws one surface over its isolines; returns its largest value as text."""
-    top = float(found.errors[row].max())
+    top = float(grid.errors[row].max())
     power = int(np.floor(np.log10(top)))
-    height = found.errors[row] / 10.0**power
-    y, dz = np.meshgrid(found.y, found.dz)
+    height = grid.errors[row] / 10.0**power
+    y, dz = np.meshgrid(grid.y, grid.dz)
     floor = -FLOOR * height.max()
     look: dict[str, Any] = {"cmap": "YlGnBu", "edgecolor": BLACK, "linewidth": 0.15, "shade": False}
     axes.plot_surface(dz, y, height, rstride=1, cstride=1, vmin=-0.1 * height.max(), vmax=1.1 * height.max(), **look)
     isolines = np.linspace(0, 1, SURFACE_ISOLINES + 2)[1:-1] * height.max()
     axes.contour(dz, y, height, isolines, zdir="z", offset=floor, colors=BLACK, linewidths=0.5)
-    axes.plot([0, 0], [found.y[0], found.y[-1]], floor, color=BLACK, lw=0.8, dashes=(4, 2))
+    axes.plot([0, 0], [grid.y[0], grid.y[-1]], floor, color=BLACK, lw=0.8, dashes=(4, 2))
     axes.set_zlim(floor, height.max())
-    axes.set_xlim(found.dz[0], found.dz[-1])
-    axes.set_ylim(found.y[0], found.y[-1])
+    axes.set_xlim(grid.dz[0], grid.dz[-1])
+    axes.set_ylim(grid.y[0], grid.y[-1])
     _frame(axes, height.max())
     axes.text2D(0.0, 0.9, f"$\\times 10^{{{power}}}$", transform=axes.transAxes, fontsize=6.5)
     return f"${top * 10.0**-power:.3f} \\times 10^{{{power}}}$"
 
 
 def _frame(axes: Axes3D, top: float) -> None:
-    """Ticks, labels and viewing direction."""
+    """Sets ticks, labels and viewing direction."""
     axes.set_xticks([0, 200, 400])
     axes.set_yticks([0, 128, 256])
     axes.set_zticks(_ticks(top))
@@ -273,12 +273,12 @@ def _ticks(top: float) -> list[float]:
 
 def surface_table() -> Table:
     """The surfaces of Fig. 10 at its grid of voxels."""
-    found = surfaces()
+    grid = surfaces()
     rows = []
-    for i, dz in enumerate(found.dz):
-        for j, y in enumerate(found.y):
-            errors = [float(found.errors[row][i, j]) for row in SURFACE_ROWS]
-            rows.append((float(dz), float(y), *errors, float(found.top[i, j])))
+    for i, dz in enumerate(grid.dz):
+        for j, y in enumerate(grid.y):
+            errors = [float(grid.errors[row][i, j]) for row in SURFACE_ROWS]
+            rows.append((float(dz), float(y), *errors, float(grid.top[i, j])))
     return Table(("z_v - z_k", "y", *SURFACE_ROWS, "largest row1"), tuple(rows))
 
 
@@ -301,26 +301,26 @@ INSIDE = 0.999
 
 @dataclass(frozen=True)
 class Peak:
-    """value [N]: the largest of each of N functions; place [N, D]: where, in [−1, 1]^D."""
+    """Maxima of N functions. value [N]; place [N, D] in [−1, 1]^D."""
 
     value: np.ndarray
     place: np.ndarray
 
 
 def maximum(function: Callable[[np.ndarray], np.ndarray], count: int, axes: int, points: int) -> Peak:
-    """The largest values of `count` functions at once over [−1, 1]^axes.
+    """Largest values of `count` functions over [−1, 1]^axes.
 
     function: places [N, K, D] → values [N, K]. points: of the first sweep, along each axis.
     """
     middle, reach = np.zeros((count, 1, axes)), 1.0
     value = np.full(count, -np.inf)
-    for look in range(ROUNDS + 1):
-        steps = np.linspace(-1.0, 1.0, points if look == 0 else CLOSER)
+    for step in range(ROUNDS + 1):
+        steps = np.linspace(-1.0, 1.0, points if step == 0 else CLOSER)
         mesh = np.stack(np.meshgrid(*[steps] * axes, indexing="ij"), axis=-1).reshape(1, -1, axes)
         place = np.clip(middle + reach * mesh, -1.0, 1.0)
-        found = function(place)
-        best = found.argmax(axis=1)
-        value = np.maximum(value, found[np.arange(count), best])
+        values = function(place)
+        best = values.argmax(axis=1)
+        value = np.maximum(value, values[np.arange(count), best])
         middle = place[np.arange(count), best][:, None]
         reach *= steps[1] - steps[0]
     return Peak(value, middle[:, 0])
@@ -369,11 +369,11 @@ class Plane:
         return np.asarray(difference(form, self.splat(rims)).max(axis=1))
 
     def _peak(self, value: Callable[[Splat], np.ndarray]) -> Peak:
-        """The largest value within row 1's footprint but for its rim; place in that of the sweep."""
+        """Largest value within row 1's footprint except its rim; place in the sweep."""
         low, high = (INSIDE * self._rims(row1)).T[:, :, None]
         middle, half = (low + high) / 2, (high - low) / 2
-        found = maximum(lambda at: value(self.splat(middle + half * at[..., 0])), len(self.y), 1, PLANE_RAYS)
-        return Peak(found.value, middle + half * found.place)
+        peak = maximum(lambda at: value(self.splat(middle + half * at[..., 0])), len(self.y), 1, PLANE_RAYS)
+        return Peak(peak.value, middle + half * peak.place)
 
     def _rims(self, form: Form) -> np.ndarray:
         """Places [N, 2] just outside of a footprint, on either side."""
@@ -391,10 +391,10 @@ class Plane:
 
 @dataclass(frozen=True)
 class Space:
-    """Voxels [N, 3], further from the eye than twice the kernel's radius, and all rays of their footprints.
+    """Voxels [N, 3], farther from the eye than twice the kernel's radius, and all rays of their footprints.
 
-    A place is (along the voxel's radial direction, across it) on the plane through the voxel perpendicular to
-    its own ray; length 1 is the footprint's rim with a margin.
+    A place is (radial, across) on the plane through the voxel perpendicular to its ray; length 1 is the footprint's rim
+    with a margin.
     """
 
     kernel: Kernel

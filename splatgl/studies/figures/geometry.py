@@ -35,7 +35,7 @@ class Sight:
 
     @property
     def distances(self) -> dict[str, float]:
-        """Distances from the voxel at which F is evaluated: the ray's true distance, row 4's and row 5's."""
+        """Distances at which rows 1, 4 and 5 evaluate F; row 1's is the true distance of the ray."""
         splat = self.splat
         return {
             "row1": float(splat.distance),
@@ -60,7 +60,7 @@ def example_sight() -> Sight:
 
 
 def orientations() -> Figure:
-    """Fig. 8."""
+    """Figure 8."""
     sight = example_sight()
     figure = sheet(3.7)
     grid = figure.add_gridspec(2, 1, height_ratios=(1.9, 1))
@@ -177,7 +177,7 @@ def sampling_table() -> Table:
 
 
 def eye_space() -> Figure:
-    """Fig. 1."""
+    """Figure 1."""
     scene = example_resampling()
     figure = sheet(2.75)
     axes = figure.add_subplot()
@@ -205,7 +205,7 @@ def eye_space() -> Figure:
 
 
 def perspective_space() -> Figure:
-    """Fig. 2."""
+    """Figure 2."""
     scene = example_resampling()
     figure = sheet(2.4)
     axes = figure.add_subplot()
@@ -245,7 +245,7 @@ def _mark(axes: Axes, scene: Resampling, samples: np.ndarray, top: float) -> Non
 
 
 def similar_triangles() -> Figure:
-    """Fig. 3."""
+    """Figure 3."""
     camera = straight_ahead(3)
     z_k, pitch = float(camera.z_k(1.0)), float(camera.pixel_pitch(1.0))
     figure = sheet(1.75)
@@ -302,7 +302,7 @@ ISOLINES = (0.001, 0.02, 0.15, 0.5, 0.9)
 
 
 def growing_footprints() -> Figure:
-    """Fig. 4."""
+    """Figure 4."""
     figure = sheet(3.9)
     grid = figure.add_gridspec(3, len(DEPTHS), height_ratios=(1.25, 1, 1))
     _stretch_side_view(figure.add_subplot(grid[0, :]))
@@ -392,7 +392,7 @@ def far_voxel() -> Stretched:
 
 
 def trapezoid_and_box() -> Figure:
-    """Fig. 7."""
+    """Figure 7."""
     voxel = far_voxel()
     figure = sheet(2.9)
     axes = figure.add_subplot()

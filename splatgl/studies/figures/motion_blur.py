@@ -1,4 +1,4 @@
-"""Fig. 11: a moving splat's footprint, cut in half with a rectangle between the halves; and the exact result."""
+"""Figure 11: a moving splat's footprint, cut in half with a rectangle between the halves, and the exact result."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NAMES = {"exact": "exact: mean along the path", "energy": "energy kept", "paper"
 
 
 def construction() -> Figure:
-    """Fig. 11."""
+    """Figure 11."""
     figure = sheet(3.7)
     grid = figure.add_gridspec(2, 3, height_ratios=(1, 1.35))
     for column, part in enumerate(("footprint", "stretched", "exact")):

@@ -83,7 +83,7 @@ class Stretched:
         return max(self.z / self.z_k, 1.0)
 
     def width(self, depth: np.ndarray, box: bool = False) -> np.ndarray:
-        """Relative width at a depth: z/z_k, as the rays diverge; m in a box [M98 Fig. 7]."""
+        """Relative width at a depth: z/z_k in diverging rays, m in a box [M98 Fig. 7]."""
         fixed = box or self.z < self.z_k
         return np.full(np.shape(depth), self.m) if fixed else np.asarray(depth) / self.z_k
 

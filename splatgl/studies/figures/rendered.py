@@ -1,4 +1,4 @@
-"""Figures 5, 6 and 12 to 14: rendered pictures."""
+"""Figures 5, 6 and 12 to 14: rendered images."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ SHUTTER, TIMES = 180.0, 16
 Rows = list[tuple[str, str, str]]
 
 
-def numbers(shown: Shown) -> Table:
-    """The figure's metrics."""
+def metrics(shown: RenderedFigure) -> Table:
+    """Metrics of the figure."""
     rows = [("beyond z_k", f"{100 * share_beyond(shown.splats, shown.camera):.1f} % of {len(shown.splats)} splats", "")]
     if shown.figure.number != 14:
         rows += _still(shown)
@@ -72,7 +72,7 @@ def numbers(shown: Shown) -> Table:
     return Table(("what", "value", "against standard"), tuple(rows))
 
 
-def _still(shown: Shown) -> Rows:
+def _still(shown: RenderedFigure) -> Rows:
     """Aliasing beyond z_k, error against the supersampled image, and pixels that are unchanged."""
     draw, splats, camera = shown.draw, shown.splats, shown.camera
     reach = Reach.of(draw, splats, camera)
@@ -103,15 +103,15 @@ def _still(shown: Shown) -> Rows:
     return rows
 
 
-def _moving(shown: Shown) -> Rows:
+def _moving(shown: RenderedFigure) -> Rows:
     """Figs. 12 to 14: energy and errors of motion blur, flicker over the rotation, popping."""
     rows = _blurred(shown) if shown.blur is not None else []
     for spin in dict.fromkeys((*PACES, shown.figure.spin)):
-        found = [flicker(s) for s in shown.strips(spin, shown.figure.frames if shown.figure.number == 14 else FRAMES)]
-        for v, value in enumerate(found):
-            rows.append(
-                (f"variance of frame differences at {spin:g}°: ({'abcd'[v]})", f"{value:.3e}", _ratio(found[0], value))
-            )
+        frames = shown.figure.frames if shown.figure.number == 14 else FRAMES
+        variances = [flicker(strip) for strip in shown.strips(spin, frames)]
+        for v, value in enumerate(variances):
+            what = f"variance of frame differences at {spin:g}°: ({'abcd'[v]})"
+            rows.append((what, f"{value:.3e}", _ratio(variances[0], value)))
     track = shown.turned(1.0)
     for pop in popping(shown.draw, shown.splats, track.camera, shown.settings(1)):
         what = f"popping: largest change in 0.01° at {pop.angle:.2f}°, where the order changes"
@@ -119,8 +119,8 @@ def _moving(shown: Shown) -> Rows:
     return rows
 
 
-def _blurred(shown: Shown) -> Rows:
-    """Against the mean of many moments: energy of X-rays, and errors of the four variants, at 4×4 samples a pixel."""
+def _blurred(shown: RenderedFigure) -> Rows:
+    """Energy of X-rays and errors of the four variants at 4×4 samples a pixel, against the mean of many moments."""
     splats, camera, turn = shown.splats, shown.track.camera(1), shown.track.turn
     paths = streaks(splats, camera, turn, SHUTTER)
     longest = float(paths.pixels(splats.grid.mean_spacing).max(initial=0.0))
@@ -134,16 +134,16 @@ def _blurred(shown: Shown) -> Rows:
     rows.append((f"energy of blurred splats, X-ray, by that of {TIMES} moments", f"{energy / right:.6f}", ""))
     truth = many(splats, camera, shown.settings(1).but(antialias="supersample"))
     everywhere = np.ones(camera.size[::-1], dtype=bool)
-    found = [
+    errors = [
         mean_square(shown.drawer(v, shown.track)(splats, camera, shown.settings(v)), truth, everywhere)
         for v in shown.variants
     ]
     what = f"mean squared error against 4×4 samples, {TIMES} moments"
-    return rows + [(f"{what}: ({'abcd'[v]})", f"{e:.3e}", _ratio(found[0], e)) for v, e in enumerate(found)]
+    return rows + [(f"{what}: ({'abcd'[v]})", f"{e:.3e}", _ratio(errors[0], e)) for v, e in enumerate(errors)]
 
 
-def _ratio(standard: float, found: float) -> str:
-    return f"÷ {standard / found:.2f}" if found > 0 else ""
+def _ratio(standard: float, value: float) -> str:
+    return f"÷ {standard / value:.2f}" if value > 0 else ""
 
 
 MAX_FRAMES = 10_000
@@ -164,8 +164,8 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--moments", type=int, metavar="N", help="12, 13, 14: blur by N pictures instead; 0: none")
 
 
-def refuse(args: argparse.Namespace) -> None:
-    """InputError for an option that the other figures do not have."""
+def check_no_options(args: argparse.Namespace) -> None:
+    """Raises InputError for an option of rendered figures."""
     given = [name for name in ONLY if getattr(args, name) is not None]
     if given:
         names = ", ".join(map(str, PICTURES))
@@ -174,7 +174,7 @@ def refuse(args: argparse.Namespace) -> None:
 
 def run_picture(args: argparse.Namespace) -> int:
     """Draws, writes or prints one rendered figure; returns 0."""
-    figure = _asked(PICTURES[int(args.number)], args)
+    figure = _with_options(PICTURES[int(args.number)], args)
     output = Path(args.output or f"figure{figure.number}.png")
     drawn = bool(args.output) or not (args.csv or args.text)
     scene = _scene(figure, args)
@@ -183,13 +183,13 @@ def run_picture(args: argparse.Namespace) -> int:
         check_output(path, (suffix,))
         check_source(path, args.source, *scene.files)
     with DrawOptions().renderer() as renderer:
-        shown = Shown(figure, scene, renderer.render, _blur(renderer, args))
+        shown = RenderedFigure(figure, scene, renderer.render, _blur(renderer, args))
         if drawn:
             about = figure.caption if args.source is None else f"{figure.caption} Here: {shown.volume.name}."
             write_file(output, encoded(picture(shown), about, f"splatgl {__version__}"))
             print(f"{output}:", fill(f"Figure {figure.number}. {about}", PAGE), sep="\n")
         if args.csv or args.text:
-            table = numbers(shown)
+            table = metrics(shown)
             if args.csv:
                 write_file(Path(args.csv), table.csv().encode())
                 print(f"{args.csv}: the numbers of figure {figure.number}")
@@ -199,28 +199,28 @@ def run_picture(args: argparse.Namespace) -> int:
 
 
 def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
-    """Motion blur: streaks if requested, and by default for sums, for which they are exact; else the mean of as many
-    images as requested or as the path lengths need; none for 0.
+    """Motion blur: streaks if requested, and by default for sums, where they are exact; else the mean of the
+    requested number of images, or of as many as the path lengths need. None for 0 images.
     """
     if args.moments is not None:
         return by_moments(args.moments) if args.moments else None
 
     def blurred(draw: Draw, track: Turning) -> Draw:
-        def one(splats: Splats, camera: Camera, settings: Settings) -> Image:
-            asked = settings.but(motion=args.motion or "auto")
-            if blur(splats, asked) == "moments":
+        def draw_blurred(splats: Splats, camera: Camera, settings: Settings) -> Image:
+            settings = settings.but(motion=args.motion or "auto")
+            if blur(splats, settings) == "moments":
                 # a strip's view is narrow: use the count for the whole image
                 whole = replace(camera, size=(camera.size[1], camera.size[1]))
-                asked = asked.but(moments=count_moments(splats, whole, track.turn, SHUTTER))
-            return renderer.render(splats, camera, asked, track.turn)
+                settings = settings.but(moments=count_moments(splats, whole, track.turn, SHUTTER))
+            return renderer.render(splats, camera, settings, track.turn)
 
-        return one
+        return draw_blurred
 
     return blurred
 
 
-def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
-    """The figure with the options applied; InputError for invalid ones."""
+def _with_options(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
+    """The figure with the options applied. Raises InputError for invalid ones."""
     turns = figure.spin != 0
     for name, allowed in (("spin", turns), ("frames", figure.number == 14), ("motion", turns), ("moments", turns)):
         if getattr(args, name) is not None and not allowed:
@@ -237,10 +237,9 @@ def _asked(figure: PictureFigure, args: argparse.Namespace) -> PictureFigure:
 
 
 def _scene(figure: PictureFigure, args: argparse.Namespace) -> SceneFile:
-    """The requested scene or the paper's; a scene.toml overrides everything it can specify."""
+    """The requested scene or the paper's; a scene.toml overrides the figure's view and settings."""
     source = args.source or figure.source
-    wanted = args.size or (figure.size, figure.size)
-    scene = SceneFile(source, view=ViewOptions(size=wanted))
+    scene = SceneFile(source, view=ViewOptions(size=args.size or (figure.size, figure.size)))
     if Path(source).suffix == ".toml":
         scene = SceneFile.from_toml(Path(source))
         scene = replace(scene, view=replace(scene.view, size=args.size)) if args.size else scene
@@ -263,8 +262,8 @@ Motioned = Callable[[Draw, Turning], Draw]
 
 @dataclass(frozen=True)
 class PictureFigure:
-    """A rendered figure. source: its scene; size: of its images; times: enlargement of pixels; spin: degrees per frame;
-    zoom: of its scene's own view; detail: enlargement of an additional detail.
+    """A rendered figure. source: its scene; size: of its images; times: enlargement of pixels; spin: degrees per
+    frame; zoom: of its default scene; detail: enlargement of an additional detail.
     """
 
     number: int
@@ -328,7 +327,7 @@ PICTURES = {figure.number: figure for figure in _ALL}
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class RenderedFigure:
     """A figure of a scene. blur: wraps a `Draw` with motion blur, for a rotating scene."""
 
     figure: PictureFigure
@@ -338,7 +337,7 @@ class Shown:
 
     @cached_property
     def volume(self) -> Volume:
-        """The scene's volume, read once."""
+        """Volume of the scene, read once."""
         return self.scene.open()
 
     @cached_property
@@ -353,9 +352,9 @@ class Shown:
         return self.turned(self.figure.spin)
 
     def turned(self, spin: float) -> Turning:
-        """The scene rotating by `spin` degrees per frame; a flat scene without its own view gets a low one."""
+        """The scene rotating by `spin` degrees per frame; a flat scene without a view gets a low one."""
         view = self.scene.view
-        if view == ViewOptions(size=view.size) and _flat(self.volume):
+        if view == ViewOptions(size=view.size) and _is_flat(self.volume):
             view = _low_view(self.volume, view.size)
         elif self.scene.volume == self.figure.source and self.figure.zoom != 1 and view.zoom is None:
             view = replace(view, zoom=self.figure.zoom)
@@ -367,10 +366,10 @@ class Shown:
         return self.track.camera(0)
 
     def settings(self, variant: int, blend: str = "composite") -> Settings:
-        """Settings of one of the four variants of splats, by number; the rest are the scene's own."""
+        """Settings of one of the four variants, by number; the rest are the scene's."""
         ground = self.scene.settings.background or self.figure.background
-        mine = {"classification": "auto", "antialias": ANTIALIAS[variant % 2], "blend": blend, "background": ground}
-        return Settings.like("0.1", **{**self.scene.settings.given, **mine})
+        changes = {"classification": "auto", "antialias": ANTIALIAS[variant % 2], "blend": blend, "background": ground}
+        return Settings.like("0.1", **{**self.scene.settings.given, **changes})
 
     def drawer(self, variant: int, track: Turning) -> Draw:
         """The draw function of a variant; the last two have motion blur."""
@@ -388,19 +387,19 @@ class Shown:
         return [strip(self.drawer(v, track), self.splats, cameras, self.settings(v)) for v in self.variants]
 
 
-def picture(shown: Shown) -> np.ndarray:
+def picture(shown: RenderedFigure) -> np.ndarray:
     """The figure, uint8 [H, W, 3]."""
     figure = shown.figure
     if figure.number == 14:
         strips = shown.strips(figure.spin, figure.frames)
-        rows = _matter(strips, shown.settings(0).background or BLACK)
+        rows = _content_rows(strips, shown.settings(0).background or BLACK)
         panels = [Panel.of(s[rows], VARIANTS[v], figure.times) for v, s in enumerate(strips)]
         return sheet([panels[:2], panels[2:]] if len(panels) > 2 else [panels])
     still = Reach.of(shown.draw, shown.splats, shown.camera) if not figure.spin else None
     line = still.line(figure.times) if still else None
     camera = shown.track.camera(1 if figure.spin else 0)
     pictures = [shown.drawer(v, shown.track)(shown.splats, camera, shown.settings(v)).pixels for v in shown.variants]
-    rows = _matter(pictures, shown.settings(0).background or BLACK)
+    rows = _content_rows(pictures, shown.settings(0).background or BLACK)
     dots = slice(rows.start * figure.times, rows.stop * figure.times)
     panels = [
         Panel.of(p[rows], VARIANTS[v], figure.times, None if line is None else line[dots])
@@ -413,7 +412,7 @@ def picture(shown: Shown) -> np.ndarray:
     return sheet(lines)
 
 
-def _matter(pictures: list[np.ndarray], ground: tuple[float, float, float]) -> slice:
+def _content_rows(pictures: list[np.ndarray], ground: tuple[float, float, float]) -> slice:
     """Rows with content other than background, with a few rows of margin."""
     height = len(pictures[0])
     used = np.flatnonzero(sum((np.abs(p[..., :3] - ground) > 0.02).any(axis=(1, 2)) for p in pictures))
@@ -438,11 +437,11 @@ def by_moments(count: int, shutter: float = 180.0) -> Motioned:
     return lambda draw, track: Moments(draw, track.turn, shutter, count)
 
 
-def _flat(volume: Volume) -> bool:
+def _is_flat(volume: Volume) -> bool:
     """Whether a volume is a coloured terrain without view hints."""
     extent = np.ptp(volume.corners, axis=0)
-    silent = volume.color is not None and volume.hints.eye is None
-    return silent and bool(extent[2] < FLAT * min(extent[0], extent[1]))
+    has_no_view = volume.color is not None and volume.hints.eye is None
+    return has_no_view and bool(extent[2] < FLAT * min(extent[0], extent[1]))
 
 
 def _low_view(volume: Volume, size: tuple[int, int]) -> ViewOptions:

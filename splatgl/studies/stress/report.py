@@ -20,6 +20,7 @@ from splatgl.studies.stress.case import (
     alpha,
     block,
     dots,
+    lattice,
     middle,
     optical_depth,
     parallel,
@@ -36,7 +37,7 @@ COUNTS = (10**3, 10**4, 10**5, 10**6)
 
 
 def skin_over_fog(bench: Bench) -> str:
-    """Explains fog before an opaque skin: errors by voxel size and frame buffer."""
+    """Page on fog before an opaque skin: errors by voxel size and frame buffer."""
     steps = Table(
         ("voxel", "right", "splats' error", "field's error", "σ R h"),
         tuple(_skin_row(bench, step) for step in (1.0, 0.5, 0.25, 0.125)),
@@ -65,14 +66,14 @@ def skin_over_fog(bench: Bench) -> str:
 def _skin_row(bench: Bench, step: float) -> tuple[float, ...]:
     splats, (_, back) = attenuation.skin_and_fog(step), attenuation.skin_cameras(0.5 * step)
     right = attenuation.from_behind()
-    found = middle(bench.draw(splats, back))
+    drawn = middle(bench.draw(splats, back))
     field = middle(ray_integral(splats, back).pixels)
     smear = attenuation.FOG * 1.556228 * step
-    return step, float(right[0]), float(np.abs(found - right).max()), float(np.abs(field - right).max()), smear
+    return step, float(right[0]), float(np.abs(drawn - right).max()), float(np.abs(field - right).max()), smear
 
 
 def thin_shell(bench: Bench) -> str:
-    """Explains a shell thinner than a voxel: its optical depth by sampling and frame buffer."""
+    """Page on a shell thinner than a voxel: its optical depth by sampling and frame buffer."""
     rows = []
     for thickness in THICKNESSES:
         averaged, sampled = (
@@ -84,18 +85,18 @@ def thin_shell(bench: Bench) -> str:
     camera, width = attenuation.shell_view(0.5, 0.0)
     precision = []
     for depth in (1e-1, 1e-2, 1e-3, 1e-5, 1e-7):
-        splats = dots(_sheet(width), depth)
-        found = [optical_depth(bench.draw(splats, camera, target=target)[0, 0, 3]) / depth for target in TARGETS]
-        precision.append((depth, *(float(ratio) for ratio in found)))
+        splats = dots(lattice(*(np.arange(n) - n // 2 for n in width), [0.0]), depth)
+        ratios = [optical_depth(bench.draw(splats, camera, target=target)[0, 0, 3]) / depth for target in TARGETS]
+        precision.append((depth, *map(float, ratios)))
     return _page(
         f"A shell of optical depth {attenuation.SHELL:g} that is thinner than a voxel is a scale jump between samples: "
-        "its voxels' centres meet it or miss it. What a ray sees of it, over what it should see, for a shell at "
+        "its voxels' centres meet it or miss it. Measured over exact optical depth of a ray, for a shell at "
         f"{PLACES} places in its voxel:",
         ("Thickness in voxels: the same shell, sampled ever more coarsely", resolution),
         "Samples that are averages over their voxels (of extinction, not of opacity) keep the shell's optical depth at "
         "any resolution; samples at centres are off by up to a voxel over the thickness, either way, and may lose the "
         "shell altogether from one voxel down. No renderer can mend that: average before, or sample more finely.",
-        ("A sheet of small optical depth: found over right, by frame buffer", Table(("τ", *TARGETS), tuple(precision))),
+        ("A sheet of small optical depth: drawn over exact, by frame buffer", Table(("τ", *TARGETS), tuple(precision))),
     )
 
 
@@ -105,24 +106,19 @@ def _shell_depth(bench: Bench, place: float, thickness: float, averaged: bool) -
     return float(optical_depth(bench.draw(splats, camera)[0, 0, 3]) / attenuation.SHELL)
 
 
-def _sheet(width: tuple[int, int]) -> np.ndarray:
-    x, y = (np.arange(n) - n // 2 for n in width)
-    return np.stack(np.meshgrid(x, y, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
-
-
 def sheet_across_z_k(bench: Bench) -> str:
-    """Explains a floor that crosses z_k: its optical depth by attenuation form and number of rows."""
+    """Page on a floor that crosses z_k: its optical depth by attenuation form and number of rows."""
     splats, camera, right = attenuation.tilted_sheet(129)
     chosen, depth = attenuation.sheet_rows(camera)
-    ways: dict[str, dict[str, str]] = {form: {"attenuation": form} for form in attenuation.FORMS}
-    ways["no antialiasing"] = {"antialias": "off"}
-    found = {
-        name: (optical_depth(alpha(bench.draw(splats, camera, **way)))[:, 0] / right)[chosen]
-        for name, way in ways.items()
+    changes: dict[str, dict[str, str]] = {form: {"attenuation": form} for form in attenuation.FORMS}
+    changes["no antialiasing"] = {"antialias": "off"}
+    ratios = {
+        name: (optical_depth(alpha(bench.draw(splats, camera, **change)))[:, 0] / right)[chosen]
+        for name, change in changes.items()
     }
-    found["paper"] = (optical_depth(alpha(bench.paper(splats, camera)))[:, 0] / right)[chosen]
+    ratios["paper"] = (optical_depth(alpha(bench.paper(splats, camera)))[:, 0] / right)[chosen]
     picks = [int(np.abs(depth - z).argmin()) for z in (0.6, 0.8, 0.95, 1.0, 1.05, 1.1, 1.2, 1.5, 1.9)]
-    along = Table(("z/z_k", *found), tuple((float(depth[i]), *(float(v[i]) for v in found.values())) for i in picks))
+    along = Table(("z/z_k", *ratios), tuple((float(depth[i]), *(float(v[i]) for v in ratios.values())) for i in picks))
     steps = []
     for rows in (33, 65, 129, 257, 513):
         splats, camera, right = attenuation.tilted_sheet(rows)
@@ -145,31 +141,31 @@ def sheet_across_z_k(bench: Bench) -> str:
 
 
 def million_faint(bench: Bench) -> str:
-    """Explains very many faint splats on one pixel: the error of α by their number and frame buffer."""
+    """Page on very many faint splats on one pixel: the error of α by their number and frame buffer."""
     rows = []
     camera = parallel(1.0, (1, 1))
     for count in COUNTS:
         opacity = 0.1 / count
         splats = dots(np.zeros((count, 3)), -np.log1p(-opacity) / peak())
         right = -np.expm1(count * np.log1p(-opacity))
-        ways = [{"target": target} for target in TARGETS] + [{"order": "front-to-back"}, {"blend": "xray"}]
-        found = [float(bench.draw(splats, camera, **way)[0, 0, 3]) for way in ways]
-        found[-1] = float(-np.expm1(-found[-1]))
-        rows.append((f"{count:.0e}", *(value / right - 1 for value in found)))
+        changes = [{"target": target} for target in TARGETS] + [{"order": "front-to-back"}, {"blend": "xray"}]
+        alphas = [float(bench.draw(splats, camera, **change)[0, 0, 3]) for change in changes]
+        alphas[-1] = float(-np.expm1(-alphas[-1]))
+        rows.append((f"{count:.0e}", *(value / right - 1 for value in alphas)))
     table = Table(("splats", *TARGETS, "front first", "X-ray sum"), tuple(rows))
     return _page(
         "Very many splats, each of very small opacity, on one pixel: Σ opacity is 0.1, and 1 − exp(−0.1) is right. "
-        "Every 'over' rounds the pixel to its own last place, 7e−9 at 0.1 in float32; a splat of 1e−7 loses up to 4 % "
-        "of itself, always to the same side. Relative error of α:",
+        "Every 'over' rounds the pixel to its own last place, 7e−9 at 0.1 in float32; a splat of 1e−7 loses up to 4 %, "
+        "always in the same direction. Relative error of α:",
         ("By number of splats and frame buffer", table),
-        "In 8 bits nothing below 1/510 counts, in half floats nothing below 3e−5. In float32 it takes some hundred "
-        "thousand splats of one kind on one pixel before an error of 1e−3 is reached; at the usual few hundred it is "
-        "1e−6. Drawn front to back the loss sets in later. What is right is to sum optical depth in blocks.",
+        "In 8 bits nothing below 1/510 counts, in half floats nothing below 3e−5. In float32 an error of 1e−3 takes "
+        "some hundred thousand equal splats on one pixel; with the usual few hundred it is 1e−6. Drawn front to back "
+        "the loss starts later. The remedy is to sum optical depth in blocks.",
     )
 
 
 def thick_edge(bench: Bench) -> str:
-    """Explains the edge of a dense block: how far each form and supersampling widen it."""
+    """Page on the edge of a dense block: widening by each form and by supersampling."""
     columns = (*attenuation.FORMS, "a F/m²", "supersampled")
     alphas, halves = [], []
     for m in attenuation.EDGE_ZOOMS:
@@ -186,20 +182,20 @@ def thick_edge(bench: Bench) -> str:
         ("α of the pixel one pixel outside of the edge (0 is right)", Table(("m", *columns), tuple(alphas))),
         ("Where α falls below a half, pixels beyond the edge (0 is right)", Table(("m", *columns), tuple(halves))),
         "More resolution (m towards 1) narrows it to half a voxel's kernel; more precision changes nothing. 'a F/m²' "
-        "is the printed form, opacity itself times the footprint: it widens dense edges less, since it caps a layer at "
-        "0.99, and pays with walls that are transparent (--explain wall-0.99).",
+        "is the printed form, opacity times the footprint: it widens dense edges less, as it limits a layer to 0.99, "
+        "but makes walls transparent (--explain wall-0.99).",
     )
 
 
 def wall(bench: Bench) -> str:
-    """Explains a closed wall of opacity 0.99: α by form and voxels a pixel."""
+    """Page on a closed wall of opacity 0.99: α by form and voxels a pixel."""
     rows = []
     for m in attenuation.WALL_ZOOMS:
-        own = attenuation.Wall(m, False, 0.0)
-        splats, camera = block(own.size, 0.99), own.camera()
+        view = attenuation.Wall(m, False, 0.0)
+        splats, camera = block(view.size, 0.99), view.camera()
         pictures = [bench.draw(splats, camera, attenuation=form) for form in attenuation.FORMS]
         pictures.append(bench.paper(splats, camera))
-        rows.append((m, *(float(middle(p)[3]) for p in pictures), attenuation.printed_form(own, 0.99)))
+        rows.append((m, *(float(middle(p)[3]) for p in pictures), attenuation.printed_form(view, 0.99)))
     return _page(
         "A closed wall one voxel thick of opacity 0.99, straight on, m voxels a pixel: α of the middle pixel (0.99 is "
         "right). 'a F/m²' is the printed form in float64: a splat weakened by (z_k/z_v)² covers that share of its "
@@ -208,7 +204,7 @@ def wall(bench: Bench) -> str:
         "which is broader. Optical depths add up whatever lies where, so that a closed wall is right and a lone splat "
         "is too dense. 'paper' is the 8-bit picture.",
         ("α", Table(("m", *attenuation.FORMS, "paper", "a F/m²"), tuple(rows))),
-        "Neither resolution nor precision mends this: it is the model. Supersampling does.",
+        "Neither resolution nor precision changes this error of the model; supersampling does.",
     )
 
 
@@ -239,18 +235,18 @@ FIELDS = ("case", *(field.name for field in fields(Check)), "kept")
 
 
 def heading() -> str:
-    """The names of the columns."""
+    """Names of the columns."""
     return _line(HEAD)
 
 
 def line(result: Result) -> str:
-    """One line per case, with the check nearest to its bound, or farthest over it."""
+    """Line of a case, with the check nearest to its bound, or farthest over it."""
     return _check_line(result.case.name, result.worst, result.ok)
 
 
 def lines(result: Result) -> str:
-    """All checks of a case, a line each."""
-    return "\n".join(_check_line(result.case.name, each, each.ok) for each in result.checks)
+    """All checks of a case, one per line."""
+    return "\n".join(_check_line(result.case.name, check, check.ok) for check in result.checks)
 
 
 def verdict(results: Sequence[Result]) -> str:
@@ -263,7 +259,7 @@ def verdict(results: Sequence[Result]) -> str:
         f"{bad} values in them not finite; {seconds:.0f} s"
     ]
     for result in broken:
-        checks = "; ".join(each.what for each in result.checks if not each.ok)
+        checks = "; ".join(check.what for check in result.checks if not check.ok)
         bad = f"{result.bad_pixels} values not finite" if result.bad_pixels else ""
         parts.append(f"broken: {result.case.name}: {'; '.join(filter(None, (checks, bad)))}")
     return "\n".join(fill(part, LINE_WIDTH) for part in parts)
@@ -276,12 +272,12 @@ def about(case: Case) -> str:
 
 
 def as_csv(results: Iterable[Result]) -> str:
-    """A header, and a line per check."""
+    """CSV with a row per check."""
     return tables.as_csv(FIELDS, (_row(result, check) for result in results for check in result.checks))
 
 
 def as_json(results: Sequence[Result], renderer: str) -> str:
-    """Everything, by case."""
+    """JSON of all results by case."""
     cases = [
         {
             "name": result.case.name,
@@ -300,27 +296,27 @@ def as_json(results: Sequence[Result], renderer: str) -> str:
 
 
 def as_markdown(results: Sequence[Result], renderer: str) -> str:
-    """A table of all cases, each with the check nearest to its bound, and a summary line."""
+    """Markdown table of all cases with the check nearest to its bound, and a summary line."""
     lines = []
     for result in results:
         worst = result.worst
         error, bound = (_error(value, worst.relative) for value in (worst.error, worst.bound))
         paper = "" if worst.paper_error is None else _error(worst.paper_error, worst.relative)
-        shown = error if result.ok else f"**{error}**"
-        lines.append((f"`{result.case.name}`", result.case.stresses, shown, bound, paper))
+        marked = error if result.ok else f"**{error}**"
+        lines.append((f"`{result.case.name}`", result.case.stresses, marked, bound, paper))
     table = Table(("case", "what is extreme", "error", "bound", "paper's"), tuple(lines))
     return f"{table.markdown()}\n\n{verdict(results)}. Drawn by {renderer}.\n"
 
 
-def _check_line(name: str, each: Check, ok: bool) -> str:
-    paper = "" if each.paper_error is None else _error(each.paper_error, each.relative)
+def _check_line(name: str, check: Check, ok: bool) -> str:
+    paper = "" if check.paper_error is None else _error(check.paper_error, check.relative)
     cells = (
         name,
-        each.what,
-        _number(each.right),
-        _number(each.found),
-        _error(each.error, each.relative),
-        _error(each.bound, each.relative),
+        check.what,
+        _number(check.right),
+        _number(check.found),
+        _error(check.error, check.relative),
+        _error(check.bound, check.relative),
         paper,
         "ok" if ok else "BROKEN",
     )
@@ -330,8 +326,8 @@ def _check_line(name: str, each: Check, ok: bool) -> str:
 def _line(cells: Sequence[str]) -> str:
     parts = []
     for n, (cell, width) in enumerate(zip(cells, WIDTHS, strict=True)):
-        cut = cell if len(cell) <= width else cell[: width - 1] + "…"
-        parts.append(cut.ljust(width) if n < 2 or n == len(WIDTHS) - 1 else cut.rjust(width))
+        text = cell if len(cell) <= width else cell[: width - 1] + "…"
+        parts.append(text.ljust(width) if n < 2 or n == len(WIDTHS) - 1 else text.rjust(width))
     return " ".join(parts).rstrip()
 
 
