@@ -1,12 +1,11 @@
-"""One command for a machine with a graphics card: are pictures right on it, how fast is it, which technique serves it?
+"""Checks a machine with a graphics card: correctness of images, speed, and the faster technique.
 
     scripts/gpu_check [-o gpu_check.json] [--short] [--software]
 
-Checks the driver (float blending and filtering), runs the tests that need OpenGL, among them comparisons with pictures
-stored from software OpenGL, within the bounds of both; draws scenes by quads and by tiles, compares the two with each
-other, and times them, as the upload of their splats. Prints a table and writes JSON; exit code 1 if anything is wrong.
-It takes at most eight minutes; what was left out is named, and why. --short leaves out the tests and draws small
-pictures.
+Checks the driver (float blending and filtering), runs the tests that need OpenGL, among them comparisons with stored
+images of software OpenGL, within the bounds of both; draws scenes by quads and by tiles, compares and times both, and
+the upload of their splats. Prints a table and writes JSON; exit code 1 if anything is wrong. Takes at most eight
+minutes; lists omitted checks with reasons. --short omits the tests and draws small images.
 """
 
 from __future__ import annotations
@@ -34,29 +33,29 @@ from splatgl.gl.context import current
 from splatgl.gl.selfcheck import run_checks
 from tests.gpu.gpu_check_tests import tests
 
-# seconds: all in all, and of them for the tests
+# seconds in total, and for the tests
 MOST, TESTS = 480.0, 270.0
 ROUNDS = 7
-# how often splats are uploaded; the fastest counts
+# uploads of splats; the fastest counts
 UPLOADS = 3
 TECHNIQUES = ("tiles", "quads")
-# seconds of rounds after which no other is drawn
+# seconds of rounds after which no other round starts
 ENOUGH = MOST / 60
-# pictures of four times the pixels are expected to take at most so many times as long
+# expected ratio of times for four times the pixels
 GROWTH = 3
-# without a bound: the largest error that pictures of values were measured to have
+# largest measured error of images of values, which have no bound
 UNBOUND = 1e-3
 
 
 # pixels and their error bound
-Shown = tuple[np.ndarray, float]
+Pixels = tuple[np.ndarray, float]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A scene drawn by one technique. Seconds: first, which compiles shaders, and uploads and orders splats; upload, of
-    the splats alone; seconds: median of the rounds, pixels read back. apart: from the first technique, of which it is
-    None; allowed: by the bounds of both. auto: the technique that is chosen where none is asked for.
+    """A scene drawn by one technique. first: seconds of the first frame, with compilation, upload and ordering;
+    upload: seconds of uploading splats; seconds: median of the rounds with readback. apart: difference from the
+    first technique, None for that; allowed: by the bounds of both. auto: the technique of the default settings.
     """
 
     scene: str
@@ -98,7 +97,7 @@ apart: largest difference from the picture by {TECHNIQUES[0]}; allowed: by the e
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What was not checked, and why. broken: it failed, where it should not."""
+    """An omitted check and the reason. broken: whether it failed."""
 
     what: str
     why: str
@@ -108,7 +107,7 @@ class LeftOut:
         return f"{self.what}: {'FAILED' if self.broken else 'left out'}: {self.why}"
 
 
-# how scenes are classified and drawn: the paper's splats one by one, in sheets, and values after reconstruction
+# classification and settings: single splats as in the paper, sheets of splats, values after reconstruction
 LOOKS = {
     "splats": ("pre", sg.Settings.like("0.1")),
     "sheets": ("pre", sg.Settings(antialias="off")),
@@ -118,7 +117,7 @@ LOOKS = {
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Splats of a scene, and how they are drawn."""
+    """Splats of a scene, and their settings."""
 
     scene: str
     look: str
@@ -127,7 +126,7 @@ class Subject:
     settings: sg.Settings
 
     def at(self, size: int) -> str:
-        """Its name with the size of a picture."""
+        """Name with the size of an image."""
         return f"{self.scene} {self.look} {size}²"
 
     def camera(self, size: int) -> sg.Camera:
@@ -145,7 +144,7 @@ def scenes(short: bool) -> Iterator[tuple[str, sg.Volume]]:
 
 
 def subjects(short: bool) -> Iterator[Subject]:
-    """The scenes in all looks that they have."""
+    """All scenes in all applicable LOOKS."""
     for name, volume in scenes(short):
         transfer = sg.default_transfer(volume)
         for look, (classification, settings) in LOOKS.items():
@@ -156,7 +155,7 @@ def subjects(short: bool) -> Iterator[Subject]:
 
 
 def frames(renderer: sg.Renderer, short: bool, until: float) -> Iterator[Frame | LeftOut]:
-    """Every subject by every technique, small pictures first; while there is time."""
+    """Draws all subjects by all techniques, small images first, while there is time."""
     took = dict.fromkeys(subjects(short), 0.0)
     for size in (64,) if short else (512, 1024, 2048):
         for subject, before in took.items():
@@ -170,8 +169,8 @@ def frames(renderer: sg.Renderer, short: bool, until: float) -> Iterator[Frame |
 
 
 def compared(renderer: sg.Renderer, subject: Subject, size: int, until: float) -> Iterator[Frame | LeftOut]:
-    """A subject by every technique, even if that ends after `until`: alone, a picture tells little."""
-    right: Shown | None = None
+    """Draws a subject by all techniques, even after `until`: a single image cannot be compared."""
+    right: Pixels | None = None
     for technique in TECHNIQUES:
         what, settings = f"{subject.at(size)} by {technique}", subject.settings.but(technique=technique)
         try:
@@ -181,23 +180,23 @@ def compared(renderer: sg.Renderer, subject: Subject, size: int, until: float) -
             yield LeftOut(what, str(error))
             continue
         try:
-            frame, shown = drawn_by(renderer, subject, settings, size, right, until)
+            frame, pixels = draw_by(renderer, subject, settings, size, right, until)
         except InputError as error:
             yield LeftOut(what, str(error), broken=True)
             continue
-        right = right or shown
+        right = right or pixels
         yield frame
 
 
-def drawn_by(
+def draw_by(
     renderer: sg.Renderer,
     subject: Subject,
     settings: sg.Settings,
     size: int,
-    right: Shown | None,
+    right: Pixels | None,
     until: float,
-) -> tuple[Frame, Shown]:
-    """A subject by the technique of the settings, and its pixels and bound; right: those of the first technique."""
+) -> tuple[Frame, Pixels]:
+    """(frame, pixels and bound) of a subject. right: pixels and bound of the first technique."""
     camera, technique = subject.camera(size), settings.technique
 
     def draw() -> sg.Image:
@@ -207,18 +206,18 @@ def drawn_by(
     times: list[float] = []
     while len(times) < ROUNDS and (not times or (time.monotonic() < until and sum(times) < ENOUGH)):
         times.append(timed(draw)[0])
-    own = image.info["error_bound"]
-    shown = image.pixels, own if isinstance(own, float) else UNBOUND
+    bound = image.info["error_bound"]
+    pixels = image.pixels, bound if isinstance(bound, float) else UNBOUND
     apart = None if right is None else float(np.abs(image.pixels - right[0]).max())
-    allowed = shown[1] + (0.0 if right is None else right[1])
+    allowed = pixels[1] + (0.0 if right is None else right[1])
     label = subject.scene, subject.look, size, technique, len(subject.splats)
-    upload = uploaded(renderer, subject.splats, technique)
+    upload = time_upload(renderer, subject.splats, technique)
     auto = renderer.plan(subject.splats, camera, subject.settings.but(technique="auto")).program.technique
-    return Frame(*label, first, upload, statistics.median(times), apart, allowed, auto), shown
+    return Frame(*label, first, upload, statistics.median(times), apart, allowed, auto), pixels
 
 
-def uploaded(renderer: sg.Renderer, splats: sg.Splats, technique: str) -> float:
-    """Seconds until splats in memory are on the card, as textures for tiles or instances for quads."""
+def time_upload(renderer: sg.Renderer, splats: sg.Splats, technique: str) -> float:
+    """Seconds to upload splats, as textures for tiles or instances for quads."""
     times = []
     with current(renderer.ctx):
         for _ in range(UPLOADS):
@@ -237,15 +236,15 @@ def uploaded(renderer: sg.Renderer, splats: sg.Splats, technique: str) -> float:
 
 
 def timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Seconds that it takes, and what it returns."""
+    """(seconds, result) of a function."""
     start = time.perf_counter()
-    found = work()
-    return time.perf_counter() - start, found
+    result = work()
+    return time.perf_counter() - start, result
 
 
-def slower(found: list[Frame]) -> dict[str, float]:
-    """How many times as long quads take as tiles: geometric mean by look, over what both drew."""
-    times = {(it.scene, it.look, it.size, it.technique): it.seconds for it in found}
+def slowdown(frames: list[Frame]) -> dict[str, float]:
+    """Ratio of times of quads to tiles by look: geometric mean over subjects drawn by both."""
+    times = {(frame.scene, frame.look, frame.size, frame.technique): frame.seconds for frame in frames}
     ratios: dict[str, list[float]] = {}
     for (scene, look, size, technique), seconds in times.items():
         tiles = times.get((scene, look, size, "tiles"))
@@ -255,7 +254,7 @@ def slower(found: list[Frame]) -> dict[str, float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Exit code 0 if all that was checked is right, 1 if not, 2 if there is no card, or nowhere to write."""
+    """Exit code: 0 if all checks pass, 1 if not, 2 without a graphics card or an output file."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("-o", "--output", default="gpu_check.json", metavar="FILE", help="JSON (gpu_check.json)")
     parser.add_argument("--short", action="store_true", help="small pictures, no tests: seconds")
@@ -265,44 +264,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         check_output(Path(args.output), (".json",))
         with sg.Renderer(require_gpu=not args.software) as renderer:
-            told = measured(renderer, args.short, until)
-        write_file(Path(args.output), json.dumps(told, indent=1).encode())
+            report = measure(renderer, args.short, until)
+        write_file(Path(args.output), json.dumps(report, indent=1).encode())
     except InputError as error:
         print(f"gpu_check: {error}", file=sys.stderr)
         return 2
-    print(f"{args.output}: {verdict(told['right'], told['left out'])}")
-    return 0 if told["right"] else 1
+    print(f"{args.output}: {verdict(report['right'], report['left out'])}")
+    return 0 if report["right"] else 1
 
 
 def verdict(right: bool, left: Sequence[str]) -> str:
-    """The last line: what was left out is not right by that."""
+    """Last line of the output, with the omitted checks."""
     if not left:
         return "everything is right" if right else "something is WRONG"
     return f"{'everything that was checked is right' if right else 'something is WRONG'}; left out: {', '.join(left)}"
 
 
-def measured(renderer: sg.Renderer, short: bool, until: float) -> dict[str, Any]:
-    """What the driver computes, the tests, and all frames; printed as they come."""
+def measure(renderer: sg.Renderer, short: bool, until: float) -> dict[str, Any]:
+    """Report of driver checks, tests, and frames; prints results at once."""
     print(f"{renderer.info}\n{platform.platform()}, {os.cpu_count()} cores")
     checks = run_checks(renderer.ctx)
     print("\n".join(check_line(check) for check in checks), flush=True)
-    # before the frames, which take what time they leave
+    # before the frames, which use the remaining time
     tested = {"failed": [], "left out": ["the tests"]} if short else tests(TESTS, not renderer.info.software)
     print(f"{LEGEND}{HEAD}", flush=True)
-    found: list[Frame] = []
+    done: list[Frame] = []
     others: list[LeftOut] = []
     for frame in frames(renderer, short, until):
         print(frame, flush=True)
         if isinstance(frame, Frame):
-            found.append(frame)
+            done.append(frame)
         else:
             others.append(frame)
-    ratios = slower(found)
+    ratios = slowdown(done)
     for look, ratio in ratios.items():
-        chosen = " and ".join(sorted({frame.auto for frame in found if frame.look == look}))
+        chosen = " and ".join(sorted({frame.auto for frame in done if frame.look == look}))
         print(f"{look}: quads take {ratio:.2f} times as long as tiles; auto draws {chosen}")
     failed = [str(other) for other in others if other.broken]
-    right = all(check.passed for check in checks if check.required) and all(frame.right for frame in found)
+    right = all(check.passed for check in checks if check.required) and all(frame.right for frame in done)
     return {
         "renderer": asdict(renderer.info),
         "machine": platform.platform(),
@@ -311,7 +310,7 @@ def measured(renderer: sg.Renderer, short: bool, until: float) -> dict[str, Any]
         "failed": failed,
         "checks": [asdict(check) | {"passed": bool(check.passed)} for check in checks],
         "tests": tested,
-        "frames": [asdict(frame) | {"right": frame.right} for frame in found],
+        "frames": [asdict(frame) | {"right": frame.right} for frame in done],
         "quads over tiles": ratios,
     }
 

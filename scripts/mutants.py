@@ -1,11 +1,10 @@
-"""Breaks one line of the package at a time and runs the test that must notice it; a mutant that passes is a hole.
+"""Mutation tests: breaks one line of the package at a time and runs the test that must fail.
 
     scripts/mutants [--turn | --list | NAME…]
 
-mutants.txt lists them. A copy of the repository in a temporary folder is broken, one line after another, and the test
-that each names runs there. Before, all of these tests run unbroken: one that does not pass then would tell nothing.
---turn takes every twelfth mutant, beginning with another one each day; names select those whose file, or test,
-contains one of them.
+mutants.txt lists the mutants. They are applied to a copy of the repository in a temporary folder, one after another,
+and the test of each runs there. First all tests run without mutants. --turn runs every twelfth mutant, starting with
+another one each day; names select mutants whose file or test contains one of them.
 
 Exit code 1 if a mutant survives or a test does not pass unbroken, 2 if a test could not run at all.
 """
@@ -25,18 +24,18 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 LIST = Path(__file__).with_suffix(".txt")
-# what tests read
+# files that tests read
 COPIED = (".github", "splatgl", "shaders", "tests", "scripts", "pyproject.toml", "README.md", "LICENSE")
-# days until each mutant has had its turn
+# days until --turn has run all mutants
 TURNS = 12
-# longest time for the test of one mutant; one that never ends is noticed, too
+# timeout of a mutant's test, which counts as failing
 SECONDS = 120.0
-# what drivers' messages begin with, by which any test would fail
+# start of driver messages that make any test fail
 UNCOMPILED = "GLSL Compiler failed"
 
 
 class Mutant(NamedTuple):
-    """A text that stands once in a file, what replaces it, and a test that fails then and runs in `scripts/test`."""
+    """A text that occurs once in a file, its replacement, and a test of `scripts/test` that must fail then."""
 
     file: str
     text: str
@@ -44,19 +43,19 @@ class Mutant(NamedTuple):
     test: str
 
     def __str__(self) -> str:
-        text, replacement = (" ".join(each.split()) for each in (self.text, self.replacement))
+        text, replacement = (" ".join(part.split()) for part in (self.text, self.replacement))
         return f"{self.file}: {text!r} -> {replacement!r}"
 
 
 def listed() -> tuple[Mutant, ...]:
-    """The list, whose head says what its lines are."""
-    found = []
+    """Mutants of mutants.txt, whose head describes its format."""
+    mutants = []
     for stanza in LIST.read_text("utf-8").split("\n\n")[1:]:
         head, *lines = stanza.strip("\n").split("\n")
         text, replacement = ("\n".join(line[2:] for line in lines if line[0] == sign) for sign in "-+")
         file, test = head.split(maxsplit=1)
-        found.append(Mutant(file, text, replacement, test))
-    return tuple(found)
+        mutants.append(Mutant(file, text, replacement, test))
+    return tuple(mutants)
 
 
 MUTANTS = listed()
@@ -71,14 +70,14 @@ class Copy:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        for each in COPIED:
-            if (ROOT / each).is_dir():
-                shutil.copytree(ROOT / each, folder / each)
+        for name in COPIED:
+            if (ROOT / name).is_dir():
+                shutil.copytree(ROOT / name, folder / name)
             else:
-                shutil.copy2(ROOT / each, folder)
+                shutil.copy2(ROOT / name, folder)
 
     def run(self, tests: Sequence[str], *options: str) -> tuple[int | None, str]:
-        """Runs tests in the copy: pytest's exit code, None if it did not end, and what it told."""
+        """Runs tests in the copy; returns pytest's exit code, None after a timeout, and its output."""
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, *tests]
         environment = {
             # plugins of other packages take longer to load than a test to run
@@ -97,8 +96,8 @@ class Copy:
         return done.returncode, done.stdout + done.stderr
 
     def passing(self, tests: Sequence[str]) -> tuple[set[str], bool]:
-        """The tests that pass unbroken, and whether others fail, and are not just skipped here. Raises Unusable where
-        one is not found.
+        """The tests that pass unbroken, and whether others fail, and are not just skipped here. Raises Unusable
+        where one is not found.
         """
         code, told = self.run(tests, "-rp")
         if code not in (0, 1, None):

@@ -23,26 +23,26 @@ from splatgl.splat.presets import default_transfer
 from splatgl.splat.settings import Settings
 
 PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
-# pictures that are compared with float64, and what of it a driver may make of them: by each technique that the context
-# has; voxels across the ball that they show, and pixels a side
-SHOWN = {"default": Settings(), "maximum": Settings(blend="mip"), "splats": Settings.like("0.1")}
-OFF, VOXELS, SIDE = 1e-3, 10, 24
-# so little, in degrees, that its streaks are the still picture
+# settings of images that are compared with float64 references by each technique of the context
+COMPARED = {"default": Settings(), "maximum": Settings(blend="mip"), "splats": Settings.like("0.1")}
+# largest error of a correct driver; voxels across the ball, and pixels a side
+MAX_ERROR, VOXELS, SIDE = 1e-3, 10, 24
+# so few degrees that its streaks equal the still image
 TURNING = Motion(spin=np.array([0.0, 0.0, 0.001]))
 
 
 def report(backend: str = "auto", device: int | None = None) -> tuple[str, bool]:
-    """The report as multi-line text, and whether images rendered by `backend` can be trusted.
+    """Report as text, and whether images of `backend` are correct.
 
-    False if no context opens, if float32 blending or filtering is wrong, or if a picture fails or is not that of
-    float64. Raises InputError for an invalid backend or device.
+    They are not if no context opens, if float32 blending or filtering is wrong, or if an image differs from the float64
+    reference. Raises InputError for an invalid backend or device.
     """
     if backend not in ("auto", *BACKENDS):
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
     if device is not None and device < 0:
         raise expected("device", "an EGL device number from 0", device)
-    chosen, ok = _chosen(backend, device)
-    parts = (["versions", *_versions()], ["backends", *_backends()], chosen)
+    lines, ok = _check_backend(backend, device)
+    parts = (["versions", *_versions()], ["backends", *_backends()], lines)
     return "\n\n".join("\n".join(part) for part in parts), ok
 
 
@@ -59,15 +59,15 @@ def _versions() -> list[str]:
 
 def _backends() -> list[str]:
     """Result of each backend, and of each EGL device if there are several."""
-    asked: list[tuple[str, int | None]] = [(name, None) for name in BACKENDS]
+    candidates: list[tuple[str, int | None]] = [(name, None) for name in BACKENDS]
     devices = egl_devices()
     if len(devices) > 1:
-        asked[:1] = [("egl", number) for number in devices]
-    return [_outcome(name, device) for name, device in asked]
+        candidates[:1] = [("egl", number) for number in devices]
+    return [_outcome(name, device) for name, device in candidates]
 
 
 def _outcome(name: str, device: int | None) -> str:
-    """The renderer, or why there is none, in one line."""
+    """Line with the renderer, or the reason why there is none."""
     label = name if device is None else f"{name} {device}"
     try:
         ctx = open_context(name, device, require_gpu=False)
@@ -80,8 +80,8 @@ def _outcome(name: str, device: int | None) -> str:
     return f"  {label:9} {info.renderer}, OpenGL {info.version}" + (", software" if info.software else "")
 
 
-def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
-    """The selected backend: its limits and checks, and whether all required checks pass."""
+def _check_backend(backend: str, device: int | None) -> tuple[list[str], bool]:
+    """Lines with limits and checks of a backend, and whether all required checks pass."""
     try:
         ctx = open_context(backend, device)
     except InputError as error:
@@ -90,7 +90,7 @@ def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
         info, checks = context_info(ctx), run_checks(ctx)
     finally:
         ctx.release()
-    drawn, right = _pictures(backend, device)
+    image_lines, right = _check_images(backend, device)
     ok = right and all(check.passed for check in checks if check.required)
     lines = [
         f"rendering with {info.backend}: {info.renderer}",
@@ -98,32 +98,32 @@ def _chosen(backend: str, device: int | None) -> tuple[list[str], bool]:
         f"  textures up to {info.max_texture_size}², {info.max_samples} samples, "
         f"uniform blocks of {info.max_uniform_block} bytes",
         *(check_line(check) for check in checks),
-        *drawn,
+        *image_lines,
         "",
         "pictures are right" if ok else "pictures are WRONG on this driver",
     ]
     return lines, ok
 
 
-def _pictures(backend: str, device: int | None) -> tuple[list[str], bool]:
-    """What the version enables, and a line for each picture; whether all are right."""
+def _check_images(backend: str, device: int | None) -> tuple[list[str], bool]:
+    """Lines with the techniques of the context and the error of each image, and whether all are correct."""
     with Renderer(backend, device) as renderer:
         tiles = renderer.tiles is not None
         enabled = "tiles, quads, streaks; layers, meshes and volumes in bricks" if tiles else "quads and streaks"
         lines = [f"  draws {enabled}"]
         if not tiles:
             lines.append("  without OpenGL 4.3: no compute shaders, so no tiles, and quads take longer")
-        found = [
-            _picture(renderer, f"{name} by {technique}", settings.but(technique=technique))
-            for name, settings in SHOWN.items()
+        results = [
+            _check_image(renderer, f"{name} by {technique}", settings.but(technique=technique))
+            for name, settings in COMPARED.items()
             for technique in ("auto", "quads", "tiles")[: 2 + tiles]
         ]
-        found.append(_picture(renderer, "streaks", SHOWN["splats"].but(motion="exact"), TURNING))
-    return [*lines, *(line for line, _ in found)], all(right for _, right in found)
+        results.append(_check_image(renderer, "streaks", COMPARED["splats"].but(motion="exact"), TURNING))
+    return [*lines, *(line for line, _ in results)], all(right for _, right in results)
 
 
-def _picture(renderer: Renderer, name: str, settings: Settings, motion: Motion | None = None) -> tuple[str, bool]:
-    """The line of a picture of a ball, and whether it is that of float64."""
+def _check_image(renderer: Renderer, name: str, settings: Settings, motion: Motion | None = None) -> tuple[str, bool]:
+    """Line with the error of an image of a ball, and whether it equals the float64 reference."""
     volume = ball(VOXELS)
     splats = extract(volume, default_transfer(volume))
     camera = Camera.orbit(volume, azimuth=30, elevation=20, size=(SIDE, SIDE))
@@ -132,8 +132,8 @@ def _picture(renderer: Renderer, name: str, settings: Settings, motion: Motion |
         drawn = renderer.render(splats, camera, settings, motion, verify_bound=False).pixels
     except (InputError, ShaderError) as error:
         return f"  {name:18} FAILED {str(error).splitlines()[0]}", False
-    off = float(np.abs(drawn - truth).max()) if np.isfinite(drawn).all() else np.inf
-    check = Check(name, off, 0.0, OFF, required=True)
+    difference = float(np.abs(drawn - truth).max()) if np.isfinite(drawn).all() else np.inf
+    check = Check(name, difference, 0.0, MAX_ERROR, required=True)
     return check_line(check), check.passed
 
 
@@ -157,18 +157,18 @@ def machine(info: ContextInfo) -> dict[str, object]:
         "opengl": info.version,
         "backend": info.backend,
         "software": info.software,
-        "versions": {name: found for name in MEASURED_PACKAGES if (found := _version(name))},
+        "versions": {name: number for name in MEASURED_PACKAGES if (number := _version(name))},
     }
 
 
 def _processor() -> str:
-    """The processor's name from Linux, else from Python."""
+    """Name of the processor from Linux, else from Python."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return named[0] if named else platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 def _version(name: str) -> str:

@@ -1,4 +1,4 @@
-"""`splatgl info` and `splatgl doctor`: contents of a file, and the rendering environment."""
+"""`splatgl info` and `splatgl doctor`: contents of a file, and checks of the rendering environment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`splatgl presets`: what presets there are, and a sheet of pictures of a volume by each."""
+"""`splatgl presets`: lists the presets, or draws a sheet of a volume with each preset."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from splatgl.splat.camera import Camera
 
 
-# pixels of a picture's side and of its label's height and letters; pictures in a row
+# pixels of an image's side, of a label's height and of its letters; images in a row
 SIDE, LABEL, LETTERS, ROW = 256, 22, 14, 6
-# a volume of more voxels is drawn from every few of them
+# larger volumes are subsampled, voxels
 MOST = 1 << 26
 INK, PAPER = "#202020", "#e8e8e8"
-# the first picture: what is drawn without a preset
+# label of the first image, without a preset
 DEFAULT = "default"
 
 
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         if args.output:
             raise expected("presets", "a volume to draw", "none", f"splatgl presets FILE -o {args.output}")
         width = max(map(len, PRESETS))
-        print("\n".join(f"{each.name:<{width}}  {each.about}" for each in PRESETS.values()))
+        print("\n".join(f"{row.name:<{width}}  {row.about}" for row in PRESETS.values()))
         return 0
     output = Path(args.output or "presets.png")
     check_output(output, (".png",))
@@ -58,51 +58,51 @@ def run(args: argparse.Namespace) -> int:
     check_source(output, args.source, *scene.files)
     scene = replace(scene, view=replace(scene.view, size=args.size or (SIDE, SIDE)))
     volume = scene.open()
-    scene, volume = scene.cut(volume), smaller(volume)
+    scene, volume = scene.cut(volume), subsampled(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
     from splatgl.fileio import write_file
     from splatgl.scene.draw import DrawOptions
 
     camera = scene.view.camera(volume, volume)
     with DrawOptions(args.backend, args.device, args.gpu).renderer() as renderer:
-        pictures = {name: drawn(renderer, scene, volume, camera, look) for name, look in looks.items()}
+        pictures = {name: draw_preset(renderer, scene, volume, camera, look) for name, look in looks.items()}
     write_file(output, sheet(pictures))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")
     return 0
 
 
 def looks_of(volume: Volume, settings: Settings) -> Iterator[tuple[str, tuple[Transfer, Settings]]]:
-    """Each preset's transfer function of a volume, and settings."""
-    for name, each in PRESETS.items():
-        blend = {} if each.blend is None or "blend" in settings.given else {"blend": each.blend}
+    """(name, (transfer function, settings)) of each preset for a volume."""
+    for name, row in PRESETS.items():
+        blend = {} if row.blend is None or "blend" in settings.given else {"blend": row.blend}
         yield name, (preset(name, volume), settings.but(**blend))
 
 
-def smaller(volume: Volume) -> Volume:
-    """The finest level of at most MOST voxels, else every few voxels of the coarsest."""
+def subsampled(volume: Volume) -> Volume:
+    """Finest level of at most MOST voxels, else the subsampled coarsest level."""
     levels = (volume, *volume.coarser)
-    found = next((each for each in levels if each.count <= MOST), levels[-1])
-    step = next(n for n in range(1, found.count + 1) if found.count <= MOST * n**3)
+    level = next((level for level in levels if level.count <= MOST), levels[-1])
+    step = next(n for n in range(1, level.count + 1) if level.count <= MOST * n**3)
     if step == 1:
-        return replace(found, coarser=())
-    samples = found.samples[::step, ::step, ::step]
-    color = None if found.color is None else found.color[::step, ::step, ::step]
-    x, y, z = (step * each for each in found.spacing)
-    return replace(found, samples=samples, color=color, spacing=(x, y, z), vectors=None, coarser=())
+        return replace(level, coarser=())
+    samples = level.samples[::step, ::step, ::step]
+    color = None if level.color is None else level.color[::step, ::step, ::step]
+    x, y, z = (step * length for length in level.spacing)
+    return replace(level, samples=samples, color=color, spacing=(x, y, z), vectors=None, coarser=())
 
 
-def drawn(
+def draw_preset(
     renderer: Renderer, scene: SceneFile, volume: Volume, camera: Camera, look: tuple[Transfer, Settings]
 ) -> Picture | None:
-    """A picture on the background that suits it; None if nothing of the volume is visible."""
+    """Image on a suitable background; None if nothing is visible."""
     from PIL import Image as Pillow
 
     transfer, settings = look
-    behind = settings.background or suited(transfer, settings)
+    background = settings.background or suited(transfer, settings)
     splats = replace(scene, settings=settings).splats(volume, transfer)
     if not len(splats):
         return None
-    image = renderer.render(splats, camera, settings.but(background=behind))
+    image = renderer.render(splats, camera, settings.but(background=background))
     samples = (image.straight()[..., :3] * 255).round().astype("uint8")
     return Pillow.fromarray(samples, "RGB")
 

@@ -1,4 +1,4 @@
-"""`splatgl info FILE`: a page of text on a volume: grid, samples, and a histogram of the values."""
+"""`splatgl info FILE`: page on a volume: grid, samples, and a histogram of the values."""
 
 from __future__ import annotations
 
@@ -57,15 +57,13 @@ class Histogram:
 
 
 def describe(volume: Volume) -> str:
-    """The page of text for a volume, at most 78 columns wide; reads the samples slab by slab, twice, those of a large
-    image with levels at a coarser one.
-    """
+    """Page on a volume, at most 78 columns wide. Reads the samples twice, in slabs; a coarser level of large images."""
     levels = [volume, *volume.coarser]
     number = next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
     statistics = measure(levels[number])
     lines = [
         *_grid_lines(volume),
-        *_several_lines(volume),
+        *_channel_lines(volume),
         *_level_lines(levels, number),
         *_sample_lines(volume, statistics),
     ]
@@ -76,9 +74,7 @@ def describe(volume: Volume) -> str:
 
 
 def describe_choice(source: str, choice: Choice, message: str) -> str:
-    """The page of text for a file from which an option must pick: what there is, and the option. message: the error's,
-    in the words of the command line.
-    """
+    """Page on a file with several arrays: their names, and the option that selects one. message: of the error."""
     advice = message.split("; ")[1:2] or [f"--{choice.option}"]
     lines = [f"  {name:<{_LABEL - 1}} {about}" for name, about in (*choice.choices, ("to see it", advice[0]))]
     return "\n".join(_fit(one_line(line)) for line in (Path(source).name, *lines))
@@ -97,7 +93,7 @@ def measure(volume: Volume) -> Statistics:
 
 
 def histogram(volume: Volume, statistics: Statistics) -> Histogram:
-    """Counts in at most BINS equal bins; for integer samples, bin widths are integers, to span as many values each."""
+    """Counts in at most BINS equal bins, of integer width for integer samples."""
     low, high = statistics.low, statistics.high
     if volume.samples.dtype.kind in "bui":
         step = max(1, -(-(int(high) - int(low) + 1) // BINS))
@@ -114,7 +110,7 @@ def histogram(volume: Volume, statistics: Statistics) -> Histogram:
 
 
 def _slabs(volume: Volume) -> Iterator[np.ndarray]:
-    """The finite samples of each slab, flat."""
+    """Finite samples of each slab, flat."""
     for slab in volume.slabs(max(1, SLAB_SAMPLES // (volume.shape[1] * volume.shape[2])), halo=0):
         values = np.asarray(slab.samples).ravel()
         yield values[np.isfinite(values)] if values.dtype.kind == "f" else values
@@ -137,14 +133,14 @@ def _grid_lines(volume: Volume) -> list[str]:
     return [*lines, _line("frame", frames.get(volume.frame or "", "not stated"))]
 
 
-def _several_lines(volume: Volume) -> list[str]:
-    """The channels and time points of the file, and the options that pick them."""
+def _channel_lines(volume: Volume) -> list[str]:
+    """Lines with channels and time points, and the options that select them."""
     lines = []
     for number, channel in enumerate(volume.channels):
         window = channel.hints.window
-        told = " ".join(part for part in (channel.name, channel.hints.color or "") if part)
-        told += f"   {_number(window[0])} … {_number(window[1])}" if window else ""
-        lines.append(_line("channels" * (not number), f"{number}: {told}"))
+        text = " ".join(part for part in (channel.name, channel.hints.color or "") if part)
+        text += f"   {_number(window[0])} … {_number(window[1])}" if window else ""
+        lines.append(_line("channels" * (not number), f"{number}: {text}"))
     if volume.channels:
         lines.append(_line("", "all are drawn; --channel N|NAME,… picks"))
     if volume.times > 1:
@@ -153,12 +149,12 @@ def _several_lines(volume: Volume) -> list[str]:
     return lines
 
 
-def _level_lines(levels: list[Volume], looked: int) -> list[str]:
-    """The sizes of a multiscale image's levels, and which one is measured, if it is not the finest."""
+def _level_lines(levels: list[Volume], measured: int) -> list[str]:
+    """Lines with the sizes of multiscale levels, and with the measured level if it is not the finest."""
     if len(levels) == 1:
         return []
     lines = [_line("levels" * (not n), f"{n}: {_times(level.shape[::-1])}") for n, level in enumerate(levels)]
-    return [*lines, _line("measured", f"level {looked}: range, mean and values below")] if looked else lines
+    return [*lines, _line("measured", f"level {measured}: range, mean and values below")] if measured else lines
 
 
 def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
@@ -173,15 +169,15 @@ def _sample_lines(volume: Volume, statistics: Statistics) -> list[str]:
         span = f"{_number(statistics.low)} … {_number(statistics.high)}"
         lines.append(_line("range", f"{span}   mean {_number(statistics.mean)}"))
     if statistics.not_finite:
-        looked = statistics.finite + statistics.not_finite
-        lines.append(_line("not finite", f"{statistics.not_finite:,} of {looked:,}"))
+        total = statistics.finite + statistics.not_finite
+        lines.append(_line("not finite", f"{statistics.not_finite:,} of {total:,}"))
     extras = [name for name, array in (("colour", volume.color), ("vectors", volume.vectors)) if array is not None]
     return [*lines, _line("also", " and ".join(extras) + " per voxel")] if extras else lines
 
 
 def _drawing_lines(volume: Volume) -> list[str]:
-    """What `splatgl render` does by default; nothing of volumes that are drawn as voxels, classified before, nor of
-    those whose values no default transfer function spans.
+    """Lines with memory and bricks of `splatgl render`; none for pre-classified volumes, and without a default
+    transfer function.
     """
     try:
         transfer = default_transfer(volume)
@@ -191,23 +187,23 @@ def _drawing_lines(volume: Volume) -> list[str]:
     if bricks is None:
         return []
     most = budget()
-    wanted = estimate_need(bricks, 4 * SIZE[0] * SIZE[1], 0)
+    needed = estimate_need(bricks, 4 * SIZE[0] * SIZE[1], 0)
     many = excess_need(bricks, SIZE, most)
     how = "whole" if many is None else f"{len(bricks.low):,} bricks"
     level = "level 0; render takes the coarsest level that is right"
-    told = wrap(f"{wanted}, of {format_bytes(most)}: {how}", WIDTH - _LABEL - 2)
-    lines = [_line("to render" * (not n), text) for n, text in enumerate(told)]
+    texts = wrap(f"{needed}, of {format_bytes(most)}: {how}", WIDTH - _LABEL - 2)
+    lines = [_line("to render" * (not n), text) for n, text in enumerate(texts)]
     return [*lines, *([_line("", level)] if volume.coarser else [])]
 
 
 def _bars(values: Histogram) -> list[str]:
     """A bar per bin, with length proportional to the logarithm of its count."""
-    # 1. labels of the same width: the bins' lower edges, and the counts
+    # labels of equal width: the bins' lower edges, and the counts
     labels = [_number(edge) for edge in values.edges[:-1]]
     counts = [f"{count:,}" for count in values.counts]
     left, right = max(map(len, labels)), max(map(len, counts))
     room = WIDTH - left - right - 8
-    # 2. bars in eighths of a column; a count of one stays visible
+    # bars in eighths of a column; a count of one stays visible
     lengths = np.log1p(values.counts) / np.log1p(max(values.counts.max(), 1)) * room
     lines = [_line("values", "voxels from this value up to the next; bars on a log scale")]
     for label, count, length in zip(labels, counts, lengths, strict=True):
