@@ -136,10 +136,10 @@ def test_upload_is_that_of_splats(technique: str, renderer: sg.Renderer, monkeyp
     """A delay of every upload is in it."""
     volume = sg.scenes.ball(6)
     splats = sg.extract(volume, sg.default_transfer(volume))
-    assert gpu_check.uploaded(renderer, splats, technique) < 0.1
+    assert gpu_check.time_upload(renderer, splats, technique) < 0.1
     for owner, method in ((buffers.Instances, "fill"), (buffers.Textured, "_texture")):
         monkeypatch.setattr(owner, method, slow(getattr(owner, method)))
-    assert gpu_check.uploaded(renderer, splats, technique) > 0.2
+    assert gpu_check.time_upload(renderer, splats, technique) > 0.2
 
 
 def slow(upload: Any) -> Any:

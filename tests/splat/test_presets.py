@@ -372,7 +372,7 @@ def test_a_sheet_says_where_nothing_is_visible(tmp_path: Path, monkeypatch: pyte
 
 def test_large_volumes_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(presets, "MOST", 1000)
-    found = presets.smaller(Volume(body(), (1.0, 2.0, 3.0)))
+    found = presets.subsampled(Volume(body(), (1.0, 2.0, 3.0)))
     assert found.shape == (8, 8, 8) and found.spacing == (4.0, 8.0, 12.0)
 
 
