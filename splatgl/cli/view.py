@@ -10,7 +10,7 @@ from splatgl.cli.options import add_drawing, add_source, scene_from
 from splatgl.errors import expected
 from splatgl.fileio import check_folder
 from splatgl.viewer.adaptive_quality import TARGET
-from splatgl.viewer.show import opened, reading
+from splatgl.viewer.show import open_window, start_reading
 
 if TYPE_CHECKING:
     from splatgl.viewer.commands import Command
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
         commands = load_bindings(args.bindings)
     scene = scene_from(args)
-    files = reading(scene, args.source if args.watch else "", lambda: scene_from(args))
+    files = start_reading(scene, args.source if args.watch else "", lambda: scene_from(args))
     # after what may be bad input: these take longer than to tell it
     from splatgl.viewer.viewer import Options
 
@@ -80,5 +80,5 @@ def run(args: argparse.Namespace) -> int:
         panel=not args.no_panel,
         source=args.source,
     )
-    opened(files, scene, options, args.backend, args.device, args.gpu)
+    open_window(files, scene, options, args.backend, args.device, args.gpu)
     return 0

@@ -27,7 +27,7 @@ M_MMAP_THRESHOLD, LARGE = -3, 1 << 20
 SWEPT = 5.0
 
 
-def give_back_large() -> None:
+def return_large_blocks() -> None:
     """Freed pictures go back to the system. glibc would keep them, and fit none of another size in their places: a
     window that is resized would grow without end. Other systems' allocators stay as they are.
     """
@@ -35,7 +35,7 @@ def give_back_large() -> None:
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
 
 
-def give_back_free() -> None:
+def return_free_memory() -> None:
     """What is freed of small blocks goes back, too: what lies above keeps it, and a peak would last as long as the
     window. Only glibc needs that.
     """
@@ -56,7 +56,7 @@ class IdleTrim:
         """Sweeps once a frame that is shown at rest, and seldom where there is no rest."""
         if frame is not self.frame and (resting or now - self.at > SWEPT):
             gc.collect()
-            give_back_free()
+            return_free_memory()
             self.frame, self.at = frame, now
 
 
@@ -257,7 +257,7 @@ class Pace:
         return range(len(LADDER) if stuck else self.floor + 1)
 
 
-def rests(pace: Pace, idle: float, held: bool) -> bool:
+def is_due_at_rest(pace: Pace, idle: float, held: bool) -> bool:
     """Whether to render the full-quality frame, `idle` seconds after the last input; held: a button is down."""
     return idle >= REST and not (held and pace.expected(0) > HELD)
 
@@ -312,7 +312,7 @@ class Refiner:
             if self.full:
                 self.pace = self.pace.started()
             return now.finest(self.pace.level if now.moving else 0)
-        if self.full or now.moving or not rests(self.pace, now.idle, now.held and now.whole):
+        if self.full or now.moving or not is_due_at_rest(self.pace, now.idle, now.held and now.whole):
             return None
         due = now.finest(0)
         return due if due < self.last or due == 0 else None

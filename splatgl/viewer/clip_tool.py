@@ -12,7 +12,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane, clip_corners
 from splatgl.viewer.state import MOST_PLANES, Cuts, box_planes
 from splatgl.viewer.tool import Place, Pointer, Tool, View
-from splatgl.viewer.trackball import nearest_on_line, ray, seen
+from splatgl.viewer.trackball import nearest_on_line, pixel_ray, project
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 TOO_MANY_PLANES = f"there are {MOST_PLANES} planes already: remove one"
 
 
-def leaves(cuts: Cuts, volume: Volume) -> bool:
+def leaves_anything(cuts: Cuts, volume: Volume) -> bool:
     """Whether anything of the volume's box is left."""
     found = replace(cuts, active=True).clip(volume)
     return not found or bool(len(clip_corners(found, volume.corners)))
 
 
-def cut(state: State, document: Document, cuts: Cuts) -> State:
+def set_cuts(state: State, document: Document, cuts: Cuts) -> State:
     """The state with other cuts; the same with a message where they would leave nothing."""
     if cuts == state.cuts:
         return state
-    if not leaves(cuts, document.volume):
+    if not leaves_anything(cuts, document.volume):
         return replace(state, message="this would cut everything off")
     clip = cuts.clip(document.volume)
     # a scene's own planes stay as they are until they are changed
@@ -64,7 +64,7 @@ class Handle:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HandleDrag:
     """A handle that is dragged. start: where the cursor took it; cuts: as they were then."""
 
     handle: Handle
@@ -90,7 +90,9 @@ class Held:
         """The tip follows the cursor on the sphere around the arrow's foot, on the side where it was."""
         plane = self.cuts.planes[self.handle.number]
         foot = plane_middle(self.cuts, volume, self.handle.number)
-        normal = on_sphere(camera, place, foot, arrow(volume), behind=float(np.array(plane[:3]) @ camera.forward) > 0)
+        normal = direction_on_sphere(
+            camera, place, foot, arrow_length(volume), behind=float(np.array(plane[:3]) @ camera.forward) > 0
+        )
         return self.cuts.with_plane(self.handle.number, (*normal, float(normal @ foot)))
 
 
@@ -100,22 +102,22 @@ def handles(cuts: Cuts, volume: Volume) -> list[Handle]:
     for number, plane in enumerate(cuts.planes):
         foot, normal = plane_middle(cuts, volume, number), np.array(plane[:3])
         found.append(Handle("plane", foot, normal, number))
-        found.append(Handle("tilt", foot + arrow(volume) * normal, normal, number))
+        found.append(Handle("tilt", foot + arrow_length(volume) * normal, normal, number))
     return found
 
 
-def under(found: list[Handle], camera: Camera, place: Place, scale: float = 1.0) -> Handle | None:
+def handle_at(found: list[Handle], camera: Camera, place: Place, scale: float = 1.0) -> Handle | None:
     """The handle under the cursor, the nearest one to it; of an arrow that is seen end on, its foot."""
     if not found:
         return None
-    apart = np.linalg.norm(seen(camera, np.array([each.point for each in found])) - np.array(place), axis=1)
+    apart = np.linalg.norm(project(camera, np.array([each.point for each in found])) - np.array(place), axis=1)
     apart = np.where(np.isfinite(apart), apart, np.inf)
     apart += np.where([each.what == "tilt" for each in found], COVERED * scale, 0.0)
     best = int(apart.argmin())
     return found[best] if apart[best] <= NEAR * scale else None
 
 
-def arrow(volume: Volume) -> float:
+def arrow_length(volume: Volume) -> float:
     """World length of a plane's arrow."""
     corners = volume.corners
     return ARROW * float((corners.max(axis=0) - corners.min(axis=0)).max())
@@ -128,7 +130,7 @@ def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
     both = [plane, (*(-normal).tolist(), -plane[3]), *sides]
     points = clip_corners(both, volume.corners)
     # each corner once, though several planes meet there
-    digits = (points / (arrow(volume) * ALIKE)).round()
+    digits = (points / (arrow_length(volume) * ALIKE)).round()
     points = points[np.unique(digits, axis=0, return_index=True)[1]]
     if len(points) < 3:
         return np.zeros((0, 3))
@@ -156,11 +158,11 @@ def box_edges(cuts: Cuts, volume: Volume) -> list[tuple[np.ndarray, np.ndarray]]
     return [(corners[i], corners[i | 1 << axis]) for axis in range(3) for i in range(8) if not i >> axis & 1]
 
 
-def on_sphere(camera: Camera, place: Place, middle: np.ndarray, radius: float, behind: bool) -> np.ndarray:
+def direction_on_sphere(camera: Camera, place: Place, middle: np.ndarray, radius: float, behind: bool) -> np.ndarray:
     """Unit vector [3] from a sphere's middle to its point under a pixel: the far one if `behind`; beside the sphere, to
     the nearest point of its rim.
     """
-    start, direction = ray(camera, place)
+    start, direction = pixel_ray(camera, place)
     along = float((middle - start) @ direction)
     nearest = start + along * direction - middle
     square = radius**2 - float(nearest @ nearest)
@@ -201,14 +203,14 @@ class ClipTool(Tool):
     """Drags the handles of the clip box and of clip planes."""
 
     def __init__(self) -> None:
-        self.held: Held | None = None
+        self.held: HandleDrag | None = None
 
     def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Takes the handle under the cursor."""
         if pointer.button != "left" or pointer.modifiers or not state.cuts.shown or document.is_loading:
             return None
-        handle = under(handles(state.cuts, document.volume), state.pose.camera, pointer.place, view.scale)
-        self.held = None if handle is None else Held(handle, pointer.place, replace(state.cuts, active=True))
+        handle = handle_at(handles(state.cuts, document.volume), state.pose.camera, pointer.place, view.scale)
+        self.held = None if handle is None else HandleDrag(handle, pointer.place, replace(state.cuts, active=True))
         return None if handle is None else state
 
     def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
@@ -216,7 +218,7 @@ class ClipTool(Tool):
         if self.held is None:
             return None
         cuts = self.held.to(document.volume, state.pose.camera, pointer.place)
-        return cut(replace(state, message=""), document, cuts)
+        return set_cuts(replace(state, message=""), document, cuts)
 
     def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Lets the handle go."""

@@ -19,11 +19,11 @@ from splatgl.splat.clipping import Plane
 from splatgl.splat.plan import plan
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.clip_tool import TOO_MANY_PLANES, cut
+from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, Cuts, Ruler, State
-from splatgl.viewer.trackball import NOTCH, Pose, up_of
+from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
 
 class Request(Enum):
@@ -126,7 +126,7 @@ def angles(view: str, frame: str | None) -> tuple[float, float]:
 
 def _view(name: str) -> Run:
     def show(state: State, document: Document) -> State:
-        frame, pose, up = document.volume.frame, state.pose, up_of(document)
+        frame, pose, up = document.volume.frame, state.pose, up_direction(document)
         camera = Camera.orbit(document.subject, *angles(name, frame), pose.fov, pose.camera.size, up=up)
         turned = replace(pose, camera=camera, pivot=document.middle)
         pose = turned if pose.camera.perspective else turned.switched()
@@ -136,7 +136,7 @@ def _view(name: str) -> Run:
 
 
 def _move(move: Callable[[Pose, np.ndarray], Pose]) -> Run:
-    return lambda state, document: replace(state, pose=move(state.pose, up_of(document)), turning=False)
+    return lambda state, document: replace(state, pose=move(state.pose, up_direction(document)), turning=False)
 
 
 def _zoom(factor: float) -> Run:
@@ -264,20 +264,20 @@ def add_plane(state: State, document: Document, normal: Sequence[float] | None =
         return replace(state, message=TOO_MANY_PLANES)
     along = state.pose.camera.forward if normal is None else np.asarray(normal, np.float64)
     plane: Plane = (*map(float, along), float(along @ document.volume.corners.mean(axis=0)))  # type: ignore[assignment]
-    return cut(state, document, replace(cuts.with_plane(len(cuts.planes), plane), active=True, shown=True))
+    return set_cuts(state, document, replace(cuts.with_plane(len(cuts.planes), plane), active=True, shown=True))
 
 
 def _handles(state: State, document: Document) -> State:
     cuts = replace(state.cuts, shown=not state.cuts.shown)
     message = "drag the dots to cut; shift+x: with and without the cuts" if cuts.shown else ""
-    return replace(cut(state, document, cuts), message=message)
+    return replace(set_cuts(state, document, cuts), message=message)
 
 
 def _cuts(state: State, document: Document) -> State:
     if not state.cuts.any:
         return replace(state, message="nothing is cut: x shows the handles, ctrl+x makes a plane")
     cuts = replace(state.cuts, active=not state.cuts.active)
-    return replace(cut(state, document, cuts), message=f"cuts {'on' if cuts.active else 'off'}")
+    return replace(set_cuts(state, document, cuts), message=f"cuts {'on' if cuts.active else 'off'}")
 
 
 def _plane(state: State, document: Document) -> State:
@@ -288,10 +288,10 @@ def _plane(state: State, document: Document) -> State:
 def _uncut(state: State, document: Document) -> State:
     if not state.cuts.any:
         return replace(state, message="nothing is cut")
-    return replace(cut(state, document, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
+    return replace(set_cuts(state, document, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
 
 
-def toggled(names: tuple[str, ...], name: str) -> tuple[str, ...]:
+def toggle_name(names: tuple[str, ...], name: str) -> tuple[str, ...]:
     """The names without one of them, or with it if it is missing."""
     return tuple(other for other in names if other != name) if name in names else (*names, name)
 
@@ -300,7 +300,7 @@ def _annotation(row: Annotation) -> Run:
     def toggle(state: State, document: Document) -> State:
         missing = row.needs_values and document.volume.color is not None
         message = f"voxels have colours of their own: no {row.title}" if missing else ""
-        return replace(state, annotate=toggled(state.annotate, row.name), message=message)
+        return replace(state, annotate=toggle_name(state.annotate, row.name), message=message)
 
     return toggle
 

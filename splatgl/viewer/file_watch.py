@@ -11,7 +11,7 @@ from splatgl.readers.remote import is_address
 from splatgl.scene.scene_file import SceneFile
 
 
-def watched(path: str, scene: SceneFile) -> tuple[str, ...]:
+def watched_files(path: str, scene: SceneFile) -> tuple[str, ...]:
     """The files of the scene opened from `path`; empty for a built-in scene. What lies at an address is not watched."""
     files = dict.fromkeys((path, *scene.files))
     return tuple(file for file in files if file not in SCENES and not is_address(file))

@@ -26,7 +26,7 @@ from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.key_bindings import help_rows
-from splatgl.viewer.reference_view import Difference, Reference, enlarged
+from splatgl.viewer.reference_view import Difference, Reference, resize_bilinear
 from splatgl.viewer.state import State
 from splatgl.viewer.trackball import Pose
 
@@ -49,7 +49,7 @@ def share_beyond(splats: Splats, camera: Camera, z_k: float) -> float:
     return float((depths(splats, camera) > z_k).mean()) if len(splats) else 0.0
 
 
-def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
+def tint_splats(splats: Splats, camera: Camera, z_k: float) -> Splats:
     """Copy of the splats with those beyond z_k tinted and those at z_k in the plane's colour."""
     if not len(splats) or not np.isfinite(z_k):
         return splats
@@ -61,12 +61,12 @@ def tinted(splats: Splats, camera: Camera, z_k: float) -> Splats:
     return splats.in_cells(records=records)
 
 
-def nearer(splats: Splats, camera: Camera, z_k: float) -> Splats:
+def splats_before(splats: Splats, camera: Camera, z_k: float) -> Splats:
     """The splats not beyond z_k."""
     return splats.part(depths(splats, camera) <= z_k)
 
 
-def tinted_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
+def tint_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
     """A picture float32 [H, W, 4], linear premultiplied, whose light from beyond z_k is tinted; near: without it."""
     beyond = whole - near
     return np.concatenate(
@@ -74,7 +74,7 @@ def tinted_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
     )
 
 
-def crossing(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
+def plane_section(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray:
     """Section of a box, corners [8, 3], by the plane at depth z_k: a polygon [N, 2] in pixels; N = 0 if they miss.
 
     Corners are in the order of `Volume.corners`: bit 0 is x, bit 1 y, bit 2 z.
@@ -148,12 +148,12 @@ class FrameRenderer:
         asked = state.settings.but(motion=state.blur, classification="auto")
         first, layered = document.drawn_layers[0], document.is_layered
         chosen = self.renderer.plan(first.finest, state.pose.camera, asked)
-        splats = first.at(level.stride) if layered else _enough(state, first, level, chosen)
+        splats = first.at(level.stride) if layered else _visible_splats(state, first, level, chosen)
         # neither the reference nor layers are tinted
         tint = state.show_zk and state.compare == "off" and not layered
         z_k = chosen.resolved.z_k
         if tint and not first.is_post_classified:
-            splats = tinted(splats, camera, z_k)
+            splats = tint_splats(splats, camera, z_k)
         # the light of reconstructed values is tinted in the picture, before the background
         settings = level.settings(asked.but(background=None) if tint and first.is_post_classified else asked)
         motion = self._motion(state, camera, started - self.begun, layered) if gliding else None
@@ -168,7 +168,7 @@ class FrameRenderer:
         image = render(matter)
         pixels = image.pixels
         if tint and first.is_post_classified:
-            pixels = tinted_light(pixels, render(nearer(splats, camera, z_k)).pixels)
+            pixels = tint_light(pixels, render(splats_before(splats, camera, z_k)).pixels)
         seconds = time.perf_counter() - started
 
         subject = (state.pose, state.settings, document, state.show_zk)
@@ -200,9 +200,9 @@ class FrameRenderer:
         if state.hud == "off" or state.help:
             self.words = ()
         elif not (moving and self.words and now - self.written < CALM):
-            told = (hud.short if state.hud == "short" else hud.lines)(state, document, self.frame, busy)
+            told = (hud.short_lines if state.hud == "short" else hud.full_lines)(state, document, self.frame, busy)
             most = max(20, int(state.pose.camera.size[0] / LETTER / scale * COLUMN))
-            self.words = tuple(part for line in told if line for part in _wrapped(line, most))
+            self.words = tuple(part for line in told if line for part in _wrap(line, most))
             self.written = now
             if not moving and state.hud == "short":
                 self.corner = self._free(Text(self.words), state.pose.camera.size, scale)
@@ -270,7 +270,7 @@ class FrameRenderer:
         step = 1 + max(width, height) // ENOUGH
         xray = self.frame is not None and self.frame.info["blend"] == "xray"
         one = self.brightest if xray else 1.0
-        return Difference.of(enlarged(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
+        return Difference.of(resize_bilinear(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
 
     def _overlay(self, state: State, document: Document, scale: float, said: str) -> Overlay:
         texts, size = [], state.pose.camera.size
@@ -282,17 +282,17 @@ class FrameRenderer:
         told = [line for line in (said, state.message) if line]
         if told:
             width = max(20, int(size[0] / LETTER / scale))
-            lines = tuple(part for line in told for part in _wrapped(line, width))
+            lines = tuple(part for line in told for part in _wrap(line, width))
             texts.append(Text(lines, "top left" if corner == "bottom left" else "bottom left", note=True))
         paths: tuple[Path, ...] = ()
         if state.show_zk and self.frame is not None and self.frame.plan.program.seen.perspective:
-            found = crossing(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
+            found = plane_section(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
             polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)
 
 
-def _enough(state: State, layer: LayerSplats, level: Level, chosen: Plan) -> Splats:
+def _visible_splats(state: State, layer: LayerSplats, level: Level, chosen: Plan) -> Splats:
     """The splats to draw: all, or only the visible ones where the result is equally good."""
     shell = layer.shell(level.stride)
     # clip planes bare what lies inside
@@ -304,5 +304,5 @@ def _enough(state: State, layer: LayerSplats, level: Level, chosen: Plan) -> Spl
     return shell if fits else layer.at(level.stride)
 
 
-def _wrapped(text: str, width: int) -> list[str]:
+def _wrap(text: str, width: int) -> list[str]:
     return textwrap.wrap(text, width) or [""]

@@ -42,7 +42,7 @@ class Frame:
         return f"{self.level}{', blurred' if self.blurred else ''}"
 
 
-def short(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+def short_lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
     """What users need first: file, view, and quality."""
     name = document.volume.name or document.scene.volume
     camera = state.pose.camera
@@ -50,13 +50,13 @@ def short(state: State, document: Document, frame: Frame | None, busy: str | Non
     told = [document.stand_in.told] if document.stand_in and document.stand_in.told else []
     if document.is_loading:
         return (name, *([busy] if busy else []))
-    return (name, *told, view, busy or progress(frame))
+    return (name, *told, view, busy or progress_text(frame))
 
 
-def lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
+def full_lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
     """Everything of the picture: device, splats, time, z_k, bounds and the plan it was drawn by."""
     if frame is None or document.is_loading:
-        return short(state, document, frame, busy)
+        return short_lines(state, document, frame, busy)
     info, size = frame.info, state.pose.camera.size
     return (
         f"{document.volume.name or document.scene.volume}  {size[0]} x {size[1]}",
@@ -71,7 +71,7 @@ def lines(state: State, document: Document, frame: Frame | None, busy: str | Non
     )
 
 
-def progress(frame: Frame | None) -> str:
+def progress_text(frame: Frame | None) -> str:
     """Short text on the quality of the frame relative to the settings, and the rate of frames in motion."""
     if frame is None:
         return ""

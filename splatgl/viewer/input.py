@@ -9,11 +9,11 @@ from splatgl.viewer.clip_tool import ClipTool
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.key_bindings import keymap
-from splatgl.viewer.measure_tool import MeasureTool, pivoted
+from splatgl.viewer.measure_tool import MeasureTool, set_pivot
 from splatgl.viewer.slice_views import SliceTool
 from splatgl.viewer.state import State
 from splatgl.viewer.tool import MouseEvent, Place, Pointer, Tool, View
-from splatgl.viewer.trackball import Mouse, up_of, wheeled
+from splatgl.viewer.trackball import Mouse, up_direction, zoom_by_wheel
 
 
 class CameraTool(Tool):
@@ -26,12 +26,12 @@ class CameraTool(Tool):
         """Starts a drag; a double click also moves the pivot, and the slices, to the point under the cursor."""
         before = state
         if self.mouse.doubles(pointer.button, pointer.place, view.time):
-            state = pivoted(state, document, pointer.place)
+            state = set_pivot(state, document, pointer.place)
             if state.pose.pivot is not before.pose.pivot:
                 state = replace(state, slices=state.slices.through(state.pose.pivot, document.volume))
         mouse = self.mouse.press(pointer.button, pointer.modifiers, pointer.place, state.pose, view.time)
         if state.turntable and mouse.drag is not None:
-            mouse = replace(mouse, drag=replace(mouse.drag, up=up_of(document)))
+            mouse = replace(mouse, drag=replace(mouse.drag, up=up_direction(document)))
         self.mouse = mouse
         return state
 
@@ -49,7 +49,7 @@ class CameraTool(Tool):
 
     def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Zooms at the cursor; upwards zooms in."""
-        return replace(state, pose=wheeled(state.pose, pointer.place, pointer.notches))
+        return replace(state, pose=zoom_by_wheel(state.pose, pointer.place, pointer.notches))
 
 
 class InputHandler:

@@ -43,7 +43,7 @@ def rebind(changes: Mapping[str, object], commands: Iterable[Command] = COMMANDS
         names = [keys] if isinstance(keys, str) else keys
         if not isinstance(names, list) or not all(isinstance(key, str) for key in names):
             raise expected(f"bindings: {name}", "a key or a list of keys", repr(keys))
-        known[name] = replace(known[name], keys=tuple(normalized(name, key) for key in names))
+        known[name] = replace(known[name], keys=tuple(normalize_key(name, key) for key in names))
     keymap(known.values())
     return tuple(known.values())
 
@@ -57,7 +57,7 @@ def load_bindings(path: str | Path) -> tuple[Command, ...]:
     return rebind(changes)
 
 
-def normalized(command: str, key: str) -> str:
+def normalize_key(command: str, key: str) -> str:
     """Key name in lower case, with its modifiers in order: `Shift+Ctrl+S` → `ctrl+shift+s`. InputError names the
     command.
     """

@@ -22,7 +22,7 @@ from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.document import Document, read_meshes, source_key
-from splatgl.viewer.file_watch import Watch, watched
+from splatgl.viewer.file_watch import Watch, watched_files
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.state import FileOption
 
@@ -203,7 +203,7 @@ class Files:
         def read() -> Opened:
             scene = reopen()
             times = tuple(replace(scene, volume=volume) for volume in volumes) if len(volumes) > 1 else ()
-            watch = Watch.of(watched(path, scene), time.monotonic())
+            watch = Watch.of(watched_files(path, scene), time.monotonic())
             return replace(_opened(scene, times), reopen=reopen, path=path, watch=watch)
 
         self._open(Path(path).name, read)
@@ -215,7 +215,7 @@ class Files:
         chosen = replace(scene, load={**scene.load, option: value}, transfer=transfer)
 
         def read() -> Opened:
-            watch = Watch.of(watched(scene.volume, chosen), time.monotonic())
+            watch = Watch.of(watched_files(scene.volume, chosen), time.monotonic())
             opened = _opened(chosen)
             return replace(opened, reopen=lambda: chosen, path=scene.volume, is_option=True, watch=watch)
 

@@ -37,7 +37,7 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
         return None
 
 
-def told(found: Picked | None, document: Document) -> tuple[str, ...]:
+def describe_pick(found: Picked | None, document: Document) -> tuple[str, ...]:
     """Value, place and index in words."""
     if found is None:
         return ("nothing here",)
@@ -53,17 +53,17 @@ def told(found: Picked | None, document: Document) -> tuple[str, ...]:
     )
 
 
-def clicked(state: State, document: Document, place: Place) -> State:
+def add_ruler_point(state: State, document: Document, place: Place) -> State:
     """The state after a click while distances are measured."""
     found = under_cursor(state, document, place)
     if found is None:
         return replace(state, message="nothing here to measure from")
     ruler = state.ruler.with_point(found.place)
-    length = distance(ruler, document)
+    length = distance_text(ruler, document)
     return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND_POINT)
 
 
-def distance(ruler: Ruler, document: Document) -> str:
+def distance_text(ruler: Ruler, document: Document) -> str:
     """The length of the line in words; "" until there are two points."""
     length = ruler.length
     return "" if length is None else length_text(float(f"{length:.4g}"), document.volume.unit)
@@ -74,19 +74,19 @@ WITHIN = 1.0
 ENOUGH = 0.7
 
 
-def pivoted(state: State, document: Document, place: tuple[float, float]) -> State:
+def set_pivot(state: State, document: Document, place: tuple[float, float]) -> State:
     """The state with the matter under a pixel as its centre of rotation, if there is any."""
     if document.is_layered:
         seen = under_cursor(state, document, place)
         found = None if seen is None else np.array(seen.place)
     else:
-        found = picked(document.layers[0].at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
+        found = find_matter(document.layers[0].at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
     if found is None:
         return replace(state, message="nothing here to turn about")
     return replace(state, pose=state.pose.about(found), message="turns about this point")
 
 
-def picked(
+def find_matter(
     splats: Splats, camera: Camera, place: tuple[float, float], cuts: tuple[Plane, ...] = ()
 ) -> np.ndarray | None:
     """World point [3] of the matter under a pixel that planes keep; None if there is none.
@@ -141,4 +141,4 @@ class MeasureTool(Tool):
         if not state.ruler.active or start is None:
             return None
         (x, y), (u, v) = start, pointer.place
-        return clicked(state, document, pointer.place) if max(abs(x - u), abs(y - v)) < CLICK else None
+        return add_ruler_point(state, document, pointer.place) if max(abs(x - u), abs(y - v)) < CLICK else None

@@ -21,7 +21,7 @@ from splatgl.splat.settings import BLENDS
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
 from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Place
-from splatgl.viewer.trackball import Mouse, wheeled
+from splatgl.viewer.trackball import Mouse, zoom_by_wheel
 
 # seconds without input before the full picture, longer than in a window: while it is drawn, no event is handled
 STILL = 0.3
@@ -62,7 +62,7 @@ class Session:
             self.mouse = self.mouse.release()
         elif kind == "wheel":
             notches = float(np.clip(-event.get("dy", 0.0) / NOTCH, -MOST_NOTCHES, MOST_NOTCHES))
-            self.pose = wheeled(self.pose, self._place(event), notches)
+            self.pose = zoom_by_wheel(self.pose, self._place(event), notches)
         elif kind == "double_click":
             self.mouse = self.mouse.release()
             self.pose = self.document.home(self.pose.camera.size)

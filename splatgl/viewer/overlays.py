@@ -16,11 +16,11 @@ from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.clip_tool import box_edges, handles, outline
-from splatgl.viewer.measure_tool import distance, told, under_cursor
-from splatgl.viewer.slice_views import left_of, outlines
+from splatgl.viewer.measure_tool import describe_pick, distance_text, under_cursor
+from splatgl.viewer.slice_views import clip_strokes, slice_outlines
 from splatgl.viewer.state import Cuts, Ruler
 from splatgl.viewer.tool import Place, View
-from splatgl.viewer.trackball import seen, segment
+from splatgl.viewer.trackball import project, project_segment
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -64,7 +64,7 @@ class Legend:
         if key != self.key:
             subject = self._subject(scenery.volume)
             look = scenery.transfer, camera, scenery.asked, scenery.ground, scenery.blend
-            self.key, self.latest = key, cropped(self.overlay.draw(subject, *look))
+            self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))
         return self.latest
 
     def _subject(self, volume: Volume) -> Subject:
@@ -75,7 +75,7 @@ class Legend:
         return found
 
 
-def cropped(pixels: np.ndarray) -> tuple[Sprite, ...]:
+def crop_sprites(pixels: np.ndarray) -> tuple[Sprite, ...]:
     """What is not clear of a picture uint8 [H, W, 4], in bands, each as wide as what it shows."""
     found = []
     for top, bottom in _spans(np.asarray(pixels[..., 3].any(axis=1))):
@@ -121,44 +121,44 @@ class Overlays:
         camera, scale = state.pose.camera, view.scale
         inputs = state.styles[0].transfer, camera, state.settings.blend, background_of(state)
         legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *inputs))
-        strokes = of_cuts(state.cuts, document.volume, camera, scale)
-        lines, labels = of_ruler(state.ruler, document, camera, scale)
+        strokes = handle_strokes(state.cuts, document.volume, camera, scale)
+        lines, labels = ruler_marks(state.ruler, document, camera, scale)
         if state.probe and cursor is not None:
-            labels += _probed(state, document, cursor, scale)
+            labels += _value_label(state, document, cursor, scale)
         if not slices:
             return Marks((*legend, *labels), (*strokes, *lines))
-        lines += outlines(state.slices, document.volume, camera, scale)
-        visible = left_of((*strokes, *lines), camera.size[0])
+        lines += slice_outlines(state.slices, document.volume, camera, scale)
+        visible = clip_strokes((*strokes, *lines), camera.size[0])
         return Marks((*legend, *labels, *slices.sprites), (*visible, *slices.strokes))
 
 
-def of_ruler(ruler: Ruler, document: Document, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
+def ruler_marks(ruler: Ruler, document: Document, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
     """The line between two points with dots at its ends, and its length beside it."""
-    places = seen(camera, np.array(ruler.points).reshape(-1, 3))
+    places = project(camera, np.array(ruler.points).reshape(-1, 3))
     dots = [(float(x), float(y)) for x, y in places if np.isfinite(x)]
     strokes = [Stroke(each, each, RULER, TIP * scale, scale) for each in dots]
     if len(ruler.points) < 2:
         return strokes, []
-    line = segment(camera, *map(np.array, ruler.points))
+    line = project_segment(camera, *map(np.array, ruler.points))
     if line is None:
         return strokes, []
-    text = label((distance(ruler, document),), scale)
+    text = label((distance_text(ruler, document),), scale)
     # beside the end to the right, where the line is not
     end = max(line)
     place = beside(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
     return [Stroke(*line, RULER, LINE * scale, scale), *strokes], [Sprite(text, place)]
 
 
-def _probed(state: State, document: Document, cursor: Place, scale: float) -> list[Sprite]:
+def _value_label(state: State, document: Document, cursor: Place, scale: float) -> list[Sprite]:
     """The label of the value under the cursor."""
     size = state.pose.camera.size
     if not (0 <= cursor[0] < size[0] and 0 <= cursor[1] < size[1]):
         return []
-    text = label(told(under_cursor(state, document, cursor), document), scale)
+    text = label(describe_pick(under_cursor(state, document, cursor), document), scale)
     return [Sprite(text, beside(cursor, (text.shape[1], text.shape[0]), size, 1.5 * DOT * scale))]
 
 
-def of_cuts(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
+def handle_strokes(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
     """The lines and dots of the box and the planes, in pixels; none while they are hidden."""
     if not cuts.shown:
         return []
@@ -175,7 +175,7 @@ def of_cuts(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[St
             feet[handle.number] = handle.point
         elif handle.what == "tilt":
             found += _lines(camera, [(feet[handle.number], handle.point)], color, LINE * scale)
-        (place,) = seen(camera, handle.point[None])
+        (place,) = project(camera, handle.point[None])
         if np.isfinite(place).all():
             at = float(place[0]), float(place[1])
             found.append(Stroke(at, at, color, (TIP if handle.what == "tilt" else DOT) * scale, scale))
@@ -188,5 +188,5 @@ def plane_color(cuts: Cuts, number: int) -> LineColor:
 
 
 def _lines(camera: Camera, ends: list[tuple[np.ndarray, np.ndarray]], color: LineColor, width: float) -> list[Stroke]:
-    found = [segment(camera, start, stop) for start, stop in ends]
+    found = [project_segment(camera, start, stop) for start, stop in ends]
     return [Stroke(*each, color, width) for each in found if each is not None]

@@ -114,7 +114,7 @@ class Panel:
         if len(stats.values):
             low, high = stats.values[0], stats.values[-1]
             imgui.text(f"values {low:.5g} to {high:.5g}, median {stats.percentile(50):.5g}")
-        for line in hud.lines(state, document, frame, None)[1:]:
+        for line in hud.full_lines(state, document, frame, None)[1:]:
             imgui.text_wrapped(plain(line))
 
 
@@ -164,7 +164,7 @@ def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     if changed:
         transfer = replace(transfer, colormap=names[index])
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
-    spread = transfer_editor.values_of(stats)
+    spread = transfer_editor.value_range(stats)
     changed, low, high = imgui.drag_float_range2("window", low, high, (spread[1] - spread[0]) / 300, format="%.4g")
     imgui.set_item_tooltip("Values that the colours span: drag either end.")
     return replace(transfer, window=(low, high)) if changed and low < high else transfer

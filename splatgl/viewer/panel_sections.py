@@ -17,7 +17,7 @@ from splatgl.gl.screen import GROUNDS
 from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import colormap
-from splatgl.viewer.clip_tool import cut
+from splatgl.viewer.clip_tool import set_cuts
 from splatgl.viewer.commands import (
     ALONG,
     ANATOMY,
@@ -28,7 +28,7 @@ from splatgl.viewer.commands import (
     Request,
     add_plane,
     name_of,
-    toggled,
+    toggle_name,
 )
 from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import background_of, plane_color
@@ -99,7 +99,7 @@ def draw_clipping(state: State, document: Document, widgets: CommandWidgets) -> 
     imgui.same_line()
     state = widgets.checkbox("cuts", "cut", state.cuts.active, state, document)
     cuts = _box(state.cuts, document.volume)
-    state = cut(state, document, _planes(cuts, document.volume))
+    state = set_cuts(state, document, _planes(cuts, document.volume))
     if len(state.cuts.planes) < MOST_PLANES:
         state = _more(state, document)
     if state.cuts.any:
@@ -272,7 +272,7 @@ def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
     rows = {row.name: row for row in ANNOTATIONS.values() if row.key and (document.volume.frame or not row.needs_frame)}
     for name in _flow(list(rows), 4):
         if imgui.checkbox(name, name in state.annotate)[0]:
-            state = replace(state, annotate=toggled(state.annotate, name))
+            state = replace(state, annotate=toggle_name(state.annotate, name))
         imgui.set_item_tooltip(f"{rows[name].about[:-1]} ({rows[name].key}).")
     state = widgets.checkbox("probe", "value under the cursor", state.probe, state, document)
     imgui.same_line()

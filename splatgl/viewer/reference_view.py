@@ -35,7 +35,7 @@ class Difference:
         return cls(float(np.abs(apart).max()), float(np.sqrt((apart * apart).mean())))
 
 
-def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarray:
+def resize_bilinear(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarray:
     """An image [h, w, C] resized bilinearly to `size` pixels, every `step`-th row and column."""
     for axis, (count, wanted) in enumerate(zip(picture.shape, reversed(size), strict=False)):
         place = np.clip((np.arange(0, wanted, step) + 0.5) * count / wanted - 0.5, 0, count - 1)
@@ -47,7 +47,7 @@ def enlarged(picture: np.ndarray, size: tuple[int, int], step: int) -> np.ndarra
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class ReferenceInputs:
     """Inputs of a reference; compared by identity. count: of splats that are seen from some side."""
 
     splats: Splats | Scene
@@ -56,7 +56,7 @@ class Wanted:
     count: int
 
     @classmethod
-    def of(cls, document: Document, camera: Camera, settings: Settings) -> Wanted:
+    def of(cls, document: Document, camera: Camera, settings: Settings) -> ReferenceInputs:
         """The reference of all splats of a document."""
         subject, settings = document.subject_at(1, settings)
         return cls(subject, camera, settings, document.counts[0])
@@ -67,11 +67,11 @@ class Reference:
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs = jobs
-        self.wanted: Wanted | None = None
+        self.wanted: ReferenceInputs | None = None
         self.image: Image | None = None
         self.said = ""
 
-    def request(self, wanted: Wanted) -> None:
+    def request(self, wanted: ReferenceInputs) -> None:
         """Starts rendering a reference; the same request starts only once."""
         self.forget()
         self.wanted = wanted
@@ -97,7 +97,7 @@ class Reference:
                 self.image, self.said = done.value[1], ""
         return bool(news)
 
-    def _draw(self, wanted: Wanted) -> Image:
+    def _draw(self, wanted: ReferenceInputs) -> Image:
         def progress(bands: Iterator[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
             for number, band in enumerate(bands):
                 if wanted is not self.wanted:

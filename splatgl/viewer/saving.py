@@ -25,8 +25,8 @@ from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.document import Document, LayerSplats
-from splatgl.viewer.overlays import of_ruler
-from splatgl.viewer.slice_views import outlines
+from splatgl.viewer.overlays import ruler_marks
+from splatgl.viewer.slice_views import slice_outlines
 from splatgl.viewer.state import LayerStyle, State
 
 # opacity of the rim around lines, as on the screen
@@ -38,12 +38,12 @@ def compose_screenshot(
 ) -> Image:
     """The picture with ruler and slices, as the window shows them. slices: uint8 [H, w, 3], sRGB; None: hidden."""
     camera = state.pose.camera
-    lines, labels = of_ruler(state.ruler, document, camera, scale)
-    image = with_marks(image, (*lines, *outlines(state.slices, document.volume, camera, scale)), labels)
-    return image if slices is None else with_slices(image, slices)
+    lines, labels = ruler_marks(state.ruler, document, camera, scale)
+    image = draw_marks(image, (*lines, *slice_outlines(state.slices, document.volume, camera, scale)), labels)
+    return image if slices is None else append_slices(image, slices)
 
 
-def with_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite]) -> Image:
+def draw_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite]) -> Image:
     """A picture under marks, in the order in which the window draws them."""
     if not strokes and not sprites:
         return image
@@ -51,22 +51,22 @@ def with_marks(image: Image, strokes: Sequence[Stroke], sprites: Sequence[Sprite
     for sprite in sprites:
         left, top = (round(edge) for edge in sprite.place[:2])
         color = linear_from_srgb(sprite.pixels[..., :3] / 255)
-        layer.blend_mask(as_dark(sprite.pixels[..., 3] / 255), color, (left, top))
+        layer.blend_mask(linear_opacity(sprite.pixels[..., 3] / 255), color, (left, top))
     for stroke in strokes:
         ends, alpha = np.array([[*stroke.start, *stroke.stop]]), stroke.color[3]
         red, green, blue = linear_from_srgb(np.array(stroke.color[:3])).tolist()
-        layer.segments(ends, BLACK, float(as_dark(RIM * alpha)), stroke.width + stroke.rim)
+        layer.segments(ends, BLACK, float(linear_opacity(RIM * alpha)), stroke.width + stroke.rim)
         layer.segments(ends, (red, green, blue), alpha, stroke.width)
     under = (1 - layer.pixels[..., 3:]) * image.pixels
     return Image(under + _white(image) * layer.pixels, image.info)
 
 
-def as_dark(alpha: np.ndarray | float) -> np.ndarray:
+def linear_opacity(alpha: np.ndarray | float) -> np.ndarray:
     """The opacity that darkens linear light as much as alpha darkens the screen's values."""
     return np.asarray(1 - linear_from_srgb(1 - np.asarray(alpha)), np.float32)
 
 
-def with_slices(image: Image, slices: np.ndarray) -> Image:
+def append_slices(image: Image, slices: np.ndarray) -> Image:
     """A picture with the slices at its right, uint8 [H, w, 3], sRGB."""
     height = image.pixels.shape[0]
     # a window that is being resized may have another height
@@ -117,7 +117,7 @@ def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
     return replace(scene, load=load, transfer=style.table, **look)
 
 
-def picture_of(scene: SceneFile, document: Document, draw: Draw) -> Image:
+def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     """The image that `splatgl render` makes of a scene of this document, drawn by the window's renderer."""
     transfer = scene.transfer_for(document.volume)
     styles = [_style(part, layer) for part, layer in zip((scene, *scene.layers), document.layers, strict=False)]
@@ -135,7 +135,7 @@ def plain(image: Image) -> Image:
 
 def save_picture(state: State, document: Document, draw: Draw, folder: Path, add: Add = plain) -> str:
     """Writes the next free picture-NNN.png; returns the message to show. add: draws ruler and slices over it."""
-    return _save_picture(state, document, draw, free(folder, "picture", ".png"), add)
+    return _save_picture(state, document, draw, free_path(folder, "picture", ".png"), add)
 
 
 def _save_picture(state: State, document: Document, draw: Draw, target: Path, add: Add) -> str:
@@ -143,15 +143,15 @@ def _save_picture(state: State, document: Document, draw: Draw, target: Path, ad
         raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
     scene = scene_of(state, document)
     background = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    add(picture_of(scene, document, draw)).save(target, background=background)
+    add(render_scene(scene, document, draw)).save(target, background=background)
     return f"saved {target.name}"
 
 
 def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> str:
     """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
-    target, scene = free(folder, "scene", ".toml"), scene_of(state, document)
+    target, scene = free_path(folder, "scene", ".toml"), scene_of(state, document)
     if not document.exceeds_budget:
-        picture_of(scene, document, draw).save(target.with_suffix(".npy"))
+        render_scene(scene, document, draw).save(target.with_suffix(".npy"))
     write_file(target, scene.to_toml(target.parent).encode())
     if document.exceeds_budget:
         return f"saved {target.name}: {RENDERED}"
@@ -167,7 +167,7 @@ def save_as(
     if not target.name or os.path.isdir(target):
         raise expected(target, "a file's name", "a folder")
     target = target.with_suffix(".toml") if is_scene_name(target) else target
-    if overwrites(target, sources(document, times)):
+    if overwrites(target, source_files(document, times)):
         raise expected(target, "another file", "what is shown", "choose another name")
     if not is_scene_name(target):
         return _save_picture(state, document, draw, target, add)
@@ -188,13 +188,13 @@ def try_save(save: Callable[[], str]) -> tuple[str, bool]:
         return error_text(error), False
 
 
-def sources(document: Document, times: Sequence[SceneFile] = ()) -> list[str]:
+def source_files(document: Document, times: Sequence[SceneFile] = ()) -> list[str]:
     """The files that a document, and its series, were read from."""
     scenes = (document.scene, *(layer.scene for layer in document.layers), *times)
     return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in document.mesh_files)]
 
 
-def free(folder: Path, stem: str, suffix: str) -> Path:
+def free_path(folder: Path, stem: str, suffix: str) -> Path:
     """First unused path of folder/stem-001 and so on."""
     number = 1
     while any((folder / f"{stem}-{number:03d}{end}").exists() for end in (suffix, ".npy")):

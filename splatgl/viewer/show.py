@@ -73,33 +73,33 @@ def has_display() -> bool:
 
 def _window(scene: SceneFile, sized: bool) -> None:
     """Opens the window until it is closed."""
-    files = reading(scene)
+    files = start_reading(scene)
     from splatgl.viewer.viewer import Options
 
-    opened(files, scene, Options(size=scene.view.size) if sized else Options())
+    open_window(files, scene, Options(size=scene.view.size) if sized else Options())
 
 
 # seconds in which most mistakes in what is asked for are found, before a window is opened
 AT_ONCE = 0.1
 
 
-def reading(scene: SceneFile, source: str = "", reopen: Reopen | None = None) -> Files:
+def start_reading(scene: SceneFile, source: str = "", reopen: Reopen | None = None) -> Files:
     """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE. source: of what is
     watched, and read again by `reopen`.
     """
-    from splatgl.viewer.file_watch import watched
+    from splatgl.viewer.file_watch import watched_files
     from splatgl.viewer.jobs import Jobs
     from splatgl.viewer.loading import Files
 
     jobs = Jobs(lambda: None)
-    files = Files(jobs, watched(source, scene) if source else (), reopen, time.monotonic())
+    files = Files(jobs, watched_files(source, scene) if source else (), reopen, time.monotonic())
     files.open_scene(scene)
     if jobs.wait(AT_ONCE) and jobs.done and jobs.done[0].error is not None:
         raise jobs.done[0].error
     return files
 
 
-def opened(
+def open_window(
     files: Files,
     scene: SceneFile,
     options: Options,

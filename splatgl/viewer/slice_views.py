@@ -21,7 +21,7 @@ from splatgl.splat.transfer import Transfer
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
-from splatgl.viewer.trackball import segment, up_of
+from splatgl.viewer.trackball import project_segment, up_direction
 
 if TYPE_CHECKING:
     from splatgl.viewer.document import Document
@@ -81,24 +81,24 @@ class Pane:
         return found[0], found[1]
 
 
-def column(window: tuple[int, int], shown: bool) -> int:
+def column_width(window: tuple[int, int], shown: bool) -> int:
     """Pixels of the window's width that are the slices'."""
     return int(min(window[1] / 3, window[0] * WIDEST)) if shown else 0
 
 
 def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float = 1.0) -> tuple[Pane, ...]:
     """The three slices, z above y above x of the world, at the window's right. up: the scene's, world."""
-    wide, world = column(window, True), world_axes(volume)
+    wide, world = column_width(window, True), world_axes(volume)
     found = []
     for number, normal in enumerate((2, 1, 0)):
-        (right, right_sign), (down, down_sign) = _laid(volume.frame, normal, up)
+        (right, right_sign), (down, down_sign) = _pane_axes(volume.frame, normal, up)
         axis, across, along = world.index(normal), world.index(right), world.index(down)
         columns = volume.world_from_index
         back = bool(columns[right, across] * right_sign < 0), bool(columns[down, along] * down_sign < 0)
         top, bottom = number * window[1] / 3, (number + 1) * window[1] / 3
         room = float(window[0] - wide), top, float(window[0]), bottom
         sides = [float(np.linalg.norm(columns[:, each]) * volume.shape[2 - each]) for each in (across, along)]
-        found.append(Pane(axis, across, along, back, room, _fitted(room, sides, MARGIN * scale)))
+        found.append(Pane(axis, across, along, back, room, _fit_box(room, sides, MARGIN * scale)))
     return tuple(found)
 
 
@@ -109,7 +109,7 @@ def world_axes(volume: Volume) -> tuple[int, int, int]:
     return x, y, z
 
 
-def _laid(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+def _pane_axes(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     """World axes with their signs to the right and down, of the slice across a world axis."""
     if frame:
         turned = -1 if frame == "RAS" else 1
@@ -124,7 +124,7 @@ def _laid(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int, in
     return right, down
 
 
-def _fitted(room: Box, sides: Sequence[float], margin: float) -> Box:
+def _fit_box(room: Box, sides: Sequence[float], margin: float) -> Box:
     """The largest box of these proportions in the middle of a room."""
     wide, high = room[2] - room[0] - 2 * margin, room[3] - room[1] - 2 * margin
     factor = min(max(wide, 1.0) / sides[0], max(high, 1.0) / sides[1])
@@ -133,7 +133,7 @@ def _fitted(room: Box, sides: Sequence[float], margin: float) -> Box:
     return left, top, left + width, top + height
 
 
-def plane(array: Any, pane: Pane, index: int) -> np.ndarray:
+def read_slice(array: Any, pane: Pane, index: int) -> np.ndarray:
     """The samples or colours of a slice, [rows, columns, …] as the pane shows them; nothing else is read."""
     cut: list[Any] = [slice(None)] * 3
     cut[2 - pane.axis] = index
@@ -145,7 +145,7 @@ def plane(array: Any, pane: Pane, index: int) -> np.ndarray:
     return found[::-1] if pane.back[1] else found
 
 
-def strided(found: np.ndarray, pane: Pane) -> np.ndarray:
+def thin_out(found: np.ndarray, pane: Pane) -> np.ndarray:
     """A slice with no more than about two samples a pixel along each side."""
     sides = pane.box[3] - pane.box[1], pane.box[2] - pane.box[0]
     steps = [max(1, int(size / (2 * side))) for size, side in zip(found.shape, sides, strict=False)]
@@ -158,7 +158,7 @@ def window_of(transfer: Transfer) -> tuple[float, float]:
     return (low, high) if low < high else (low - 0.5, low + 0.5)
 
 
-def grey(values: np.ndarray, window: tuple[float, float], logarithmic: bool = False) -> np.ndarray:
+def grey_pixels(values: np.ndarray, window: tuple[float, float], logarithmic: bool = False) -> np.ndarray:
     """uint8 [H, W, 4]: grey by a window, or by logarithms of both; what is not a number is as its low end."""
     low, high = window
     with np.errstate(all="ignore"):
@@ -170,7 +170,7 @@ def grey(values: np.ndarray, window: tuple[float, float], logarithmic: bool = Fa
     return found
 
 
-def colors(values: np.ndarray, transfer: Transfer) -> np.ndarray:
+def colored_pixels(values: np.ndarray, transfer: Transfer) -> np.ndarray:
     """uint8 [H, W, 4]: the transfer function's colours."""
     if transfer.labels or transfer.logarithmic:
         linear = transfer.color(values)
@@ -217,7 +217,7 @@ class SliceTool(Tool):
         """The visible slices."""
         if not state.slices.shown or document.is_loading:
             return ()
-        return panes(document.volume, up_of(document), view.size, view.scale)
+        return panes(document.volume, up_direction(document), view.size, view.scale)
 
     def _pane(self, state: State, document: Document, view: View, place: Place) -> Pane | None:
         return next((pane for pane in self.panes(state, document, view) if pane.holds(place)), None)
@@ -228,14 +228,14 @@ class SliceTool(Tool):
         if pane is None or pointer.button != "left":
             return None if pane is None else state
         self.dragged = pane.axis
-        return _linked(state, document, pane, pointer.place)
+        return _link_slices(state, document, pane, pointer.place)
 
     def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Drags the other two slices."""
         if self.dragged is None:
             return None
         pane = next((pane for pane in self.panes(state, document, view) if pane.axis == self.dragged), None)
-        return state if pane is None else _linked(state, document, pane, pointer.place)
+        return state if pane is None else _link_slices(state, document, pane, pointer.place)
 
     def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Ends the drag."""
@@ -286,7 +286,7 @@ class SliceTool(Tool):
         if isinstance(volume.samples, np.ndarray):
             value = f"{volume.samples[index[::-1]]:.6g} {volume.value_unit}".rstrip()
             corner = left + GAP * scale, view.size[1] - GAP * scale
-            sprites.append(_at(value, corner, (0.0, 1.0), scale))
+            sprites.append(_label_at(value, corner, (0.0, 1.0), scale))
         return Marks(tuple(sprites), tuple(strokes))
 
     def complete_marks(self, state: State, document: Document, view: View) -> Marks:
@@ -315,10 +315,10 @@ class SliceTool(Tool):
 
         def work() -> tuple[int, Key, np.ndarray]:
             if volume.color is not None:
-                rgb = strided(plane(volume.color, pane, index), pane)
+                rgb = thin_out(read_slice(volume.color, pane, index), pane)
                 return pane.axis, key, np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
-            values = strided(plane(volume.samples, pane, index), pane)
-            shade = grey(values, look, logarithmic) if isinstance(look, tuple) else colors(values, look)
+            values = thin_out(read_slice(volume.samples, pane, index), pane)
+            shade = grey_pixels(values, look, logarithmic) if isinstance(look, tuple) else colored_pixels(values, look)
             return pane.axis, key, shade
 
         if isinstance(volume.samples, np.ndarray):
@@ -332,7 +332,7 @@ class SliceTool(Tool):
         return None if latest is None else latest[1]
 
 
-def _linked(state: State, document: Document, pane: Pane, place: Place) -> State:
+def _link_slices(state: State, document: Document, pane: Pane, place: Place) -> State:
     """The state with the other two slices at a place in a pane."""
     slices, volume = state.slices, document.volume
     return replace(state, slices=slices.at(pane.index(place, slices.index(volume), volume), volume))
@@ -354,7 +354,7 @@ def _labels(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) ->
     name = ANATOMY[world_axes(volume)[pane.axis]] if volume.frame else "xyz"[pane.axis]
     left, top, right, bottom = pane.room
     gap, middle = GAP * scale, ((left + right) / 2, (top + bottom) / 2)
-    title = _at(f"{name} {index[pane.axis]}", (left + gap, top + gap), (0.0, 0.0), scale)
+    title = _label_at(f"{name} {index[pane.axis]}", (left + gap, top + gap), (0.0, 0.0), scale)
     found = [title]
     for side, axis in enumerate((pane.across, pane.down)):
         towards = volume.world_from_index[:, axis] * (-1 if pane.back[side] else 1)
@@ -365,12 +365,12 @@ def _labels(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) ->
                 edge = ((left + gap, right - gap), (top + gap, bottom - gap))[side][sign > 0]
                 share = (sign + 1) / 2
                 if side == 0:
-                    found.append(_at(text, (edge, middle[1]), (share, 0.5), scale))
+                    found.append(_label_at(text, (edge, middle[1]), (share, 0.5), scale))
                 else:
                     # beside the title in a narrow pane
                     wide = label((text,), scale).shape[1]
                     x = max(middle[0], title.place[2] + gap + wide / 2) if sign < 0 else middle[0]
-                    found.append(_at(text, (x, edge), (0.5, share), scale))
+                    found.append(_label_at(text, (x, edge), (0.5, share), scale))
     return found
 
 
@@ -382,7 +382,7 @@ def _direction(frame: str | None, towards: np.ndarray) -> str:
     return "xyz"[axis] if towards[axis] > 0 else ""
 
 
-def _at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
+def _label_at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
     """A label with its point at these shares of its size at a place."""
     pixels = label((text,), scale)
     high, wide = pixels.shape[:2]
@@ -390,7 +390,7 @@ def _at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
     return Sprite(pixels, (left, top, left + wide, top + high))
 
 
-def outlines(slices: Slices, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
+def slice_outlines(slices: Slices, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
     """The slices' edges in the 3-D picture."""
     if not slices.shown:
         return []
@@ -403,13 +403,13 @@ def outlines(slices: Slices, volume: Volume, camera: Camera, scale: float) -> li
         corners[:, b] = np.array([0, 0, 1, 1]) * sizes[b] - 0.5
         points = corners @ volume.world_from_index.T + np.asarray(volume.origin)
         for start, stop in zip(points, np.roll(points, -1, axis=0), strict=True):
-            seen = segment(camera, start, stop)
+            seen = project_segment(camera, start, stop)
             if seen is not None:
                 strokes.append(Stroke(*seen, LINES[axis], LINE * scale, scale))
     return strokes
 
 
-def left_of(strokes: tuple[Stroke, ...], edge: float) -> tuple[Stroke, ...]:
+def clip_strokes(strokes: tuple[Stroke, ...], edge: float) -> tuple[Stroke, ...]:
     """What of strokes is left of an edge, pixels."""
     found = []
     for each in strokes:

@@ -48,10 +48,10 @@ def choose_stand_in(volume: Volume, transfer: Transfer, settings: Settings) -> S
         return _level(levels, first, number)
     base = levels[-1]
     step = max(2, int(np.ceil((base.count / STAND_IN) ** (1 / 3))))
-    return StandIn(every(base, step), f"every {_nth(step)} voxel", lambda: _means(base, transfer, settings, most))
+    return StandIn(subsample(base, step), f"every {_nth(step)} voxel", lambda: _means(base, transfer, settings, most))
 
 
-def every(volume: Volume, step: int) -> Volume:
+def subsample(volume: Volume, step: int) -> Volume:
     """Every so many voxels along each axis, plane by plane: a mapped file is read there only."""
     color = volume.color
     planes = [np.asarray(volume.samples[z])[::step, ::step] for z in range(0, volume.shape[0], step)]

@@ -75,12 +75,12 @@ class Mouse:
         return Mouse(None, self.pressed)
 
 
-def wheeled(pose: Pose, place: Place, notches: float) -> Pose:
+def zoom_by_wheel(pose: Pose, place: Place, notches: float) -> Pose:
     """The pose after wheel rotation by `notches`; upwards zooms in."""
     return pose.zoomed(place, NOTCH**notches)
 
 
-def up_of(document: Document) -> np.ndarray:
+def up_direction(document: Document) -> np.ndarray:
     """The scene's up direction."""
     up = np.asarray(document.scene.view.up or document.volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
     return np.asarray(up / np.linalg.norm(up))
@@ -233,7 +233,7 @@ def _triple(point: np.ndarray) -> Triple:
 NEAR = 1e-6
 
 
-def seen(camera: Camera, points: np.ndarray) -> np.ndarray:
+def project(camera: Camera, points: np.ndarray) -> np.ndarray:
     """Pixels [N, 2] of world points [N, 3]; NaN of those that are not in front of a perspective eye."""
     eye = camera.eye_from_points(points)
     depth = np.where(eye[:, 2] > 0, eye[:, 2], np.nan) if camera.perspective else np.ones(len(eye))
@@ -241,7 +241,7 @@ def seen(camera: Camera, points: np.ndarray) -> np.ndarray:
     return np.asarray(eye[:, :2] / (depth * pitch)[:, None] + np.array(camera.size) / 2)
 
 
-def ray(camera: Camera, place: Place) -> tuple[np.ndarray, np.ndarray]:
+def pixel_ray(camera: Camera, place: Place) -> tuple[np.ndarray, np.ndarray]:
     """Start [3] and unit direction [3], world, of the ray through a position in pixels."""
     across = (np.array(place) - np.array(camera.size) / 2) * camera.extent / camera.size[1]
     if camera.perspective:
@@ -250,7 +250,7 @@ def ray(camera: Camera, place: Place) -> tuple[np.ndarray, np.ndarray]:
     return camera.eye + across @ camera.eye_from_world[:2], camera.forward
 
 
-def segment(camera: Camera, start: np.ndarray, stop: np.ndarray) -> tuple[Place, Place] | None:
+def project_segment(camera: Camera, start: np.ndarray, stop: np.ndarray) -> tuple[Place, Place] | None:
     """Pixels of a line's ends, of the part of it that is in front of the eye; None if none is."""
     ends = np.array([start, stop], np.float64)
     depth = camera.eye_from_points(ends)[:, 2]
@@ -263,7 +263,7 @@ def segment(camera: Camera, start: np.ndarray, stop: np.ndarray) -> tuple[Place,
             share = (least - depth[behind]) / (depth[1 - behind] - depth[behind])
             # a hair further, so that rounding leaves it in front
             ends[behind] += (ends[1 - behind] - ends[behind]) * min(1.0, share * (1 + 1e-9) + 1e-12)
-    found = seen(camera, ends)
+    found = project(camera, ends)
     if not np.isfinite(found).all():
         return None
     return (float(found[0, 0]), float(found[0, 1])), (float(found[1, 0]), float(found[1, 1]))
@@ -273,7 +273,7 @@ def nearest_on_line(camera: Camera, place: Place, point: np.ndarray, axis: np.nd
     """The t of the point + t · axis (a unit vector) that is nearest to the ray through a pixel; None where the line is
     seen end on.
     """
-    start, direction = ray(camera, place)
+    start, direction = pixel_ray(camera, place)
     cosine = float(direction @ axis)
     square = 1.0 - cosine * cosine
     if square < 1e-6:

@@ -47,7 +47,7 @@ def line(transfer: Transfer, low: float, high: float) -> tuple[np.ndarray, np.nd
     return np.ascontiguousarray(values), rise(opacities)
 
 
-def values_of(stats: Statistics) -> tuple[float, float]:
+def value_range(stats: Statistics) -> tuple[float, float]:
     """Initial range of the axis of values."""
     if stats.constant:
         value = float(stats.values[0]) if len(stats.values) else 0.0
@@ -70,7 +70,7 @@ def histogram(stats: Statistics, low: float, high: float, logarithmic: bool = Tr
     return edges, np.asarray(heights / max(float(heights.max()), 1e-9))
 
 
-def moved_point(nodes: Nodes, index: int, node: tuple[float, float]) -> Nodes:
+def move_point(nodes: Nodes, index: int, node: tuple[float, float]) -> Nodes:
     """The nodes with one moved; it stays between its neighbours."""
     low = nodes[index - 1][0] if index else -np.inf
     high = nodes[index + 1][0] if index + 1 < len(nodes) else np.inf
@@ -78,13 +78,13 @@ def moved_point(nodes: Nodes, index: int, node: tuple[float, float]) -> Nodes:
     return (*nodes[:index], there, *nodes[index + 1 :])
 
 
-def added(nodes: Nodes, node: tuple[float, float]) -> tuple[Nodes, int]:
+def add_point(nodes: Nodes, node: tuple[float, float]) -> tuple[Nodes, int]:
     """The nodes with one added, and its index."""
     index = int(np.searchsorted([value for value, _ in nodes], node[0]))
     return (*nodes[:index], node, *nodes[index:]), index
 
 
-def removed(nodes: Nodes, index: int) -> Nodes:
+def remove_point(nodes: Nodes, index: int) -> Nodes:
     """The nodes with one removed; the last one is never removed."""
     return nodes if len(nodes) == 1 else (*nodes[:index], *nodes[index + 1 :])
 
@@ -184,16 +184,16 @@ class Curve:
                 # the last frame of a drag has a place, too
                 moved, x, y = True, at.x, at.y
             if moved and not ctrl:
-                points = moved_point(points, number, (x, fall(y)))
+                points = move_point(points, number, (x, fall(y)))
         self.held = held
         hovered = implot.is_plot_hovered() or pointed is not None
         removes = imgui.is_mouse_clicked(imgui.MouseButton_.right) or (
             ctrl and imgui.is_mouse_clicked(imgui.MouseButton_.left)
         )
         if removes and pointed is not None:
-            return removed(points, pointed)
+            return remove_point(points, pointed)
         if hovered and pointed is None and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-            return added(points, (at.x, fall(at.y)))[0]
+            return add_point(points, (at.x, fall(at.y)))[0]
         told = held if held is not None else pointed
         if told is not None:
             imgui.set_tooltip(f"{points[told][0]:.5g}: {points[told][1]:.4g}")
@@ -220,7 +220,7 @@ class Curve:
     def _whole(self) -> None:
         """Shows all values."""
         if self.stats is not None:
-            self._count(*values_of(self.stats))
+            self._count(*value_range(self.stats))
             self.fits = True
 
     def _count(self, low: float, high: float) -> None:

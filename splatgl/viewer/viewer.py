@@ -19,22 +19,30 @@ from splatgl.errors import USER_ERRORS, error_text, missing_extra
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Marks, Screen
 from splatgl.gl.target import Interrupted
-from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, IdleTrim, Moment, Refiner, give_back_large
+from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, IdleTrim, Moment, Refiner, return_large_blocks
 from splatgl.viewer.commands import COMMANDS, Command, Effect, Open, OpenOption, Request
 from splatgl.viewer.document import Document
 from splatgl.viewer.file_dialogs import OPEN, SAVE, Dialogs
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.hud import progress
+from splatgl.viewer.hud import progress_text
 from splatgl.viewer.input import InputHandler
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.loading import Files, Loaded, MeshesRead, Opened, Recent, Reloaded, TimePoint
 from splatgl.viewer.overlays import Overlays
-from splatgl.viewer.reference_view import Reference, Wanted
-from splatgl.viewer.saving import compose_screenshot, free, is_scene_name, save_as, save_picture, save_scene, try_save
-from splatgl.viewer.slice_views import SliceTool, column
+from splatgl.viewer.reference_view import Reference, ReferenceInputs
+from splatgl.viewer.saving import (
+    compose_screenshot,
+    free_path,
+    is_scene_name,
+    save_as,
+    save_picture,
+    save_scene,
+    try_save,
+)
+from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import History, State, changed_fields
 from splatgl.viewer.tool import MouseEvent, Pointer, View
-from splatgl.viewer.trackball import up_of
+from splatgl.viewer.trackball import up_direction
 from splatgl.viewer.window import Window
 
 # automatic rotation in degrees per second
@@ -76,7 +84,7 @@ class Viewer:
     def __init__(
         self, document: Document, renderer: Renderer, options: Options | None = None, files: Files | None = None
     ) -> None:
-        give_back_large()
+        return_large_blocks()
         self.options, self.renderer = options or Options(), renderer
         # effects of commands, performed in the next step
         self.effects: list[Effect] = []
@@ -132,7 +140,7 @@ class Viewer:
     def size(self) -> tuple[int, int]:
         """Pixels of the picture: the window without the slices."""
         width, height = self.view.size
-        return max(width - column((width, height), self.state.slices.shown), 1), height
+        return max(width - column_width((width, height), self.state.slices.shown), 1), height
 
     @property
     def busy(self) -> str | None:
@@ -275,7 +283,7 @@ class Viewer:
         """Advances rotation and time series; at rest, records a step of the history and frees unused memory."""
         now, state = self.now(), self.files.check(self.state, self.now())
         if state.turning:
-            state = replace(state, pose=state.pose.spun(SPEED * (now - self.ticked), up_of(self.document)))
+            state = replace(state, pose=state.pose.spun(SPEED * (now - self.ticked), up_direction(self.document)))
             self.touched = now
         shown = self.files.time == state.time and not self.files.jobs.busy and not self.dirty
         if state.playing and self.files.times and shown and now - self.played >= PLAYED:
@@ -328,7 +336,7 @@ class Viewer:
             case Request.SAVE_SCENE:
                 self._save(partial(save_scene, self.state, self.document, draw, folder), True)
             case Request.SAVE_AS:
-                self._open_dialog(SAVE, folder, free(folder, "scene", ".toml").name)
+                self._open_dialog(SAVE, folder, free_path(folder, "scene", ".toml").name)
             case Open(()):
                 source = Path(self.document.scene.volume)
                 self._open_dialog(OPEN, source.parent if source.exists() else Path(), "")
@@ -620,7 +628,7 @@ class Viewer:
                 reference.forget()
         elif reference.wanted is None:
             settings = self.state.settings.but(classification="auto")
-            reference.request(Wanted.of(self.document, self.state.pose.camera, settings))
+            reference.request(ReferenceInputs.of(self.document, self.state.pose.camera, settings))
 
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
@@ -633,7 +641,7 @@ class Viewer:
         self.dirty -= 1
         self._compose()
         self.window.show()
-        self.window.title(f"{self.document.volume.name} - splatgl - {doing or progress(self.painter.frame)}")
+        self.window.title(f"{self.document.volume.name} - splatgl - {doing or progress_text(self.painter.frame)}")
 
     def shot(self) -> np.ndarray:
         """The window's current image, uint8 [H, W, 3], sRGB."""

@@ -16,7 +16,7 @@ from splatgl.gl.buffers import uneven
 from splatgl.gl.target import settle
 from splatgl.splat.motion import Moments
 from splatgl.splat.plan import plan
-from splatgl.viewer.adaptive_quality import give_back_free, give_back_large
+from splatgl.viewer.adaptive_quality import return_free_memory, return_large_blocks
 from tests.helpers.memory import resident_mebibytes
 from tests.helpers.splatting import SPLATS
 
@@ -354,7 +354,7 @@ def test_what_is_freed_goes_back(what: str) -> None:
     elif what == "mesh":
         drawn = sg.Scene([layer], meshes=[sg.Mesh(corners, np.array([[0, 1, 2]]))])
     settings = sg.Settings(technique="quads" if what == "sheets" else "auto", antialias="supersample", samples=2)
-    give_back_large()
+    return_large_blocks()
     with sg.Renderer() as own:
         render = partial(own.render, drawn, settings=settings, verify_bound=False)
         small, large = (sg.Camera.orbit(drawn, size=size) for size in ((8, 8), (900, 650)))
@@ -364,7 +364,7 @@ def test_what_is_freed_goes_back(what: str) -> None:
             render(camera=large)
             own.free()
             render(camera=small)
-            give_back_free()
+            return_free_memory()
             held.append(resident_mebibytes() - before)
         # it was one to three pictures of 36 MB that stayed, now and then
         assert max(held) < 20, held

@@ -31,7 +31,7 @@ from splatgl.viewer.commands import Request
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Files
-from splatgl.viewer.show import reading
+from splatgl.viewer.show import start_reading
 from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.tool import Pointer
 from splatgl.viewer.viewer import Options, Viewer
@@ -90,9 +90,9 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "full": bool(frame and frame.full),
         "seconds": frame and frame.seconds,
         "blurred": bool(frame and frame.blurred),
-        "hud lines": hud.lines(state, viewer.document, frame, viewer.busy),
+        "hud lines": hud.full_lines(state, viewer.document, frame, viewer.busy),
         "words": viewer.painter.words,
-        "title": hud.progress(frame),
+        "title": hud.progress_text(frame),
         "size of picture": viewer.painter.pixels.shape,
         "paths": viewer.painter.overlay.paths if viewer.painter.overlay else (),
         "reference": viewer.reference.image is not None,
@@ -286,7 +286,7 @@ def main() -> None:
         options = Options(folder=Path(folder), **asked)
         if behind:
             # the window is there before its file is read
-            viewer = Viewer(Document.placeholder(scene), renderer, options, reading(scene))
+            viewer = Viewer(Document.placeholder(scene), renderer, options, start_reading(scene))
         else:
             viewer = Viewer(Document.open(scene), renderer, options, files)
         eyes, levels = noted(viewer)

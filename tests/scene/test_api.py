@@ -269,7 +269,7 @@ def test_show_with_a_display_opens_the_window(volume: sg.Volume, monkeypatch: py
         (done,) = files.jobs.collect()
         opened.append((done.value.document, options))
 
-    monkeypatch.setattr("splatgl.viewer.show.opened", open_window)
+    monkeypatch.setattr("splatgl.viewer.show.open_window", open_window)
     assert sg.show(volume, "microscopy", azimuth=70, size=(300, 200)) is None
     ((document, options),) = opened
     assert options.size == (300, 200) and document.styles[0].transfer == sg.preset("microscopy", volume)

@@ -12,13 +12,21 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.clipping import crop_planes
-from splatgl.viewer.clip_tool import Held, cut, handles, on_sphere, outline, plane_middle, under
+from splatgl.viewer.clip_tool import (
+    HandleDrag,
+    direction_on_sphere,
+    handle_at,
+    handles,
+    outline,
+    plane_middle,
+    set_cuts,
+)
 from splatgl.viewer.commands import add_plane
 from splatgl.viewer.document import Document
-from splatgl.viewer.measure_tool import picked
+from splatgl.viewer.measure_tool import find_matter
 from splatgl.viewer.saving import save_scene
 from splatgl.viewer.state import WHOLE, Cuts, History, State
-from splatgl.viewer.trackball import nearest_on_line, ray, seen, segment
+from splatgl.viewer.trackball import nearest_on_line, pixel_ray, project, project_segment
 from tests.helpers.commands import acted
 
 SIZE = (120, 80)
@@ -45,20 +53,20 @@ def document(tmp_path: Path) -> Document:
 @CAMERAS
 def test_a_point_is_seen_on_the_ray_through_its_pixel(camera: sg.Camera) -> None:
     points = np.array([[2.0, 3.0, 1.0], [0.0, 10.0, -4.0], [6.0, -3.0, 2.0]])
-    for point, place in zip(points, seen(camera, points), strict=True):
-        start, direction = ray(camera, tuple(place))
+    for point, place in zip(points, project(camera, points), strict=True):
+        start, direction = pixel_ray(camera, tuple(place))
         assert np.linalg.norm(np.cross(point - start, direction)) < 1e-9
     # the middle of the picture is straight ahead; of the perspective, one up is a pixel's pitch at that depth
-    assert np.allclose(seen(camera, camera.eye[None] + 7 * camera.forward), [60.0, 40.0])
+    assert np.allclose(project(camera, camera.eye[None] + 7 * camera.forward), [60.0, 40.0])
     up = camera.eye + 7 * camera.forward - camera.pixel_pitch(7.0) * camera.eye_from_world[1]
-    assert np.allclose(seen(camera, up[None]), [60.0, 39.0])
+    assert np.allclose(project(camera, up[None]), [60.0, 39.0])
 
 
 def test_lines_end_in_front_of_the_eye() -> None:
     eye, forward, right = PERSPECTIVE.eye, PERSPECTIVE.forward, PERSPECTIVE.right
-    assert segment(PERSPECTIVE, eye - forward, eye - 2 * forward) is None
-    found = segment(PERSPECTIVE, eye + 5 * forward + right, eye - 5 * forward + right)
-    assert found is not None and np.allclose(found[0], seen(PERSPECTIVE, (eye + 5 * forward + right)[None])[0])
+    assert project_segment(PERSPECTIVE, eye - forward, eye - 2 * forward) is None
+    found = project_segment(PERSPECTIVE, eye + 5 * forward + right, eye - 5 * forward + right)
+    assert found is not None and np.allclose(found[0], project(PERSPECTIVE, (eye + 5 * forward + right)[None])[0])
     # beyond the right edge, on the row of the middle
     assert found[1][0] > 1e4 and found[1][1] == pytest.approx(40.0, abs=1e-3 * found[1][0])
 
@@ -67,7 +75,7 @@ def test_lines_end_in_front_of_the_eye() -> None:
 def test_the_nearest_of_a_line_is_under_the_cursor(camera: sg.Camera) -> None:
     point, axis = np.array([2.0, 3.0, 1.0]), np.array([0.6, 0.0, 0.8])
     for t in (-3.0, 0.0, 2.5):
-        (place,) = seen(camera, (point + t * axis)[None])
+        (place,) = project(camera, (point + t * axis)[None])
         assert nearest_on_line(camera, tuple(place), point, axis) == pytest.approx(t)
     assert nearest_on_line(camera, (60.0, 40.0), point, camera.forward) is None
 
@@ -103,14 +111,14 @@ def test_a_side_follows_the_cursor(camera: sg.Camera, axis: int, end: int) -> No
     (handle,) = [each for each in handles(Cuts(), volume) if (each.number, each.end) == (axis, end)]
     voxels = 2 if end == 0 else -2
     aim = handle.point + voxels * volume.world_from_index[:, axis]
-    start, stop = seen(camera, np.array([handle.point, aim]))
-    assert under(handles(Cuts(), volume), camera, tuple(start + 2.0)) is not None
-    cuts = Held(handle, tuple(start), Cuts()).to(volume, camera, tuple(stop))
+    start, stop = project(camera, np.array([handle.point, aim]))
+    assert handle_at(handles(Cuts(), volume), camera, tuple(start + 2.0)) is not None
+    cuts = HandleDrag(handle, tuple(start), Cuts()).to(volume, camera, tuple(stop))
     assert cuts.sides[axis][end] == pytest.approx(end + voxels / volume.shape[2 - axis])
     (moved,) = [each for each in handles(cuts, volume) if (each.number, each.end) == (axis, end)]
     assert np.allclose(moved.point, aim)
     # never beyond the other side
-    far = Held(handle, tuple(start), Cuts()).to(volume, camera, tuple(start + 50 * (stop - start)))
+    far = HandleDrag(handle, tuple(start), Cuts()).to(volume, camera, tuple(start + 50 * (stop - start)))
     assert far.sides[axis][0] < far.sides[axis][1]
 
 
@@ -120,8 +128,8 @@ def test_a_plane_follows_the_cursor(camera: sg.Camera) -> None:
     normal = np.array([0.6, 0.0, 0.8])
     cuts = Cuts().with_plane(0, (*normal, float(normal @ volume.center)))
     foot = next(each for each in handles(cuts, volume) if each.what == "plane")
-    start, stop = seen(camera, np.array([foot.point, foot.point + 1.25 * normal]))
-    moved = Held(foot, tuple(start), cuts).to(volume, camera, tuple(stop))
+    start, stop = project(camera, np.array([foot.point, foot.point + 1.25 * normal]))
+    moved = HandleDrag(foot, tuple(start), cuts).to(volume, camera, tuple(stop))
     assert moved.planes[0][:3] == cuts.planes[0][:3]
     assert moved.planes[0][3] - cuts.planes[0][3] == pytest.approx(1.25)
     # end on, upwards is away from the eye: a pixel is as long as it is wide at that depth
@@ -132,8 +140,8 @@ def test_a_plane_follows_the_cursor(camera: sg.Camera) -> None:
         foot = next(each for each in handles(away, volume) if each.what == "plane")
         if camera.perspective:
             axis = (foot.point - camera.eye) / np.linalg.norm(foot.point - camera.eye)
-    (start,) = seen(camera, foot.point[None])
-    moved = Held(foot, tuple(start), away).to(volume, camera, (start[0], start[1] - 10))
+    (start,) = project(camera, foot.point[None])
+    moved = HandleDrag(foot, tuple(start), away).to(volume, camera, (start[0], start[1] - 10))
     depth = camera.eye_from_points(foot.point)[2]
     assert nearest_on_line(camera, tuple(start), foot.point, foot.axis) is None
     assert moved.planes[0][3] - away.planes[0][3] == pytest.approx(10 * camera.pixel_pitch(depth))
@@ -146,15 +154,15 @@ def test_an_arrow_points_where_its_tip_is_dragged(camera: sg.Camera) -> None:
     cuts = Cuts().with_plane(0, (*normal, float(normal @ volume.center)))
     foot, tip = (next(each for each in handles(cuts, volume) if each.what == what) for what in ("plane", "tilt"))
     wanted = np.array([0.7, -0.7, 0.1]) / np.linalg.norm([0.7, -0.7, 0.1])
-    start, stop = seen(camera, np.array([tip.point, foot.point + np.linalg.norm(tip.point - foot.point) * wanted]))
-    turned = Held(tip, tuple(start), cuts).to(volume, camera, tuple(stop)).planes[0]
+    start, stop = project(camera, np.array([tip.point, foot.point + np.linalg.norm(tip.point - foot.point) * wanted]))
+    turned = HandleDrag(tip, tuple(start), cuts).to(volume, camera, tuple(stop)).planes[0]
     assert np.allclose(turned[:3], wanted)
     # about its foot
     assert np.array(turned[:3]) @ foot.point == pytest.approx(turned[3])
 
 
 def test_beside_the_sphere_is_its_rim() -> None:
-    found = on_sphere(ORTHOGRAPHIC, (119.0, 40.0), np.array([2.0, 3.0, 1.0]), 1.0, behind=False)
+    found = direction_on_sphere(ORTHOGRAPHIC, (119.0, 40.0), np.array([2.0, 3.0, 1.0]), 1.0, behind=False)
     assert np.allclose(found, ORTHOGRAPHIC.right, atol=0.05) and abs(found @ ORTHOGRAPHIC.forward) < 1e-9
 
 
@@ -188,7 +196,7 @@ def test_keys_cut_and_undo(document: Document) -> None:
     assert acted(faced, "uncut", document).settings.clip == ()
     assert acted(faced, "uncut", document).cuts.sides == WHOLE
     # what would leave nothing is told and not done
-    nothing = cut(faced, document, faced.cuts.with_plane(0, (0.0, 0.0, 1.0, 99.0)))
+    nothing = set_cuts(faced, document, faced.cuts.with_plane(0, (0.0, 0.0, 1.0, 99.0)))
     assert nothing.settings is faced.settings and "everything" in nothing.message
     many = faced
     for _ in range(12):
@@ -204,9 +212,9 @@ def test_a_cut_extracts_nothing(document: Document) -> None:
 def test_what_is_cut_off_is_not_picked(document: Document) -> None:
     state = State.of(document, SIZE)
     middle = (60.0, 40.0)
-    whole = picked(document.layers[0].at(1), state.pose.camera, middle)
+    whole = find_matter(document.layers[0].at(1), state.pose.camera, middle)
     state = acted(state, "plane", document)
-    found = picked(document.layers[0].at(1), state.pose.camera, middle, state.settings.clip)
+    found = find_matter(document.layers[0].at(1), state.pose.camera, middle, state.settings.clip)
     assert whole is not None and found is not None
     # near the plane through the middle, farther away than the ball's front
     depths = [float(state.pose.camera.eye_from_points(point)[2]) for point in (whole, found)]
@@ -223,7 +231,7 @@ def test_cuts_are_saved(renderer: sg.Renderer, document: Document, tmp_path: Pat
         document.for_settings(state.settings).layers[0].at(1), state.pose.camera, state.settings
     ).pixels
     state = acted(replace(state, pose=state.pose.rotated((3, 4), (50, 60))), "plane", document)
-    state = cut(state, document, state.cuts.with_side(2, 1, 10 / 16))
+    state = set_cuts(state, document, state.cuts.with_side(2, 1, 10 / 16))
     document = document.with_styles(state.styles, (), state.settings)
     save_scene(state, document, renderer.render, tmp_path)
     given = ["render", str(tmp_path / "scene-001.toml"), "--backend", renderer.info.backend, "--quiet"]

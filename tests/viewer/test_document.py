@@ -16,9 +16,9 @@ from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import why_not
 from splatgl.viewer.document import Document, read_meshes
-from splatgl.viewer.file_watch import watched
+from splatgl.viewer.file_watch import watched_files
 from splatgl.viewer.loading import open_document
-from splatgl.viewer.saving import picture_of, save_scene, scene_of
+from splatgl.viewer.saving import render_scene, save_scene, scene_of
 from splatgl.viewer.state import History, State
 from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
@@ -259,7 +259,7 @@ def test_as_many_layers_as_a_picture_has(folder: Path, renderer: sg.Renderer) ->
     base, layer = SceneFile(str(folder / "other.npy")), SceneFile(str(folder / "other.npy"), opacity=0.1)
     document = Document.open(replace(base, layers=(layer,) * 7, settings=sg.Settings(antialias="off")))
     state = State.of(document, (48, 36))
-    picture = picture_of(replace(scene_of(state, document), annotate=()), document, renderer.render)
+    picture = render_scene(replace(scene_of(state, document), annotate=()), document, renderer.render)
     assert len(document.names) == 8 and picture.pixels[..., 3].max() > 0.5
     with pytest.raises(InputError, match="at most 8 that are visible, got 9"):
         Document.open(replace(base, layers=(layer,) * 8))
@@ -272,7 +272,7 @@ def test_what_is_missing_or_damaged_is_told(folder: Path) -> None:
         Document.open(replace(scene, layers=(SceneFile(str(folder / "gone.npy")),)))
     with pytest.raises(InputError, match="cut"):
         Document.open(replace(scene, meshes=(MeshFile(str(folder / "cut.ply")),)))
-    names = {Path(each).name for each in watched(str(folder / "two.toml"), scene)}
+    names = {Path(each).name for each in watched_files(str(folder / "two.toml"), scene)}
     assert names == {"two.toml", "blob.npy", "other.npy", "ball.ply", "wall.stl"}
 
 

@@ -111,7 +111,7 @@ def test_hidden_parts_are_not_extracted(renderer: sg.Renderer, tmp_path: Path) -
     frame = FrameRenderer(cast(Any, screen), renderer, ()).draw(state, document, FULL, False, lambda: False)
     assert 1 not in document.layers[0].made and 1 in document.layers[1].shells and frame.hidden == 0
     # what is told is of what is drawn
-    told = " ".join(hud.lines(state, document, frame, None))
+    told = " ".join(hud.full_lines(state, document, frame, None))
     assert f"{len(document.layers[1].finest):,} of {40**3:,} voxels" in told
 
 
@@ -133,7 +133,7 @@ def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypa
 def test_another_picture_is_not_called_refined(document: Document) -> None:
     """Neither while it is refused, nor once its extraction has failed."""
     state = State.of(document, SIZE)
-    told = hud.short(state, document, None, "the picture before")
+    told = hud.short_lines(state, document, None, "the picture before")
     assert told[-1] == "the picture before"
     stale = cast(Any, Viewer.pending_reason).fget
     refiner, extractor = SimpleNamespace(refused=("x",)), Extractor(lambda: None)

@@ -15,11 +15,11 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import TURN, angles, name_of
 from splatgl.viewer.document import Document
-from splatgl.viewer.measure_tool import clicked, told, under_cursor
-from splatgl.viewer.overlays import RULER, TIP, AnnotationInputs, Legend, cropped, of_ruler
-from splatgl.viewer.saving import save_picture, save_scene, with_marks
+from splatgl.viewer.measure_tool import add_ruler_point, describe_pick, under_cursor
+from splatgl.viewer.overlays import RULER, TIP, AnnotationInputs, Legend, crop_sprites, ruler_marks
+from splatgl.viewer.saving import draw_marks, save_picture, save_scene
 from splatgl.viewer.state import Ruler, State
-from splatgl.viewer.trackball import Mouse, Pose, seen, up_of
+from splatgl.viewer.trackball import Mouse, Pose, project, up_direction
 from tests.helpers.commands import acted
 
 SIZE = (160, 120)
@@ -47,7 +47,9 @@ def test_the_value_under_the_cursor(document: Document) -> None:
     assert found is not None
     assert found.value == pytest.approx((found.place[0] - 7) * (100 + found.place[2]), rel=1e-6)
     assert found.place[2] == pytest.approx(10.5, abs=0.06) and 7.0 < found.place[0] < 8.5
-    assert told(found, document)[2].endswith(("10", "11")) and told(None, document) == ("nothing here",)
+    assert describe_pick(found, document)[2].endswith(("10", "11")) and describe_pick(None, document) == (
+        "nothing here",
+    )
     assert under_cursor(state, document, (-1.0, 3.0)) is None
     # what is cut off is not there
     cut = replace(state, settings=state.settings.but(clip=[(1.0, 0.0, 0.0, 12.0)]))
@@ -58,14 +60,14 @@ def test_the_value_under_the_cursor(document: Document) -> None:
 def test_a_distance_is_that_of_its_points(document: Document) -> None:
     state = acted(along_x(document), "measure", document)
     for place in ((50.5, 60.5), (110.5, 60.5)):
-        state = clicked(state, document, place)
+        state = add_ruler_point(state, document, place)
     # 60 pixels of a tenth of a voxel
     assert state.ruler.length == pytest.approx(6.0, abs=0.01) and "distance 6" in state.message
-    strokes, labels = of_ruler(state.ruler, document, state.pose.camera, 1.0)
+    strokes, labels = ruler_marks(state.ruler, document, state.pose.camera, 1.0)
     assert np.allclose(sorted([strokes[0].start, strokes[0].stop]), [(50.5, 60.5), (110.5, 60.5)], atol=1e-6)
     assert labels[0].place[0] > 110 and labels[0].pixels[..., :3].max() == 255
     # a third point begins anew; the key ends, then removes it
-    assert len(clicked(state, document, (80.5, 50.5)).ruler.points) == 1
+    assert len(add_ruler_point(state, document, (80.5, 50.5)).ruler.points) == 1
     ended = acted(state, "measure", document)
     assert not ended.ruler.active and ended.ruler.length
     assert acted(ended, "measure", document).ruler == Ruler()
@@ -77,10 +79,10 @@ def test_a_distance_is_saved(document: Document, blend: str) -> None:
     state = along_x(document)
     # through the middle of pixels, of a tenth of a voxel
     points = tuple((8.0, 7.45 - 3 * side, 7.45) for side in (-1, 1))
-    strokes, labels = of_ruler(Ruler(points), document, state.pose.camera, 1.0)
+    strokes, labels = ruler_marks(Ruler(points), document, state.pose.camera, 1.0)
     picture = sg.Image(np.full((SIZE[1], SIZE[0], 4), 0.1, np.float32), {"blend": blend})
     picture.pixels[0, 0] = 0.25
-    found = with_marks(picture, strokes, labels).pixels
+    found = draw_marks(picture, strokes, labels).pixels
     one = 0.25 if blend == "xray" else 1.0
     marked = np.abs(found - picture.pixels).max(axis=2) > 0
     color = one * linear_from_srgb(np.array(RULER[:3]))
@@ -114,7 +116,7 @@ def test_what_has_not_changed_is_not_drawn_again(document: Document) -> None:
     # of the picture's size, they are what is not clear of the whole
     left = min(each.place[0] for each in first)
     assert left < 20 and all(each.pixels[..., 3].any() for each in first)
-    turned = replace(state, pose=state.pose.spun(20.0, up_of(document)))
+    turned = replace(state, pose=state.pose.spun(20.0, up_direction(document)))
     assert legend.sprites(scenery(document, turned, asked=asked)) is not first
     assert legend.sprites(scenery(document, state, asked=())) == ()
 
@@ -123,11 +125,11 @@ def test_sprites_are_what_is_not_clear() -> None:
     pixels = np.zeros((100, 120, 4), np.uint8)
     pixels[3:8, 10:14] = pixels[3:5, 20:30] = pixels[80:90, 100:120] = pixels[82, 5] = 255
     again = np.zeros_like(pixels)
-    for each in cropped(pixels):
+    for each in crop_sprites(pixels):
         left, top, right, bottom = map(int, each.place)
         again[top:bottom, left:right] = each.pixels
     assert np.array_equal(again, pixels)
-    assert [each.place for each in cropped(pixels)] == [(10, 3, 30, 8), (5, 80, 6, 90), (100, 80, 120, 90)]
+    assert [each.place for each in crop_sprites(pixels)] == [(10, 3, 30, 8), (5, 80, 6, 90), (100, 80, 120, 90)]
 
 
 def test_annotations_are_saved(renderer: sg.Renderer, document: Document, tmp_path: Path) -> None:
@@ -186,15 +188,15 @@ def test_keys_turn_zoom_and_roll(document: Document) -> None:
     angle = np.degrees(np.arccos(acted(state, "turn-up", document).pose.camera.forward @ state.pose.camera.forward))
     assert angle == pytest.approx(TURN)
     # the middle stays in the middle
-    (place,) = seen(acted(state, "roll-left", document).pose.camera, state.pose.pivot[None])
-    assert np.allclose(place, seen(state.pose.camera, state.pose.pivot[None])[0])
+    (place,) = project(acted(state, "roll-left", document).pose.camera, state.pose.pivot[None])
+    assert np.allclose(place, project(state.pose.camera, state.pose.pivot[None])[0])
     rolled = acted(acted(state, "roll-left", document), "roll-right", document)
     assert np.allclose(rolled.pose.camera.eye_from_world, state.pose.camera.eye_from_world)
 
 
 def test_a_turntable_keeps_up_upright(document: Document) -> None:
     state = acted(State.of(document, SIZE), "turntable", document)
-    up = up_of(document)
+    up = up_direction(document)
     mouse = Mouse().press("left", (), (40.0, 40.0), state.pose, 0.0)
     assert mouse.drag is not None
     drag = replace(mouse.drag, up=up)

@@ -17,17 +17,17 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
-from splatgl.viewer.saving import with_slices
+from splatgl.viewer.saving import append_slices
 from splatgl.viewer.slice_views import (
     Pane,
     SliceTool,
-    colors,
-    column,
-    grey,
-    left_of,
+    clip_strokes,
+    colored_pixels,
+    column_width,
+    grey_pixels,
     panes,
-    plane,
-    strided,
+    read_slice,
+    thin_out,
     window_of,
     world_axes,
 )
@@ -91,7 +91,7 @@ def test_slices_have_the_volume_s_proportions() -> None:
         assert pane.room[0] <= left < right <= pane.room[2] and pane.room[1] <= top < bottom <= pane.room[3]
     # windows of any size
     for window in ((64, 64), (2000, 100), (100, 2000), (1, 1)):
-        assert 0 <= column(window, True) <= window[0] / 2 and column(window, False) == 0
+        assert 0 <= column_width(window, True) <= window[0] / 2 and column_width(window, False) == 0
         assert all(np.isfinite(pane.box).all() for pane in panes(volume, UP, window, 2.0))
 
 
@@ -105,7 +105,7 @@ def test_every_pixel_is_the_voxel_that_is_there(
     volume = sg.Volume(rng.random((4, 5, 6)), direction=direction, spacing=(1.0, 2.0, 0.5), frame=frame)
     for pane in shown(volume):
         at = (2, 3, 1)
-        pixels = plane(volume.samples, pane, at[pane.axis])
+        pixels = read_slice(volume.samples, pane, at[pane.axis])
         rows, columns = pixels.shape
         left, top, right, bottom = pane.box
         for row, line in enumerate(np.linspace(top, bottom, rows, endpoint=False) + (bottom - top) / rows / 2):
@@ -133,12 +133,12 @@ def test_the_point_stays_in_the_volume() -> None:
 
 def test_grey_is_the_window() -> None:
     values = np.array([[-5.0, 0.0, 5.0, 10.0, 99.0, np.nan, np.inf, -np.inf]])
-    assert grey(values, (0.0, 10.0))[0, :, 0].tolist() == [0, 0, 127, 255, 255, 0, 255, 0]
-    assert (grey(values, (0.0, 10.0))[..., 3] == 255).all()
+    assert grey_pixels(values, (0.0, 10.0))[0, :, 0].tolist() == [0, 0, 127, 255, 255, 0, 255, 0]
+    assert (grey_pixels(values, (0.0, 10.0))[..., 3] == 255).all()
     decades = np.array([[0.0, 1.0, 10.0, 1000.0]])
-    assert grey(decades, (1.0, 100.0), logarithmic=True)[0, :, 0].tolist() == [0, 0, 127, 255]
+    assert grey_pixels(decades, (1.0, 100.0), logarithmic=True)[0, :, 0].tolist() == [0, 0, 127, 255]
     constant = sg.Transfer(points=[(3.0, 0.5)])
-    assert grey(np.array([[2, 3, 4]]), window_of(constant))[0, :, 0].tolist() == [0, 127, 255]
+    assert grey_pixels(np.array([[2, 3, 4]]), window_of(constant))[0, :, 0].tolist() == [0, 127, 255]
 
 
 @pytest.mark.parametrize("scale", ["linear", "log"])
@@ -147,9 +147,9 @@ def test_colors_are_the_transfer_function_s(rng: np.random.Generator, scale: str
     values = rng.uniform(-5 if scale == "linear" else 0.5, 120, (20, 30)).astype(np.float32)
     exact = srgb_from_linear(transfer.color(values)) * 255
     # the table has enough entries, but where sRGB is steep near black
-    assert np.abs(colors(values, transfer)[..., :3] - exact).max() < 2.0
+    assert np.abs(colored_pixels(values, transfer)[..., :3] - exact).max() < 2.0
     labels = sg.Transfer(points=[(0.0, 0.0), (2.0, 1.0)], labels=((1, "#ff0000", 1.0), (2, "#0000ff", 1.0)))
-    assert colors(np.array([[1, 2]]), labels)[0, :, :3].tolist() == [[255, 0, 0], [0, 0, 255]]
+    assert colored_pixels(np.array([[1, 2]]), labels)[0, :, :3].tolist() == [[255, 0, 0], [0, 0, 255]]
 
 
 @dataclass
@@ -178,14 +178,14 @@ def test_only_the_slice_is_read(rng: np.random.Generator) -> None:
     volume = sg.Volume(parts)
     for pane in shown(volume):
         parts.reads.clear()
-        assert plane(volume.samples, pane, 2).size == volume.count / volume.shape[2 - pane.axis]
+        assert read_slice(volume.samples, pane, 2).size == volume.count / volume.shape[2 - pane.axis]
         assert parts.reads == [volume.count / volume.shape[2 - pane.axis]]
 
 
 def test_large_slices_are_thinned_out() -> None:
     volume = sg.Volume(np.zeros((4, 3000, 700), np.uint8))
     first = shown(volume)[0]
-    thin = strided(plane(volume.samples, first, 0), first)
+    thin = thin_out(read_slice(volume.samples, first, 0), first)
     high, wide = first.box[3] - first.box[1], first.box[2] - first.box[0]
     assert high <= thin.shape[0] <= 4 * high and wide <= thin.shape[1] <= 4 * wide
 
@@ -194,7 +194,7 @@ def test_lines_end_at_the_slices() -> None:
     red = (1.0, 0.0, 0.0, 1.0)
     lines = Stroke((10.0, 0.0), (50.0, 40.0), red), Stroke((40.0, 5.0), (60.0, 5.0), red)
     beyond, before = Stroke((60.0, 0.0), (90.0, 9.0), red), Stroke((0.0, 0.0), (20.0, 9.0), red)
-    found = left_of((*lines, beyond, before), 50.0)
+    found = clip_strokes((*lines, beyond, before), 50.0)
     assert [(each.start, each.stop) for each in found] == [
         ((10.0, 0.0), (50.0, 40.0)),
         ((40.0, 5.0), (50.0, 5.0)),
@@ -232,7 +232,7 @@ def test_slices_are_saved_at_the_picture_s_height() -> None:
     """Whatever height the window has by then."""
     picture = sg.Image(np.full((6, 5, 4), 0.5, np.float32), {"blend": "composite"})
     for height in (4, 6, 9):
-        both = with_slices(picture, np.full((height, 3, 3), 255, np.uint8)).pixels
+        both = append_slices(picture, np.full((height, 3, 3), 255, np.uint8)).pixels
         assert both.shape == (6, 8, 4) and (both[:, :5] == 0.5).all() and (both[:height, 5:] == 1).all()
         assert (both[height:, 5:, :3] == 0).all()
 
@@ -324,7 +324,7 @@ def test_a_slice_that_cannot_be_read_is_asked_for_once(tmp_path: Path, monkeypat
         asked.append(given)
         raise KeyError("chunk")
 
-    monkeypatch.setattr("splatgl.viewer.slice_views.plane", plane)
+    monkeypatch.setattr("splatgl.viewer.slice_views.read_slice", plane)
     for _ in range(8):
         marks = tool.marks(state, document, view)
         assert tool.jobs.wait(300.0)

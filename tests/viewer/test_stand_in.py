@@ -15,7 +15,7 @@ from splatgl.viewer import stand_in
 from splatgl.viewer.document import Document
 from splatgl.viewer.loading import Reloaded
 from splatgl.viewer.saving import scene_of
-from splatgl.viewer.stand_in import choose_stand_in, every
+from splatgl.viewer.stand_in import choose_stand_in, subsample
 from splatgl.viewer.state import LayerStyle, State
 from tests.helpers.bricks import noise
 from tests.helpers.levels import SOFT, with_levels, write
@@ -74,7 +74,7 @@ def test_means_that_fit(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> N
 def test_colours_go_along(volume: sg.Volume) -> None:
     color = np.zeros((*volume.shape, 3), np.uint8)
     color[..., 0] = np.arange(volume.shape[2])
-    found = every(sg.Volume(volume.samples, color=color), 4)
+    found = subsample(sg.Volume(volume.samples, color=color), 4)
     assert found.color is not None and np.array_equal(found.color[0, 0, :, 0], np.arange(0, 44, 4))
 
 

@@ -26,15 +26,15 @@ from splatgl.viewer import hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document, LayerSplats
-from splatgl.viewer.file_watch import Watch, watched
-from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, crossing, share_beyond, tinted
+from splatgl.viewer.file_watch import Watch, watched_files
+from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, plane_section, share_beyond, tint_splats
 from splatgl.viewer.jobs import Jobs, Kind
-from splatgl.viewer.key_bindings import keymap, list_bindings, load_bindings, normalized, rebind
-from splatgl.viewer.measure_tool import picked
-from splatgl.viewer.reference_view import enlarged
-from splatgl.viewer.saving import free, picture_of, save_picture, save_scene, scene_of
+from splatgl.viewer.key_bindings import keymap, list_bindings, load_bindings, normalize_key, rebind
+from splatgl.viewer.measure_tool import find_matter
+from splatgl.viewer.reference_view import resize_bilinear
+from splatgl.viewer.saving import free_path, render_scene, save_picture, save_scene, scene_of
 from splatgl.viewer.state import History, LayerStyle, State, scale_opacity
-from splatgl.viewer.trackball import Mouse, Pose, wheeled
+from splatgl.viewer.trackball import Mouse, Pose, zoom_by_wheel
 from splatgl.viewer.window import from_character, from_key
 from tests.helpers.blobs import LONGEST, SIZE, blob
 from tests.helpers.commands import acted
@@ -113,7 +113,7 @@ def test_a_zoom_keeps_what_is_under_the_cursor(pose: Pose, orthographic: bool) -
     place = (95.0, 17.0)
     across = (np.array(place) - np.array(SIZE) / 2) * pose.pitch
     under = np.array([*across, pose.depth]) @ pose.camera.eye_from_world + pose.camera.eye
-    nearer = wheeled(pose, place, 3.0)
+    nearer = zoom_by_wheel(pose, place, 3.0)
     assert np.allclose(seen(nearer, under), place, atol=1e-9)
     assert nearer.pitch == pytest.approx(pose.pitch * 0.85**3)
 
@@ -199,7 +199,7 @@ def test_the_table_is_whole() -> None:
     assert len({command.id for command in COMMANDS}) == len(COMMANDS)
     assert len(keymap(COMMANDS)) == sum(len(command.keys) for command in COMMANDS)
     for command in COMMANDS:
-        assert all(normalized(command.id, key) == key for key in command.keys)
+        assert all(normalize_key(command.id, key) == key for key in command.keys)
 
 
 def test_list_bindings(capsys: pytest.CaptureFixture[str]) -> None:
@@ -491,14 +491,14 @@ def test_a_stand_in_is_compared_as_the_window_shows_it() -> None:
     """Bilinear between the middles of its pixels, whatever its size; its own size is the picture itself."""
     rng = np.random.default_rng(3)
     small = rng.random((3, 5, 4), np.float32)
-    assert np.array_equal(enlarged(small, (5, 3), 1), small)
-    large = enlarged(small, (10, 6), 1)
+    assert np.array_equal(resize_bilinear(small, (5, 3), 1), small)
+    large = resize_bilinear(small, (10, 6), 1)
     assert large.shape == (6, 10, 4)
     assert np.allclose(large[0, 0], small[0, 0]) and np.allclose(large[-1, -1], small[-1, -1])
     assert np.allclose(
         large[2, 4], 0.75 * (0.25 * small[0, 2] + 0.75 * small[1, 2]) + 0.25 * (0.25 * small[0, 1] + 0.75 * small[1, 1])
     )
-    assert np.array_equal(enlarged(small, (10, 6), 2), large[::2, ::2])
+    assert np.array_equal(resize_bilinear(small, (10, 6), 2), large[::2, ::2])
 
 
 def test_tint(renderer: sg.Renderer) -> None:
@@ -507,29 +507,32 @@ def test_tint(renderer: sg.Renderer) -> None:
     far = sg.Camera.orbit(splats, 0, 0, 40, SIZE, zoom=0.1)
     z_k = float(camera.eye_from_points(splats.corners)[:, 2].mean()) + 0.2
     assert share_beyond(splats, camera, z_k) == pytest.approx(0.5, abs=0.05)
-    shown = tinted(splats, camera, z_k)
+    shown = tint_splats(splats, camera, z_k)
     changed = (shown.colors != splats.colors).any(axis=1)
     depth = camera.eye_from_points(splats.positions.astype(float))[:, 2]
     assert (changed == ((depth > z_k) | (np.abs(depth - z_k) < 0.5))).all()
     # another view tints other splats, in the picture too, whatever was worked out of them before
     _ = splats.records_with_runs, splats.runs
-    behind = renderer.render(tinted(splats, camera, 0.0), camera).pixels
+    behind = renderer.render(tint_splats(splats, camera, 0.0), camera).pixels
     plain_picture = renderer.render(splats, camera).pixels
     assert behind[40, 60, 0] > 2 * behind[40, 60, 2] and abs(plain_picture[40, 60, 0] - plain_picture[40, 60, 2]) < 0.01
     assert np.allclose(behind[..., 3], plain_picture[..., 3])
     # beyond z_k the renderer draws by what surrounds a splat
     renderer.render(splats, far)
-    small = renderer.render(tinted(splats, far, 0.0), far).pixels[40, 60]
+    small = renderer.render(tint_splats(splats, far, 0.0), far).pixels[40, 60]
     assert small[0] > 2 * small[2] > 0
 
 
 def test_the_plane_cuts_the_box() -> None:
     volume = sg.Volume(np.zeros((10, 10, 10)))
     camera = sg.Camera.look_at((4.5, -40.0, 4.5), (4.5, 4.5, 4.5), (0, 0, 1), 40.0, SIZE)
-    square = crossing(volume.corners, camera, 44.5)
+    square = plane_section(volume.corners, camera, 44.5)
     pitch = camera.pixel_pitch(44.5)
     assert np.allclose(np.ptp(square, axis=0), 10 / pitch) and len(square) == 4
-    assert len(crossing(volume.corners, camera, 10.0)) == 0 and len(crossing(volume.corners, camera, np.inf)) == 0
+    assert (
+        len(plane_section(volume.corners, camera, 10.0)) == 0
+        and len(plane_section(volume.corners, camera, np.inf)) == 0
+    )
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
@@ -537,10 +540,10 @@ def test_picking(pose: Pose, orthographic: bool) -> None:
     points = np.array([[2.0, 3.0, 1.0], [2.0, 9.0, 1.0], [6.0, 3.0, 1.0]])
     splats = sg.Splats.from_points(points, np.ones((3, 3)), np.full(3, 9.0))
     pose = pose.switched() if orthographic else pose
-    found = picked(splats, pose.camera, tuple(seen(pose, points[0])))
+    found = find_matter(splats, pose.camera, tuple(seen(pose, points[0])))
     # the nearer of two in a line
     assert found is not None and np.linalg.norm(found - points[0]) < 1.0
-    assert picked(splats, pose.camera, (1.0, 1.0)) is None
+    assert find_matter(splats, pose.camera, (1.0, 1.0)) is None
 
 
 def test_overlay_says_what_it_should() -> None:
@@ -590,10 +593,12 @@ def test_bars_are_counts() -> None:
 
 def test_nodes() -> None:
     nodes = ((0.0, 0.0), (10.0, 0.5), (20.0, 1.0))
-    assert transfer_editor.moved_point(nodes, 1, (15.0, 0.25)) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
-    assert transfer_editor.moved_point(nodes, 1, (99.0, 9.0)) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
-    assert transfer_editor.added(nodes, (12.0, 0.1)) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
-    assert transfer_editor.removed(nodes, 0) == nodes[1:] and transfer_editor.removed(nodes[:1], 0) == nodes[:1]
+    assert transfer_editor.move_point(nodes, 1, (15.0, 0.25)) == ((0.0, 0.0), (15.0, 0.25), (20.0, 1.0))
+    assert transfer_editor.move_point(nodes, 1, (99.0, 9.0)) == ((0.0, 0.0), (20.0, 1.0), (20.0, 1.0))
+    assert transfer_editor.add_point(nodes, (12.0, 0.1)) == (((0.0, 0.0), (10.0, 0.5), (12.0, 0.1), (20.0, 1.0)), 2)
+    assert (
+        transfer_editor.remove_point(nodes, 0) == nodes[1:] and transfer_editor.remove_point(nodes[:1], 0) == nodes[:1]
+    )
 
 
 # --- states -------------------------------------------------------------------------------------------------------
@@ -752,7 +757,7 @@ def test_slow_pictures_blur_no_longer_paths(document: Document, renderer: sg.Ren
 
 
 def said_of(state: State, document: Document, frame: hud.Frame) -> tuple[str, ...]:
-    return hud.lines(state, document, frame, None)
+    return hud.full_lines(state, document, frame, None)
 
 
 def test_classification_is_a_choice(document: Document, scene: SceneFile) -> None:
@@ -775,7 +780,7 @@ def test_light_beyond_z_k_is_tinted(document: Document, renderer: sg.Renderer) -
     state = replace(state, settings=POST.but(antialias="paper", background=(0.1, 0.1, 0.4)))
     shares = []
     for notches in (0.0, -5.0, -9.5, -12.0):
-        seen_from = replace(state, pose=wheeled(state.pose, (60.0, 40.0), notches))
+        seen_from = replace(state, pose=zoom_by_wheel(state.pose, (60.0, 40.0), notches))
         plain = renderer.render(document.layers[0].at(1), seen_from.pose.camera, sg.Settings(antialias="paper")).pixels
         frame = painter.draw(replace(seen_from, show_zk=True), document, FULL, False, lambda: False)
         changed = np.abs(painter.pixels - plain).max()
@@ -790,14 +795,14 @@ def test_light_beyond_z_k_is_tinted(document: Document, renderer: sg.Renderer) -
 def test_values_are_picked_where_they_are_opaque(document: Document, after: LayerSplats) -> None:
     camera = document.home(SIZE).camera
     for place in ((60.0, 40.0), (64.0, 30.0)):
-        found, right = (picked(layer.at(1), camera, place) for layer in (after, after.for_settings(PRE)))
+        found, right = (find_matter(layer.at(1), camera, place) for layer in (after, after.for_settings(PRE)))
         assert found is not None and right is not None and np.abs(found - right).max() < 2.0
     # voxels around opaque ones are kept, but are not there to be picked
     shown = after.for_style(LayerStyle(replace(after.transfer, points=((38.0, 0.0), (39.0, 0.9))), 0.0), POST)
     depth = (shown.at(1).records["position"][shown.at(1).depths > 0] - (11.5, 11.5, 11.5)) / 24
     assert 0 < len(depth) < 0.5 * len(shown.at(1))
     clear = after.for_style(LayerStyle(replace(after.transfer, points=((4.0, 0.0), (30.0, 0.0))), 0.0), POST)
-    assert len(clear.at(1)) and picked(clear.at(1), camera, (60.0, 40.0)) is None
+    assert len(clear.at(1)) and find_matter(clear.at(1), camera, (60.0, 40.0)) is None
 
 
 # --- saved scenes -------------------------------------------------------------------------------------------------
@@ -837,7 +842,7 @@ def test_what_is_saved_is_what_render_makes(
     state = State.of(document, SIZE)
     for action in ("opacity-up", "threshold-up", "threshold-up", *(["projection"] if orthographic else [])):
         state = acted(state, action, document)
-    state = replace(state, pose=wheeled(state.pose.rotated((3, 4), (50, 60)), (20.0, 30.0), 1.5))
+    state = replace(state, pose=zoom_by_wheel(state.pose.rotated((3, 4), (50, 60)), (20.0, 30.0), 1.5))
     assert save_picture(state, document, renderer.render, tmp_path) == "saved picture-001.png"
     assert save_scene(state, document, renderer.render, tmp_path) == "saved scene-001.npy and scene-001.toml"
     for suffix in ("npy", "png"):
@@ -872,14 +877,14 @@ def test_the_saved_picture_is_the_one_on_show(renderer: sg.Renderer, scene: Scen
     document = Document.open(scene)
     state = replace(State.of(document, SIZE), annotate=())
     shown = renderer.render(document.layers[0].at(1), state.pose.camera, state.settings).pixels
-    saved = picture_of(scene_of(state, document), document, renderer.render).pixels
+    saved = render_scene(scene_of(state, document), document, renderer.render).pixels
     assert np.abs(shown - saved).max() < 1e-5
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "scene-001.npy").touch()
-    assert free(tmp_path, "scene", ".toml").name == "scene-002.toml"
-    assert free(tmp_path, "picture", ".png").name == "picture-001.png"
+    assert free_path(tmp_path, "scene", ".toml").name == "scene-002.toml"
+    assert free_path(tmp_path, "picture", ".png").name == "picture-001.png"
 
 
 # --- files and threads --------------------------------------------------------------------------------------------
@@ -904,14 +909,17 @@ def test_watching(tmp_path: Path) -> None:
 
 
 def test_what_is_watched() -> None:
-    assert watched("a.npy", SceneFile("a.npy")) == ("a.npy",)
-    assert watched("s.toml", SceneFile("b.npy")) == ("s.toml", "b.npy")
+    assert watched_files("a.npy", SceneFile("a.npy")) == ("a.npy",)
+    assert watched_files("s.toml", SceneFile("b.npy")) == ("s.toml", "b.npy")
     # a built-in scene is no file, that would be waited for
-    assert watched("s.toml", SceneFile("tunnel")) == ("s.toml",) and watched("tunnel", SceneFile("tunnel")) == ()
+    assert (
+        watched_files("s.toml", SceneFile("tunnel")) == ("s.toml",)
+        and watched_files("tunnel", SceneFile("tunnel")) == ()
+    )
     # nor is what lies at an address; colours and masks, also of layers, are
     layer = SceneFile("b.npy", load={"color": "c.png"}, mask=("m.nrrd:2,3:outside", "https://host/m.nrrd"))
-    assert watched("a.npy", SceneFile("a.npy", layers=(layer,))) == ("a.npy", "b.npy", "c.png", "m.nrrd")
-    assert watched("https://host/a.nrrd", SceneFile("https://host/a.nrrd")) == ()
+    assert watched_files("a.npy", SceneFile("a.npy", layers=(layer,))) == ("a.npy", "b.npy", "c.png", "m.nrrd")
+    assert watched_files("https://host/a.nrrd", SceneFile("https://host/a.nrrd")) == ()
 
 
 def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: SceneFile) -> None:
