@@ -8,48 +8,35 @@ import json
 import re
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
+from itertools import count, groupby
 from pathlib import Path
 from string import Formatter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from splatgl.animation.camera_track import Track, Turning, keyframes, turning
 from splatgl.animation.movie import read_ahead, time_points, volumes
-from splatgl.annotations.annotate import annotated, on_ground
-from splatgl.annotations.canvas import Scale, Subject
+from splatgl.annotations.annotate import annotated, check, check_size, check_time, on_ground, parsed
+from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, kept, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import non_default
-from splatgl.scene.background import backed
-from splatgl.scene.draw import (
-    PATIENCE,
-    at_time,
-    check_fits,
-    is_layered,
-    layered,
-    nothing,
-    of_movie,
-    origin,
-    room,
-    tell,
-    unbacked,
-)
-from splatgl.scene.meshes import is_mesh
+from splatgl.scene.background import requested_background
+from splatgl.scene.draw import progress_bar
+from splatgl.scene.open_scene import OpenScene, annotated_part, print_notes, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.bricks import Bricks, bricks_of, excess_need, required_bricks
 from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.motion import Motion, count_moments, flow_of
+from splatgl.splat.motion import Motion, flow_of
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.ordering import order_for
-from splatgl.splat.resolve import blur, streaked
-from splatgl.splat.scene import Scene as Layers
+from splatgl.splat.resolve import streaked
+from splatgl.splat.scene import Scene, moments_per_frame
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -57,8 +44,8 @@ from splatgl.splat.transfer import Transfer
 if TYPE_CHECKING:
     from distributed import Client
 
-    from splatgl.data.volume import Volume
     from splatgl.gl.renderer import Renderer
+    from splatgl.splat.clipping import Plane
 
 
 FULL_TURN = 360.0
@@ -88,61 +75,44 @@ class Animation:
     hold: int = 1
     flow: float | None = None
     bits: int = 8
-    only: Splats | Layers | None = None
+    only: Matter | None = None
     bands: int = 0
     over: Over | None = None
 
     @classmethod
-    def of(cls, scene: SceneFile, args: argparse.Namespace) -> Animation:
+    def of(cls, file: SceneFile, args: argparse.Namespace) -> Animation:
         """The animation of a scene and of the files in `args.more`. Reads the first volume, whose transfer function and
         placement apply to all.
         """
-        scenes = volumes(scene, args.more)
+        scenes = volumes(file, args.more)
         if len(scenes) > 1 and isinstance(args.time, slice):
             raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
-        scene = scenes[0]
-        volume = scene.open()
+        file = scenes[0]
+        scene = OpenScene.read(file)
         if len(scenes) == 1:
-            scenes = time_points(scene, volume, args.time)
-            if scenes[0] is not scene:
-                scene = scenes[0]
-                volume = replace(scene.open(), notes=())
-        tell(volume, args.quiet, channels=is_layered(scene, volume))
-        transfer, cut = scene.transfer_for(volume), scene.cut(volume)
-        settings = backed(args, cut, transfer, Path(args.output)).settings
-        scenes = [replace(each, settings=settings, view=cut.view, clip=None, crop="") for each in scenes]
-        scene = scenes[0]
-        series = len(scenes) > 1
-        joined = is_layered(scene, volume)
-        bands = 0 if joined else _bands(volume, transfer, scene, args.flow)
-        only = None if bands or (series and not joined) else _matter(scene, volume, transfer, args)
-        values = bands or (isinstance(only, Splats) and only.post is not None)
-        subject: Bounded = Opaque(volume, transfer) if values else only or volume
-        scales = Scale.of(only.meshes) if isinstance(only, Layers) else ()
-        only = None if series else only
-        asked = of_movie(args.annotate, scenes)
-        subject = room(volume) if "box" in asked else subject
-        count = args.frames or (len(scenes) * args.hold if series else FRAMES)
-        if args.keyframes:
-            found = keyframes(Path(args.keyframes), scene.view, volume, subject)
-            track: Track = found
-            count = args.frames or found.last + 1
-        else:
-            axis = None if args.axis is None else np.array(args.axis)
-            track = turning(scene.view, volume, subject, _degrees(args, count, series), axis)
-            if not args.quiet:
-                still = scene.view.camera(volume, Opaque(volume, transfer) if series and not joined else subject)
-                _tell_size(track.camera(0), still, subject, series)
+            scenes = time_points(file, scene.volume, args.time)
+            if scenes[0] is not file:
+                scene = OpenScene.of(scenes[0], replace(scenes[0].open(), notes=()))
+        print_notes(scene.volume, args.quiet)
+        scene = scene.with_background(requested_background(args, scene.file), Path(args.output))
+        settings, view = scene.file.settings, scene.file.view
+        if args.flow is not None and settings.motion == "off" and settings.moments is None:
+            raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
+        scenes = [replace(each, settings=settings, view=view, clip=None, crop="") for each in scenes]
+        scene = replace(scene, file=scenes[0], is_quiet=args.quiet, is_moving=settings.shutter > 0)
+        series = len(scenes) if len(scenes) > 1 else 0
+        bands = _bands(scene, args.flow) if scene.is_single else 0
+        only = None if bands or (series and scene.is_single) else _matter(scene, args)
+        names = _annotations(args.annotate, scenes)
+        subject = annotated_part(scene.volume) if "box" in names else _visible_part(scene, bands, only)
+        track, count = _track(scene, subject, args, series)
         first, last = args.only or (0, count - 1)
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
+        over = Over(names, scene.annotated_subject, scene.volume.time_step) if names else None
+        only = None if series else only
         numbers = range(first, last + 1)
-        told = replace(Subject.of(volume), scales=scales, empty=is_mesh(scene.volume))
-        over = Over(asked, told, volume.time_step) if asked else None
-        settings = scene.settings
-        if args.flow is not None and settings.motion == "off" and settings.moments is None:
-            raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        return cls(scenes, transfer, track, count, numbers, args.hold, args.flow, args.bits, only, bands, over)
+        return cls(scenes, scene.transfer, track, count, numbers, args.hold, args.flow, args.bits, only, bands, over)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
@@ -177,11 +147,12 @@ class Animation:
             work = replace(work, top=work.brightest(renderer, self.probes, read))
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
         self._sort(todo)
-        with bar(len(todo), quiet) as progress:
+        done = count(1)
+        with progress_bar("frame", quiet) as progress:
             for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
                     frames.write(n, work.frame(renderer, matter, self.view(n)))
-                    progress.update()
+                    progress(next(done), len(todo))
 
     def work(self, frames: Frames) -> Work:
         """What all frames have in common, but for the scale of X-ray frames."""
@@ -210,46 +181,76 @@ class Animation:
         """Sorts a single volume's splats along every axis needed by any frame, before the first frame, so that memory
         use does not grow afterwards.
         """
-        if not isinstance(self.only, Splats) or not BLENDS[self.scenes[0].settings.blend].ordered:
+        splats = self.only.subject if self.only is not None else None
+        if not isinstance(splats, Splats) or not BLENDS[self.scenes[0].settings.blend].ordered:
             return
         some = todo[:: max(len(todo) // LOOKS, 1)]
-        for axis in {order_for(self.only, self.track.camera(n)).axis for n in some}:
-            self.only.lattice(axis)
+        for axis in {order_for(splats, self.track.camera(n)).axis for n in some}:
+            splats.lattice(axis)
 
     def _read(self, work: Work, number: int) -> Matter:
-        """The splats of one volume, and their velocities."""
-        return (self.only, None) if self.only is not None and self.flow is None else work.matter(number)
+        """What frames of one volume show."""
+        return self.only if self.only is not None and self.flow is None else work.matter(number)
 
     @property
     def steady(self) -> int | None:
         """Moments per frame of a rotation: those of the fastest frame. None where more than the angle changes, and for
         other kinds of motion blur.
         """
-        settings = self.scenes[0].settings
         if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
             return None
-        turn, cameras = self.track.turn, [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
-        if isinstance(self.only, Layers):
-            return max(self.only.moments(camera, settings, turn) for camera in cameras)
-        if blur(self.only, settings) != "moments" or settings.shutter == 0:
-            return None
-        return max(count_moments(self.only, camera, turn, settings.shutter) for camera in cameras)
+        subject, settings, turn = self.only.subject, self.scenes[0].settings, self.track.turn
+        assert not isinstance(subject, Bricks)
+        cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
+        return max(moments_per_frame(subject, camera, settings, turn) for camera in cameras) or None
 
 
-def _matter(scene: SceneFile, volume: Volume, transfer: Transfer, args: argparse.Namespace) -> Splats | Layers:
+def _matter(scene: OpenScene, args: argparse.Namespace) -> Matter:
     """What frames of one volume show. InputError where that is nothing."""
-    if not is_layered(scene, volume):
-        only = scene.splats(volume, transfer, moving=scene.settings.shutter > 0)
-        if not len(only):
-            raise nothing(scene, volume)
-        return only
-    if args.flow is not None:
-        raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
-    drawn = layered(scene, volume, transfer, args.quiet)
-    check_fits(scene, drawn)
-    if not (drawn.meshes or any(map(len, drawn.splats(scene.settings)))):
-        raise nothing(scene, volume)
-    return drawn
+    if not scene.is_single:
+        if args.flow is not None:
+            raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
+        scene.check_fits()
+    if not scene.has_matter:
+        raise scene.nothing_visible()
+    return Matter(scene.subject, scene.settings.clip)
+
+
+def _visible_part(scene: OpenScene, bands: int, only: Matter | None) -> Bounded:
+    """What the camera is fitted to: what is visible of one volume, or the whole of each volume of a series."""
+    if only is None and not bands:
+        return scene.volume
+    if only is None or (isinstance(only.subject, Splats) and only.subject.post is not None):
+        return Opaque(scene.volume, scene.transfer)
+    assert not isinstance(only.subject, Bricks)
+    return only.subject
+
+
+def _track(scene: OpenScene, subject: Bounded, args: argparse.Namespace, series: int) -> tuple[Track, int]:
+    """The camera track, and the number of frames. series: number of volumes, if there are several."""
+    view, volume = scene.file.view, scene.volume
+    count = args.frames or (series * args.hold if series else FRAMES)
+    if args.keyframes:
+        track = keyframes(Path(args.keyframes), view, volume, subject)
+        return track, args.frames or track.last + 1
+    axis = None if args.axis is None else np.array(args.axis)
+    turns = turning(view, volume, subject, _degrees(args, count, series > 1), axis)
+    if not args.quiet:
+        still = view.camera(volume, Opaque(volume, scene.transfer) if series and scene.is_single else subject)
+        _tell_size(turns.camera(0), still, subject, series > 1)
+    return turns, count
+
+
+def _annotations(text: str | None, scenes: Sequence[SceneFile]) -> tuple[str, ...]:
+    """The annotations of a movie: of --annotate, else of its scene; `time` is the time of each volume of a series.
+
+    Raises InputError for unsupported annotations, and for a time of one volume.
+    """
+    names = check(scenes[0].annotate) if text is None else parsed(text)
+    check_size(names, scenes[0].view.size)
+    if len(scenes) == 1:
+        check_time(names)
+    return names
 
 
 def _tell_size(camera: Camera, still: Camera, subject: Bounded, series: bool) -> None:
@@ -271,46 +272,37 @@ def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
     return -float(args.turntable if args.turntable is not None else FULL_TURN) / count
 
 
-class NoBar:
-    """A progress bar that is not shown."""
+def _bands(scene: OpenScene, flow: float | None) -> int:
+    """Number of bands of rows in which a volume is drawn in bricks that does not fit into memory; 0: it fits.
 
-    def update(self) -> None:
-        """Does nothing."""
-
-
-def bar(total: int, quiet: bool) -> Any:
-    """Progress bar over frames with remaining time, if tqdm is installed and stderr is a terminal."""
-    if quiet or not sys.stderr.isatty():
-        return nullcontext(NoBar())
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return nullcontext(NoBar())
-    return tqdm(total=total, desc="drawing", unit="frame", delay=PATIENCE, leave=False)
-
-
-def _bands(volume: Volume, transfer: Transfer, scene: SceneFile, flow: float | None) -> int:
-    """In how many bands of rows a volume is drawn in bricks that does not fit into memory; 0: it does. InputError for
-    what takes all splats at once.
+    Raises InputError for motion blur that needs all splats at once.
     """
-    bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
-    most = budget()
-    wanted = excess_need(bricks, scene.view.size, most) if bricks and most > 0 else None
-    if wanted is None:
+    file, most = scene.file, budget()
+    bricks = None if file.threshold else bricks_of(scene.volume, scene.transfer, file.settings)
+    need = excess_need(bricks, file.view.size, most) if bricks and most > 0 else None
+    if need is None:
         return 0
-    if flow is not None or streaked(scene.settings):
-        if wanted.bytes <= most:
+    if flow is not None or streaked(file.settings):
+        if need.bytes <= most:
             return 0
         fix = "leave the flow and the motion out, or choose a coarser --level"
-        raise expected(scene.volume, f"a volume that fits into {format_bytes(most)}", format_bytes(wanted.bytes), fix)
-    return wanted.bands(most)
+        raise expected(file.volume, f"a volume that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
+    return need.bands(most)
 
 
 # room above the brightest of some X-rays
 HEADROOM = 1.05
 
-# splats, a volume in bricks, or layers, and velocities under flow
-Matter = tuple[Splats | Bricks | Layers, np.ndarray | None]
+
+@dataclass(frozen=True, eq=False)
+class Matter:
+    """What frames of a volume show: splats, layers, or a volume in bricks. clip: planes of the settings; layers have
+    their own. flow: velocities of splats.
+    """
+
+    subject: Splats | Scene | Bricks
+    clip: tuple[Plane, ...]
+    flow: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,6 +323,11 @@ class Over:
     subject: Subject
     step: float | None
 
+    def at(self, point: int) -> tuple[str, ...]:
+        """The annotations of a frame that shows a time point."""
+        time = f"time={point * self.step:g} s" if self.step else f"time={point}"
+        return tuple(time if name == "time" else name for name in self.names)
+
 
 @dataclass(frozen=True, eq=False)
 class Work:
@@ -350,33 +347,37 @@ class Work:
     over: Over | None = None
 
     def matter(self, number: int) -> Matter:
-        """The splats of one volume, and their velocities."""
-        scene = self.scenes[number]
-        volume = scene.open()
+        """Reads what frames of one volume show."""
+        file = self.scenes[number]
+        volume = file.open()
         if self.bands:
-            return required_bricks(volume, self.transfer, self.settings), None
-        if is_layered(scene, volume):
-            return layered(scene, volume, self.transfer), None
-        splats = scene.splats(volume, self.transfer, moving=scene.settings.shutter > 0)
-        return splats, None if self.flow is None else flow_of(splats, volume, self.flow)
+            return Matter(required_bricks(volume, self.transfer, self.settings), self.settings.clip)
+        scene = OpenScene(file, volume, self.transfer, is_moving=file.settings.shutter > 0)
+        flow = flow_of(scene.splats, volume, self.flow) if self.flow is not None and scene.is_single else None
+        return Matter(scene.subject, scene.settings.clip, flow)
+
+    def _render(
+        self, renderer: Renderer, matter: Matter, camera: Camera, settings: Settings, motion: Motion | None = None
+    ) -> Image:
+        """The picture of a frame, with motion blur as the settings say."""
+        if isinstance(matter.subject, Bricks):
+            from splatgl.gl.large_volumes import render_moving_bricks
+
+            return render_moving_bricks(renderer, matter.subject, camera, settings, motion, self.bands)
+        if motion is not None and matter.flow is not None:
+            motion = replace(motion, flow=matter.flow)
+        return renderer.render(matter.subject, camera, settings.but(clip=matter.clip), motion)
 
     def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> bytes:
-        """A frame's file, with motion blur as the settings say."""
-        subject, flow = matter
-        settings = unbacked(self.settings, self.over.names if self.over else ())
-        if isinstance(subject, Bricks):
-            from splatgl.gl.large_volumes import moving_bricks
-
-            image = moving_bricks(renderer, subject, view.camera, settings, view.motion, self.bands)
-        else:
-            motion = view.motion if flow is None else replace(view.motion, flow=flow)
-            image = renderer.render(subject, view.camera, _settings(subject, settings), motion)
+        """The file of a frame."""
+        settings = without_background(self.settings, self.over.names if self.over else ())
+        image = self._render(renderer, matter, view.camera, settings, view.motion)
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
             image = scaled(image, self.top)
         scene = self.scenes[view.volume]
-        image = Image(image.pixels, {**image.info, **origin(scene, self.transfer)})
+        image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer)})
         if self.over is not None:
-            names = at_time(self.over.names, scene, view.volume, self.over.step)
+            names = self.over.at(int(scene.load.get("time", view.volume)))
             backdrop = self.settings.background
             image = annotated(image, self.over.subject, self.transfer, view.camera, names, backdrop, steady=True)
             image = on_ground(image, backdrop)
@@ -390,18 +391,9 @@ class Work:
         top, still, latest = 0.0, self.scenes[0].settings, -1
         for number, camera in probes:
             if number != latest:
-                (subject, _), latest = read(number), number
-            if isinstance(subject, Bricks):
-                image = renderer.render_bricks(subject, camera, still, bands=self.bands)
-            else:
-                image = renderer.render(subject, camera, _settings(subject, still))
-            top = max(top, float(image.pixels.max()))
+                matter, latest = read(number), number
+            top = max(top, float(self._render(renderer, matter, camera, still).pixels.max()))
         return top * HEADROOM or 1.0
-
-
-def _settings(subject: Splats | Layers, settings: Settings) -> Settings:
-    """The settings of a picture: layers have their planes themselves."""
-    return settings.but(clip=()) if isinstance(subject, Layers) else settings
 
 
 def scaled(image: Image, top: float) -> Image:
@@ -532,10 +524,10 @@ def draw_frames(
         ((_, top),) = spread(client, _brightest, [("the brightest frame", (work, drawing, animation.probes))])
         work = replace(work, top=top)
     items = ((f"frame {n}", (work, drawing, animation.view(n))) for n in todo)
-    with bar(len(todo), quiet) as progress:
-        for _, (frame, data) in spread(client, _frame, items):
+    with progress_bar("frame", quiet) as progress:
+        for done, (_, (frame, data)) in enumerate(spread(client, _frame, items), 1):
             frames.write(frame, data)
-            progress.update()
+            progress(done, len(todo))
 
 
 def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes]:

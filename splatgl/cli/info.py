@@ -27,7 +27,7 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
 def _info(parser: Parser, args: argparse.Namespace) -> int:
     from splatgl.cli.options import scene_from
     from splatgl.readers import list_volumes
-    from splatgl.scene.draw import tell
+    from splatgl.scene.open_scene import print_notes
 
     scene = scene_from(args)
     listed_ = [] if "array" in scene.load else list_volumes(scene.volume)
@@ -42,7 +42,7 @@ def _info(parser: Parser, args: argparse.Namespace) -> int:
         return 0
     from splatgl.cli.volume_info import describe
 
-    tell(volume, channels=True)
+    print_notes(volume)
     print(describe(volume))
     return 0
 

@@ -9,6 +9,7 @@ from splatgl.data.image import Image
 from splatgl.data.image_files import JPEG
 from splatgl.data.volume import Volume
 from splatgl.scene.draw import compared
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV
 from splatgl.splat.transfer import Transfer
@@ -17,7 +18,7 @@ SHOWN = 3
 """Points of a transfer function that fit a line; of more, the first and the last are told."""
 
 
-def summary(output: Path, image: Image, scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
+def summary(output: Path, image: Image, scene: OpenScene) -> str:
     """Size and blend; the transfer function; the view; time and accuracy."""
     info, (height, width, _) = image.info, image.pixels.shape
     # without the versions in brackets
@@ -26,8 +27,8 @@ def summary(output: Path, image: Image, scene: SceneFile, volume: Volume, transf
     return "\n".join(
         [
             f"{output}: {width}×{height} pixels, {info['blend']} of {_drawn(image)}{_behind(image, output)}",
-            f"transfer function: {_transfer(scene, volume, transfer)}",
-            f"view: {_view(scene, volume, image)}",
+            f"transfer function: {_transfer(scene.file, scene.volume, scene.transfer)}",
+            f"view: {_view(scene.file, scene.volume, image)}",
             f"drawn in {info['seconds']:.2f} s by {by}; {_error(image)}{_cues(image)}",
             *[f"beside {wide:,} missing samples matter is up to a voxel too wide, as they are not masked"] * bool(wide),
         ]

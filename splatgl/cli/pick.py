@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from splatgl.cli.options import add_drawing, add_source, scene_from
 from splatgl.errors import expected
-from splatgl.scene.draw import camera_of, layered, tell
+from splatgl.scene.open_scene import OpenScene
 
 if TYPE_CHECKING:
     from splatgl.data.volume import Volume
@@ -37,23 +37,19 @@ def run(args: argparse.Namespace) -> int:
     """Prints what is found; returns 0, or NOTHING."""
     from splatgl.reference.pick import pick
 
-    scene = scene_from(args)
-    width, height = scene.view.size
+    file = scene_from(args)
+    width, height = file.view.size
     column, row = args.pixel
     if not (column < width and row < height):
         raise expected("X,Y", f"a pixel of {width}×{height}, or --size", f"{column},{row}")
-    volume = scene.open()
-    tell(volume, args.quiet or args.json, channels=True)
-    transfer = scene.transfer_for(volume)
-    scene = scene.cut(volume)
-    layers = layered(scene, volume, transfer, args.quiet or args.json)
-    mode = args.mode or ("max" if scene.settings.blend == "mip" else "first")
-    found = pick(layers, camera_of(scene, volume, transfer, layers), args.pixel, mode=mode)
-    if found is None:
+    opened = OpenScene.read(file, args.quiet or args.json)
+    mode = args.mode or ("max" if file.settings.blend == "mip" else "first")
+    picked = pick(opened.scene, opened.camera, args.pixel, mode=mode)
+    if picked is None:
         print("null" if args.json else "nothing is seen there")
         return NOTHING
-    source = None if found.mesh is not None else layers.shown[found.layer].volume
-    print(as_json(found, source, volume.unit) if args.json else as_text(found, source, volume.unit))
+    source = None if picked.mesh is not None else opened.scene.shown[picked.layer].volume
+    print((as_json if args.json else as_text)(picked, source, opened.volume.unit))
     return 0
 
 

@@ -12,7 +12,7 @@ from splatgl.cli.options import add_backend, add_source, add_view, scene_from
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.scene.background import suited
+from splatgl.scene.background import default_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
@@ -98,7 +98,7 @@ def draw_preset(
     from PIL import Image as Pillow
 
     transfer, settings = look
-    background = settings.background or suited(transfer, settings)
+    background = settings.background or default_background(transfer, settings)
     splats = replace(scene, settings=settings).splats(volume, transfer)
     if not len(splats):
         return None

@@ -24,7 +24,7 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import FEWEST, Places, Volume
 from splatgl.errors import InputError, expected, missing_extra
 from splatgl.fileio import check_folder, new_folder, shorten_name
-from splatgl.scene.draw import tell
+from splatgl.scene.open_scene import print_notes
 from splatgl.splat.extract import extract
 from splatgl.splat.grid import Grid
 from splatgl.splat.transfer import Transfer
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     _check(output)
     scene.refuse_more()
     volume = scene.open()
-    tell(volume, args.quiet)
+    print_notes(volume, args.quiet, is_alone=True)
     if scene.threshold:
         raise expected("--threshold", "none: of a pyramid all voxels are kept", scene.threshold)
     part = output.with_name(f".{shorten_name(output.name)}.{os.getpid()}.part")

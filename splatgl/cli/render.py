@@ -25,33 +25,19 @@ from splatgl.cli.options import (
 from splatgl.cli.output import summary
 from splatgl.data.image import MAPS, SAVED, Image, save_map
 from splatgl.data.image_files import require_library
-from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, check_source, parse_bytes
 from splatgl.options import ACCURACY, SPEED, whole
-from splatgl.scene.background import as_drawn, backed
-from splatgl.scene.draw import (
-    OF_BLENDS,
-    DrawOptions,
-    _work_bar,
-    asked_for,
-    depth_share,
-    depths_of,
-    draw,
-    lay,
-    nothing,
-    origin,
-    tell,
-    unbacked,
-    with_room,
-)
+from splatgl.scene.background import requested_background
+from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, annotations_of, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS
-from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.comparison.compare import Picture
+    from splatgl.data.color import Color
 
 
 def depth_at(text: str) -> float | str:
@@ -76,24 +62,20 @@ def check_depth(args: argparse.Namespace, scene: SceneFile) -> None:
         raise expected("--depth", "another file than -o", str(path))
 
 
-def write_depths(args: argparse.Namespace, scene: SceneFile, volume: Volume, transfer: Transfer) -> bool:
-    """Writes the map that is asked for, and tells its range; whether nothing else is to be drawn."""
-    if args.depth is None:
-        return False
+def write_depths(args: argparse.Namespace, scene: OpenScene) -> None:
+    """Writes a depth map, and prints its range."""
     started = time.perf_counter()
-    at = depth_share(args.depth_at, scene.settings)
-    alone = args.output is None and args.ref is None
-    found, camera = depths_of(scene, volume, transfer, at, args.quiet or not alone)
-    unit = volume.unit or "units"
-    told = {"version": __version__, "source": Path(scene.volume).name, "depth_at": at, "unit": unit}
+    depth, camera, settings = depths(scene, args.depth_at), scene.camera, scene.file.settings
+    share = OF_BLENDS.get(settings.blend, HALF) if args.depth_at is None else args.depth_at
+    unit = scene.volume.unit or "units"
+    info = {"version": __version__, "source": Path(scene.file.volume).name, "depth_at": share, "unit": unit}
     view = {"eye": camera.eye.tolist(), "forward": camera.forward.tolist(), "perspective": camera.perspective}
-    save_map(found, args.depth, {**told, **view})
+    save_map(depth, args.depth, {**info, **view})
     if not args.quiet:
-        known = found[np.isfinite(found)]
+        known = depth[np.isfinite(depth)]
         span = f"{known.min():g} to {known.max():g} {unit}" if len(known) else "none"
         seconds = time.perf_counter() - started
-        print(f"{args.depth}: depths {span} in {known.size / found.size:.1%} of the pixels ({seconds:.2g} s)")
-    return alone
+        print(f"{args.depth}: depths {span} in {known.size / depth.size:.1%} of the pixels ({seconds:.2g} s)")
 
 
 # what draws and compares is imported once there is something to draw: bad input is told at once
@@ -139,71 +121,79 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
-    on_workers = asked(args)
-    scene = scene_from(args)
+    on_workers, file = asked(args), scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
-    check_output(output, SAVED)
-    require_library(output.suffix.lower())
-    check_source(output, args.source, *scene.files)
-    check_depth(args, scene)
-    annotate = asked_for(args.annotate, args.ref, scene)
+    _check_outputs(args, output, file)
+    names = annotations_of(args.annotate, file, args.ref)
     reference = _reference(args.ref, output) if args.ref else None
-    volume = scene.open()
-    tell(volume, args.quiet, channels=not on_workers)
-    transfer = scene.transfer_for(volume)
-    scene = backed(args, scene.cut(volume), as_drawn(volume, transfer), output, reference.image if reference else None)
-    if write_depths(args, scene, volume, transfer):
-        return 0
-    scene = with_room(scene, volume, annotate)
-    drawn_as = replace(scene, settings=unbacked(scene.settings, annotate))
-    if on_workers:
-        image = _on_workers(args, drawn_as, volume, transfer)
-    else:
-        image = draw(DrawOptions.of(args), drawn_as, volume, transfer)
-    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
-    behind = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
-    ended = 0
-    if reference is not None:
-        from splatgl.cli.compare import DIFFERENT, SAME, check_against
-
-        verdict = check_against(image, reference, output, behind)
-        if not (verdict.same and args.quiet):
-            print(verdict)
-        if verdict.same:
-            return SAME
-        ended = DIFFERENT
-    if annotate:
-        image = lay(image, scene, volume, transfer, annotate, args.quiet)
+    scene = OpenScene.read(file, args.quiet, is_alone=on_workers)
+    color = requested_background(args, scene.file, reference.image if reference else None)
+    scene = scene.with_background(color, output)
+    if args.depth is not None:
+        is_alone = args.output is None and args.ref is None
+        write_depths(args, scene if is_alone else replace(scene, is_quiet=True))
+        if is_alone:
+            return 0
+    scene = scene.with_annotations(names)
+    image = finish(_draw_on_workers(args, scene) if on_workers else draw(scene, DrawOptions.of(args)), scene)
+    settings = scene.file.settings
+    behind = settings.background if BLENDS[settings.blend].unbounded else None
+    status = 0 if reference is None else _compare(args, image, reference, output, behind)
+    if reference is not None and status == 0:
+        return status
     image.save(output, args.bits, behind)
     if not args.quiet:
-        print(summary(output, image, scene, volume, transfer))
-    return ended
+        print(summary(output, image, scene))
+    return status
 
 
-def _on_workers(args: argparse.Namespace, scene: SceneFile, volume: Volume, transfer: Transfer) -> Image:
+def _check_outputs(args: argparse.Namespace, output: Path, file: SceneFile) -> None:
+    """InputError, before any work, for files that can't be written."""
+    check_output(output, SAVED)
+    require_library(output.suffix.lower())
+    check_source(output, args.source, *file.files)
+    check_depth(args, file)
+
+
+def _compare(args: argparse.Namespace, image: Image, reference: Picture, output: Path, background: Color | None) -> int:
+    """Prints the verdict; returns 0 for the picture of --ref, or 1."""
+    from splatgl.cli.compare import DIFFERENT, SAME, check_against
+
+    verdict = check_against(image, reference, output, background)
+    if not (verdict.same and args.quiet):
+        print(verdict)
+    return SAME if verdict.same else DIFFERENT
+
+
+def _draw_on_workers(args: argparse.Namespace, scene: OpenScene) -> Image:
     """The image, drawn in parts by workers of Dask."""
     from splatgl.cli.options import drawing_of
     from splatgl.distributed.cluster import connected
     from splatgl.distributed.render import Job, draw_parts
     from splatgl.splat.opaque_bounds import Opaque
 
-    for name in ("check", "field", "savings", "explain"):
-        if getattr(args, name):
-            raise expected(f"--{name}", "a picture that is drawn by this process", "--workers or --scheduler")
-    meshes = len(scene.meshes) + scene.vectors.drawn + is_mesh(scene.volume)
-    cues = [(f"--{name.replace('_', '-')}", getattr(scene.settings, name)) for name in ("ambient_occlusion", "shadows")]
-    told = (*cues, ("--threshold", scene.threshold), ("layers", len(scene.layers)), ("meshes", meshes))
-    told = (*told, ("--surfaces", scene.surfaces is not None))
-    for what, given in told:
-        if given:
-            raise expected(what, "none, with --workers or --scheduler", given)
-    camera = scene.view.camera(volume, Opaque(volume, transfer))
-    job = Job(uuid4().hex, scene.anywhere().open, transfer, scene.settings, drawing_of(args), camera, args.memory)
-    tell = None if args.quiet else print
-    with connected(args.workers, args.scheduler, tell) as client, _work_bar(args.quiet, "part") as bar:
-        image = draw_parts(client, job, None, bar, args.check is None)
+    DrawOptions.of(args).check_supported(
+        "workers", "a picture that is drawn by this process", "--workers or --scheduler"
+    )
+    file, settings = scene.file, scene.settings
+    unsupported = {
+        "--ambient-occlusion": settings.ambient_occlusion,
+        "--shadows": settings.shadows,
+        "--threshold": file.threshold,
+        "layers": len(file.layers),
+        "meshes": len(file.meshes) + file.vectors.drawn + is_mesh(file.volume),
+        "--surfaces": file.surfaces is not None,
+    }
+    for name, value in unsupported.items():
+        if value:
+            raise expected(name, "none, with --workers or --scheduler", value)
+    camera = file.view.camera(scene.volume, Opaque(scene.volume, scene.transfer))
+    job = Job(uuid4().hex, file.anywhere().open, scene.transfer, settings, drawing_of(args), camera, args.memory)
+    notify = None if args.quiet else print
+    with connected(args.workers, args.scheduler, notify) as client, progress_bar("part", args.quiet) as progress:
+        image = draw_parts(client, job, None, progress, args.check is None)
     if not image.info["splats"]:
-        raise nothing(scene, volume)
+        raise scene.nothing_visible()
     return image
 
 

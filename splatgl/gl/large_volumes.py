@@ -248,20 +248,22 @@ def render_slabs(
         return Image(image.pixels, {**told, **image.info})
 
 
-def moving_bricks(
-    renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion, bands: int = 1
+def render_moving_bricks(
+    renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion | None, bands: int = 1
 ) -> Image:
-    """A volume in bricks while the camera, or all of it, moves: the mean of its moments, as `Renderer.render` of moving
-    splats. Raises InputError for streaks and for a flow.
+    """The picture of a volume in bricks while the camera, or all of it, moves: the mean of its moments, as
+    `Renderer.render` of moving splats; without motion a sharp one. Raises InputError for streaks and for a flow.
     """
+    if motion is None:
+        return renderer.render_bricks(bricks, camera, settings, bands=bands)
     check_blur("in bricks", settings, motion.flow is not None)
-    still = settings.but(motion="off", moments=None)
+    sharp = settings.but(motion="off", moments=None)
 
-    def draw(_: Splats, view: Camera, asked: Settings) -> Image:
-        return renderer.render_bricks(bricks, view, asked, bands=bands)
+    def draw(_: Splats, view: Camera, requested: Settings) -> Image:
+        return renderer.render_bricks(bricks, view, requested, bands=bands)
 
     blurred = Blurred.of(bricks.probes, camera, settings, motion, [])
     if not blurred.moments:
-        return draw(bricks.probes, camera, still)
-    mean = Moments(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, still)
+        return draw(bricks.probes, camera, sharp)
+    mean = Moments(draw, motion, settings.shutter, blurred.moments)(bricks.probes, camera, sharp)
     return Image(mean.pixels.astype(np.float32), {**mean.info, "motion": "moments"})

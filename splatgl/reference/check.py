@@ -26,7 +26,7 @@ FIELD_PIXELS, FIELD_SAMPLES = 64, 4
 
 def check(
     image: Image,
-    splats: Splats,
+    splats: Splats | Scene,
     camera: Camera,
     settings: Settings | None = None,
     rows: int | None = None,
@@ -46,7 +46,7 @@ def check(
         return image
     windows = _squares(visible) if rows is None else _rows(visible, rows)
     checked = _compare(image, windows, render_windows(splats, camera, settings, windows))
-    if field:
+    if field and isinstance(splats, Splats):
         inside = np.zeros_like(visible)
         for w in windows:
             inside[w.y : w.y + w.height, w.x : w.x + w.width] = True
@@ -70,21 +70,6 @@ def check_bricks(image: Image, bricks: Bricks, camera: Camera, settings: Setting
     return Image(image.pixels, {**image.info, "checked": checked})
 
 
-def check_layers(
-    image: Image, scene: Scene, camera: Camera, settings: Settings | None = None, rows: int | None = None
-) -> Image:
-    """Like `check`, for an image of a scene of layers."""
-    settings = settings or Settings()
-    if rows is not None and not 0 <= rows <= camera.size[1]:
-        raise expected("--check", f"0 to {camera.size[1]} rows", rows)
-    visible = _is_visible(image.pixels, settings)
-    if rows == 0 or not visible.any():
-        return image
-    windows = _squares(visible) if rows is None else _rows(visible, rows)
-    checked = _compare(image, windows, render_windows(scene, camera, settings, windows))
-    return Image(image.pixels, {**image.info, "checked": checked})
-
-
 def _compare(image: Image, windows: list[Window], right: list[np.ndarray]) -> dict[str, object]:
     """The compared windows, their number of pixels and the errors. right: the exact pixels of the windows."""
     parts = [image.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
@@ -92,7 +77,7 @@ def _compare(image: Image, windows: list[Window], right: list[np.ndarray]) -> di
     return {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
 
 
-def check_input(splats: Splats, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:
+def check_input(splats: Splats | Scene, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:
     """Raises InputError, before any drawing, for input that `check` cannot compare: a number of rows that the picture
     does not have, and a field of no rows, or of voxels classified before reconstruction.
     """
@@ -101,6 +86,8 @@ def check_input(splats: Splats, camera: Camera, settings: Settings, rows: int | 
         raise expected("--check", f"{least} to {height} rows" + " with --field" * field, rows)
     if not field:
         return
+    if not isinstance(splats, Splats):
+        raise expected("--field", "a picture of one volume", "layers or meshes")
     selected = select_splats(splats, settings, moving=False)
     why = why_classified_before(splats.source, selected, settings, moving=False)
     if why:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.annotations.annotate import check, check_size, check_time, parsed
+from splatgl.annotations.annotate import check, parsed
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import AUTO
 from splatgl.data.image import Image
@@ -20,9 +20,9 @@ from splatgl.fileio import parse_bytes
 from splatgl.options import names_of, refuse_unknown
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.scene.background import as_drawn, grounded
-from splatgl.scene.draw import DrawOptions, depth_share, depths_of, draw, drawn, lay, origin, unbacked, with_room
+from splatgl.scene.draw import DrawOptions, annotations_of, depths, draw, draw_subject, finish
 from splatgl.scene.meshes import VECTORS
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.scene.view import ViewOptions
@@ -50,10 +50,8 @@ def depth_map(
     """
     if is_splats(x):
         raise expected("depths", "a volume, an array or a file", "splats")
-    scene, _ = scene_of(x, transfer, camera, settings, options)
-    volume = scene.open()
-    scene, chosen = scene.cut(volume), scene.transfer_for(volume)
-    return depths_of(scene, volume, chosen, depth_share(at, scene.settings))[0]
+    file, _ = scene_of(x, transfer, camera, settings, options)
+    return depths(OpenScene.read(file), at)
 
 
 # options of the transfer function that are keywords; `unit` is the unit of an array, and `shading` a setting
@@ -90,27 +88,25 @@ def render(
     return picture(x, scene, memory)
 
 
-def picture(x: Any, scene: SceneFile, memory: int | None = None, seen: bool = False) -> Image:
-    """The picture of a scene from `scene_of`, by the renderer that calls share. seen: on a background that suits it."""
+def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background: bool = False) -> Image:
+    """The picture of a scene from `scene_of`, by the renderer that calls share.
+
+    needs_background: whether a scene without a background is drawn on the default one.
+    """
     how = DrawOptions(kept=True, memory=memory, check=0)
     if is_splats(x):
         if not len(x):
             raise expected("splats", "at least one", "none")
-        image = drawn(how, scene, x, scene.view.camera(x, x))
+        image = draw_subject(x, file.view.camera(x, x), file.settings, how)
         return Image(image.pixels, {**image.info, "version": __version__, "source": x.name})
-    volume = scene.open()
-    chosen, scene = scene.transfer_for(volume), scene.cut(volume)
-    if seen and "background" not in scene.settings.given:
-        scene = replace(scene, settings=grounded(scene.settings, AUTO, as_drawn(volume, chosen)))
-    check_size(scene.annotate, scene.view.size)
-    check_time(scene.annotate)
-    scene = with_room(scene, volume, scene.annotate)
-    image = draw(how, replace(scene, settings=unbacked(scene.settings, scene.annotate)), volume, chosen)
-    drawn_so = image.info.get("notes", ())
-    notes = (*volume.notes, *(drawn_so if isinstance(drawn_so, tuple) else ()))
-    told = {"notes": notes} if notes else {}
-    image = Image(image.pixels, {**image.info, **origin(scene, chosen), **told})
-    return lay(image, scene, volume, chosen, scene.annotate, quiet=True) if scene.annotate else image
+    scene = OpenScene.read(file)
+    if needs_background and "background" not in file.settings.given:
+        scene = scene.with_background(AUTO)
+    scene = scene.with_annotations(annotations_of(None, file))
+    image = draw(scene, how)
+    drawn_notes = image.info.get("notes", ())
+    notes = (*scene.volume.notes, *(drawn_notes if isinstance(drawn_notes, tuple) else ()))
+    return finish(Image(image.pixels, {**image.info, **({"notes": notes} if notes else {})}), scene)
 
 
 def is_splats(x: Any) -> bool:

@@ -1,291 +1,29 @@
-"""Draws a scene: chooses level of detail, bricks or splats, joins layers, and adds annotations."""
+"""Draws a scene: chooses the level of detail and bricks, compares with float64, and adds annotations."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl import __version__
-from splatgl.annotations.annotate import ROOM, check, check_size, check_time, parsed
+from splatgl.annotations.annotate import check, check_size, check_time, parsed
 from splatgl.data.image import Image
-from splatgl.data.volume import Volume
-from splatgl.errors import InputError, expected
-from splatgl.fileio import format_bytes
-from splatgl.readers.channels import TIME_HINT
-from splatgl.scene.meshes import is_mesh, surfaces_of
-from splatgl.scene.scene_file import SceneFile, check_masked
-from splatgl.splat.segment_surfaces import is_segmentation
+from splatgl.errors import expected
+from splatgl.fileio import budget, format_bytes
+from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS, Settings
-from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.gl.large_volumes import Level
     from splatgl.gl.renderer import Renderer
     from splatgl.splat.camera import Camera
-    from splatgl.splat.clipping import Part, Plane
-    from splatgl.splat.scene import Layer
-    from splatgl.splat.scene import Scene as Layers
+    from splatgl.splat.scene import Scene
     from splatgl.splat.splats import Splats
-
-
-def asked_for(text: str | None, reference: str | None, scene: SceneFile) -> tuple[str, ...]:
-    """The annotations of a command's picture, else of its scene, but in comparisons; InputError for what can't be laid
-    over it, before anything is drawn.
-    """
-    if text is None:
-        asked = () if reference is not None else check(scene.annotate)
-    else:
-        asked = parsed(text)
-        if reference is not None:
-            raise expected("annotate", "no --ref, which compares pictures without annotations", reference)
-    check_size(asked, scene.view.size)
-    check_time(asked)
-    return asked
-
-
-def of_movie(text: str | None, scenes: Sequence[SceneFile]) -> tuple[str, ...]:
-    """The annotations of a movie, else of its scene: time stands for that of each volume of a series. InputError as
-    `check`, and for a time of one volume.
-    """
-    asked = check(scenes[0].annotate) if text is None else parsed(text)
-    check_size(asked, scenes[0].view.size)
-    if len(scenes) == 1:
-        check_time(asked)
-    return asked
-
-
-def at_time(asked: Sequence[str], scene: SceneFile, number: int, step: float | None) -> tuple[str, ...]:
-    """The annotations of a frame that shows volume `number` of a series. step: seconds between two time points."""
-    point = int(scene.load.get("time", number))
-    told = f"{point * step:g} s" if step else f"{point}"
-    return tuple(f"time={told}" if one == "time" else one for one in asked)
-
-
-def unbacked(settings: Settings, asked: Sequence[str]) -> Settings:
-    """The settings of a picture under annotations: with a box it is drawn without its background, so that edges behind
-    the box come between both. Sums have none.
-    """
-    return settings.but(background=None) if "box" in asked and not BLENDS[settings.blend].unbounded else settings
-
-
-def with_room(scene: SceneFile, volume: Volume, asked: Sequence[str]) -> SceneFile:
-    """The scene, with a view that shows the box and its numbers, where they are asked for."""
-    if "box" not in asked:
-        return scene
-    return replace(scene, view=scene.view.fitted(room(volume)))
-
-
-def room(volume: Volume) -> Part:
-    """What a view is fitted to that shows a volume's box and its numbers."""
-    from splatgl.splat.clipping import Part
-
-    return Part(volume.center + (volume.corners - volume.center) * ROOM, volume.frame)
-
-
-def lay(
-    image: Image, scene: SceneFile, volume: Volume, transfer: Transfer, asked: Sequence[str], quiet: bool = False
-) -> Image:
-    """The picture of a scene under annotations, by the camera that it was drawn with; prints why some are left out."""
-    from splatgl.annotations.annotate import annotated, left_out, on_ground
-    from splatgl.annotations.canvas import Scale, Subject
-    from splatgl.scene.meshes import is_mesh
-
-    told, drawn = Subject.of(volume), None
-    if is_layered(scene, volume):
-        drawn = layered(scene, volume, transfer)
-        told = replace(told, scales=Scale.of(drawn.meshes), empty=is_mesh(scene.volume))
-    camera = camera_of(scene, volume, transfer, drawn)
-    found = annotated(image, told, transfer, camera, asked, scene.settings.background)
-    found = on_ground(found, None if BLENDS[scene.settings.blend].unbounded else scene.settings.background)
-    for note in () if quiet else left_out(found):
-        print(f"splatgl: {note}", file=sys.stderr)
-    return found
-
-
-# what is looked for where nothing is said: half of the light, or what the blend shows
-HALF = 0.5
-OF_BLENDS = {"mip": "max", "minip": "min"}
-
-
-def depths_of(
-    scene: SceneFile, volume: Volume, transfer: Transfer, at: float | str, quiet: bool = True
-) -> tuple[np.ndarray, Camera]:
-    """Depths float64 [H, W] of a scene whose cuts are in its settings, and the camera of its picture."""
-    from splatgl.reference.depth_map import depths
-
-    drawn = layered(scene, volume, transfer, quiet)
-    camera = camera_of(scene, volume, transfer, drawn)
-    return depths(drawn, camera, at, scene.settings.but(clip=())), camera
-
-
-def camera_of(scene: SceneFile, volume: Volume, transfer: Transfer, drawn: Layers | None) -> Camera:
-    """The camera of the scene's picture, which is fitted to what that is drawn from. drawn: of layers or meshes."""
-    from splatgl.splat.extract import why_only_pre
-    from splatgl.splat.opaque_bounds import Opaque
-    from splatgl.splat.resolve import why_per_splat
-
-    if drawn is not None and is_layered(scene, volume):
-        return scene.view.camera(volume, drawn)
-    if scene.view.is_fixed(volume):
-        return scene.view.camera(volume, volume)
-    before = scene.settings.classification == "pre" or why_per_splat(scene.settings, moving=False)
-    # of several levels, one is chosen by the camera
-    if not volume.coarser and (before or why_only_pre(volume, transfer, scene.threshold)):
-        splats = scene.splats(volume, transfer)
-        if len(splats):
-            return scene.view.camera(volume, splats)
-    return scene.view.camera(volume, Opaque(volume, transfer))
-
-
-def depth_share(given: float | str | None, settings: Settings) -> float | str:
-    """The share that is given, else ½, or the value that the blend shows."""
-    return OF_BLENDS.get(settings.blend, HALF) if given is None else given
-
-
-def of_channels(
-    scene: SceneFile, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
-) -> list[Layer]:
-    """The layers of a volume: one for each of its channels. planes: their own."""
-    from splatgl.splat.scene import Layer, channel_transfers
-
-    colors, windows = (dict(scene.transfer.get(name, ())) for name in ("color_of", "window_of"))
-    if len(volume.channels) < 2:
-        if colors or windows:
-            raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
-        return [Layer(volume, transfer, visible=scene.visible, threshold=scene.threshold, clip=planes)]
-    if all(each.labels for each in volume.channels) and not (colors or windows):
-        segments = segmented(scene, volume)
-        return [Layer(each, look, 1.0, scene.visible, scene.threshold, planes) for each, look in segments]
-    # of which each has the opacity below
-    plain = replace(scene, opacity=1.0)
-    base = plain.transfer_for(volume) if scene.transfer.keys() & {"points", "preset"} else None
-    found = channel_transfers(volume, colors, windows, base)
-    looks = zip(volume.channels, (each.weakened(scene.opacity) for each in found), strict=True)
-    return [Layer(each, look, 1.0, scene.visible, scene.threshold, planes) for each, look in looks]
-
-
-def segmented(scene: SceneFile, volume: Volume) -> list[tuple[Volume, Transfer]]:
-    """The channels of overlapping segments with their transfer functions; one of which none is to be seen is clear."""
-    only = scene.transfer.get("only_labels") or ()
-    found = []
-    for each in volume.channels:
-        numbers = {label.number for label in each.labels or ()}
-        mine = [(number, factor) for number, factor in only if number in numbers]
-        looks = {**scene.transfer, "only_labels": mine} if only else scene.transfer
-        look = replace(scene, transfer=looks).transfer_for(each)
-        found.append((each, look if mine or not only else look.weakened(0.0)))
-    return found
-
-
-def is_layered(scene: SceneFile, volume: Volume) -> bool:
-    """Whether a scene's picture is of several layers or channels, or has meshes."""
-    of_channels = len(volume.channels) > 1 or scene.transfer.keys() & {"color_of", "window_of"}
-    alone = is_mesh(scene.volume) or not scene.visible
-    drawn = scene.surfaces is not None or scene.vectors.drawn
-    return bool(scene.layers or scene.meshes or drawn or of_channels or alone)
-
-
-def layers_of(scene: SceneFile, volume: Volume, transfer: Transfer, quiet: bool = True) -> list[Layer]:
-    """All layers of a scene that are to be seen, of which `volume` is the first one's; if none is, that one, clear.
-
-    quiet: whether notes on the other layers' files are not printed.
-    """
-    layers = of_channels(scene, volume, transfer)
-    for layer in (each for each in scene.layers if each.visible):
-        masked = replace(layer, mask=scene.mask) if layer.mask is None else layer
-        source = replace(masked, surfaces=scene.surfaces) if layer.surfaces is None else masked
-        other = source.open()
-        tell(other, quiet, channels=True, layer=source.volume)
-        own = None if source.clip is None and not source.crop else source.cut(other).settings.clip
-        found = of_channels(source, other, source.transfer_for(other), own)
-        layers += found if layer.surfaces is None else [replace(each, surfaces=layer.surfaces) for each in found]
-    if scene.surfaces is not None:
-        layers = _as_surfaces(layers, scene)
-    if not any(each.visible for each in layers):
-        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), visible=True)]
-    return layers
-
-
-def _as_surfaces(layers: list[Layer], scene: SceneFile) -> list[Layer]:
-    """The layers, segmentations among them as surfaces. InputError where there are none."""
-    labelled = [is_segmentation(each.volume, each.seen) for each in layers]
-    if not any(labelled):
-        fix = "--values labels, if its numbers are names"
-        raise expected("surfaces", "a segmentation among the volumes", f"amounts in {scene.volume}", fix)
-    every = zip(layers, labelled, strict=True)
-    return [replace(each, surfaces=scene.surfaces) if yes and each.surfaces is None else each for each, yes in every]
-
-
-def layered(scene: SceneFile, volume: Volume, transfer: Transfer, quiet: bool = True) -> Layers:
-    """The layers and meshes of a scene, of which `volume` is the first one's, cut by its planes. quiet: as above."""
-    from splatgl.splat.scene import Scene as Layers
-
-    meshes = [each.open() for each in surfaces_of(scene) if each.visible]
-    meshes += scene.vectors.meshes(volume)
-    drawn = Layers(layers_of(scene, volume, transfer, quiet), scene.settings.clip, meshes)
-    for note in () if quiet else drawn.notes:
-        print(f"splatgl: {note}", file=sys.stderr)
-    return drawn
-
-
-def draw_layers(how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer) -> Image:
-    """The image of a scene of several layers or channels; the first is `volume`, whose view it has by default."""
-    from splatgl.reference.check import check_layers
-
-    for name in ("field", "savings"):
-        if getattr(how, name):
-            raise expected(f"--{name}", "a picture of one volume", "layers" if scene.layers else "meshes")
-    drawn, settings = layered(scene, volume, transfer, how.quiet), scene.settings.but(clip=())
-    check_fits(scene, drawn, how.memory)
-    camera = scene.view.camera(volume, drawn)
-    with how.renderer() as renderer:
-        if how.explain:
-            for splats, own in drawn.drawn(settings):
-                print(f"{splats.name}:\n{renderer.plan(splats, camera, own).explain()}")
-        image = renderer.render(drawn, camera, settings)
-    if not (image.info["splats"] or drawn.meshes):
-        raise expected(scene.volume, "layers with an opacity", "none", "set the points to the values that matter")
-    return check_layers(image, drawn, camera, settings, how.check)
-
-
-def check_fits(scene: SceneFile, drawn: Layers, memory: int | None = None) -> None:
-    """InputError for a layer that is drawn in bricks alone. memory: bytes; None: half of what is free."""
-    from splatgl.fileio import budget
-    from splatgl.splat.bricks import bricks_of, excess_need
-
-    most = budget() if memory is None else memory
-    for layer in drawn.shown:
-        bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, scene.settings)
-        need = excess_need(bricks, scene.view.size, most) if bricks else None
-        if need is not None:
-            name = layer.volume.name or "layer"
-            raise expected(
-                name, f"a layer that fits into {format_bytes(most)}", format_bytes(need.bytes), "use a smaller volume"
-            )
-
-
-def tell(volume: Volume, quiet: bool = False, channels: bool = False, times: bool = False, layer: str = "") -> None:
-    """Prints what the reader left out or assumed, on standard error. channels, times: whether all are shown. layer: the
-    file of a volume beside the first.
-    """
-    notes = [note for note in volume.notes if not (times and note.endswith(TIME_HINT))]
-    if len(volume.channels) > 1 and not channels:
-        notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is taken: --channel picks another")
-    for note in () if quiet else notes:
-        print(f"splatgl: {Path(layer).name}: {note}" if layer else f"splatgl: {note}", file=sys.stderr)
-
-
-# most labels that a picture stores: some 16 kB of text
-LABELS = 512
-# delay of the progress bar in seconds
-PATIENCE = 1.0
 
 
 @dataclass(frozen=True)
@@ -301,12 +39,11 @@ class DrawOptions:
     field: bool = False
     explain: bool = False
     savings: bool = False
-    quiet: bool = True
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> DrawOptions:
         """The options of a command."""
-        return cls(**{each.name: getattr(args, each.name) for each in fields(cls) if each.name != "kept"})
+        return cls(**{option.name: getattr(args, option.name) for option in fields(cls) if option.name != "kept"})
 
     @contextmanager
     def renderer(self) -> Iterator[Renderer]:
@@ -318,150 +55,171 @@ class DrawOptions:
         with opened as renderer:
             yield renderer
 
-
-def draw(how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer) -> Image:
-    """The image, drawn by this process."""
-    if is_layered(scene, volume):
-        return draw_layers(how, scene, volume, transfer)
-    check_masked(scene.volume, volume, transfer)
-    camera, told = None, dict[str, object]()
-    if volume.coarser:
-        camera, chosen = _level(how, scene, volume, transfer)
-        volume, transfer, told = chosen.volume, chosen.transfer, chosen.info
-    image = _in_bricks(how, scene, volume, transfer, camera)
-    if image is None:
-        splats = scene.splats(volume, transfer, None if how.quiet else _bar)
-        if not len(splats):
-            raise nothing(scene, volume)
-        image = drawn(how, scene, splats, camera or scene.view.camera(volume, splats))
-    return Image(image.pixels, {**image.info, **told})
+    def check_supported(self, kind: str, need: str, got: str, fix: str = "") -> None:
+        """InputError for options that a kind of picture does not support. need: the kind that supports them."""
+        for name in UNSUPPORTED[kind]:
+            if getattr(self, name):
+                raise expected(f"--{name}", need, got, fix)
 
 
-def _level(how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer) -> tuple[Camera, Level]:
-    """The camera, and the level of a multiscale image that it takes."""
+# options that are not supported by pictures of layers, in bricks, and by workers
+UNSUPPORTED = {
+    "layers": ("field", "savings"),
+    "bricks": ("check", "field", "savings"),
+    "workers": ("check", "field", "savings", "explain"),
+}
+
+
+def draw(scene: OpenScene, how: DrawOptions) -> Image:
+    """The picture of a scene, drawn by this process, without annotations; see `finish`."""
+    if not scene.is_single:
+        how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
+        scene.check_fits(how.memory)
+        return _draw_whole(scene, how)
+    scene.check_masks()
+    scene, info = _choose_level(scene, how) if scene.volume.coarser else (scene, {})
+    image = _draw_in_bricks(scene, how) or _draw_whole(scene, how)
+    return Image(image.pixels, {**image.info, **info})
+
+
+def finish(image: Image, scene: OpenScene) -> Image:
+    """A drawn picture with the provenance of its scene, and under its annotations."""
+    image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer)})
+    return annotate(image, scene) if scene.annotate else image
+
+
+def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[str, object]]:
+    """The scene of the level of a multiscale volume that the camera takes, and what is stored of that level."""
     from splatgl.gl.large_volumes import just_finer, level_for
-    from splatgl.splat.opaque_bounds import Opaque
 
-    camera = scene.view.camera(volume, Opaque(volume, transfer))
-    if just_finer(volume, camera) == 0:
-        return camera, level_for(volume, transfer, camera, scene.settings)
-    with how.renderer() as renderer:
-        found = level_for(volume, transfer, camera, scene.settings, renderer)
-    if not how.quiet:
-        print(found)
-    return camera, found
+    camera, arguments = scene.camera, (scene.volume, scene.transfer, scene.camera, scene.settings)
+    if just_finer(scene.volume, camera) == 0:
+        level = level_for(*arguments)
+    else:
+        with how.renderer() as renderer:
+            level = level_for(*arguments, renderer)
+        if not scene.is_quiet:
+            print(level)
+    return replace(scene, volume=level.volume, transfer=level.transfer, fixed_camera=camera), level.info
 
 
-def _in_bricks(
-    how: DrawOptions, scene: SceneFile, volume: Volume, transfer: Transfer, camera: Camera | None
-) -> Image | None:
-    """The image, drawn brick by brick, if it needs more than --memory; else None."""
-    from splatgl.fileio import budget
+def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
+    """The picture, drawn brick by brick, if it needs more than --memory; else None."""
+    from splatgl.reference.check import check_bricks
     from splatgl.splat.bricks import bricks_of, excess_need
-    from splatgl.splat.opaque_bounds import Opaque
 
-    bricks = None if scene.threshold else bricks_of(volume, transfer, scene.settings)
-    if bricks is None:
-        return None
+    file = scene.file
+    bricks = None if file.threshold else bricks_of(scene.volume, scene.transfer, scene.settings)
     most = budget() if how.memory is None else how.memory
-    need = excess_need(bricks, scene.view.size, most)
-    if need is None:
+    need = excess_need(bricks, file.view.size, most) if bricks is not None else None
+    if bricks is None or need is None:
         return None
-    for name in ("check", "field", "savings"):
-        if getattr(how, name):
-            fix = "give more --memory, or a part of the volume"
-            raise expected(f"--{name}", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
-    if not how.quiet:
-        told = f"{need}, together more than {format_bytes(most)}"
+    fix = "give more --memory, or a part of the volume"
+    how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
+    if not scene.is_quiet:
+        reason = f"{need}, together more than {format_bytes(most)}"
         if need.bytes <= most:
-            told = f"up to about {need.most:,} splats are more than are drawn at once"
-        print(f"{told}: drawn in {len(bricks.low):,} bricks, nearest first")
-
-    camera = camera or scene.view.camera(volume, Opaque(volume, transfer))
-    with how.renderer() as renderer, _work_bar(how.quiet, "brick") as bar:
+            reason = f"up to about {need.most:,} splats are more than are drawn at once"
+        print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
+    with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
         if how.explain:
-            print(renderer.plan(bricks.whole, camera, scene.settings).explain())
-        image = renderer.render_bricks(bricks, camera, scene.settings, bar, bands=need.bands(most))
+            print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
+        image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(most))
     if not image.info["splats"]:
-        raise nothing(scene, volume)
-    if how.check is None:
-        from splatgl.reference.check import check_bricks
+        raise scene.nothing_visible()
+    return check_bricks(image, bricks, scene.camera, scene.settings) if how.check is None else image
 
-        image = check_bricks(image, bricks, camera, scene.settings)
+
+def _draw_whole(scene: OpenScene, how: DrawOptions) -> Image:
+    """The picture, compared with float64; prints what --explain and --savings ask for."""
+    if scene.is_single and not len(scene.splats):
+        raise scene.nothing_visible()
+    image = draw_subject(scene.subject, scene.camera, scene.settings, how)
+    if not (image.info["splats"] or image.info.get("triangles")):
+        raise scene.nothing_visible()
     return image
 
 
-def drawn(how: DrawOptions, scene: SceneFile, splats: Splats, camera: Camera) -> Image:
-    """The image, checked; prints what --explain and --savings ask for."""
-    from splatgl.reference.check import check, check_input
+def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
+    """The picture of splats or layers, compared with float64; prints what --explain and --savings ask for."""
+    from splatgl.reference.check import check as compare_rows
+    from splatgl.reference.check import check_input
     from splatgl.scene.shared_renderer import savings
 
-    check_input(splats, camera, scene.settings, how.check, how.field)
+    check_input(subject, camera, settings, how.check, how.field)
     with how.renderer() as renderer:
         if how.explain:
-            print(renderer.plan(splats, camera, scene.settings).explain())
-        image = renderer.render(splats, camera, scene.settings)
+            print(renderer.plans(subject, camera, settings).explain())
+        image = renderer.render(subject, camera, settings)
         if how.check is not None or how.field or image.info["error_bound"] is None:
-            image = check(image, splats, camera, scene.settings, how.check, how.field)
+            image = compare_rows(image, subject, camera, settings, how.check, how.field)
         if how.explain:
             print(f"{accuracy(image)}, against the float64 reference of the same splats")
         if how.savings:
-            print("\n".join(savings(renderer, splats, camera, renderer.plan(splats, camera, scene.settings))))
+            print("\n".join(savings(renderer, renderer.plans(subject, camera, settings).first)))
     return image
 
 
-def origin(scene: SceneFile, transfer: Transfer) -> dict[str, object]:
-    """Provenance stored in an image; of very many labels only how many, as readers of PNG limit texts."""
-    few = len(transfer.labels) <= LABELS
-    return {
-        "version": __version__,
-        "source": Path(scene.volume).name,
-        "threshold": scene.threshold,
-        "transfer": transfer.to_toml() if few else f"# {len(transfer.labels):,} labels in colours of their numbers",
-    }
+def annotate(image: Image, scene: OpenScene) -> Image:
+    """A picture under the annotations of its scene, on its background; prints why some are left out."""
+    from splatgl.annotations.annotate import annotated, left_out, on_ground
+
+    color = scene.file.settings.background
+    image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.annotate, color)
+    image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
+    if not scene.is_quiet:
+        for note in left_out(image):
+            print(f"splatgl: {note}", file=sys.stderr)
+    return image
 
 
-def nothing(scene: SceneFile, volume: Volume) -> InputError:
-    """The error for a scene without splats, with the reason."""
-    if not any(np.isfinite(slab.samples).any() for slab in volume.slabs(1, halo=0)):
-        return expected(scene.volume, "finite samples", "none")
-    return expected(
-        scene.volume,
-        f"voxels with an opacity above the threshold {scene.threshold:g}",
-        "none",
-        "lower --threshold, or set --points to the values that matter",
-    )
+def annotations_of(text: str | None, file: SceneFile, reference: str | None = None) -> tuple[str, ...]:
+    """The annotations of a picture: of --annotate, else of its scene file; none in comparisons.
+
+    Raises InputError for unsupported annotations, before anything is drawn.
+    """
+    if text is not None and reference is not None:
+        raise expected("annotate", "no --ref, which compares pictures without annotations", reference)
+    names = () if reference is not None else check(file.annotate) if text is None else parsed(text)
+    check_size(names, file.view.size)
+    check_time(names)
+    return names
 
 
-def _bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
-    """Progress bar over parts of a volume, if tqdm is installed and stderr is a terminal."""
-    if not sys.stderr.isatty():
-        return parts
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        return parts
-    return iter(tqdm(parts, "extracting", total=count, unit="part", delay=PATIENCE, leave=False))
+# share of the light that is absorbed at a pixel's depth, and what is searched for in blends of one value
+HALF = 0.5
+OF_BLENDS = {"mip": "max", "minip": "min"}
+
+
+def depths(scene: OpenScene, at: float | str | None) -> np.ndarray:
+    """Depths float64 [H, W] of a scene. at: share of absorbed light, max or min; None: ½, or the value of the blend."""
+    from splatgl.reference import depth_map
+
+    settings = scene.file.settings
+    share = OF_BLENDS.get(settings.blend, HALF) if at is None else at
+    return depth_map.depths(scene.scene, scene.camera, share, settings.but(clip=()))
 
 
 @contextmanager
-def _work_bar(quiet: bool, unit: str) -> Iterator[Callable[[int, int], None] | None]:
-    """What is told of units that are done: a progress bar, if tqdm is installed and stderr is a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
+def progress_bar(unit: str, is_quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """A function that takes the number of units done and of all, and shows a progress bar with the remaining time, if
+    tqdm is installed and stderr is a terminal.
+    """
+    if is_quiet or not sys.stderr.isatty():
+        yield lambda done, total: None
         return
     try:
         from tqdm import tqdm
     except ImportError:
-        yield None
+        yield lambda done, total: None
         return
     with tqdm(desc="drawing", unit=unit, delay=PATIENCE, leave=False) as bar:
 
-        def done(count: int, total: int) -> None:
+        def show(done: int, total: int) -> None:
             bar.total = total
-            bar.update(count - bar.n)
+            bar.update(done - bar.n)
 
-        yield done
+        yield show
 
 
 def accuracy(image: Image) -> str:

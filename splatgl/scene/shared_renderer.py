@@ -15,9 +15,7 @@ from splatgl.errors import InputError
 from splatgl.gl.backends import BackendError, restored
 from splatgl.gl.context import current, inherited
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.camera import Camera
 from splatgl.splat.plan import Plan
-from splatgl.splat.splats import Splats
 from splatgl.splat.technique import Hiding
 
 # one picture at a time, in any thread
@@ -76,7 +74,7 @@ atexit.register(close_kept)
 ROUNDS = 3
 
 
-def savings(renderer: Renderer, splats: Splats, camera: Camera, plan: Plan) -> list[str]:
+def savings(renderer: Renderer, plan: Plan) -> list[str]:
     """A line for the planned frame, and one per undone omission: its time, and the largest change of the image."""
     ways = {"as planned": plan, **with_it(plan)}
     pictures: dict[str, np.ndarray] = {}
@@ -85,7 +83,7 @@ def savings(renderer: Renderer, splats: Splats, camera: Camera, plan: Plan) -> l
         for turn in range(ROUNDS + 1):
             for name, way in ways.items():
                 started = time.perf_counter()
-                pictures[name] = renderer.passes.draw(splats, way)
+                pictures[name] = renderer.passes.draw(plan.splats, way)
                 if turn:
                     times[name] = min(times.get(name, np.inf), time.perf_counter() - started)
     right, base = pictures.pop("as planned"), times.pop("as planned")

@@ -22,7 +22,7 @@ from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.presets import SURFACE, default_transfer, preset
-from splatgl.splat.resolve import Resolved, check_blur, extracted
+from splatgl.splat.resolve import Resolved, blur, check_blur, extracted
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -304,6 +304,14 @@ def plan_scene(
         lit = casting([each.resolved for each in plans], [(each.splats, each.settings) for each in plans])
         plans = tuple(replace(each, resolved=resolved) for each, resolved in zip(plans, lit, strict=True))
     return ScenePlan(plans, meshes, subject.notes, settings.background)
+
+
+def moments_per_frame(subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion) -> int:
+    """Number of pictures whose mean a moving one is; 0 for a sharp picture of splats, and for streaks."""
+    if isinstance(subject, Scene):
+        return subject.moments(camera, settings, motion)
+    is_mean = settings.shutter > 0 and blur(subject, settings) == "moments"
+    return count_moments(subject, camera, motion, settings.shutter) if is_mean else 0
 
 
 def common_samples(

@@ -16,8 +16,8 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import expected
-from splatgl.scene.draw import is_layered, of_channels, tell
 from splatgl.scene.meshes import MeshFile, surfaces_of
+from splatgl.scene.open_scene import channel_layers, is_layered, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
@@ -288,12 +288,12 @@ class Document:
             fix = "splatgl render draws them"
             raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
         volume = scene.open()
-        tell(volume, quiet, channels=True, times=True)
+        print_notes(volume, quiet, has_times=True)
         scene = scene.cut(volume)
         pairs = _channels(scene, volume, scene.settings, None, folds_opacity=not is_layered(scene, volume))
         for source in scene.layers:
             other = (replace(source, mask=scene.mask) if source.mask is None else source).open()
-            tell(other, quiet, channels=True, times=True, layer=source.volume)
+            print_notes(other, quiet, has_times=True, layer=source.volume)
             clip = None if source.clip is None and not source.crop else source.cut(other).settings.clip
             pairs += _channels(source, other, scene.settings, clip)
         layers, styles = zip(*pairs, strict=True)
@@ -525,7 +525,7 @@ def _channels(
     """Layer and style of each channel of a source. folds_opacity: into the transfer function."""
     plain = source if folds_opacity else replace(source, opacity=1.0)
     pairs = []
-    for number, channel in enumerate(of_channels(plain, volume, plain.transfer_for(volume))):
+    for number, channel in enumerate(channel_layers(plain, volume, plain.transfer_for(volume))):
         scene = replace(source, settings=settings, layers=(), meshes=())
         samples = channel.volume
         if len(volume.channels) > 1:

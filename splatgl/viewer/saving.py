@@ -17,8 +17,9 @@ from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, expected
 from splatgl.fileio import overwrites, write_file
 from splatgl.gl.screen import Sprite, Stroke
-from splatgl.scene.draw import lay, origin
+from splatgl.scene.draw import finish
 from splatgl.scene.meshes import MeshFile, surfaces_of
+from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene
@@ -124,8 +125,7 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
     subject, settings = document.subject_at(1, scene.settings)
     image = draw(subject, scene.view.camera(document.volume, subject), settings)
-    image = Image(image.pixels, {**image.info, **origin(scene, transfer)})
-    return lay(image, scene, document.volume, transfer, scene.annotate, quiet=True) if scene.annotate else image
+    return finish(image, OpenScene(scene, document.volume, transfer, scene.annotate))
 
 
 def plain(image: Image) -> Image:

@@ -48,11 +48,11 @@ def show(
             from splatgl.viewer.notebook import Session, View
 
             return View(Session(scene))
-        return picture(x, scene, memory, seen=True)
+        return picture(x, scene, memory, needs_background=True)
     if not is_splats(x) and has_display():
         _window(scene, "size" in options or camera is not None)
         return None
-    image = picture(x, scene, memory, seen=True)
+    image = picture(x, scene, memory, needs_background=True)
     print('no display: save the picture by image.save("picture.png")')
     return image
 

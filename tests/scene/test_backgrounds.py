@@ -12,7 +12,7 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.color import AUTO, CLEAR, read_background
 from splatgl.options import declared
-from splatgl.scene.background import BLACK, WHITE, grounded, suited
+from splatgl.scene.background import BLACK, WHITE, default_background, with_background
 
 SURFACE = sg.Transfer([(0.4, 0.0), (0.6, 0.9)])
 GLOW = sg.Transfer([(0.4, 0.0), (0.6, 0.9)], shading=False)
@@ -57,9 +57,12 @@ def test_bad_colours(text: str) -> None:
 
 
 def test_what_suits() -> None:
-    assert suited(SURFACE, sg.Settings()) == WHITE
-    assert suited(GLOW, sg.Settings()) == suited(SURFACE, sg.Settings(blend="mip")) == BLACK
-    assert suited(GLOW, sg.Settings(shading="on")) == WHITE and suited(SURFACE, sg.Settings(shading="off")) == BLACK
+    assert default_background(SURFACE, sg.Settings()) == WHITE
+    assert default_background(GLOW, sg.Settings()) == default_background(SURFACE, sg.Settings(blend="mip")) == BLACK
+    assert (
+        default_background(GLOW, sg.Settings(shading="on")) == WHITE
+        and default_background(SURFACE, sg.Settings(shading="off")) == BLACK
+    )
 
 
 @pytest.mark.parametrize(
@@ -75,7 +78,7 @@ def test_what_suits() -> None:
     ],
 )
 def test_what_is_behind(settings: sg.Settings, asked: object, output: str, right: object) -> None:
-    assert grounded(settings, asked, SURFACE, Path(output)).background == right
+    assert with_background(settings, asked, SURFACE, Path(output)).background == right
 
 
 def test_a_picture_has_a_background(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

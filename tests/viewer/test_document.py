@@ -130,11 +130,11 @@ def test_hidden_parts_are_not_drawn(state: State, document: Document, renderer: 
 
 
 def test_the_view_is_that_of_render(document: Document, folder: Path) -> None:
-    from splatgl.scene.draw import layered
+    from splatgl.scene.open_scene import OpenScene
 
     scene = SceneFile.from_toml(folder / "two.toml")
     volume = scene.open()
-    right = replace(scene.view, size=SIZE).camera(volume, layered(scene, volume, scene.transfer_for(volume)))
+    right = replace(scene.view, size=SIZE).camera(volume, OpenScene.of(scene, volume).scene)
     found = document.home(SIZE).camera
     assert np.array_equal(found.eye, right.eye) and np.array_equal(found.eye_from_world, right.eye_from_world)
 

@@ -1,0 +1,313 @@
+"""`OpenScene`: a scene that is read; its layers, meshes, camera and settings."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatgl import __version__
+from splatgl.annotations.annotate import ROOM
+from splatgl.annotations.canvas import Scale, Subject
+from splatgl.data.volume import Volume
+from splatgl.errors import InputError, expected
+from splatgl.fileio import budget, format_bytes
+from splatgl.readers.channels import TIME_HINT
+from splatgl.scene.background import with_background
+from splatgl.scene.meshes import is_mesh, surfaces_of
+from splatgl.scene.scene_file import SceneFile, check_masked
+from splatgl.splat.segment_surfaces import is_segmentation
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.transfer import Transfer
+
+if TYPE_CHECKING:
+    from splatgl.data.color import Color
+    from splatgl.splat.camera import Camera
+    from splatgl.splat.clipping import Part, Plane
+    from splatgl.splat.scene import Layer, Scene
+    from splatgl.splat.splats import Splats
+
+# extraction and cameras are imported once there is a volume: bad input is reported at once
+
+# most labels that the provenance lists: some 16 kB of text
+LABELS = 512
+
+
+@dataclass(frozen=True, eq=False)
+class OpenScene:
+    """A scene whose first volume is read; other layers and meshes are read once they are needed.
+
+    file: the names and options; the planes of its clip and crop are in its settings. volume, transfer: of the first
+    layer. annotate: names of annotations. is_quiet: whether notes on files are not printed. is_moving: whether pictures
+    are motion-blurred. fixed_camera: the camera that a level of detail was chosen for.
+    """
+
+    file: SceneFile
+    volume: Volume
+    transfer: Transfer
+    annotate: tuple[str, ...] = ()
+    is_quiet: bool = True
+    is_moving: bool = False
+    fixed_camera: Camera | None = None
+
+    @classmethod
+    def read(cls, file: SceneFile, is_quiet: bool = True, is_alone: bool = False) -> OpenScene:
+        """Reads the first volume, and prints notes on it. is_alone: as of `print_notes`."""
+        volume = file.open()
+        print_notes(volume, is_quiet, is_alone)
+        return cls.of(file, volume, is_quiet)
+
+    @classmethod
+    def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True) -> OpenScene:
+        """The scene of a file and its volume, which is in memory."""
+        transfer = file.transfer_for(volume)
+        return cls(file.cut(volume), volume, transfer, is_quiet=is_quiet)
+
+    @cached_property
+    def is_single(self) -> bool:
+        """Whether the picture is of one volume, which may be drawn in bricks or at a coarser level; else of several
+        layers or channels, or with meshes.
+        """
+        return not is_layered(self.file, self.volume)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The visible layers and meshes, clipped by the planes of the scene; of one volume a single layer."""
+        from splatgl.splat.scene import Scene
+
+        meshes = [mesh.open() for mesh in surfaces_of(self.file) if mesh.visible]
+        meshes += self.file.vectors.meshes(self.volume)
+        layers = visible_layers(self.file, self.volume, self.transfer, self.is_quiet)
+        scene = Scene(layers, self.file.settings.clip, meshes)
+        if not self.is_quiet:
+            for note in scene.notes:
+                print(f"splatgl: {note}", file=sys.stderr)
+        return scene
+
+    @cached_property
+    def splats(self) -> Splats:
+        """The splats of the first volume."""
+        progress = None if self.is_quiet else extraction_bar
+        return self.file.splats(self.volume, self.transfer, progress, self.is_moving)
+
+    @property
+    def subject(self) -> Splats | Scene:
+        """What a renderer draws: the splats of a single volume, or layers and meshes."""
+        return self.splats if self.is_single else self.scene
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of the renderer: layers have their planes, and annotations with a box get the background behind
+        the box.
+        """
+        settings = self.file.settings if self.is_single else self.file.settings.but(clip=())
+        return without_background(settings, self.annotate)
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera of the picture; a view without an eye is fitted to what is visible."""
+        from splatgl.splat.extract import why_only_pre
+        from splatgl.splat.opaque_bounds import Opaque
+        from splatgl.splat.resolve import why_per_splat
+
+        if self.fixed_camera is not None:
+            return self.fixed_camera
+        view, settings, volume = self.file.view, self.file.settings, self.volume
+        if not self.is_single:
+            return view.camera(volume, self.scene)
+        if view.is_fixed(volume):
+            return view.camera(volume, volume)
+        why = why_only_pre(volume, self.transfer, self.file.threshold) or why_per_splat(settings, moving=False)
+        # of several levels, one is chosen by the camera
+        is_pre = settings.classification == "pre" or why is not None
+        if is_pre and not volume.coarser and len(self.splats):
+            return view.camera(volume, self.splats)
+        return view.camera(volume, Opaque(volume, self.transfer))
+
+    @property
+    def annotated_subject(self) -> Subject:
+        """What annotations need to know of the volume and the meshes."""
+        scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
+        return replace(Subject.of(self.volume), scales=scales, empty=is_empty)
+
+    def with_annotations(self, names: tuple[str, ...]) -> OpenScene:
+        """The scene under annotations, with a view that shows the box and its numbers if there is one."""
+        if "box" not in names:
+            return replace(self, annotate=names)
+        view = self.file.view.fitted(annotated_part(self.volume))
+        return replace(self, file=replace(self.file, view=view), annotate=names)
+
+    def with_background(self, color: Color | str | None, output: Path | None = None) -> OpenScene:
+        """The scene on a background. color: None: as its settings say; AUTO: one that suits. output: the file to write,
+        if any.
+        """
+        # several channels glow
+        glowing = replace(self.transfer, shading=False) if len(self.volume.channels) > 1 else self.transfer
+        settings = with_background(self.file.settings, color, glowing, output)
+        return replace(self, file=replace(self.file, settings=settings))
+
+    @property
+    def has_matter(self) -> bool:
+        """Whether there are splats or meshes."""
+        if self.is_single:
+            return bool(len(self.splats))
+        return bool(self.scene.meshes) or any(map(len, self.scene.splats(self.file.settings)))
+
+    def check_masks(self) -> None:
+        """InputError for masks that keep nothing visible."""
+        check_masked(self.file.volume, self.volume, self.transfer)
+
+    def check_fits(self, memory: int | None = None) -> None:
+        """InputError for a layer that could be drawn in bricks only. memory: bytes; None: half of what is free."""
+        from splatgl.splat.bricks import bricks_of, excess_need
+
+        most = budget() if memory is None else memory
+        for layer in self.scene.shown:
+            bricks = None if layer.threshold else bricks_of(layer.volume, layer.seen, self.file.settings)
+            need = excess_need(bricks, self.file.view.size, most) if bricks else None
+            if need is not None:
+                name, fix = layer.volume.name or "layer", "use a smaller volume"
+                raise expected(name, f"a layer that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
+
+    def nothing_visible(self) -> InputError:
+        """The error for a scene without splats and meshes, with the reason."""
+        file = self.file
+        if not self.is_single:
+            return expected(file.volume, "layers with an opacity", "none", "set the points to the values that matter")
+        if not any(np.isfinite(slab.samples).any() for slab in self.volume.slabs(1, halo=0)):
+            return expected(file.volume, "finite samples", "none")
+        this = f"voxels with an opacity above the threshold {file.threshold:g}"
+        return expected(file.volume, this, "none", "lower --threshold, or set --points to the values that matter")
+
+
+def provenance_of(file: SceneFile, transfer: Transfer) -> dict[str, object]:
+    """Version, source and transfer function, for an image; of very many labels their number, as readers of PNG limit
+    texts.
+    """
+    labels = transfer.labels
+    text = transfer.to_toml() if len(labels) <= LABELS else f"# {len(labels):,} labels in colours of their numbers"
+    return {"version": __version__, "source": Path(file.volume).name, "threshold": file.threshold, "transfer": text}
+
+
+def print_notes(
+    volume: Volume, is_quiet: bool = False, is_alone: bool = False, has_times: bool = False, layer: str = ""
+) -> None:
+    """Prints what the reader left out or assumed, on standard error.
+
+    is_alone: whether one channel is taken of several. has_times: whether all time points are shown. layer: the file of
+    a layer after the first.
+    """
+    notes = [note for note in volume.notes if not (has_times and note.endswith(TIME_HINT))]
+    if len(volume.channels) > 1 and is_alone:
+        notes.append(f"channel {volume.channels[0].name} of {len(volume.channels)} is taken: --channel picks another")
+    for note in () if is_quiet else notes:
+        print(f"splatgl: {Path(layer).name}: {note}" if layer else f"splatgl: {note}", file=sys.stderr)
+
+
+# delay of progress bars in seconds
+PATIENCE = 1.0
+
+
+def extraction_bar(parts: Iterator[Any], count: int) -> Iterator[Any]:
+    """Progress bar over parts of a volume, if tqdm is installed and stderr is a terminal."""
+    if not sys.stderr.isatty():
+        return parts
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return parts
+    return iter(tqdm(parts, "extracting", total=count, unit="part", delay=PATIENCE, leave=False))
+
+
+def annotated_part(volume: Volume) -> Part:
+    """The part that a view is fitted to which shows a volume's box and its numbers."""
+    from splatgl.splat.clipping import Part
+
+    return Part(volume.center + (volume.corners - volume.center) * ROOM, volume.frame)
+
+
+def without_background(settings: Settings, names: tuple[str, ...]) -> Settings:
+    """The settings of a picture under annotations: with a box it is drawn without its background, so that edges behind
+    the box come between both. Sums have no background.
+    """
+    return settings.but(background=None) if "box" in names and not BLENDS[settings.blend].unbounded else settings
+
+
+def is_layered(file: SceneFile, volume: Volume) -> bool:
+    """Whether the picture of a scene is of several layers or channels, or with meshes."""
+    of_channels = len(volume.channels) > 1 or file.transfer.keys() & {"color_of", "window_of"}
+    is_hidden = is_mesh(file.volume) or not file.visible
+    has_surfaces = file.surfaces is not None or file.vectors.drawn
+    return bool(file.layers or file.meshes or has_surfaces or of_channels or is_hidden)
+
+
+def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet: bool = True) -> list[Layer]:
+    """The layers of a scene; if none is visible, the first one, clear. volume, transfer: of the first layer.
+
+    is_quiet: whether notes on files of the other layers are not printed.
+    """
+    layers = channel_layers(file, volume, transfer)
+    for layer in (layer for layer in file.layers if layer.visible):
+        masked = replace(layer, mask=file.mask) if layer.mask is None else layer
+        source = replace(masked, surfaces=file.surfaces) if layer.surfaces is None else masked
+        other = source.open()
+        print_notes(other, is_quiet, layer=source.volume)
+        planes = None if source.clip is None and not source.crop else source.cut(other).settings.clip
+        channels = channel_layers(source, other, source.transfer_for(other), planes)
+        if layer.surfaces is not None:
+            channels = [replace(channel, surfaces=layer.surfaces) for channel in channels]
+        layers += channels
+    if file.surfaces is not None:
+        layers = _with_surfaces(layers, file)
+    if not any(layer.visible for layer in layers):
+        return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), visible=True)]
+    return layers
+
+
+def channel_layers(
+    file: SceneFile, volume: Volume, transfer: Transfer, planes: tuple[Plane, ...] | None = None
+) -> list[Layer]:
+    """The layers of a volume: one for each of its channels. planes: that clip these layers alone."""
+    from splatgl.splat.scene import Layer, channel_transfers
+
+    colors, windows = (dict(file.transfer.get(name, ())) for name in ("color_of", "window_of"))
+    if len(volume.channels) < 2:
+        if colors or windows:
+            raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
+        return [Layer(volume, transfer, visible=file.visible, threshold=file.threshold, clip=planes)]
+    if all(channel.labels for channel in volume.channels) and not (colors or windows):
+        transfers = [_segment_transfer(file, channel) for channel in volume.channels]
+    else:
+        # the opacity of the scene is a factor of each transfer function
+        plain = replace(file, opacity=1.0)
+        base = plain.transfer_for(volume) if file.transfer.keys() & {"points", "preset"} else None
+        transfers = [each.weakened(file.opacity) for each in channel_transfers(volume, colors, windows, base)]
+    channels = zip(volume.channels, transfers, strict=True)
+    return [Layer(channel, look, 1.0, file.visible, file.threshold, planes) for channel, look in channels]
+
+
+def _segment_transfer(file: SceneFile, channel: Volume) -> Transfer:
+    """The transfer function of a channel of overlapping segments; clear if none of its segments is chosen."""
+    only = file.transfer.get("only_labels") or ()
+    numbers = {label.number for label in channel.labels or ()}
+    chosen = [(number, factor) for number, factor in only if number in numbers]
+    table = {**file.transfer, "only_labels": chosen} if only else file.transfer
+    transfer = replace(file, transfer=table).transfer_for(channel)
+    return transfer if chosen or not only else transfer.weakened(0.0)
+
+
+def _with_surfaces(layers: list[Layer], file: SceneFile) -> list[Layer]:
+    """The layers, segmentations among them as surfaces. InputError if there is no segmentation."""
+    are_segments = [is_segmentation(layer.volume, layer.seen) for layer in layers]
+    if not any(are_segments):
+        fix = "--values labels, if its numbers are names"
+        raise expected("surfaces", "a segmentation among the volumes", f"amounts in {file.volume}", fix)
+    return [
+        replace(layer, surfaces=file.surfaces) if is_segments and layer.surfaces is None else layer
+        for layer, is_segments in zip(layers, are_segments, strict=True)
+    ]
