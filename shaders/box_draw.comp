@@ -10,12 +10,7 @@ layout(local_size_x = LANES, local_size_y = ROWS) in;
 #include "boxes.glsl"
 #include "optics.glsl"
 #include "tiles.glsl"
-#if LAYERED == 1
-#include "layers.glsl"
-uniform uint layer;  // whose matter is kept,
-uniform uint band;   // of so many pixels,
-uniform uint room;   // in so many pages
-#endif
+#include "layer_matter.glsl" if LAYERED else "layer_matter_off.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end
 layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated
@@ -32,28 +27,24 @@ void main() {
     ivec2 pixel = corner + ivec2(gl_LocalInvocationID.xy);
     BoxRay ray = box_ray(vec2(pixel) + 0.5);
     vec4 light = CARRIED == 1 ? imageLoad(target, pixel) : vec4(0.0);
-#if LAYERED == 1
-    uint head = head_of(layer, band, kept_pixel(tile, gl_LocalInvocationID.y, gl_LocalInvocationID.x));
+    set_column(tile, gl_LocalInvocationID.x);
     float speed = length(ray.direction);
     float offset = PERSPECTIVE == 1 ? 0.0 : dot(ray.start - box_eye, ray.direction) / speed;
-#endif
     // one loop, with its light: llvmpipe loses lanes of one within it that goes on to the next box that a ray meets
-    for (; at < end && (JOIN != JOIN_OVER || light.a <= opaque); at++) {
+    for (; at < end && (!IN_ORDER || light.a <= opaque); at++) {
         ivec2 texel = texel_of(texelFetch(list, listed_at(at), 0)[at & 3u]);
         vec4 it = uintBitsToFloat(texelFetch(heads, texel, 0));
         vec2 ends = box_ends(ray, it.xyz);
         if (ends.y <= ends.x) continue;
         vec4 matter = vec4(uintBitsToFloat(texelFetch(shapes, texel, 0).rgb), 1.0);
-        if (JOIN == JOIN_OVER) {
+        if (IN_ORDER) {
             vec2 shone = box_light(ray, ends);
             matter.rgb = matter.rgb * shone.x + shone.y;
         }
-        matter *= it.w * (JOIN == JOIN_MAX ? 1.0 : (ends.y - ends.x) * ray.stretch);
-#if LAYERED == 1
-        if (matter.a >= 1e-8) keep_piece(head, room, packed_piece(ends * speed + offset, matter, style.brightest));
-#endif
-        light = JOIN == JOIN_MAX ? max(light, matter) : behind(light, matter);
+        matter *= it.w * joined_length((ends.y - ends.x) * ray.stretch);
+        if (matter.a >= 1e-8) keep_matter(int(gl_LocalInvocationID.y), ends * speed + offset, matter);
+        light = join_matter(light, matter);
     }
     imageStore(target, pixel, light);
-    if (JOIN != JOIN_OVER || light.a <= opaque) open[tile] = 1u;
+    if (!IN_ORDER || light.a <= opaque) open[tile] = 1u;
 }

@@ -5,24 +5,14 @@
 // switch LIMITED 0
 #include "ellipse.glsl"
 #include "light.glsl"
-#include "depth_limits.glsl"
-#constant FACE       // voxels along a ray behind a cut that are lit as its face
-#constant GRAZING_RAY  // see clipping.py
-#constant FLUSH
-#constant MASK_ZERO  // what a byte holds for components 0 and, beyond it, 1
-#constant MASK_ONE
-#constant MOST_CLIPS
+#include "mask_normal.glsl"
+#include "trilinear.glsl"
+#include "clip_ray.glsl" if CLIPPED else "clip_ray_off.glsl"
+#include "depth_limits.glsl" if LIMITED else "depth_limits_off.glsl"
 
 uniform vec3 box_eye;          // the eye
-uniform sampler3D mask_field;  // normals of labels, world axes, in its last components
 uniform vec3 normals_low;      // place of the first of them,
 uniform float normals_step;    // and voxels to the next
-#if CLIPPED == 1
-// planes: offsets i from the eye with dot(clip.xyz, i) ≥ clip.w are kept
-uniform int clips;
-uniform vec4 clip[MOST_CLIPS];
-uniform vec3 clip_normal[MOST_CLIPS];  // unit, world
-#endif
 
 struct BoxRay {
     vec3 start;      // its place at depth 0
@@ -50,26 +40,12 @@ BoxRay box_ray(vec2 pixel) {
     it.stretch = length(along);
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
     it.toward = (along / it.stretch) * eye_from_world;
-    it.face = vec4(0.0);
-#if CLIPPED == 1
-    for (int i = 0; i < clips; i++) {
-        float speed = dot(clip[i].xyz, it.direction), apart = clip[i].w - dot(clip[i].xyz, across);
-        if (abs(speed) < GRAZING_RAY * length(it.direction)) apart -= FLUSH;
-        // a ray along a plane is always or never kept
-        float at = apart / (abs(speed) < 1e-18 ? 1e-18 : speed);
-        if (speed < 0.0) it.far = min(it.far, at);
-        else if (at > it.near) {
-            if (at * length(it.direction) > FLUSH) it.face.xyz = clip_normal[i];
-            it.near = at;
-        }
-    }
-    it.face.w = it.near + FACE / length(it.direction);
-#endif
-#if LIMITED == 1
+    float speed = length(it.direction);
+    it.face.xyz = clip_ray(across, it.direction, speed, it.near, it.far);
+    it.face.w = it.near + FACE / speed;
     vec2 drawn = within_depths(vec2(it.near, it.far), ivec2(pixel), 1.0);
     it.near = drawn.x;
     it.far = drawn.y;
-#endif
     return it;
 }
 
@@ -83,29 +59,21 @@ vec2 box_ends(BoxRay it, vec3 place) {
 
 // The factor of a label's colour, and the highlight, of what a ray passes between two depths.
 vec2 box_light(BoxRay it, vec2 ends) {
-    if (SHADING == 0 && !CUED) return vec2(1.0, 0.0);
+    if (SHADING == 0 && CUED == 0) return vec2(1.0, 0.0);
     vec3 place = it.start + it.direction * ends.x, shines = vec3(0.0), normal = vec3(0.0);
     if (LIGHT == 1)
         for (int axis = 0; axis < 3; axis++) shines[axis] = dot(style.light.xyz, frame.eye_from_world[axis].xyz);
     if (SHADING == 1)
-        normal = (trilinear(mask_field, (place - normals_low) / normals_step).gba * 255.0 - MASK_ZERO) / MASK_ONE;
-    vec2 share = vec2(1.0), unlit = vec2(1.0);
-#if CUED
+        normal = normal_in(trilinear(mask_field, (place - normals_low) / normals_step));
     vec3 cell = cell_at(it.start + it.direction * (0.5 * (ends.x + ends.y)) - box_eye);
-    share = reached(cell, normal, it.toward);
-    unlit = reached(cell, vec3(0.0), it.toward);
-#endif
+    vec2 share = reached(cell, normal, it.toward), unlit = reached(cell, vec3(0.0), it.toward);
     vec2 light = surface_light(vec3(0.0), it.toward, shines, unlit);
     // between a voxel's middle and its face, normals of a thin label are half as long as at the face
     light = mix(light, surface_light(normal, it.toward, shines, share), min(2.0 * length(normal), 1.0));
-#if CLIPPED == 1
     float faced = clamp((it.face.w - ends.x) / max(ends.y - ends.x, 1e-18), 0.0, 1.0);
-    if (SHADING == 1 && it.face.xyz != vec3(0.0)) {
-#if CUED
+    if (CLIPPED == 1 && SHADING == 1 && it.face.xyz != vec3(0.0)) {
         share = reached(cell, it.face.xyz, it.toward);
-#endif
         light = mix(light, surface_light(it.face.xyz, it.toward, shines, share), faced);
     }
-#endif
     return light;
 }

@@ -107,7 +107,7 @@ float hidden_by(float value) {
 }
 
 float blended(float value) {
-    if (JOIN != JOIN_OVER) return value;
+    if (!IN_ORDER) return value;
     if (ATTENUATION != ATTENUATION_OPACITY) return hidden_by(value);
     // the paper's: the opacity of the unstretched splat, weakened by (z_k/z_v)² = coverage  [M98 Eq. 6]
     return coverage > 0.0 ? coverage * hidden_by(value / coverage) : 0.0;

@@ -7,7 +7,7 @@
 layout(local_size_x = LANES) in;
 #include "frame.glsl"
 #include "optics.glsl"
-#include "layers.glsl"
+#include "layer_pages.glsl"
 #constant COLUMNS
 #define NOTHING 1e30
 

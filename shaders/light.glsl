@@ -2,7 +2,7 @@
 // splatgl/splat/lighting.py.
 // switch LIGHT 0
 #include "frame.glsl"
-#include "cues.glsl"
+#include "cues.glsl" if SKY or SHADOWS else "cues_off.glsl"
 
 // The factor of colours, and the highlight, of a surface with that normal, of any length; 1 and 0 without one. light:
 // where it shines, or 0: along the ray. share: of ambient and of other light that reaches it. Normals are turned to the

@@ -1,13 +1,20 @@
-// Blend modes, and opacity from optical depth without cancellation.
-// switch JOIN JOIN_OVER
-// switch PEAK 0
-// switch ATTENUATION ATTENUATION_OPTICAL_DEPTH
-// switch DOUBLINGS 5
+// The blend modes, as functions that join what lies behind to a pixel, and opacity from optical depth without cancellation.
+// Twin of splatgl/reference/blend.py.
+// switch JOIN JOIN_OVER                         how values along a ray are joined: the blend mode
+// switch PEAK 0                                 a splat's value is a share of its footprint's peak, not an integral
+// switch ATTENUATION ATTENUATION_OPTICAL_DEPTH  of splats beyond z_k  [M98 Eq. 6]
+// switch DOUBLINGS 5                            of quick_one_minus_exp
 #define JOIN_OVER 0
 #define JOIN_SUM 1
 #define JOIN_MAX 2
 #define JOIN_MIN 3
 #define JOIN_MEAN 4
+// nearer matter hides what is behind
+#define IN_ORDER (JOIN == JOIN_OVER)
+// a pixel of reconstructed values shows one value
+#define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN)
+// factor of values that OpenGL blends: it has no minimum of one component and a sum of the other
+#define BLENDED_SIGN (JOIN == JOIN_MIN ? -1.0 : 1.0)
 #define ATTENUATION_OPTICAL_DEPTH 0
 #define ATTENUATION_OPACITY 1
 #define ATTENUATION_FILL 2
@@ -29,9 +36,39 @@ float quick_one_minus_exp(float y) {
     return h;
 }
 
-// Light that reaches the eye from behind `light`, through matter.
+// Light that reaches the eye from behind `light`, through matter: emission and optical depth.
 vec4 behind(vec4 light, vec4 matter) {
     if (JOIN == JOIN_SUM) return light + matter;
     float share = matter.a > 1e-30 ? one_minus_exp(matter.a) / matter.a : 1.0;
     return light + (1.0 - light.a) * share * matter;
+}
+
+// A pixel's light and the matter of a box, or its opacity, behind it.
+vec4 join_matter(vec4 light, vec4 matter) {
+    return JOIN == JOIN_MAX ? max(light, matter) : behind(light, matter);
+}
+
+// A pixel's light and a splat of that color and value of `blended` behind it.
+vec4 join_splat(vec4 light, vec3 color, float value) {
+    if (JOIN == JOIN_MAX) return max(light, vec4(color, 1.0) * value);
+    if (IN_ORDER) value *= 1.0 - light.a;
+    return light + vec4(color, 1.0) * value;
+}
+
+// The length of a box along a ray that its value counts with.
+float joined_length(float length_) {
+    return JOIN == JOIN_MAX ? 1.0 : length_;
+}
+
+// A pixel's joined value and its length, and more behind. mean: the value is a sum by length.
+vec4 join_value(vec4 light, float value, float length_) {
+    if (length_ <= 0.0) return light;
+    float both = JOIN == JOIN_MEAN ? light.x + value * length_
+                                   : JOIN == JOIN_MIN ? min(light.x, value) : max(light.x, value);
+    return vec4(JOIN == JOIN_MEAN || light.y > 0.0 ? both : value, light.y + length_, 0.0, 0.0);
+}
+
+// The value of a pixel whose values are all joined.
+float joined_value(vec4 light) {
+    return JOIN == JOIN_MEAN ? light.x / max(light.y, 1e-30) : light.x;
 }

@@ -4,7 +4,7 @@
 #define ROWS 1
 #include "footprint_eval.glsl"
 vec2 first;  // the pixel's centre in its band
-#include "sheet_close.glsl"
+#include "sheet_composite.glsl"
 
 uniform sampler2D sheet_sums;    // of the sheet
 uniform sampler2D sheet_masses;
@@ -31,11 +31,9 @@ void main() {
         held[0] = vec3(0.0, texelFetch(masses_earlier, pixel, 0).r, texelFetch(masses_before, pixel, 0).r);
         middle[0] = texelFetch(sums_earlier, pixel, 0);
         before[0] = texelFetch(sums_before, pixel, 0);
-#if NEAR == 1
-        take_near(0, sheet - 2, middle[0], held[0].y);
-        take_near(0, sheet - 1, before[0], held[0].z);
-        take_near(0, sheet, sum0[0], masses[0].x);
-#endif
+        take_plane(first, sheet - 2, middle[0], held[0].y);
+        take_plane(first, sheet - 1, before[0], held[0].z);
+        take_plane(first, sheet, sum0[0], masses[0].x);
         if (masses[0].x + held[0].y + held[0].z < LEAST_MASS) discard;
         set_ray(0);
         middle[0] = centered(0, sheet - 2, middle[0], held[0].y, spread[0].y);
@@ -46,6 +44,6 @@ void main() {
     fragment = light[0];
     if (ONE_VALUE) {
         if (fragment.y <= 0.0) discard;
-        if (JOIN == JOIN_MIN) fragment.x = -fragment.x;
+        fragment.x *= BLENDED_SIGN;
     }
 }

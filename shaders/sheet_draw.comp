@@ -8,8 +8,7 @@
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
-#include "sheets.glsl"
-#include "sheet_close.glsl"
+#include "sheet_composite.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end, whether it is complete then
 layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated
@@ -101,8 +100,8 @@ int next_base(uint at, uint end, out uvec4 names) {
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_ring(tile, row);
-#define EMPTY(row) waiting[row] = vec4(0.0);
-#define KEEP_MATTER(row) keep(row);
+#define EMPTY(row) begin_matter(row);
+#define KEEP_MATTER(row) end_matter(row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
 
 // Whether it is so in any column of the subgroup, which stay together then; without votes, each goes on by itself.
@@ -120,15 +119,10 @@ void main() {
     ivec2 corner = ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, ROWS);
     corner += origin + ivec2(gl_LocalInvocationID.x, 0);
     first = vec2(corner) + 0.5;
-#if LAYERED == 1
-    kept_tile = tile;
-    kept_column = gl_LocalInvocationID.x;
-#endif
+    set_column(tile, gl_LocalInvocationID.x);
     Ray ray[ROWS];
     EACH(BEGIN)
-#if LAYERED == 1
     EACH(EMPTY)
-#endif
     coverage = table_quad(vec3(0.0)).coverage;
     // the nearest open sheet, and how many sheets from it on may hold something
     int current = 0, holding = 0;
@@ -139,13 +133,10 @@ void main() {
         holding = int(RING(KEPT, 1));
         begun = RING(KEPT, 2) > 0.0;
     }
-#if NEAR == 1
-    if (!begun) {
-        // and two sheets behind them, to which what they hold reaches
-        current = near_sheets.x;
-        holding = near_sheets.y - near_sheets.x + 2;
+    if (NEAR == 1 && !begun) {
+        current = planes().x;
+        holding = planes().y;
     }
-#endif
     float least = 0.0;
     uvec4 names;
     // the volume's box along the rays, in sheets; its nearest splats may be before it
@@ -164,10 +155,8 @@ void main() {
         do {
             if (holding <= 0) current = max(next, current);
             do {
-#if NEAR == 1
                 // the sheets around the eye may have no list
-                if (at >= end) break;
-#endif
+                if (NEAR == 1 && at >= end) break;
                 // in the list's order; beyond its end the first repeats, without weight
                 uint group = at & ~3u;
                 Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
@@ -204,14 +193,12 @@ void main() {
             if (mine.w == 1u || !ONE_VALUE) least = 2.0;
             break;
         }
-        if (JOIN != JOIN_OVER) continue;
+        if (!IN_ORDER) continue;
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
         if (!any_column(least <= opaque)) break;
     }
-#if LAYERED == 1
     EACH(KEEP_MATTER)
-#endif
     EACH(END)
     if (least <= opaque) open[tile] = 1u;
     // of all columns, as those that have ended go on with the others

@@ -4,7 +4,7 @@
 #define ROWS 1
 #include "footprint_eval.glsl"
 vec2 first;
-#include "sheet_close.glsl"
+#include "sheet_composite.glsl"
 
 uniform sampler2D joined_values;  // as sheet_close.frag writes them
 
@@ -12,6 +12,6 @@ out vec4 fragment;  // linear premultiplied
 
 void main() {
     vec4 light = texelFetch(joined_values, ivec2(gl_FragCoord.xy), 0);
-    if (JOIN == JOIN_MIN) light.x = -light.x;
+    light.x *= BLENDED_SIGN;
     fragment = shown(light);
 }

@@ -37,9 +37,9 @@ vec4 boxed() {
     BoxRay ray = box_ray(gl_FragCoord.xy);
     vec2 ends = box_ends(ray, center.xyz);
     if (ends.y <= ends.x) discard;
-    vec2 shone = JOIN == JOIN_OVER ? box_light(ray, ends) : vec2(1.0, 0.0);
-    float depth = splat.a * (JOIN == JOIN_MAX ? 1.0 : (ends.y - ends.x) * ray.stretch);
-    return vec4(splat.rgb * shone.x + shone.y, 1.0) * (JOIN == JOIN_OVER ? one_minus_exp(depth) : depth);
+    vec2 shone = IN_ORDER ? box_light(ray, ends) : vec2(1.0, 0.0);
+    float depth = splat.a * joined_length((ends.y - ends.x) * ray.stretch);
+    return vec4(splat.rgb * shone.x + shone.y, 1.0) * (IN_ORDER ? one_minus_exp(depth) : depth);
 }
 #endif
 
@@ -47,7 +47,7 @@ vec4 boxed() {
 float streaked() {
     Passing p = passing(path_center, at, path_step, Inner(mat2x3(inner_x, inner_y), path_isolation.yz));
     float value = splat.a * streak_shape(p);
-    if (JOIN == JOIN_OVER && ATTENUATION == ATTENUATION_FILL)
+    if (IN_ORDER && ATTENUATION == ATTENUATION_FILL)
         return dwelt_opacity(value, splat.a * p.gain * stretched(p), path_isolation.x);
     return blended(value);
 }

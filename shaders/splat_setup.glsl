@@ -11,15 +11,12 @@
 
 // The voxel's colour by its normal, and by the light that reaches it; a zero gradient is unshaded. Boxes are lit later.
 vec3 shone(vec3 v) {
-    if ((SHADING == 0 && !CUED) || BOXES == 1) return in_color;
+    if ((SHADING == 0 && CUED == 0) || BOXES == 1) return in_color;
     float far = length(v);
     vec3 toward = PERSPECTIVE == 1 && far > 0.0 ? v / far : vec3(0.0, 0.0, 1.0);
     mat3 eye_from_world = mat3(frame.eye_from_world[0].xyz, frame.eye_from_world[1].xyz, frame.eye_from_world[2].xyz);
     vec3 normal = SHADING == 1 ? vec3(in_normal) : vec3(0.0);
-    vec2 share = vec2(1.0);
-#if CUED
-    share = reached(cell_at(index_from_eye() * v), normal, toward * eye_from_world);
-#endif
+    vec2 share = reached(cell_at(index_from_eye() * v), normal, toward * eye_from_world);
     vec2 light = surface_light(eye_from_world * normal, toward, style.light.xyz, share);
     return in_color * light.x + light.y;
 }

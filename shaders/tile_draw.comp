@@ -10,27 +10,17 @@ layout(std430, binding = 3) buffer Open { uint open[]; };                  // ti
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;    // opacity at which a tile terminates
 
-void join(inout vec4 light, Ray ray, Joined it, float row) {
-    float value = blended(splat.a * share_at(it, ray, row));
-    if (JOIN == JOIN_MAX) {
-        light = max(light, vec4(splat.rgb, 1.0) * value);
-        return;
-    }
-    if (JOIN == JOIN_OVER) value *= 1.0 - light.a;
-    light += vec4(splat.rgb, 1.0) * value;
-}
-
 // With the depth scaled for quick_one_minus_exp.
 Joined read_scaled(uint n) {
     Joined it = read_splat(n);
-    if (JOIN == JOIN_OVER) it.splat.a *= QUICK_SCALE;
+    if (IN_ORDER) it.splat.a *= QUICK_SCALE;
     return it;
 }
 
 #define AT(row) (corner + ivec2(0, row))
 #define BEGIN(row) \
     light[row] = CARRIED == 1 ? imageLoad(target, AT(row)) : vec4(0.0); ray[row] = ray_of(first + vec2(0.0, row));
-#define ADD_SPLAT(row) join(light[row], ray[row], it, row);
+#define ADD_SPLAT(row) light[row] = join_splat(light[row], splat.rgb, blended(splat.a * share_at(it, ray[row], row)));
 #define JOIN_ALL(splat_) { Joined it = splat_; choose(it); EACH(ADD_SPLAT) }
 #define END(row) imageStore(target, AT(row), light[row]);
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
@@ -65,8 +55,8 @@ void main() {
         JOIN_ALL(next[3])
         least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
                     min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
-        if (JOIN == JOIN_OVER && least > opaque) break;
+        if (IN_ORDER && least > opaque) break;
     }
     EACH(END)
-    if (JOIN != JOIN_OVER || least <= opaque) open[tile] = 1u;
+    if (!IN_ORDER || least <= opaque) open[tile] = 1u;
 }

@@ -30,9 +30,10 @@ from splatgl.splat import (
     technique,
 )
 
-INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+# a file; or one where any of the switches is on, and a twin of no effect else
+INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"(?: if (\w+(?: or \w+)*) else "([^"]+)")?\s*$')
 CONSTANT = re.compile(r"^#constant (\w+)")
-SWITCH = re.compile(r"^// switch (\w+) (\w+)\s*$")
+SWITCH = re.compile(r"^// switch (\w+) (\w+)(?:\s.*)?$")
 # line numbers of llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:")
 ERROR_LINE = re.compile(r"\b0[:(](\d+)")
 VERSION_LINE = re.compile(r"^// version (\d+)\s*$")
@@ -69,12 +70,12 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
 
     allowed: switches that only another stage of the program declares.
     """
-    lines = list(_expand(name, (), set()))
-    declared = {match[1]: match[2] for _, text in lines if (match := SWITCH.match(text))}
+    declared = _declared(name)
     unknown = set(switches) - set(declared) - allowed
     if unknown:
         raise ShaderError(f"{name}: no such switch: {', '.join(sorted(unknown))}; it has {', '.join(declared)}")
     values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
+    lines = list(_expand(name, (), set(), values))
     version = next((match[1] for text in _read(name) if (match := VERSION_LINE.match(text))), VERSION)
     used = [f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text))]
     head = [f"#version {version} core", *used, *(f"#define {switch} {value}" for switch, value in values.items())]
@@ -83,12 +84,19 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
 
 
 def declared_switches(name: str) -> frozenset[str]:
-    """The switches that shader `name` and its includes declare."""
-    return frozenset(match[1] for _, text in _expand(name, (), set()) if (match := SWITCH.match(text)))
+    """The switches that shader `name` and its includes declare, also those that other switches leave out."""
+    return frozenset(_declared(name))
 
 
-def _expand(name: str, outer: tuple[str, ...], seen: set[str]) -> Iterator[tuple[str, str]]:
-    """(place, text) of every line; each file is included once."""
+def _declared(name: str) -> dict[str, str]:
+    """The default of each switch."""
+    return {match[1]: match[2] for _, text in _expand(name, (), set()) if (match := SWITCH.match(text))}
+
+
+def _expand(
+    name: str, outer: tuple[str, ...], seen: set[str], values: Mapping[str, str] | None = None
+) -> Iterator[tuple[str, str]]:
+    """(place, text) of every line; each file is included once. values: of switches; None: both files of an include."""
     seen.add(name)
     for number, text in enumerate(_read(name), 1):
         place = f"{name}:{number}"
@@ -101,12 +109,26 @@ def _expand(name: str, outer: tuple[str, ...], seen: set[str]) -> Iterator[tuple
             raise ShaderError(f"{place}: a version is declared by the stage that is composed, not by what it includes")
         elif not match:
             yield place, text
-        elif match[1] in (*outer, name):
-            raise ShaderError(f"{place}: includes {match[1]}, which includes it")
-        elif not (folder() / match[1]).is_file():
-            raise ShaderError(f"{place}: no such file: {match[1]}")
-        elif match[1] not in seen:
-            yield from _expand(match[1], (*outer, name), seen)
+        else:
+            for file in _included(place, match, values):
+                if file in (*outer, name):
+                    raise ShaderError(f"{place}: includes {file}, which includes it")
+                if not (folder() / file).is_file():
+                    raise ShaderError(f"{place}: no such file: {file}")
+                if file not in seen:
+                    yield from _expand(file, (*outer, name), seen, values)
+
+
+def _included(place: str, match: re.Match[str], values: Mapping[str, str] | None) -> tuple[str, ...]:
+    """The file that a line includes with these values of switches; all files for None."""
+    if not match[2]:
+        return (match[1],)
+    if values is None:
+        return match[1], match[3]
+    for switch in match[2].split(" or "):
+        if switch not in values:
+            raise ShaderError(f"{place}: no such switch: {switch}")
+    return (match[1] if any(values[switch] != "0" for switch in match[2].split(" or ")) else match[3],)
 
 
 @lru_cache(maxsize=64)

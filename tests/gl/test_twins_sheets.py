@@ -515,7 +515,7 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     light[::5] = 0
     value, length = rng.uniform(-1, 2, COUNT), rng.choice([0, 0.3, 1], COUNT)
     found = twin(
-        "sheet_draw.comp", "result = joined(l, a.x, a.y)", plan, splats, l=light, a=np.stack([value, length], 1)
+        "sheet_draw.comp", "result = join_value(l, a.x, a.y)", plan, splats, l=light, a=np.stack([value, length], 1)
     )
     assert np.abs(found - joined(light, value, length, field.blend.join)).max() < 1e-6
     found = twin("sheet_draw.comp", "result = shown(l)", plan, splats, state, l=light)

@@ -1,0 +1,12 @@
+// Twin of layer_matter.glsl for a volume alone: keeps nothing.
+void set_column(uint tile, uint column) {}
+
+void begin_matter(int row) {}
+
+bool keep_matter(int row, vec2 ends, vec4 matter) {
+    return false;
+}
+
+void end_matter(int row) {}
+
+void add_matter(int row, vec2 ends, vec4 matter) {}
