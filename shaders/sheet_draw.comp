@@ -2,17 +2,17 @@
 // open sheets of one column of pixels, and composites each sheet once the list has passed it.
 // Classified before (STEPS 0), a sheet holds extinction · colour and extinction; after, gradient and value by mass.
 // Twin of splatgl/reference/sheets.py.
-// switch CARRIED 0
+// switch CARRIED 0    lists continue in other dispatches
 // version 430
 // extension GL_ARB_shader_group_vote
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
 #include "sheet_composite.glsl"
+#include "open_sheets.glsl" if CARRIED else "open_sheets_off.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end, whether it is complete then
 layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated
-layout(std430, binding = 5) buffer Rings { float rings[]; };           // open sheets of tiles that continue
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;           // opacity at which a tile terminates
 uniform bool partial;           // what is drawn is a part, which shows no value yet
@@ -41,45 +41,12 @@ void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
     if (STEPS > 0) masses[row] += shares * vec4(1.0);
 }
 
-// Floats kept of a pixel; the last are of the column.
-#define KEPT 32
-#define RING(number, row) rings[((tile * uint(KEPT + 1) + uint(number)) * ROWS + uint(row)) * LANES + gl_LocalInvocationID.x]
 void open_pixel(int row) {
     sum0[row] = sum1[row] = sum2[row] = sum3[row] = masses[row] = vec4(0.0);
     middle[row] = before[row] = vec4(0.0);
     held[row] = spread[row] = vec3(0.0);
     light[row] = vec4(0.0);
     if (STEPS > 0 || LIMITED == 1) set_ray(row);
-}
-
-#define RING4(number, row) vec4(RING(number, row), RING(number + 1, row), RING(number + 2, row), RING(number + 3, row))
-#define SET_RING4(number, row, value) { vec4 v = value; RING(number, row) = v.x; RING(number + 1, row) = v.y; \
-    RING(number + 2, row) = v.z; RING(number + 3, row) = v.w; }
-
-void read_ring(uint tile, int row) {
-    sum0[row] = RING4(0, row);
-    sum1[row] = RING4(4, row);
-    if (SHEETS > 2) sum2[row] = RING4(8, row);
-    if (SHEETS > 3) sum3[row] = RING4(12, row);
-    masses[row] = RING4(16, row);
-    middle[row] = RING4(20, row);
-    before[row] = RING4(24, row);
-    held[row] = vec3(0.0, RING(28, row), RING(29, row));
-    spread[row] = vec3(0.0, RING(30, row), RING(31, row));
-}
-
-void write_ring(uint tile, int row) {
-    SET_RING4(0, row, sum0[row])
-    SET_RING4(4, row, sum1[row])
-    if (SHEETS > 2) SET_RING4(8, row, sum2[row])
-    if (SHEETS > 3) SET_RING4(12, row, sum3[row])
-    SET_RING4(16, row, masses[row])
-    SET_RING4(20, row, middle[row])
-    SET_RING4(24, row, before[row])
-    RING(28, row) = held[row].y;
-    RING(29, row) = held[row].z;
-    RING(30, row) = spread[row].y;
-    RING(31, row) = spread[row].z;
 }
 
 // The four entries of a list around one, and its first sheet.
@@ -94,12 +61,12 @@ int next_base(uint at, uint end, out uvec4 names) {
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
 #define AT(row) (corner + ivec2(0, row))
 #define BEGIN(row) ray[row] = ray_of(first + vec2(0.0, row)); open_pixel(row);
-#define RESUME(row) light[row] = imageLoad(target, AT(row)); read_ring(tile, row);
+#define RESUME(row) light[row] = imageLoad(target, AT(row)); read_pixel(tile, row);
 #define ADD(row) add_four(row, four, ray[row], weights);
 #define TAKE(row) if (take_sheet(row, current)) seen = true;
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
-#define KEEP(row) write_ring(tile, row);
+#define KEEP(row) write_pixel(tile, row);
 #define EMPTY(row) begin_matter(row);
 #define KEEP_MATTER(row) end_matter(row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
@@ -129,9 +96,7 @@ void main() {
     bool begun = false;
     if (CARRIED == 1) {
         EACH(RESUME)
-        current = int(RING(KEPT, 0));
-        holding = int(RING(KEPT, 1));
-        begun = RING(KEPT, 2) > 0.0;
+        read_column(tile, current, holding, begun);
     }
     if (NEAR == 1 && !begun) {
         current = planes().x;
@@ -202,10 +167,8 @@ void main() {
     EACH(END)
     if (least <= opaque) open[tile] = 1u;
     // of all columns, as those that have ended go on with the others
-    if (mine.w == 0u) {
+    if (CARRIED == 1 && mine.w == 0u) {
         EACH(KEEP)
-        RING(KEPT, 0) = float(current);
-        RING(KEPT, 1) = float(holding);
-        RING(KEPT, 2) = 1.0;
+        write_column(tile, current, holding);
     }
 }

@@ -24,7 +24,7 @@ from splatgl.splat.sheets import index_direction
 from splatgl.splat.splats import Splats
 from splatgl.splat.technique import COLUMNS, ROWS
 
-# buffer bindings, as of layers.glsl
+# buffer bindings, as of layer_pages.glsl
 HEADS, PAGES = 1, 7
 # bytes of all pages together, which every OpenGL with compute shaders allows; of a piece; and of a page
 POOL, PIECE = 2**27, 16
@@ -41,7 +41,7 @@ Drawn = tuple[Splats, Plan]
 class LayerTiles(SheetTiles):
     """Reuses buffers and textures between pictures, as Tiles does."""
 
-    # uniforms of layers.glsl, and pieces of each pixel and layer
+    # uniforms of layer_pages.glsl, and pieces of each pixel and layer
     keeping: dict[str, float]
     heads: moderngl.Buffer | None = None
 
@@ -148,7 +148,7 @@ class LayerTiles(SheetTiles):
         return self.heads
 
     def _bind_pieces(self) -> None:
-        """Binds the buffers of layers.glsl; while splats are listed, others are in their place."""
+        """Binds the buffers of layer_pages.glsl; while splats are listed, others are in their place."""
         assert self.heads is not None
         self.heads.bind_to_storage_buffer(HEADS)
         self._buffer(PAGES, POOL)

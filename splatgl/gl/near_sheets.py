@@ -46,7 +46,7 @@ class NearSheets:
         self.target, self.textures, self.voxels = None, [], None
 
     def draw(self, near: NearField | None, plan: Plan, first_sheet: float) -> dict[str, object]:
-        """Draws and binds them; uniforms of `sheet_close.glsl` and `sheet_sort.comp`. first_sheet: from which sheets
+        """Draws and binds them; uniforms of `near_sheets.glsl` and `sheet_sort.comp`. first_sheet: from which sheets
         are counted.
         """
         if near is None:

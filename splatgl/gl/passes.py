@@ -12,6 +12,7 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import DrawOrder, SplatBuffers
+from splatgl.gl.features import FieldTextures
 from splatgl.gl.layers import Drawn, LayerTiles, union
 from splatgl.gl.meshes import Surfaces
 from splatgl.gl.near_sheets import NearSheets
@@ -20,7 +21,7 @@ from splatgl.gl.quads import Quads, Streaks
 from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.sheet_tiles import Batches, BoxTiles, SheetTiles
 from splatgl.gl.target import Portions, Target, Targets
-from splatgl.gl.textures import CueFields, MaskTexture, Tables
+from splatgl.gl.textures import Tables
 from splatgl.gl.tiles import Tiles
 from splatgl.gl.uniforms import FRAME, FRAME_BINDING, STYLE, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.culling import Window, clip_behind_eye, visible_boxes
@@ -52,8 +53,7 @@ class Passes:
         self.programs = Programs(ctx, owned)
         self.targets = Targets(ctx, owned)
         self.tables = Tables(ctx, owned)
-        self.cues = CueFields(ctx, owned)
-        self.mask = MaskTexture(ctx, owned)
+        self.fields = FieldTextures(ctx, owned)
         self.splats = SplatBuffers(ctx, owned)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
@@ -84,8 +84,7 @@ class Passes:
         self.targets.release()
         self.splats.release()
         self.surfaces.release()
-        self.cues.release()
-        self.mask.release()
+        self.fields.release()
         self.near.release()
         for technique in self.techniques.values():
             technique.release()
@@ -193,12 +192,7 @@ class Passes:
         self.frame.bind_to_uniform_block(FRAME_BINDING)
         self.style.bind_to_uniform_block(STYLE_BINDING)
         self.tables.use(plan)
-        if plan.resolved.cues is not None:
-            self.cues.use(plan.resolved.cues, plan.view)
-        if plan.resolved.boxes and splats.labels is not None:
-            self.mask.use(splats.labels, faced=True)
-        elif plan.resolved.mask is not None:
-            self.mask.use(plan.resolved.mask, plan.program.look.shading)
+        self.fields.use(splats, plan)
 
     def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
         program = self.programs.for_screen("resolve.frag")

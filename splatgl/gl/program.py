@@ -10,8 +10,8 @@ from typing import cast
 import moderngl
 import numpy as np
 
+from splatgl.gl.features import FIELD_UNITS, features_of
 from splatgl.gl.shader import ShaderError, compose, declared_switches
-from splatgl.gl.textures import CUES_BINDING, MASK_SAMPLER, MASK_UNIT, SAMPLERS
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
 from splatgl.splat.plan import Program
@@ -58,21 +58,15 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "JOIN": f"JOIN_{look.blend.join.upper()}",
         # values are means by shares of the peak
         "PEAK": look.blend.peak or look.steps > 0,
-        **({"SHEETS": look.sheets, "STEPS": look.steps, "WEIGHTED": look.weighted} if look.sheets else {}),
-        **({"CLIPPED": True} if look.clipped else {}),
-        **({"MASKED": True} if look.masked else {}),
-        **({} if look.light.plain else {"LIGHT": True}),
-        **({"SKY": True} if look.sky else {}),
-        **({"SHADOWS": True} if look.shadows else {}),
+        **({"SHEETS": look.sheets, "STEPS": look.steps} if look.sheets else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
-        **({"PACKED": True} if program.packed else {}),
-        **({"BOXES": True} if program.boxes else {}),
         "FOOTPRINT": f"FOOTPRINT_{program.footprint.upper()}",
         "MOTION": f"MOTION_{program.motion.upper()}",
         "FLOW": program.flow,
         "POINTS": program.points,
         "TILED": program.technique == "tiles",
         "DOUBLINGS": program.exp_doublings,
+        **{feature.switch: True for feature in features_of(program)},
         **_polynomials(program),
     }
 
@@ -124,10 +118,10 @@ def build_compute(ctx: moderngl.Context, name: str, switches: Switches) -> moder
 
 
 def _bind_blocks(program: Compiled) -> None:
-    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING), ("Cues", CUES_BINDING)):
+    for block, binding in (("Frame", FRAME_BINDING), ("Style", STYLE_BINDING)):
         if block in program:
             program[block].binding = binding  # type: ignore[union-attr]
-    for sampler, unit in (*SAMPLERS.items(), (MASK_SAMPLER, MASK_UNIT)):
+    for sampler, unit in FIELD_UNITS.items():
         if sampler in program:
             program[sampler] = unit
 

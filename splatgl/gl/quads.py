@@ -7,8 +7,8 @@ import numpy as np
 
 from splatgl.errors import expected
 from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, SplatBuffers, chunks, indices
+from splatgl.gl.features import feature_uniforms
 from splatgl.gl.program import BLEND_STATES, Programs
-from splatgl.gl.sheet_tiles import box_uniforms
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import BLUR_UNIT, HALF_LINE_UNIT
 from splatgl.gl.tiles import set_uniforms
@@ -28,11 +28,7 @@ class Quads:
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Blends the splats into `target` in drawing order, chunk by chunk; raises Interrupted if cancelled."""
         program = self.programs.for_splats(plan.program)
-        for name, unit in (("half_table", HALF_LINE_UNIT), ("blur_table", BLUR_UNIT)):
-            if name in program:
-                program[name] = unit
-        if plan.resolved.boxes:
-            set_uniforms(program, **box_uniforms(splats, plan))
+        set_uniforms(program, half_table=HALF_LINE_UNIT, blur_table=BLUR_UNIT, **feature_uniforms(splats, plan))
         blend = BLEND_STATES[plan.program.look.blend.join, order.nearest_first]
         self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
         self.ctx.blend_func = blend.source, blend.destination

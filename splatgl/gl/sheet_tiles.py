@@ -11,6 +11,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels, uneven
+from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.near_sheets import NOTHING, NearSheets
 from splatgl.gl.program import Programs
@@ -20,7 +21,6 @@ from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_unifor
 from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of, set_uniforms
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.bricks import IsVisible, Shell
-from splatgl.splat.clipping import MOST_CLIPS, Clip
 from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
 from splatgl.splat.grid import corners_of
 from splatgl.splat.plan import Plan
@@ -31,8 +31,8 @@ from splatgl.splat.view import GridView
 
 # buffer binding of open sheets
 RINGS = 5
-# floats of a pixel's open sheets: KEPT of sheet_draw.comp, and one more
-RING = 33
+# floats of a pixel's open sheets, see open_sheets.glsl
+RING = 36
 # most list entries of a tile per dispatch: with the sheets that follow each other, loop iterations stay below 65535
 MOST_ENTRIES = 30_000
 # voxels beyond a plane on which what it keeps may depend: a kernel's reach, and that of sheets
@@ -72,7 +72,7 @@ class SheetTiles(Tiles):
         self.tables, self.order, self.batch = tables, SheetOrder(ctx, programs), Rewritten(ctx)
         # of the picture, and whether it has any; tiles of the band that were drawn
         self.near, self.is_near, self.begun = near, False, np.zeros(0, bool)
-        self.uniforms: dict[str, object] = {}
+        self.uniforms = {}
         # between which depths it is drawn
         self.limits: Limits | None = None
         # splats of the picture; whether those being drawn are its last; tiles whose open sheets are kept
@@ -194,9 +194,9 @@ class SheetTiles(Tiles):
             lists = np.stack([tile, *np.zeros((3, len(tile)), np.int64)], axis=1).astype(np.uint32)
             # a band of batches may have more tiles than a dispatch
             for first in range(0, len(lists), MOST_TILES):
-                self._add_up(target, plan, lists[first : first + MOST_TILES], True)
+                self._add_up(target, plan, lists[first : first + MOST_TILES])
 
-    def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
+    def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
         if self.list is not None:
             self.list.use(LIST_UNIT)
         self.begun[lists[:, 0]] = True
@@ -207,9 +207,7 @@ class SheetTiles(Tiles):
             now[:, 3] = self.last & (now[:, 2] == lists[:, 2])
             if not now[:, 3].all() and self.kept is None:
                 self._keep()
-            # open sheets of tiles that none were kept of are empty
-            carried = carried and self.kept is not None
-            program = self._program("sheet_draw.comp", plan, {"CARRIED": carried})
+            program = self._program("sheet_draw.comp", plan, {"CARRIED": self.kept is not None})
             set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
             self._buffer(LISTS, now.nbytes).write(now)
             still = self._buffer(OPEN, self.band.closed.size * 4)
@@ -221,7 +219,7 @@ class SheetTiles(Tiles):
             if self.kept is not None:
                 self.kept[now[:, 0]] = open_ & (now[:, 3] == 0)
             lists[:, 1] = now[:, 2]
-            lists, carried = lists[(now[:, 3] == 0) & open_ & (lists[:, 1] < lists[:, 2])], True
+            lists = lists[(now[:, 3] == 0) & open_ & (lists[:, 1] < lists[:, 2])]
 
     def _keep(self) -> None:
         """Room for the open sheets of all tiles, empty at first."""
@@ -234,55 +232,33 @@ class SheetTiles(Tiles):
         limited = self.limits is not None and name == "sheet_draw.comp"
         own = {"LIMITED": limited, "NEAR": self.is_near} if name == "sheet_draw.comp" else {}
         program = super()._program(name, plan, {**switches, **{switch: True for switch, on in own.items() if on}})
-        set_uniforms(program, **self.uniforms)
         if self.limits is not None:
             set_uniforms(program, nearest_depth=NEAREST_UNIT, farthest_depth=FARTHEST_UNIT)
             self.limits.use()
         return program
-
-    def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
-        program = super()._placing(plan, switches)
-        set_uniforms(program, **self.uniforms)
-        return program
-
-
-def box_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """Uniforms of boxes.glsl."""
-    view, labels = plan.view, splats.labels
-    assert labels is not None
-    base = base_of(splats, view.eye_index)
-    found: Uniforms = {
-        "box_eye": tuple(view.eye_index - base),
-        "normals_low": tuple(np.array(labels.low) - base),
-        "normals_step": float(labels.step),
-    }
-    return found | (clip_uniforms(plan.resolved.clip, view) if plan.resolved.clip is not None else {})
 
 
 class BoxTiles(Tiles):
     """Reuses buffers and textures between pictures, as Tiles does."""
 
     drawing = "box_draw.comp"
-    uniforms: Uniforms
     # between which depths they are drawn; as one of several layers: makes a program keep their matter
     limits: Limits | None = None
     keeping: Callable[[moderngl.ComputeShader], None] | None = None
 
-    def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Composites the boxes into `target`, nearest first; raises Interrupted if cancelled."""
-        self.uniforms = box_uniforms(splats, plan)
-        if self.limits is not None:
-            self.limits.use()
-            self.uniforms |= {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
-            self.uniforms["depth_unit"] = self.limits.unit / splats.grid.mean_spacing
-        super().draw(target, splats, plan, order, portions)
+    def _uniforms(self, splats: Splats, plan: Plan) -> Uniforms:
+        uniforms = super()._uniforms(splats, plan)
+        if self.limits is None:
+            return uniforms
+        self.limits.use()
+        units = {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
+        return uniforms | units | {"depth_unit": self.limits.unit / splats.grid.mean_spacing}
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         if name != self.drawing:
             return super()._program(name, plan, switches)
         own = {"LIMITED": self.limits is not None, "LAYERED": self.keeping is not None}
         program = super()._program(name, plan, {**switches, **own})
-        set_uniforms(program, **self.uniforms)
         if self.keeping is not None:
             self.keeping(program)
         return program
@@ -296,11 +272,9 @@ RECORDS_UNIT, CURSORS, IMAGE = 5, 0, 0
 # of sheets from the first: no end
 EVERYWHERE = (-1e9, 1e9)
 
-Uniforms = dict[str, object]
-
 
 def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """Uniforms of sheets.glsl and sheet_close.glsl."""
+    """Uniforms of sheets.glsl and sheet_composite.glsl."""
     sheets, view, post = plan.resolved.sheets, plan.view, splats.post
     assert sheets is not None
     found: Uniforms = {
@@ -318,29 +292,11 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     }
     if post is not None:
         found |= class_uniforms(post)
-        if plan.program.look.weighted:
-            _, low, step = post.weights
-            # of gradients of record values per mean spacing
-            found["weight_scale"] = (post.span / splats.grid.mean_spacing / step, -low / step)
         found |= {
             "box_low": tuple(-0.5 - view.eye_index),
             "box_high": tuple(np.array(post.shape) - 0.5 - view.eye_index),
         }
-    if plan.resolved.clip is not None:
-        found |= clip_uniforms(plan.resolved.clip, view)
-    if plan.resolved.mask is not None:
-        found["mask_low"] = tuple(plan.resolved.mask.low - view.eye_index)
-    return found
-
-
-def clip_uniforms(clip: Clip, view: GridView) -> Uniforms:
-    """The planes of sheet_close.glsl, from the eye; unit normals of index space."""
-    rows = np.zeros((MOST_CLIPS, 4))
-    own = np.column_stack([clip.g, clip.place - clip.g @ view.eye_index])
-    rows[: len(clip.g)] = own / np.linalg.norm(clip.g, axis=1)[:, None]
-    normals = np.zeros((MOST_CLIPS, 3))
-    normals[: len(clip.g)] = clip.normal
-    return {"clips": len(clip.g), "clip": [*map(tuple, rows)], "clip_normal": [*map(tuple, normals)]}
+    return found | feature_uniforms(splats, plan)
 
 
 def window_edges(view: GridView, window: Window) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Textures of footprints, masks and light."""
+"""Textures of footprints and transfer functions."""
 
 from __future__ import annotations
 
@@ -8,123 +8,12 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
-from splatgl.errors import expected
 from splatgl.gl.shader import TABLE_ROW
-from splatgl.splat.ambient_occlusion import Fields, LightVolume
 from splatgl.splat.kernels import Kernel, footprint_table, half_line_table, radial_table
-from splatgl.splat.label_normals import LabelNormals
-from splatgl.splat.mask_field import MaskField
 from splatgl.splat.motion_blur import blur_table
 from splatgl.splat.plan import Plan
 from splatgl.splat.preintegration import WEIGHTS, ValueClassifier
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
-
-CUES_BINDING = 2
-# names of samplers, and their texture units
-SAMPLERS = {"sky_field": 18, "shade_field": 19}
-CUES = np.dtype(
-    {
-        "names": ["cell_from_index", "cell_from_normal", "cell_of_eye", "strength"],
-        "formats": [("<f4", (3, 4)), ("<f4", (3, 4)), "<4f4", "<4f4"],
-        "offsets": [0, 48, 96, 112],
-        "itemsize": 128,
-    }
-)
-
-
-class CueFields:
-    """Textures of the latest fields; made on the first use, written anew for others."""
-
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
-        self.ctx = ctx
-        self.block: moderngl.Buffer | None = None
-        self.textures: dict[str, moderngl.Texture3D] = {}
-        self.fields: Fields | None = None
-        owned.callback(self.release)
-
-    def use(self, cues: LightVolume, view: GridView) -> None:
-        """Binds what a picture's shaders read."""
-        fields = cues.fields
-        if self.fields is not fields:
-            self._release_textures()
-            for name, field in (("sky_field", fields.sky), ("shade_field", fields.shade)):
-                if field is not None:
-                    depth, height, width, *channels = field.shape
-                    size, count = (width, height, depth), channels[0] if channels else 1
-                    texture = self.ctx.texture3d(size, count, field.tobytes(), alignment=4, dtype="f4")
-                    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-                    self.textures[name] = texture
-            self.fields = fields
-        for name, texture in self.textures.items():
-            texture.use(SAMPLERS[name])
-        if self.block is None:
-            self.block = self.ctx.buffer(reserve=CUES.itemsize)
-        self.block.write(cues_block(cues, view).tobytes())
-        self.block.bind_to_uniform_block(CUES_BINDING)
-
-    def release(self) -> None:
-        """Frees the textures and the block; they are made again on demand."""
-        self._release_textures()
-        if self.block is not None:
-            self.block.release()
-        self.block = None
-
-    def _release_textures(self) -> None:
-        for texture in self.textures.values():
-            texture.release()
-        self.textures, self.fields = {}, None
-
-
-def cues_block(cues: LightVolume, view: GridView) -> np.ndarray:
-    """CUES, shape ()."""
-    block = np.zeros((), CUES)
-    turn, moved = cues.cell_from_index
-    block["cell_from_index"][:, :3] = turn.T
-    block["cell_from_normal"][:, :3] = cues.cell_from_normal.T
-    block["cell_of_eye"][:3] = turn @ view.eye_index + moved
-    block["strength"][:2] = cues.occlusion, cues.shadows
-    return block
-
-
-# name of the sampler, and its texture unit
-MASK_SAMPLER, MASK_UNIT = "mask_field", 20
-
-
-class MaskTexture:
-    """Made on the first use, and anew for another mask, or with its faces."""
-
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
-        self.ctx = ctx
-        self.texture: moderngl.Texture3D | None = None
-        self.holds: tuple[MaskField | LabelNormals, bool] | None = None
-        owned.callback(self.release)
-
-    def use(self, mask: MaskField | LabelNormals, faced: bool) -> None:
-        """Binds it. faced: whether shaders read its gradients, too, as of labels. Raises InputError beyond OpenGL's
-        size.
-        """
-        if self.holds is None or self.holds[0] is not mask or (faced and not self.holds[1]):
-            self.release()
-            data = mask.faced if faced or isinstance(mask, LabelNormals) else mask.kept
-            depth, height, width = data.shape[:3]
-            most = self.ctx.info["GL_MAX_3D_TEXTURE_SIZE"]
-            if max(depth, height, width) > most:
-                raise expected("mask", f"a box of at most {most} voxels a side around it", max(depth, height, width))
-            self.texture = self.ctx.texture3d(
-                (width, height, depth), 4 if data.ndim == 4 else 1, data.tobytes(), alignment=1
-            )
-            self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            self.holds = mask, faced
-        assert self.texture is not None
-        self.texture.use(MASK_UNIT)
-
-    def release(self) -> None:
-        """Frees the texture; it is made again on demand."""
-        if self.texture is not None:
-            self.texture.release()
-        self.texture, self.holds = None, None
-
 
 # texture units
 FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15

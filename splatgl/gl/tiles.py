@@ -16,6 +16,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, uneven
+from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.program import Programs
 from splatgl.gl.shader import ABREAST, LANES, LISTED, NOWHERE
 from splatgl.gl.target import Portions, Target
@@ -57,6 +58,8 @@ class Tiles:
 
     # the shader that composites tiles
     drawing = "tile_draw.comp"
+    # of the picture, which every program gets
+    uniforms: Uniforms
 
     def __init__(
         self,
@@ -84,6 +87,7 @@ class Tiles:
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the splats into `target`, nearest first, chunk by chunk; raises Interrupted if cancelled."""
+        self.uniforms = self._uniforms(splats, plan)
         frustum, kept = Frustum.of(plan.view), len(splats) <= MOST_KEPT
         batches = pairwise(batch_starts(len(splats), plan.hiding.depth_batches))
         bands = [self.begin(window) for window in bands_of(plan.window)]
@@ -96,6 +100,9 @@ class Tiles:
             for band in bands:
                 portions.ask()
                 self.gather(target, plan, texels, (begin - first, end - first), band, seen, portions.ask)
+
+    def _uniforms(self, splats: Splats, plan: Plan) -> Uniforms:
+        return feature_uniforms(splats, plan)
 
     def begin(self, window: Window) -> Band:
         """A new band with all tiles open."""
@@ -135,7 +142,7 @@ class Tiles:
             self._list(plan, count, int(lists[-1, 2]))
             for some in _dispatches(lists):
                 self.ask()
-                self._add_up(target, plan, some, self.band.begun)
+                self._add_up(target, plan, some)
             self.band.begun = True
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
@@ -169,7 +176,8 @@ class Tiles:
     def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
         program = self.programs.for_screen("tile_place.frag", plan.program, switches)
         single = plan.program.footprint == "single"
-        set_uniforms(program, reach=single_reach(plan.kernel.name, plan.resolved.tolerance) if single else 1.0)
+        reach = single_reach(plan.kernel.name, plan.resolved.tolerance) if single else 1.0
+        set_uniforms(program, reach=reach, **self.uniforms)
         return program
 
     def _make_placed(self, number: int, height: int) -> None:
@@ -243,8 +251,9 @@ class Tiles:
             if (so_far == before).all():
                 raise moderngl.Error("compute shaders do nothing")
 
-    def _add_up(self, target: Target, plan: Plan, lists: np.ndarray, carried: bool) -> None:
+    def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
         assert self.list is not None
+        carried = self.band.begun
         self.list.use(LIST_UNIT)
         self.bind_target(target)
         while len(lists):
@@ -280,7 +289,7 @@ class Tiles:
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         program = self.programs.for_tiles(name, plan.program, switches)
         set_uniforms(program, origin=self.band.window.box[:2], tiles=_tiles(self.band.window))
-        set_uniforms(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)})
+        set_uniforms(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)}, **self.uniforms)
         return program
 
 

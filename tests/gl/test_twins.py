@@ -32,9 +32,10 @@ CALL = re.compile(r"\b(\w+)\(")
 PLUMBING = {
     *("choose", "exact_quad", "give_matter", "listed_at", "plain_quad", "projected", "read_record", "read_splat"),
     *("splat_quad", "texel_of", "unpacked_extent", "read_scaled", "next_base", "placed", "class_texel", "weight_at"),
-    *("open_pixel", "read_ring", "write_ring", "take_sheet", "take_near", "any_column"),
-    *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "keep", "add_matter"),
-    *("set_layer", "take", "keep_piece", "boxed", "within_depths"),
+    *("open_pixel", "read_pixel", "write_pixel", "read_column", "write_column", "take_sheet", "any_column"),
+    *("pixel_of", "take_plane", "is_plane", "planes", "set_mask_ray", "mask_above", "mask_part", "mask_face"),
+    *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "add_matter", "end_matter"),
+    *("set_column", "begin_matter", "keep_matter", "set_layer", "take", "keep_piece", "boxed", "within_depths"),
 }
 
 
@@ -51,12 +52,23 @@ def hidden_by(depth: np.ndarray) -> np.ndarray:
     return one_minus_exp(depth)
 
 
-def join(light: np.ndarray, color: np.ndarray, value: np.ndarray, how: str) -> np.ndarray:
+def join_splat(light: np.ndarray, color: np.ndarray, value: np.ndarray, how: str) -> np.ndarray:
     """Light [4, N] and a splat's behind it: colour [3, N] and opacity, or the sum's term, [N]."""
     added = np.concatenate([color, np.ones((1, len(value)))]) * value
     if how == "max":
         return np.maximum(light, added)
     return np.asarray(light + added * (1 - light[3] if how == "over" else 1.0))
+
+
+def join_matter(light: np.ndarray, matter: np.ndarray, how: str) -> np.ndarray:
+    """Light [4, N] and a box's emission and optical depth behind it, or its opacity."""
+    if how == "over":
+        matter = matter * -np.expm1(-matter[3]) / matter[3]
+    return join_splat(light, matter[:3] / matter[3], matter[3], how)
+
+
+def joined_length(length: np.ndarray, how: str) -> np.ndarray:
+    return np.ones_like(length) if how == "max" else length
 
 
 def record_position(records: np.ndarray) -> np.ndarray:
@@ -167,9 +179,8 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
     expression = """
         Joined it;
         it.offset = vec2(0.0); it.shape = vec4(0.0); it.around = false;
-        splat = vec4(c, d * (JOIN == JOIN_OVER ? QUICK_SCALE : 1.0));
-        result = light;
-        join(result, Ray(1.0, 1.0, 1.0), it, 0.0)
+        splat = vec4(c, d * (IN_ORDER ? QUICK_SCALE : 1.0));
+        result = join_splat(light, c, blended(splat.a * share_at(it, Ray(1.0, 1.0, 1.0), 0.0)))
     """
     splats = noise()
     for how, blend in (("over", "composite"), ("sum", "xray"), ("max", "mip")):
@@ -177,7 +188,12 @@ def test_blending(twin: Twin, rng: np.random.Generator) -> None:
         plan = sg.plan(splats, views(splats)["fitted"], settings, tiles=True)
         found = twin("tile_draw.comp", expression, plan, splats, {"DOUBLINGS": 5}, light=light.T, c=color.T, d=depth)
         value = blend_opacity(depth, np.ones(COUNT)) if how == "over" else depth
-        assert np.abs(found.T - join(light, color, value, how)).max() < 5e-6 * max(value.max(), 1.0)
+        assert np.abs(found.T - join_splat(light, color, value, how)).max() < 5e-6 * max(value.max(), 1.0)
+        state, matter = {"JOIN": f"JOIN_{how.upper()}"}, np.concatenate([color * depth, depth[None]])
+        found = twin("optics.glsl", "result = join_matter(l, m)", state=state, l=light.T, m=matter.T)
+        assert np.abs(found.T - join_matter(light, matter, how)).max() < 5e-6 * max(value.max(), 1.0)
+        found = twin("optics.glsl", "result.x = joined_length(d)", state=state, d=depth)[:, 0]
+        assert np.abs(found / joined_length(depth, how) - 1).max() < 1e-6
 
 
 @pytest.mark.parametrize("grid", GRIDS)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.gl.sheet_tiles import box_uniforms
-from splatgl.gl.textures import MASK_UNIT
+from splatgl.gl.features import box_uniforms
 from splatgl.gl.uniforms import base_of
 from splatgl.reference.label_boxes import BoxRays, BoxScene, Passed
 from tests.helpers.boxes import noise as labels_of_noise
@@ -40,12 +39,11 @@ def test_boxes_of_voxels(view: str, twin: Twin, renderer: sg.Renderer, rng: np.r
     settings = sg.Settings(antialias="off", light="glossy", clip=CUT)
     plan = sg.plan(splats, views(splats)[view], settings, tiles=True)
     assert plan.program.boxes and splats.labels is not None
-    renderer.passes.mask.use(splats.labels, True)
     scene, size = BoxScene(splats, plan.resolved), plan.view.size
     at = rng.integers(0, size, (COUNT, 2)) + 0.5
     rays = BoxRays.of(plan.resolved, ((at - np.array(size) / 2) * plan.view.pitch).T)
     base, position = base_of(splats, plan.view.eye_index), splats.positions[rng.integers(0, len(splats), COUNT)]
-    state = {**box_uniforms(splats, plan), "mask_field": MASK_UNIT}
+    state = box_uniforms(splats, plan)
     right = box_ray(rays, base)
     for n, what in enumerate(("r.start + r.direction, r.near", "r.toward, r.stretch", "r.face")):
         said = f"BoxRay r = box_ray(a); result = vec4({what})"

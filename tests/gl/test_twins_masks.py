@@ -7,7 +7,6 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl.meshes import MAPS_UNIT
-from splatgl.gl.textures import MASK_UNIT
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import ray_offset
 from splatgl.splat.colormaps import FURTHEST, UNKNOWN, map_color, map_tables
@@ -20,9 +19,12 @@ MASKED = {"MASKED": True, "SHEETS": 2, "STEPS": 2, "SHADING": True}
 
 
 def mask_at(mask: MaskField, places: np.ndarray) -> np.ndarray:
-    """[N, 4]: the mask and its gradient, as bytes have them over 255."""
-    normals = (mask.normals(places) * ONE + ZERO) / 255
-    return np.column_stack([mask.at(places) + EDGE, normals])
+    """[N, 4]: the mask and, decoded by `normal_in`, its gradient."""
+    return np.column_stack([mask.at(places) + EDGE, normal_in((mask.normals(places) * ONE + ZERO) / 255)])
+
+
+def normal_in(texels: np.ndarray) -> np.ndarray:
+    return (texels * 255 - ZERO) / ONE
 
 
 @pytest.mark.parametrize("view", ["fitted", "parallel"])
@@ -36,14 +38,19 @@ def test_masks_along_rays(view: str, twin: Twin, renderer: sg.Renderer, rng: np.
     plan = sg.plan(splats, views(splats)[view], sg.Settings(sheets=2, antialias="off"), tiles=True)
     mask, camera = plan.resolved.mask, plan.resolved.camera
     assert mask is not None and plan.program.look.masked and plan.resolved.sheets is not None
-    renderer.passes.mask.use(mask, True)
     pixel = rng.integers(0, camera.size[0] * camera.size[1], COUNT)
     state = uniforms(splats, plan)
     at = np.stack([pixel % camera.size[0], pixel // camera.size[0]], axis=1) + 0.5
     sheet = rng.uniform(0, 30, COUNT)
     given = {"a": at, "s": sheet}
-    state |= {"mask_field": MASK_UNIT}
-    found = twin("sheet_draw.comp", "first = a; set_ray(0); result = mask_at(0, s)", plan, splats, state, **given)
+    found = twin(
+        "sheet_draw.comp",
+        "first = a; set_ray(0); result = mask_at(0, s); result.gba = normal_in(result)",
+        plan,
+        splats,
+        state,
+        **given,
+    )
     rays = Rays.of(plan.view, camera, splats.post.shape, pixel)
     along = (sheet + state["first_sheet"]) * plan.resolved.sheets.thickness - ray_offset(plan.view, rays)
     right = mask_at(mask, rays.start + rays.direction * along)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.gl.features import clip_uniforms
 from splatgl.gl.sheet_tiles import sheet_uniforms
 from splatgl.gl.textures import CLASS_UNIT, class_uniforms
 from splatgl.reference import blend as blends
@@ -24,7 +25,7 @@ from splatgl.reference.sheets import (
     remove_bend,
     weight_extinction,
 )
-from splatgl.splat.clipping import FACE
+from splatgl.splat.clipping import FACE, FLUSH, Clip
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.lighting import surface_light
 from splatgl.splat.plan import Plan
@@ -95,7 +96,7 @@ def add_four(splats: list[np.ndarray], shares: np.ndarray, weights: list[np.ndar
     return sums
 
 
-def joined(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
+def join_value(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
     return blends.join_values(light, value, length, join)
 
 
@@ -231,6 +232,37 @@ def test_rays_in_sheets(cut: bool, grid: str, view: str, twin: Twin) -> None:
     if rays.face is not None:
         assert 20 < (rays.face[hit] != 0).any(axis=1).sum() < hit.sum() - 20
     assert np.abs((found - right)[:, hit]).max() < 1e-4 and np.abs((found - right)[2:6]).max() < 1e-5
+
+
+def clip_ray(clip: Clip, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[P, 3], [P, 2]: normals of faces, and ends of rays that begin at 0."""
+    enters, leaves, plane = clip.along(start, direction)
+    return np.where((enters > FLUSH)[:, None], clip.normal[plane], 0.0), np.stack(
+        [np.maximum(enters, 0), leaves], axis=1
+    )
+
+
+def test_planes_clip_rays(twin: Twin, rng: np.random.Generator) -> None:
+    """Rays along planes, too, are kept everywhere or nowhere."""
+    splats = samples("sheared")
+    middle = splats.corners.mean(axis=0)
+    planes = [(*normal, float(np.dot(normal, middle) + d)) for normal, d in CUTS]
+    plan = planned(splats, "fitted", 3, clip=planes)
+    clip, eye = plan.resolved.clip, plan.view.eye_index
+    assert clip is not None
+    start, direction = rng.uniform(-8, 8, (3, COUNT)), rng.normal(size=(3, COUNT))
+    direction[:, :50] = np.cross(clip.g[0], rng.normal(size=(50, 3))).T
+    direction /= np.linalg.norm(direction, axis=0)
+    state, inputs = clip_uniforms(splats, plan), {"s": start.T, "d": direction.T}
+    setup = "float near = 0.0, far = 1e9; vec3 face = clip_ray(s, d, 1.0, near, far);"
+    face = twin("clip_ray.glsl", f"{setup} result.xyz = face", None, None, state, **inputs)[:, :3]
+    ends = twin("clip_ray.glsl", f"{setup} result.xy = vec2(near, far)", None, None, state, **inputs)[:, :2]
+    right_face, right_ends = clip_ray(clip, start + eye[:, None], direction)
+    clear = np.abs(clip.g @ direction / np.linalg.norm(clip.g, axis=1)[:, None]).min(axis=0) > 1e-3
+    assert 100 < (right_face[clear] != 0).any(axis=1).sum() < COUNT - 100
+    near = np.abs(right_ends) < 1e3
+    assert np.abs(ends - right_ends)[near & clear[:, None]].max() < 1e-2
+    assert (np.abs(face - right_face)[clear].max(axis=1) < 1e-5).mean() > 0.999
 
 
 @pytest.mark.parametrize("steps", [0, 2])
@@ -517,7 +549,10 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     found = twin(
         "sheet_draw.comp", "result = join_value(l, a.x, a.y)", plan, splats, l=light, a=np.stack([value, length], 1)
     )
-    assert np.abs(found - joined(light, value, length, field.blend.join)).max() < 1e-6
+    assert np.abs(found - join_value(light, value, length, field.blend.join)).max() < 1e-6
+    found = twin("optics.glsl", "result.x = joined_value(l)", plan, splats, l=light)[:, 0]
+    right = blends.joined_value(light, field.blend.join)
+    assert (np.abs(found - right) / (1 + np.abs(right)))[light[:, 1] > 0].max() < 1e-6
     found = twin("sheet_draw.comp", "result = shown(l)", plan, splats, state, l=light)
     assert np.abs(found - shown(field, light)).max() < 3e-4 and (found[::5] == 0).all()
     mass, mean = 10 ** rng.uniform(-3, 0, (COUNT, 2, 1)), rng.uniform(0, 1, (COUNT, 2, 4))

@@ -15,14 +15,15 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import shader
+from splatgl.gl.features import FIELD_UNITS, feature_uniforms
 from splatgl.gl.program import build, splat_switches
-from splatgl.gl.textures import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT, SAMPLERS
+from splatgl.gl.textures import BLUR_UNIT, FOOTPRINT_UNIT, HALF_LINE_UNIT
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING, frame_block, style_block
 from splatgl.splat.plan import Plan
 from splatgl.splat.view import GridView
 
 COUNT = 2000
-UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT, **SAMPLERS}
+UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT, **FIELD_UNITS}
 # what a stage declares of its own: storage qualifiers, layouts
 OWN = re.compile(r"^(#define (VARYING|FLAT)\b|layout\()")
 # a buffer of numbers, which a function reads or writes: here an array of one
@@ -61,7 +62,8 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         chosen.update({name: value for name, value in (state or {}).items() if name.isupper()})
         switches = {name: value for name, value in chosen.items() if name in known}
         program = build(renderer.ctx, "twin.vert", None, switches, varyings=("result",))
-        uniforms = {name: value for name, value in {**UNITS, **(state or {})}.items() if name in program}
+        features = feature_uniforms(splats, plan) if plan and splats else {}
+        uniforms = {name: value for name, value in {**UNITS, **features, **(state or {})}.items() if name in program}
         for name, value in uniforms.items():
             program[name] = value
         made = _bind(renderer, plan, splats) if plan and splats else []
@@ -105,8 +107,7 @@ def _bind(renderer: sg.Renderer, plan: Plan, splats: sg.Splats) -> list[Any]:
         made.append(renderer.ctx.buffer(block.tobytes()))
         made[-1].bind_to_uniform_block(binding)
     renderer.passes.tables.use(plan)
-    if plan.resolved.cues is not None:
-        renderer.passes.cues.use(plan.resolved.cues, plan.view)
+    renderer.passes.fields.use(splats, plan)
     return made
 
 

@@ -1,0 +1,40 @@
+// Keeps the open sheets of tiles whose lists continue in another dispatch.
+#define KEPT 8  // vectors of a pixel; behind them is one of the column
+layout(std430, binding = 5) buffer Rings { vec4 rings[]; };
+#define RING(number, row) rings[((tile * uint(KEPT + 1) + uint(number)) * ROWS + uint(row)) * LANES + gl_LocalInvocationID.x]
+
+void read_pixel(uint tile, int row) {
+    sum0[row] = RING(0, row);
+    sum1[row] = RING(1, row);
+    if (SHEETS > 2) sum2[row] = RING(2, row);
+    if (SHEETS > 3) sum3[row] = RING(3, row);
+    masses[row] = RING(4, row);
+    middle[row] = RING(5, row);
+    before[row] = RING(6, row);
+    vec4 rest = RING(7, row);
+    held[row].yz = rest.xy;
+    spread[row].yz = rest.zw;
+}
+
+void write_pixel(uint tile, int row) {
+    RING(0, row) = sum0[row];
+    RING(1, row) = sum1[row];
+    if (SHEETS > 2) RING(2, row) = sum2[row];
+    if (SHEETS > 3) RING(3, row) = sum3[row];
+    RING(4, row) = masses[row];
+    RING(5, row) = middle[row];
+    RING(6, row) = before[row];
+    RING(7, row) = vec4(held[row].yz, spread[row].yz);
+}
+
+// begun: whether the column was written before.
+void read_column(uint tile, out int current, out int holding, out bool begun) {
+    vec4 column = RING(KEPT, 0);
+    current = int(column.x);
+    holding = int(column.y);
+    begun = column.z > 0.0;
+}
+
+void write_column(uint tile, int current, int holding) {
+    RING(KEPT, 0) = vec4(current, holding, 1.0, 0.0);
+}
