@@ -1,11 +1,11 @@
 """Adapts the quality of previews to the time of frames, refines still pictures, and returns memory.
 
 LADDER lists the quality levels of a preview, with a floor: half of the pixels, and every second voxel of up to MANY
-splats, every fourth of more. A frame's time is that of its picture, which a level changes, and that of all else (text,
-panel, swap), which none does. SLOW_FRAMES slow frames switch to a coarser level, if that is expected to gain something;
-a level that turns out to gain nothing is left again. QUICK_FRAMES quick frames switch to the next finer level, if that
-is expected to stay well within the target; every switch back doubles the wait before the next attempt, which prevents
-flicker. Costs of levels are measured; for levels not drawn yet they are estimated from the work.
+splats, every fourth of more. The time of a frame is that of its picture, which depends on the level, and of text,
+panel and swap, which does not. SLOW_FRAMES slow frames switch to a coarser level, if that is expected to gain
+something; a level that turns out to gain nothing is left again. QUICK_FRAMES quick frames switch to the next finer
+level, if that is expected to stay well within the target; every switch back doubles the wait before the next attempt,
+which prevents flicker. Costs of levels are measured; for levels not drawn yet they are estimated from the work.
 
 All levels but FULL are drawn to LENIENT, an error far below that of coarser voxels.
 """
@@ -21,39 +21,35 @@ from dataclasses import dataclass, replace
 from splatgl.splat.resolve import AVERAGED
 from splatgl.splat.settings import Settings
 
-# glibc's number of the option, and bytes of a block that is given back as soon as it is freed
+# glibc's option M_MMAP_THRESHOLD, and its value: larger blocks, bytes, return to the system once freed
 M_MMAP_THRESHOLD, LARGE = -3, 1 << 20
-# seconds after which what is given up is freed although the window is busy: it takes some 30 ms
+# seconds after which unused objects are freed although the window is busy: it takes some 30 ms
 SWEPT = 5.0
 
 
 def return_large_blocks() -> None:
-    """Freed pictures go back to the system. glibc would keep them, and fit none of another size in their places: a
-    window that is resized would grow without end. Other systems' allocators stay as they are.
+    """Makes glibc return freed pictures to the system: a window that is resized would grow without end. Other
+    allocators stay as they are.
     """
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
 
 
 def return_free_memory() -> None:
-    """What is freed of small blocks goes back, too: what lies above keeps it, and a peak would last as long as the
-    window. Only glibc needs that.
-    """
+    """Returns freed small blocks to the system, which glibc would keep below blocks in use."""
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
 
 class IdleTrim:
-    """Frees what is given up. Contents and pictures refer to themselves, and hold splats and textures: Python by itself
-    keeps them until it has made many other objects.
-    """
+    """Frees unused documents and pictures. They refer to themselves: Python alone frees them late."""
 
     def __init__(self, now: float) -> None:
         self.frame: object = None
         self.at = now
 
     def look(self, frame: object, resting: bool, now: float) -> None:
-        """Sweeps once a frame that is shown at rest, and seldom where there is no rest."""
+        """Frees memory once for a frame that rests, and seldom for frames in motion."""
         if frame is not self.frame and (resting or now - self.at > SWEPT):
             gc.collect()
             return_free_memory()
@@ -71,10 +67,10 @@ HELD = 0.2
 # fractions of the target: above SLOW a frame is slow; a finer level must be expected to take less than QUICK
 SLOW, QUICK = 1.15, 0.8
 SLOW_FRAMES, QUICK_FRAMES = 2, 4
-# a coarser level must be this many times faster, and expected to be so many times faster to be tried; frames that take
-# longer than POOR seconds go down to the floor, as single measurements of what gains little are not to be trusted
+# how many times faster a coarser level must be, and must be expected to be before it is tried; frames of more than
+# POOR seconds go down to the floor: single measurements of small gains are not reliable
 GAIN, TRIED, POOR = 1.3, 1.05, 0.1
-# weight of the newest frame in a level's cost, and how many times the cost before it counts at most
+# weight of the newest frame in a level's cost, and its upper bound in multiples of the earlier cost
 NEWEST, MOST_RISE = 0.5, 2.0
 # before any measurement: seconds per pixel covered by tens of splats, and the cost of a splat in pixels (llvmpipe)
 PIXEL, PIXELS_PER_SPLAT = 1.5e-7, 2.0
@@ -95,12 +91,12 @@ class Level:
         """Render size (width, height) for a window of `full` pixels, at least 1 × 1."""
         return max(1, round(full[0] * self.scale)), max(1, round(full[1] * self.scale))
 
-    def settings(self, asked: Settings) -> Settings:
+    def settings(self, settings: Settings) -> Settings:
         """The requested settings with the reductions of a preview."""
         if self == FULL:
-            return asked
-        lenient = asked.but(tolerance=max(asked.tolerance, LENIENT))
-        return lenient.but(antialias="paper") if asked.antialias in AVERAGED else lenient
+            return settings
+        lenient = settings.but(tolerance=max(settings.tolerance, LENIENT))
+        return lenient.but(antialias="paper") if settings.antialias in AVERAGED else lenient
 
     def __str__(self) -> str:
         pixels = [f"{self.scale**2:.0%} of the pixels"] if self.scale < 1 else []
@@ -129,7 +125,8 @@ FLOORS = LADDER.index(Level(0.71, 2)), LADDER.index(Level(0.71, 4))
 
 @dataclass(frozen=True)
 class Pace:
-    """level: index into LADDER of the preview. costs: seconds of each level's picture, as far as known.
+    """Quality level of previews, and the costs that it follows from. level: index into LADDER. costs: seconds of each
+    level's picture, as far as known.
 
     work: cost of each level in pixel equivalents. floor: the coarsest level, unless that is STUCK.
     met: number of frames drawn at each level. fixed: seconds of a frame without its picture.
@@ -151,13 +148,13 @@ class Pace:
 
     @classmethod
     def of(cls, splats: Sequence[int], pixels: int, target: float = TARGET) -> Pace:
-        """splats: their number at each of STRIDES; pixels: the window's."""
+        """The pace before any frame. splats: numbers at each of STRIDES; pixels: of the window."""
         counts = dict(zip(STRIDES, splats, strict=True))
         work = [counts[level.stride] * PIXELS_PER_SPLAT + pixels * level.scale**2 for level in LADDER]
         return cls(tuple(work), FLOORS[splats[0] > MANY], target=target)
 
     def again(self, splats: Sequence[int], pixels: int) -> Pace:
-        """For other splats or another window size: measured costs, scaled in proportion to the work."""
+        """The pace for other splats or another window size: measured costs, scaled in proportion to the work."""
         fresh = Pace.of(splats, pixels, self.target)
         costs = [
             None if cost is None else cost * new / old
@@ -167,26 +164,26 @@ class Pace:
 
     def expected(self, level: int) -> float:
         """Expected seconds of a whole frame of a level: measured, or from its work and the nearest measured level."""
-        own = self.costs[level]
-        if own is not None and self.met[level] > 1:
-            return self.fixed + own
+        value = self.costs[level]
+        if value is not None and self.met[level] > 1:
+            return self.fixed + value
         # a level's first frame includes one-time setup: used only if there is no other measurement
-        known = {i: cost for i, cost in enumerate(self.costs) if cost is not None}
-        known = {i: cost for i, cost in known.items() if self.met[i] > 1} or known
+        known = {i: value for i, value in enumerate(self.costs) if value is not None}
+        known = {i: value for i, value in known.items() if self.met[i] > 1} or known
         if not known:
             return self.fixed + self.work[level] * PIXEL
         nearest = min(known, key=lambda i: abs(i - level))
         estimate = known[nearest] * self.work[level] / self.work[nearest]
-        return self.fixed + (estimate if own is None else min(own, estimate))
+        return self.fixed + (estimate if value is None else min(value, estimate))
 
     def drawn(self, level: int, seconds: float, rest: float = 0.0) -> Pace:
-        """After a frame of a level whose picture took `seconds`, and all else `rest`; only frames at the preview level
-        can change that level.
+        """The pace after a frame of a level. seconds: of its picture; rest: of all else. Only frames at the preview
+        level can change that level.
         """
         before = self.costs[level]
         cost, trend = seconds, 1.0
         if before is not None and self.met[level] > 1:
-            # one frame that waited for something else is no trend
+            # one slow frame is no trend
             cost = before + NEWEST * (min(seconds, MOST_RISE * before) - before)
             # the scene's cost changed: scale the other levels alike
             trend = cost / max(before, 1e-9)
@@ -206,9 +203,9 @@ class Pace:
         return known._judged(min(cost, seconds) + fixed)
 
     def _judged(self, seconds: float) -> Pace:
-        """With another level, if one is due after a frame of so many seconds."""
+        """The pace with another level, if one is due after a frame of so many seconds."""
         if self.level not in self._allowed:
-            # the floor is no longer stuck
+            # the floor is fast enough again
             return replace(self, level=self.floor, slow=0, quick=0)
         slow = self.slow + 1 if seconds > SLOW * self.target else 0
         quick = self.quick + 1 if self.finer() and not slow else 0
@@ -221,17 +218,13 @@ class Pace:
         return replace(self, slow=min(slow, SLOW_FRAMES), quick=quick)
 
     def started(self) -> Pace:
-        """Starts at the finest level expected to meet the target; if none is, at the finest that is nearly as fast as
-        any.
-        """
+        """The pace at the finest level expected to meet the target, else at the finest that is nearly the fastest."""
         level = next((level for level in self._allowed if self.expected(level) <= self._enough), self._allowed[-1])
         left = 0 if level and self.met[0] else None
         return replace(self, level=level, slow=0, quick=0, wait=QUICK_FRAMES, finer_one=left)
 
     def coarser(self) -> int | None:
-        """A coarser level that gains something, as measured, or that may, if there is one; one that meets the target,
-        if any does.
-        """
+        """A coarser level that is faster, or may be; preferably one that meets the target. None if there is none."""
         now = self.expected(self.level)
         gains = [
             level
@@ -247,12 +240,12 @@ class Pace:
 
     @property
     def _enough(self) -> float:
-        """Seconds of a frame that are short enough: the target, or nearly those of the fastest level up to POOR."""
+        """Seconds of a frame that is fast enough: the target, or nearly those of the fastest level, up to POOR."""
         return max(self.target, min(GAIN * min(map(self.expected, self._allowed)), POOR))
 
     @property
     def _allowed(self) -> range:
-        """The levels down to the floor; all of them if that is stuck."""
+        """The levels down to the floor; all levels if the floor is too slow."""
         stuck = self.met[self.floor] > 1 and self.expected(self.floor) > STUCK
         return range(len(LADDER) if stuck else self.floor + 1)
 
@@ -267,8 +260,8 @@ Wanted = tuple[object, ...]
 
 @dataclass(frozen=True)
 class Moment:
-    """idle: seconds since the last input. turning: automatic rotation. held: a button is down and a full-quality frame
-    could not be cancelled. strides: those that are extracted.
+    """Input state of a frame. idle: seconds since the last input. turning: automatic rotation. held: a button is down
+    and a full-quality frame could not be cancelled. strides: with extracted splats.
     """
 
     idle: float
@@ -323,12 +316,12 @@ class Refiner:
         self.drawn, self.refused = wanted, ()
 
     def took(self, level: int, seconds: float, rest: float) -> None:
-        """Records the time of that frame once it is shown: its picture's, and all else."""
+        """Records the seconds of a displayed frame: of its picture, and of all else."""
         if not (self.first and self.pace.met[level]):
             self.pace = self.pace.drawn(level, seconds, rest)
 
     def refuse(self, wanted: Wanted) -> None:
-        """Marks a frame as impossible: it is not retried."""
+        """Marks a frame as impossible; it is not tried again."""
         self.refused = wanted
 
     def renew(self, splats: Sequence[int], pixels: int) -> None:

@@ -23,13 +23,13 @@ TOO_MANY_PLANES = f"there are {MOST_PLANES} planes already: remove one"
 
 
 def leaves_anything(cuts: Cuts, volume: Volume) -> bool:
-    """Whether anything of the volume's box is left."""
-    found = replace(cuts, active=True).clip(volume)
-    return not found or bool(len(clip_corners(found, volume.corners)))
+    """Whether the cuts keep any part of the volume's box."""
+    planes = replace(cuts, active=True).clip(volume)
+    return not planes or bool(len(clip_corners(planes, volume.corners)))
 
 
 def set_cuts(state: State, document: Document, cuts: Cuts) -> State:
-    """The state with other cuts; the same with a message where they would leave nothing."""
+    """The state with other cuts; cuts that would leave nothing only set a message."""
     if cuts == state.cuts:
         return state
     if not leaves_anything(cuts, document.volume):
@@ -40,20 +40,20 @@ def set_cuts(state: State, document: Document, cuts: Cuts) -> State:
     return replace(state, cuts=cuts, settings=state.settings if same else state.settings.but(clip=clip))
 
 
-# pixels from a handle at which it is taken, at a content scale of 1
+# largest distance between cursor and handle, pixels at a content scale of 1
 NEAR = 12.0
-# pixels by which a foot is nearer than a tip over it
+# pixels by which the foot of an arrow is preferred to a tip over it
 COVERED = 3.0
 # length of a plane's arrow, in the volume's largest side
 ARROW = 0.2
-# corners that are nearer to each other, in lengths of the arrow, are one
+# corners within this distance, in lengths of the arrow, are the same
 ALIKE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Handle:
-    """point [3]: world; axis [3]: the unit vector that it moves along. what: "side" of the box, with axis and end;
-    "plane" and its number; "tilt", the tip of the plane's arrow.
+    """A dot that moves a cut. point [3]: world; axis [3]: unit vector of its motion. what: "side" of the box, with axis
+    and end; "plane" with its number; "tilt", the tip of the plane's arrow.
     """
 
     what: str
@@ -65,14 +65,14 @@ class Handle:
 
 @dataclass(frozen=True, eq=False)
 class HandleDrag:
-    """A handle that is dragged. start: where the cursor took it; cuts: as they were then."""
+    """Drag of a handle. start: place of the press; cuts: at that time."""
 
     handle: Handle
     start: Place
     cuts: Cuts
 
     def to(self, volume: Volume, camera: Camera, place: Place) -> Cuts:
-        """The cuts for a cursor position; depends on it and the start alone."""
+        """The cuts for a cursor position, whatever the path to it."""
         handle = self.handle
         if handle.what == "tilt":
             return self._tilted(volume, camera, place)
@@ -83,11 +83,11 @@ class HandleDrag:
         size = volume.shape[2 - handle.number]
         along = np.linalg.norm(volume.world_from_index[:, handle.number]) * size
         share = self.cuts.sides[handle.number][handle.end] + step / float(along)
-        # to whole voxels
+        # whole voxels
         return self.cuts.with_side(handle.number, handle.end, round(share * size) / size)
 
     def _tilted(self, volume: Volume, camera: Camera, place: Place) -> Cuts:
-        """The tip follows the cursor on the sphere around the arrow's foot, on the side where it was."""
+        """The cuts with the tip of the arrow under the cursor, on the same side of the sphere around its foot."""
         plane = self.cuts.planes[self.handle.number]
         foot = plane_middle(self.cuts, volume, self.handle.number)
         normal = direction_on_sphere(
@@ -97,24 +97,24 @@ class HandleDrag:
 
 
 def handles(cuts: Cuts, volume: Volume) -> list[Handle]:
-    """All of them."""
-    found = [Handle("side", *_side_middle(cuts, volume, axis, end), axis, end) for axis in range(3) for end in range(2)]
+    """The handles of the box and of all planes."""
+    dots = [Handle("side", *_side_middle(cuts, volume, axis, end), axis, end) for axis in range(3) for end in range(2)]
     for number, plane in enumerate(cuts.planes):
         foot, normal = plane_middle(cuts, volume, number), np.array(plane[:3])
-        found.append(Handle("plane", foot, normal, number))
-        found.append(Handle("tilt", foot + arrow_length(volume) * normal, normal, number))
-    return found
+        dots.append(Handle("plane", foot, normal, number))
+        dots.append(Handle("tilt", foot + arrow_length(volume) * normal, normal, number))
+    return dots
 
 
-def handle_at(found: list[Handle], camera: Camera, place: Place, scale: float = 1.0) -> Handle | None:
-    """The handle under the cursor, the nearest one to it; of an arrow that is seen end on, its foot."""
-    if not found:
+def handle_at(dots: list[Handle], camera: Camera, place: Place, scale: float = 1.0) -> Handle | None:
+    """The handle nearest to the cursor within NEAR; of an arrow seen end on, its foot."""
+    if not dots:
         return None
-    apart = np.linalg.norm(project(camera, np.array([each.point for each in found])) - np.array(place), axis=1)
-    apart = np.where(np.isfinite(apart), apart, np.inf)
-    apart += np.where([each.what == "tilt" for each in found], COVERED * scale, 0.0)
-    best = int(apart.argmin())
-    return found[best] if apart[best] <= NEAR * scale else None
+    distance = np.linalg.norm(project(camera, np.array([dot.point for dot in dots])) - np.array(place), axis=1)
+    distance = np.where(np.isfinite(distance), distance, np.inf)
+    distance += np.where([dot.what == "tilt" for dot in dots], COVERED * scale, 0.0)
+    best = int(distance.argmin())
+    return dots[best] if distance[best] <= NEAR * scale else None
 
 
 def arrow_length(volume: Volume) -> float:
@@ -124,12 +124,12 @@ def arrow_length(volume: Volume) -> float:
 
 
 def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
-    """The polygon [N, 3] in which a plane cuts the box, in order around it; none where it misses."""
+    """The polygon [N, 3] where a plane cuts the box, in order; N = 0 where the plane misses it."""
     sides = box_planes(cuts.sides, volume)
     normal = np.array(plane[:3])
     both = [plane, (*(-normal).tolist(), -plane[3]), *sides]
     points = clip_corners(both, volume.corners)
-    # each corner once, though several planes meet there
+    # remove duplicate corners, where several planes meet
     digits = (points / (arrow_length(volume) * ALIKE)).round()
     points = points[np.unique(digits, axis=0, return_index=True)[1]]
     if len(points) < 3:
@@ -143,7 +143,7 @@ def outline(cuts: Cuts, volume: Volume, plane: Plane) -> np.ndarray:
 
 
 def plane_middle(cuts: Cuts, volume: Volume, number: int) -> np.ndarray:
-    """The foot [3] of a plane's arrow: the middle of its polygon, or, where it misses the box, nearest to the box's."""
+    """The foot [3] of a plane's arrow: the middle of its polygon, else the point nearest to the middle of the box."""
     plane = cuts.planes[number]
     points = outline(cuts, volume, plane)
     if len(points):
@@ -153,14 +153,14 @@ def plane_middle(cuts: Cuts, volume: Volume, number: int) -> np.ndarray:
 
 
 def box_edges(cuts: Cuts, volume: Volume) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The twelve edges of the box that is kept, world."""
+    """The twelve edges of the kept box, world."""
     corners = _corners(cuts, volume)
     return [(corners[i], corners[i | 1 << axis]) for axis in range(3) for i in range(8) if not i >> axis & 1]
 
 
 def direction_on_sphere(camera: Camera, place: Place, middle: np.ndarray, radius: float, behind: bool) -> np.ndarray:
-    """Unit vector [3] from a sphere's middle to its point under a pixel: the far one if `behind`; beside the sphere, to
-    the nearest point of its rim.
+    """Unit vector [3] from the middle of a sphere to its point under a pixel: the far point if `behind`; for pixels
+    beside the sphere, the nearest point of its rim.
     """
     start, direction = pixel_ray(camera, place)
     along = float((middle - start) @ direction)
@@ -173,11 +173,11 @@ def direction_on_sphere(camera: Camera, place: Place, middle: np.ndarray, radius
 
 
 def _moved(camera: Camera, handle: Handle, start: Place, place: Place) -> float:
-    """World length that a handle moves along its axis."""
-    ends = [nearest_on_line(camera, each, handle.point, handle.axis) for each in (start, place)]
+    """World length by which a drag moves a handle along its axis."""
+    ends = [nearest_on_line(camera, pixel, handle.point, handle.axis) for pixel in (start, place)]
     if ends[0] is not None and ends[1] is not None:
         return ends[1] - ends[0]
-    # seen end on: upwards is away from the eye
+    # an axis seen end on: upwards is away from the eye
     depth = float(camera.eye_from_points(handle.point)[2])
     towards = 1.0 if float(handle.axis @ camera.forward) > 0 else -1.0
     return towards * (start[1] - place[1]) * float(camera.pixel_pitch(depth))
@@ -193,10 +193,10 @@ def _side_middle(cuts: Cuts, volume: Volume, axis: int, end: int) -> tuple[np.nd
 
 def _corners(cuts: Cuts, volume: Volume) -> np.ndarray:
     """Corners [8, 3] of the kept box, world, in the order of `Volume.corners`."""
-    every = volume.corners
-    sides = every[[1, 2, 4]] - every[0]
+    corners = volume.corners
+    sides = corners[[1, 2, 4]] - corners[0]
     shares = np.array([[cuts.sides[axis][i >> axis & 1] for axis in range(3)] for i in range(8)])
-    return np.asarray(every[0] + shares @ sides)
+    return np.asarray(corners[0] + shares @ sides)
 
 
 class ClipTool(Tool):

@@ -10,36 +10,36 @@ from imgui_bundle import imgui
 from splatgl.annotations.text import legible
 from splatgl.viewer.file_dialogs import OPEN, SAVE, suffixes
 
-# largest size in screen units at a content scale of 1, and what is left of the window around it
+# largest size in screen units at a content scale of 1, and the margin around it
 SIZE, MARGIN = (520.0, 420.0), 8.0
 NAME = "###browser"
 
 
 class Browser:
-    """A list of a folder's files. chosen: the paths that were chosen last, until they are taken."""
+    """List of the files of a folder. chosen: the chosen paths, until they are taken."""
 
     def __init__(self) -> None:
         self.kind, self.title, self.name, self.said = OPEN, "", "", ""
         self.folder = Path()
         self.typed = ""
         self.chosen: tuple[str, ...] = ()
-        # whether it is to be opened in the next frame, and whether files of any ending are listed
+        # whether to open the list in the next frame, and whether to show files of any type
         self.opening = self.all = False
         self.folders: list[str] = []
         self.files: list[str] = []
 
     def open(self, kind: str, title: str, folder: Path, name: str) -> None:
-        """Shows a folder from the next frame on. name: the one that is proposed."""
+        """Shows a folder from the next frame on. name: the proposed file name."""
         self.kind, self.title, self.name, self.opening = kind, title, name, True
         self._go(folder)
 
     def take(self) -> tuple[str, ...]:
-        """The chosen paths, once."""
+        """Returns the chosen paths, once."""
         chosen, self.chosen = self.chosen, ()
         return chosen
 
     def draw(self, window: tuple[int, int]) -> None:
-        """Draws it, if it is open, in a window of that size."""
+        """Draws the list, if it is open. window: its size."""
         if self.opening:
             imgui.open_popup(NAME)
             self.opening = False
@@ -82,7 +82,7 @@ class Browser:
         """The name and the buttons."""
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.6)
         if self.kind == SAVE and imgui.is_window_appearing():
-            # what is typed replaces the name
+            # typed text replaces the name
             imgui.set_keyboard_focus_here()
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
         shown = legible(self.name)
@@ -94,7 +94,7 @@ class Browser:
             self._go(self.folder)
         there = bool(self.name) and os.path.exists(self.folder / self.name)
         word = "open" if self.kind == OPEN else "replace it" if there else "save"
-        # a name that is entered replaces nothing unasked
+        # the enter key replaces no existing file
         if (imgui.button(word) or (entered and word != "replace it")) and self.name:
             self._choose(self.name)
         if self.kind == OPEN:
@@ -107,23 +107,23 @@ class Browser:
             imgui.close_current_popup()
 
     def _choose(self, name: str) -> None:
-        found = self.folder / name
-        if name and self.kind == OPEN and os.path.isdir(found):
-            self._go(found)
+        path = self.folder / name
+        if name and self.kind == OPEN and os.path.isdir(path):
+            self._go(path)
             return
-        self.chosen = (str(found),)
+        self.chosen = (str(path),)
         imgui.close_current_popup()
 
     def _go(self, folder: Path) -> None:
-        """Lists another folder; one that cannot be read says why."""
+        """Lists another folder; the list shows why a folder cannot be read."""
         self.folder, self.said = Path(os.path.abspath(folder)), ""
         self.typed, self.folders, self.files = legible(str(self.folder)), [], []
         try:
             with os.scandir(self.folder) as entries:
-                found = sorted((not each.is_dir(), each.name) for each in entries if each.name[0] != ".")
+                names = sorted((not entry.is_dir(), entry.name) for entry in entries if entry.name[0] != ".")
         except OSError as error:
             self.said = f"{self.folder}: {error.strerror}"
             return
         known = suffixes()
-        self.folders = [name for is_file, name in found if not is_file]
-        self.files = [name for is_file, name in found if is_file and (self.all or name.lower().endswith(known))]
+        self.folders = [name for is_file, name in names if not is_file]
+        self.files = [name for is_file, name in names if is_file and (self.all or name.lower().endswith(known))]

@@ -1,4 +1,4 @@
-"""File dialogs: the desktop's, or those of Dear ImGui."""
+"""The desktop's file dialogs; `file_browser` replaces missing ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from splatgl.readers import FORMATS
 if TYPE_CHECKING:
     from splatgl.viewer.file_browser import Browser
 
-# programs by which a desktop of X or Wayland shows its dialog
+# programs that show the dialog of a desktop of X or Wayland
 HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
 OPEN, SAVE = "open", "save-as"
 TITLES = {OPEN: "Open a volume or a scene", SAVE: "Save: .toml a scene, .png a picture, .npy its floats"}
@@ -25,20 +25,20 @@ def has_native() -> bool:
 
 
 def suffixes() -> tuple[str, ...]:
-    """Those of files that can be opened."""
+    """The suffixes of files that can be opened."""
     known = (suffix for form in FORMATS if "file" in form.kinds for suffix in form.suffixes)
     return tuple(dict.fromkeys((".toml", *known)))
 
 
 class Dialogs:
-    """The dialog that is open, if any. The desktop's is a process, which is polled; the other is drawn by a Browser."""
+    """The open dialog, if any: a process of the desktop, which is polled, or a Browser."""
 
     def __init__(self) -> None:
         self.process: Any = None
         self.kind = ""
 
     def open(self, kind: str, folder: Path, name: str, browser: Callable[[], Browser]) -> None:
-        """Opens the dialog to open a file or to save one. name: the proposed one; browser: shows the panel's."""
+        """Opens a dialog, OPEN or SAVE. name: the proposed one; browser: returns that of the panel."""
         if self.process is None:
             self.kind = kind
             if has_native():
@@ -69,5 +69,5 @@ def _native(kind: str, path: Path) -> Any:
         return dialogs.save_file(TITLES[kind], str(path), wanted)
     known = " ".join(f"*{suffix}" for suffix in suffixes())
     wanted = ["Volumes and scenes", known, "All files", "*"]
-    # a folder ends with a slash, or its name would be taken for that of a file
+    # without its slash, the name of a folder would be proposed as a file's
     return dialogs.open_file(TITLES[kind], f"{path}/", wanted, dialogs.opt.multiselect)

@@ -1,4 +1,4 @@
-"""`Watch`: tells when the files of a scene have changed."""
+"""`Watch`: detects changes of the files of a scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from splatgl.scene.scene_file import SceneFile
 
 
 def watched_files(path: str, scene: SceneFile) -> tuple[str, ...]:
-    """The files of the scene opened from `path`; empty for a built-in scene. What lies at an address is not watched."""
+    """The local files of the scene opened from `path`; none for a built-in scene."""
     files = dict.fromkeys((path, *scene.files))
     return tuple(file for file in files if file not in SCENES and not is_address(file))
 
@@ -25,8 +25,8 @@ Stamp = tuple[int, int] | None
 
 @dataclass(frozen=True)
 class Watch:
-    """paths, and the last stamp seen of each: (mtime in ns, bytes), None for a missing file. gone: numbers of checks
-    in a row that found one missing.
+    """seen: the last stamp of each path: (mtime in ns, bytes), None for a missing file. gone: number of consecutive
+    checks with a missing file.
     """
 
     paths: tuple[Path, ...]
@@ -37,11 +37,11 @@ class Watch:
     @classmethod
     def of(cls, paths: Iterable[str | Path], now: float) -> Watch:
         """Watches `paths` from their current stamps; the first check is due after PERIOD seconds."""
-        found = tuple(Path(path) for path in paths)
-        return cls(found, tuple(map(_stamp, found)), now + PERIOD)
+        files = tuple(Path(path) for path in paths)
+        return cls(files, tuple(map(_stamp, files)), now + PERIOD)
 
     def look(self, now: float) -> tuple[Watch, bool]:
-        """Checks the files if due; True if one changed and all exist: a file being replaced may be missing briefly."""
+        """Checks the files if due; True if one changed and all exist: a file may be missing while it is replaced."""
         if now < self.due:
             return self, False
         stamps = tuple(map(_stamp, self.paths))
@@ -51,14 +51,14 @@ class Watch:
 
     @property
     def missing(self) -> str:
-        """The name of a file that is missing for longer than a replacement takes; "" if none is."""
+        """Name of a file that is missing for longer than a replacement takes; "" if none is."""
         absent = [path.name for path in self.paths if not path.exists()] if self.gone > 1 else []
         return absent[0] if absent else ""
 
 
 def _stamp(path: Path) -> Stamp:
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size
+    return status.st_mtime_ns, status.st_size

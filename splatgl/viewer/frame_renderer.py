@@ -38,7 +38,7 @@ BAND = 1.0
 
 
 def depths(splats: Splats, camera: Camera) -> np.ndarray:
-    """Depth [N] of every splat, world units, float32."""
+    """Depth [N] of each splat, world units, float32."""
     along = camera.forward @ splats.grid.world_from_index
     start = float(camera.forward @ (splats.grid.origin - camera.eye))
     return np.asarray(splats.positions @ along.astype(np.float32) + np.float32(start))
@@ -62,12 +62,12 @@ def tint_splats(splats: Splats, camera: Camera, z_k: float) -> Splats:
 
 
 def splats_before(splats: Splats, camera: Camera, z_k: float) -> Splats:
-    """The splats not beyond z_k."""
+    """The splats up to z_k."""
     return splats.part(depths(splats, camera) <= z_k)
 
 
 def tint_light(whole: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """A picture float32 [H, W, 4], linear premultiplied, whose light from beyond z_k is tinted; near: without it."""
+    """The picture float32 [H, W, 4] with tinted light from beyond z_k. near: the picture without that light."""
     beyond = whole - near
     return np.concatenate(
         [whole[..., :3] + SHARE * (TINT * beyond[..., 3:] - beyond[..., :3]), whole[..., 3:]], axis=-1
@@ -96,14 +96,14 @@ def plane_section(corners: np.ndarray, camera: Camera, z_k: float) -> np.ndarray
 
 # minimum seconds between HUD updates in motion
 CALM = 0.25
-# motion blur: seconds of a motion that are blurred together, and moments that a picture is the mean of, at most; a slow
-# picture would otherwise be of a longer path, thus of more moments, and slower still
+# motion blur: longest blurred motion, seconds, and most moments per picture: a slow picture would otherwise blur a
+# longer path by more moments, and become slower still
 BLURRED, MOMENTS = 0.1, 8
 # pixels per character of a message line, at a content scale of 1
 LETTER = 7.5
-# share of the window's width that the text takes at most
+# largest width of the text, as a share of the window
 COLUMN = 0.45
-# a pixel of more opacity shows something; a text that covers a smaller share of such pixels covers nothing
+# smallest opacity of a visible pixel, and largest share of visible pixels that a text may cover
 SEEN, COVERED = 0.02, 0.02
 # images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
 ENOUGH = 1000
@@ -113,26 +113,26 @@ Ask = Callable[[], bool]
 
 
 class FrameRenderer:
-    """Holds the screen's documents: the last frame, the overlay, and the display mode."""
+    """Holds the contents of the screen: the last frame, the overlay, and the display mode."""
 
     def __init__(self, screen: Screen, renderer: Renderer, commands: tuple[Command, ...]) -> None:
         self.screen, self.renderer, self.commands = screen, renderer, commands
         self.frame: Frame | None = None
         self.pixels = np.zeros((1, 1, 4), np.float32)
-        # inputs and pose of the last frame, and when it was begun
+        # inputs and pose of the last frame, and the time of its begin
         self.subject: tuple[object, ...] = ()
         self.pose: Pose | None = None
         self.begun = 0.0
-        # the preview just replaced by a full frame, until their difference is in the HUD
+        # the preview that a full frame just replaced, until the HUD shows their difference
         self.stand_in: np.ndarray | None = None
         self.fresh = False
         self.brightest = 1.0
         self.overlay: Overlay | None = None
-        # what is said, and where
+        # lines of text, and their corner
         self.words: tuple[str, ...] = ()
         self.corner = "top left"
         self.written = -1e9
-        # seconds of a whole frame in motion, as last measured
+        # measured seconds of a whole frame in motion
         self.whole = 0.0
         self.beside: object = None
 
@@ -144,10 +144,10 @@ class FrameRenderer:
         """
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
-        # as the document's splats were extracted
-        asked = state.settings.but(motion=state.blur, classification="auto")
+        # the classification of the extracted splats
+        requested = state.settings.but(motion=state.blur, classification="auto")
         first, layered = document.drawn_layers[0], document.is_layered
-        chosen = self.renderer.plan(first.finest, state.pose.camera, asked)
+        chosen = self.renderer.plan(first.finest, state.pose.camera, requested)
         splats = first.at(level.stride) if layered else _visible_splats(state, first, level, chosen)
         # neither the reference nor layers are tinted
         tint = state.show_zk and state.compare == "off" and not layered
@@ -155,7 +155,7 @@ class FrameRenderer:
         if tint and not first.is_post_classified:
             splats = tint_splats(splats, camera, z_k)
         # the light of reconstructed values is tinted in the picture, before the background
-        settings = level.settings(asked.but(background=None) if tint and first.is_post_classified else asked)
+        settings = level.settings(requested.but(background=None) if tint and first.is_post_classified else requested)
         motion = self._motion(state, camera, started - self.begun, layered) if gliding else None
         if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
             settings = settings.but(moments=MOMENTS)
@@ -179,14 +179,13 @@ class FrameRenderer:
         self.screen.put("picture", self.pixels)
         beyond = partial(share_beyond, first.sample, state.pose.camera, z_k)
         hidden = len(first.at(level.stride)) - len(splats)
-        # that of the picture itself
         drawn_by = self.renderer.plan(splats, camera, settings, motion)
         blurred = "motion" in image.info
         self.frame = Frame(image.info, seconds, level, drawn_by, beyond, hidden, blurred, whole=self.whole)
         return self.frame
 
-    def write(self, state: State, document: Document, scale: float, busy: str | None, said: str) -> bool:
-        """Redraws the overlay if its documents changed; True if so. said: text about the reference.
+    def write(self, state: State, document: Document, scale: float, busy: str | None, note: str) -> bool:
+        """Redraws the overlay if its text changed; True if so. note: text about the reference.
 
         A frame that replaces a preview is displayed first; its text follows in the next call.
         """
@@ -200,13 +199,13 @@ class FrameRenderer:
         if state.hud == "off" or state.help:
             self.words = ()
         elif not (moving and self.words and now - self.written < CALM):
-            told = (hud.short_lines if state.hud == "short" else hud.full_lines)(state, document, self.frame, busy)
+            lines = (hud.short_lines if state.hud == "short" else hud.full_lines)(state, document, self.frame, busy)
             most = max(20, int(state.pose.camera.size[0] / LETTER / scale * COLUMN))
-            self.words = tuple(part for line in told if line for part in _wrap(line, most))
+            self.words = tuple(part for line in lines if line for part in _wrap(line, most))
             self.written = now
             if not moving and state.hud == "short":
                 self.corner = self._free(Text(self.words), state.pose.camera.size, scale)
-        wanted = self._overlay(state, document, scale, said)
+        wanted = self._overlay(state, document, scale, note)
         if wanted == self.overlay:
             return False
         self.overlay = wanted
@@ -214,7 +213,7 @@ class FrameRenderer:
         return True
 
     def _free(self, text: Text, size: tuple[int, int], scale: float) -> str:
-        """The corner where a text covers nothing of the picture; "" if there is none."""
+        """A corner where a text covers no visible pixels; "" if there is none."""
         down, across = self.pixels.shape[0] / size[1], self.pixels.shape[1] / size[0]
         for corner in ("top left", "bottom left"):
             left, top, right, bottom = box(replace(text, corner=corner), size, scale)
@@ -248,14 +247,14 @@ class FrameRenderer:
         right = reference.image
         if state.compare == "off" or right is None or right.pixels.shape != self.pixels.shape:
             return "" if state.compare == "off" else reference.said
-        found = Difference.of(self.pixels, right.pixels)
-        numbers = f"largest {found.largest:.2g}, RMSE {found.rmse:.2g} of linear light"
+        difference = Difference.of(self.pixels, right.pixels)
+        numbers = f"largest {difference.largest:.2g}, RMSE {difference.rmse:.2g} of linear light"
         if state.compare == "split":
             return f"left: this picture; right: the float64 reference. Difference: {numbers}"
-        return f"difference from the float64 reference: {numbers}; white is {found.largest:.2g}"
+        return f"difference from the float64 reference: {numbers}; white is {difference.largest:.2g}"
 
     def _motion(self, state: State, camera: Camera, seconds: float, layered: bool) -> Motion | None:
-        """Camera motion since the last frame, which was begun so many seconds ago; at most its last BLURRED seconds."""
+        """Camera motion since the last frame, `seconds` ago; at most its last BLURRED seconds."""
         before = self.pose
         if state.blur == "off" or before is None or before is state.pose or (layered and streaked(state.moving)):
             return None
@@ -272,22 +271,22 @@ class FrameRenderer:
         one = self.brightest if xray else 1.0
         return Difference.of(resize_bilinear(stand_in, (width, height), step) / one, self.pixels[::step, ::step] / one)
 
-    def _overlay(self, state: State, document: Document, scale: float, said: str) -> Overlay:
+    def _overlay(self, state: State, document: Document, scale: float, note: str) -> Overlay:
         texts, size = [], state.pose.camera.size
         corner = self.corner if state.hud == "short" else "top left"
         if self.words and corner:
             texts.append(Text(self.words, corner, fit=state.hud == "full"))
         if state.help:
             texts.append(Text(tuple("\t".join(row) for row in help_rows(self.commands)), "middle", fit=True))
-        told = [line for line in (said, state.message) if line]
-        if told:
+        notes = [line for line in (note, state.message) if line]
+        if notes:
             width = max(20, int(size[0] / LETTER / scale))
-            lines = tuple(part for line in told for part in _wrap(line, width))
+            lines = tuple(part for line in notes for part in _wrap(line, width))
             texts.append(Text(lines, "top left" if corner == "bottom left" else "bottom left", note=True))
         paths: tuple[Path, ...] = ()
         if state.show_zk and self.frame is not None and self.frame.plan.program.seen.perspective:
-            found = plane_section(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
-            polygon = tuple((round(float(x)), round(float(y))) for x, y in found)
+            section = plane_section(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
+            polygon = tuple((round(float(x)), round(float(y))) for x, y in section)
             paths = ((*polygon, polygon[0]),) if polygon else ()
         return Overlay(size, scale, tuple(texts), paths)
 
@@ -295,7 +294,7 @@ class FrameRenderer:
 def _visible_splats(state: State, layer: LayerSplats, level: Level, chosen: Plan) -> Splats:
     """The splats to draw: all, or only the visible ones where the result is equally good."""
     shell = layer.shell(level.stride)
-    # clip planes bare what lies inside
+    # clip planes expose the inside
     fits = (
         chosen.program.look.blend.ordered and not state.settings.clip and eye_is_outside(shell, state.pose.camera.eye)
     )

@@ -14,7 +14,7 @@ from splatgl.viewer.state import State
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The displayed frame: the renderer's info, seconds, level, plan, and what tells the fraction of splats beyond z_k.
+    """The displayed frame: the renderer's info, seconds, level and plan. beyond: the share of splats beyond z_k.
 
     hidden: number of splats omitted because no view shows them. blurred: whether motion blur was applied.
     off: for a full frame that replaced a preview, the preview's error against it. whole: seconds of a frame in motion
@@ -43,18 +43,18 @@ class Frame:
 
 
 def short_lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
-    """What users need first: file, view, and quality."""
+    """File, view and quality."""
     name = document.volume.name or document.scene.volume
     camera = state.pose.camera
     view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
-    told = [document.stand_in.told] if document.stand_in and document.stand_in.told else []
+    notes = [document.stand_in.told] if document.stand_in and document.stand_in.told else []
     if document.is_loading:
         return (name, *([busy] if busy else []))
-    return (name, *told, view, busy or progress_text(frame))
+    return (name, *notes, view, busy or progress_text(frame))
 
 
 def full_lines(state: State, document: Document, frame: Frame | None, busy: str | None) -> tuple[str, ...]:
-    """Everything of the picture: device, splats, time, z_k, bounds and the plan it was drawn by."""
+    """Device, splats, time, z_k, error bound and plan of the picture."""
     if frame is None or document.is_loading:
         return short_lines(state, document, frame, busy)
     info, size = frame.info, state.pose.camera.size
@@ -99,7 +99,7 @@ def _splats(document: Document, frame: Frame) -> list[str]:
 
 
 def _instead(state: State, document: Document) -> list[str]:
-    """Why splats are classified before reconstruction although the settings ask for after."""
+    """The reason why splats are classified before reconstruction although the settings ask for after."""
     if document.layers[0].is_post_classified or state.settings.classification != "post":
         return []
     why = document.layers[0].why_pre_classified(state.moving, True)
@@ -111,10 +111,10 @@ def _pace(state: State, frame: Frame, busy: str | None) -> list[str]:
     work = f", {busy} ..." if busy else ""
     if not frame.full:
         return [f"{rate}  moving: {frame.given_up}{work}"]
-    said = [f"{rate}  refined to {_tolerance(state.settings.tolerance)}{work}"]
+    lines = [f"{rate}  refined to {_tolerance(state.settings.tolerance)}{work}"]
     if frame.off is not None:
-        said.append(f"in motion it was off by RMSE {frame.off.rmse:.2g}, largest {frame.off.largest:.2g}")
-    return said
+        lines.append(f"in motion it was off by RMSE {frame.off.rmse:.2g}, largest {frame.off.largest:.2g}")
+    return lines
 
 
 def _tolerance(tolerance: float) -> str:
@@ -130,9 +130,9 @@ def _depths(document: Document, frame: Frame) -> str:
 
 def _bound(info: Mapping[str, object]) -> list[str]:
     bound, dropped = info.get("error_bound"), info.get("dropped_depth")
-    said = [f"error at most {bound:.2g}"] if isinstance(bound, float) else []
+    lines = [f"error at most {bound:.2g}"] if isinstance(bound, float) else []
     if isinstance(dropped, float) and dropped > 0:
-        said.append(f"the threshold dropped an optical depth of up to {dropped:.2g}")
+        lines.append(f"the threshold dropped an optical depth of up to {dropped:.2g}")
     if info.get("tolerance_met") is False:
-        said.append("the tolerance could not be kept" if isinstance(bound, float) else "its error has no known bound")
-    return said
+        lines.append("the tolerance could not be kept" if isinstance(bound, float) else "its error has no known bound")
+    return lines

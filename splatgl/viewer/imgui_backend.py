@@ -17,7 +17,7 @@ from splatgl.viewer.state import State
 from splatgl.viewer.window import Window
 
 GLSL = "#version 330"
-# maximum seconds of a double click, which frames in software draw out
+# maximum seconds of a double click, long enough for slow frames
 DOUBLE = 0.5
 RELEASE, PRESS = 0, 1
 ESCAPE = 256
@@ -42,7 +42,7 @@ MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mo
 
 
 class Gui:
-    """A panel in a window."""
+    """Dear ImGui in a window, with the panel."""
 
     def __init__(self, window: Window, commands: Iterable[Command]) -> None:
         self.window = window
@@ -53,7 +53,7 @@ class Gui:
         # no ini file
         self.io.set_ini_filename("")
         self.last = time.perf_counter()
-        # whether nothing is drawn yet: ImGui measures what it has not seen before, and shows it in the next frame
+        # whether this is the first frame, which ImGui only measures
         self.fresh = True
         with current(window.screen.ctx):
             imgui.backends.opengl3_init(GLSL)
@@ -65,7 +65,7 @@ class Gui:
 
     @property
     def touched(self) -> bool:
-        """Whether the cursor is over the panel or drags something of it: what the panel shows may change."""
+        """Whether the cursor is over the panel or drags one of its widgets."""
         return self.panel.covers(*self.cursor) or self.held
 
     @property
@@ -74,7 +74,7 @@ class Gui:
         return bool(self.io.want_capture_mouse and imgui.is_any_item_active())
 
     def event(self, kind: str, *values: Any) -> bool:
-        """Handles a GLFW event; True if it is the panel's: where the cursor is over the panel, keys while it writes."""
+        """Handles a GLFW event; True if the panel consumes it: over the panel, or keys for a text field."""
         io = self.io
         if kind == "cursor":
             io.add_mouse_pos_event(*values)
@@ -87,15 +87,15 @@ class Gui:
             self._modify(bits)
             io.add_mouse_button_event(button, action != RELEASE)
         if kind in ("button", "scroll"):
-            # ImGui's own flag is one frame old: the cursor may have moved since
+            # ImGui's bit flag is one frame old: the cursor may have moved since
             return self.panel.covers(*self.cursor)
         if kind == "character":
             io.add_input_character(values[0])
         else:
             code, action, bits = values
             # GLFW's bits are those before the key
-            own = BITS.get(code, 0)
-            self._modify(bits & ~own | own * (action != RELEASE))
+            bit = BITS.get(code, 0)
+            self._modify(bits & ~bit | bit * (action != RELEASE))
             if code in KEYS:
                 io.add_key_event(KEYS[code], action != RELEASE)
             if code == ESCAPE and action == PRESS and self.panel.popup:
@@ -121,7 +121,6 @@ class Gui:
             for _ in range(1 + self.fresh):
                 imgui.backends.opengl3_new_frame()
                 imgui.new_frame()
-                # beside the slices
                 state = self.panel.draw(state, document, frame, room)
                 imgui.render()
             self.fresh = False
@@ -137,12 +136,12 @@ class Gui:
 
 
 def _fit_plots(scale: float) -> None:
-    """Narrow margins for plots, and none of their mouse buttons beside the drag that moves an axis."""
+    """Sets narrow margins for plots, and no mouse buttons but the drag that moves an axis."""
     style, keys = implot.get_style(), implot.get_input_map()
     style.plot_padding = imgui.ImVec2(2.0 * scale, 4.0 * scale)
     style.label_padding = imgui.ImVec2(3.0 * scale, 3.0 * scale)
     for name in ("major_tick_len", "minor_tick_len", "major_tick_size", "minor_tick_size"):
         size = getattr(style, name)
         setattr(style, name, imgui.ImVec2(size.x * scale, size.y * scale))
-    # a double click makes a point instead
+    # a double click adds a point instead
     keys.fit = imgui.MouseButton_.middle

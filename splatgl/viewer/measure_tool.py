@@ -1,4 +1,4 @@
-"""The value under the cursor, and measured distances."""
+"""Value under the cursor, distances between points, and the centre of rotation."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.state import Ruler, State
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 
-# blends that show a largest value along the ray
+# blends that show the largest value along the ray
 LARGEST = ("mip",)
 FIRST_POINT = "click on the first point; a drag turns the view"
 SECOND_POINT = "click on the second point"
 
 
 def under_cursor(state: State, document: Document, place: Place) -> Picked | None:
-    """What is seen under a position in pixels; None where nothing is, or the volume is not in memory."""
+    """The sample or mesh visible at a pixel; None if there is none, or the volume is not in memory."""
     pixel = tuple(int(np.floor(each)) for each in place)
     width, height = state.pose.camera.size
     if document.is_loading or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
@@ -37,63 +37,63 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
         return None
 
 
-def describe_pick(found: Picked | None, document: Document) -> tuple[str, ...]:
-    """Value, place and index in words."""
-    if found is None:
+def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
+    """Lines of text with value, place and index."""
+    if pick is None:
         return ("nothing here",)
     unit = document.volume.unit
-    place = ", ".join(f"{each:.4g}" for each in found.place)
-    if found.mesh is not None:
-        return (found.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
-    index = ", ".join(f"{each:.0f}" for each in found.index)
+    place = ", ".join(f"{number:.4g}" for number in pick.place)
+    if pick.mesh is not None:
+        return (pick.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
+    index = ", ".join(f"{number:.0f}" for number in pick.index)
     return (
-        f"{found.name or 'value'}: {found.value:.6g}",
+        f"{pick.name or 'value'}: {pick.value:.6g}",
         f"at {place}{' ' + unit if unit else ''}",
         f"voxel {index}",
     )
 
 
 def add_ruler_point(state: State, document: Document, place: Place) -> State:
-    """The state after a click while distances are measured."""
-    found = under_cursor(state, document, place)
-    if found is None:
+    """The state with one more point of the ruler."""
+    pick = under_cursor(state, document, place)
+    if pick is None:
         return replace(state, message="nothing here to measure from")
-    ruler = state.ruler.with_point(found.place)
+    ruler = state.ruler.with_point(pick.place)
     length = distance_text(ruler, document)
     return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND_POINT)
 
 
 def distance_text(ruler: Ruler, document: Document) -> str:
-    """The length of the line in words; "" until there are two points."""
+    """The length of the ruler with its unit; "" until there are two points."""
     length = ruler.length
     return "" if length is None else length_text(float(f"{length:.4g}"), document.volume.unit)
 
 
-# splats within this many voxels of the ray count; the ray ends at this optical depth
+# largest distance of splats from the ray, voxels; the optical depth at which the ray ends
 WITHIN = 1.0
 ENOUGH = 0.7
 
 
 def set_pivot(state: State, document: Document, place: tuple[float, float]) -> State:
-    """The state with the matter under a pixel as its centre of rotation, if there is any."""
+    """The state with the matter at a pixel as its centre of rotation, if there is any."""
     if document.is_layered:
-        seen = under_cursor(state, document, place)
-        found = None if seen is None else np.array(seen.place)
+        pick = under_cursor(state, document, place)
+        point = None if pick is None else np.array(pick.place)
     else:
-        found = find_matter(document.layers[0].at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
-    if found is None:
+        point = find_matter(document.layers[0].at(STRIDES[1]), state.pose.camera, place, state.settings.clip)
+    if point is None:
         return replace(state, message="nothing here to turn about")
-    return replace(state, pose=state.pose.about(found), message="turns about this point")
+    return replace(state, pose=state.pose.about(point), message="turns about this point")
 
 
 def find_matter(
     splats: Splats, camera: Camera, place: tuple[float, float], cuts: tuple[Plane, ...] = ()
 ) -> np.ndarray | None:
-    """World point [3] of the matter under a pixel that planes keep; None if there is none.
+    """World point [3] of the matter at a pixel, clipped by planes; None if there is none.
 
     The point is at optical depth ENOUGH (half of the light is absorbed), or, in fainter matter, at its middle.
     """
-    # the ray in the splats' grid, and the distances of the splats from it in mean spacings
+    # the ray in the splats' grid, and distances of splats from it, mean spacings
     pitch = camera.extent / camera.size[1]
     across = (np.array(place) - np.array(camera.size) / 2) * pitch
     direction = np.array([*across, 1.0]) if camera.perspective else np.array([0.0, 0.0, 1.0])

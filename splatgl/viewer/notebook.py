@@ -23,7 +23,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Place
 from splatgl.viewer.trackball import Mouse, zoom_by_wheel
 
-# seconds without input before the full picture, longer than in a window: while it is drawn, no event is handled
+# seconds without input before the full picture; no event is handled while it is drawn
 STILL = 0.3
 # a wheel's distance per notch, and most notches of one event
 NOTCH, MOST_NOTCHES = 100.0, 5.0
@@ -71,7 +71,7 @@ class Session:
         return self.pose is not before
 
     def frame(self) -> np.ndarray | None:
-        """The picture that is due, uint8 [H, W, 3], sRGB on black or the background; None if the last one will do."""
+        """The due picture, uint8 [H, W, 3], sRGB on black or the background; None if none is due."""
         now = Moment(self.now() - self.touched - (STILL - REST))
         number = self.refiner.level(self._wanted(), now)
         if number is None:
@@ -100,7 +100,6 @@ class Session:
         settings = level.settings(self.scene.settings.but(classification="auto"))
         subject, settings = self.document.subject_at(level.stride, settings)
         if level != FULL and BLENDS[settings.blend].ordered and not self.document.is_layered:
-            # without those that are hidden from every side
             shell = self.document.layers[0].shell(level.stride)
             subject = shell if eye_is_outside(shell, camera.eye) else subject
         with shared_renderer() as renderer:
@@ -137,29 +136,29 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
 
     @property
     def image(self) -> Any:
-        """The picture on show, an Image."""
+        """The visible picture, an Image."""
         return self.session.image
 
     def handle_event(self, event: dict[str, Any]) -> None:
-        """Turns an event into a view."""
+        """Applies an event of the browser."""
         if self.session.handle(event):
             self.request_draw()
 
     def get_frame(self) -> np.ndarray | None:
-        """The frame that is due, and a later call for the one that follows."""
-        found = self.session.frame()
+        """The due frame; schedules the next one."""
+        frame = self.session.frame()
         wait = self.session.patience()
         if wait is not None:
-            # without a loop, as in a script, whoever asks for frames asks again
+            # without an event loop, the caller asks again
             with suppress(RuntimeError):
                 asyncio.get_running_loop().call_later(wait, self.request_draw)
-        return found
+        return frame
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """The widget, and a picture for where no widget is shown."""
+        """The widget, and a picture for pages without widgets."""
         if not self.session.image.info:
             self.session.frame()
-            # the widget asks for its own
+            # the widget draws its own first frame
             self.session.refiner.drawn = ()
         bundle = super()._repr_mimebundle_(**options)
         data = bundle[0] if isinstance(bundle, tuple) else bundle

@@ -1,4 +1,4 @@
-"""Annotations over the window's picture, and the lines of its tools."""
+"""Marks over the window's picture: annotations, and the lines of tools."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from splatgl.viewer.state import State
 
 
-# of a ground of checks, linear light
+# background of checks, linear light
 GREY = 0.075
-# pixels of empty rows or columns that are drawn with what is beside them
+# widest gap of empty rows or columns within a sprite, pixels
 GAP = 16
 
 
 @dataclass(frozen=True, eq=False)
 class AnnotationInputs:
-    """What annotations are drawn for. blend: of the picture; ground: behind it, linear RGB."""
+    """Inputs of annotations. blend: of the picture; ground: its background, linear RGB."""
 
     asked: tuple[str, ...]
     volume: Volume
@@ -46,7 +46,7 @@ class AnnotationInputs:
 
 
 class Legend:
-    """The latest sprites."""
+    """Sprites of the annotations, drawn again only when their inputs change."""
 
     def __init__(self) -> None:
         self.overlay = LiveOverlay()
@@ -55,12 +55,12 @@ class Legend:
         self.subject: tuple[Volume | None, Subject | None] = (None, None)
 
     def sprites(self, scenery: AnnotationInputs) -> tuple[Sprite, ...]:
-        """Those of a picture of the camera's size; none for one that is too small."""
+        """The sprites for a picture of the camera's size; none if it is too small."""
         camera = scenery.camera
         if not scenery.asked or min(camera.size) < LEAST_SIDE:
             return ()
-        seen = camera.eye.tobytes(), camera.eye_from_world.tobytes(), camera.extent, camera.perspective
-        key = scenery.asked, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *seen
+        view = camera.eye.tobytes(), camera.eye_from_world.tobytes(), camera.extent, camera.perspective
+        key = scenery.asked, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *view
         if key != self.key:
             subject = self._subject(scenery.volume)
             look = scenery.transfer, camera, scenery.asked, scenery.ground, scenery.blend
@@ -70,22 +70,22 @@ class Legend:
     def _subject(self, volume: Volume) -> Subject:
         if self.subject[1] is None or self.subject[0] is not volume:
             self.subject = volume, Subject.of(volume)
-        found = self.subject[1]
-        assert found is not None
-        return found
+        subject = self.subject[1]
+        assert subject is not None
+        return subject
 
 
 def crop_sprites(pixels: np.ndarray) -> tuple[Sprite, ...]:
-    """What is not clear of a picture uint8 [H, W, 4], in bands, each as wide as what it shows."""
-    found = []
+    """Sprites of the visible parts of a picture uint8 [H, W, 4]."""
+    sprites = []
     for top, bottom in _spans(np.asarray(pixels[..., 3].any(axis=1))):
         for left, right in _spans(np.asarray(pixels[top:bottom, :, 3].any(axis=0))):
-            found.append(Sprite(pixels[top:bottom, left:right].copy(), (left, top, right, bottom)))
-    return tuple(found)
+            sprites.append(Sprite(pixels[top:bottom, left:right].copy(), (left, top, right, bottom)))
+    return tuple(sprites)
 
 
 def _spans(full: np.ndarray) -> list[tuple[int, int]]:
-    """Beginnings and ends of what is full; gaps of less than GAP are part of it."""
+    """Starts and ends of runs of True, joined across gaps of up to GAP."""
     places = np.flatnonzero(full)
     if not len(places):
         return []
@@ -95,13 +95,13 @@ def _spans(full: np.ndarray) -> list[tuple[int, int]]:
 
 
 def background_of(state: State) -> Color:
-    """What is behind the picture, linear RGB."""
+    """The background of the picture, linear RGB."""
     if state.settings.background is not None:
         return state.settings.background
     return {"white": WHITE, "checks": (GREY, GREY, GREY)}.get(state.ground, BLACK)
 
 
-# sRGB, of the box, of planes, and of what does not cut at present
+# sRGB of the box, of planes, and of inactive cuts
 BOX: LineColor = (0.36, 0.72, 1.0, 0.9)
 PLANES: tuple[LineColor, ...] = ((1.0, 0.62, 0.2, 0.95), (0.45, 0.9, 0.45, 0.95), (0.95, 0.5, 0.85, 0.95))
 RULER: LineColor = (1.0, 0.85, 0.3, 1.0)
@@ -133,17 +133,17 @@ class Overlays:
 
 
 def ruler_marks(ruler: Ruler, document: Document, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
-    """The line between two points with dots at its ends, and its length beside it."""
+    """The line between the points of the ruler, dots at its ends, and its length."""
     places = project(camera, np.array(ruler.points).reshape(-1, 3))
     dots = [(float(x), float(y)) for x, y in places if np.isfinite(x)]
-    strokes = [Stroke(each, each, RULER, TIP * scale, scale) for each in dots]
+    strokes = [Stroke(dot, dot, RULER, TIP * scale, scale) for dot in dots]
     if len(ruler.points) < 2:
         return strokes, []
     line = project_segment(camera, *map(np.array, ruler.points))
     if line is None:
         return strokes, []
     text = label((distance_text(ruler, document),), scale)
-    # beside the end to the right, where the line is not
+    # beside the right end, outside the line
     end = max(line)
     place = beside(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
     return [Stroke(*line, RULER, LINE * scale, scale), *strokes], [Sprite(text, place)]
@@ -159,31 +159,31 @@ def _value_label(state: State, document: Document, cursor: Place, scale: float) 
 
 
 def handle_strokes(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
-    """The lines and dots of the box and the planes, in pixels; none while they are hidden."""
+    """Lines and handles of the clip box and planes, pixels; none while they are hidden."""
     if not cuts.shown:
         return []
     box = BOX if cuts.active else RESTING
-    found = _lines(camera, box_edges(cuts, volume), box, LINE * scale)
+    strokes = _lines(camera, box_edges(cuts, volume), box, LINE * scale)
     for number, plane in enumerate(cuts.planes):
         points = outline(cuts, volume, plane)
         rim = list(zip(points, np.roll(points, -1, axis=0), strict=True)) if len(points) else []
-        found += _lines(camera, rim, plane_color(cuts, number), LINE * scale)
+        strokes += _lines(camera, rim, plane_color(cuts, number), LINE * scale)
     feet = {}
     for handle in handles(cuts, volume):
         color = box if handle.what == "side" else plane_color(cuts, handle.number)
         if handle.what == "plane":
             feet[handle.number] = handle.point
         elif handle.what == "tilt":
-            found += _lines(camera, [(feet[handle.number], handle.point)], color, LINE * scale)
+            strokes += _lines(camera, [(feet[handle.number], handle.point)], color, LINE * scale)
         (place,) = project(camera, handle.point[None])
         if np.isfinite(place).all():
             at = float(place[0]), float(place[1])
-            found.append(Stroke(at, at, color, (TIP if handle.what == "tilt" else DOT) * scale, scale))
-    return found
+            strokes.append(Stroke(at, at, color, (TIP if handle.what == "tilt" else DOT) * scale, scale))
+    return strokes
 
 
 def plane_color(cuts: Cuts, number: int) -> LineColor:
-    """That of a plane and its handles."""
+    """Colour of a plane and its handles."""
     return PLANES[number % len(PLANES)] if cuts.active else RESTING
 
 

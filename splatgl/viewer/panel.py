@@ -49,7 +49,7 @@ class Panel:
         imgui.set_next_window_pos((window[0] - wide - MARGIN, MARGIN), imgui.Cond_.always)
         imgui.set_next_window_size_constraints((wide, 0.0), (wide, max(window[1] - 2 * MARGIN, 1.0)))
         imgui.set_next_window_bg_alpha(0.85)
-        # a click of the same moment may have closed it
+        # a click may have closed the list meanwhile
         if self.closes and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
             imgui.internal.close_popup_to_level(0, True)
         self.closes = False
@@ -119,7 +119,7 @@ class Panel:
 
 
 def _time(state: State) -> State:
-    """The time points of a series or of a file."""
+    """Slider and switch of a time series."""
     changed, time = imgui.slider_int("time", state.time, 0, state.times - 1)
     if changed:
         state = replace(state, time=min(max(time, 0), state.times - 1), playing=False)

@@ -109,7 +109,7 @@ def draw_clipping(state: State, document: Document, widgets: CommandWidgets) -> 
 
 
 def _box(cuts: Cuts, volume: Volume) -> Cuts:
-    """Two ends of each side, in voxels as --crop counts them."""
+    """Ends of the sides of the box, in voxels as --crop counts them."""
     for axis, size in enumerate(volume.shape[::-1]):
         low, high = (round(share * size) for share in cuts.sides[axis])
         changed, begin, end = imgui.drag_int_range2(f"{'xyz'[axis]}##side", low, high, max(size / 400, 0.2), 0, size)
@@ -122,7 +122,7 @@ def _box(cuts: Cuts, volume: Volume) -> Cuts:
 
 
 def _planes(cuts: Cuts, volume: Volume) -> Cuts:
-    """Each plane's place along its normal, turning it round, and removing it."""
+    """Place of each plane along its normal, and buttons that flip and remove it."""
     corners, unit = volume.corners, volume.unit or "units"
     for number, plane in enumerate(cuts.planes):
         imgui.push_id(number)
@@ -132,7 +132,7 @@ def _planes(cuts: Cuts, volume: Volume) -> Cuts:
         ends = float(along.min()), float(along.max())
         changed, place = imgui.slider_float("##place", plane[3], *ends, f"%.4g {unit}")
         imgui.pop_style_color()
-        imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: what lies beyond this place is kept.".format(*plane[:3]))
+        imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: keeps what lies beyond this place.".format(*plane[:3]))
         if changed:
             cuts = replace(cuts.with_plane(number, (*plane[:3], place)), active=True)
         imgui.same_line()
@@ -208,24 +208,24 @@ def _mesh(document: Document, mesh: MeshFile) -> MeshFile:
     room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
     imgui.text(plain(mesh.name))
     opacity = _opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
-    found = document.mesh(mesh)
-    own = found is not None and found.colors is None and found.values is None
-    given = mesh.linear or (found.color if found is not None and own else None)
-    # those of its vertices and values are many, until one is picked
-    color = _color((0.5, 0.5, 0.5) if given is None else tuple(map(float, given)))
+    data = document.mesh(mesh)
+    uniform = data is not None and data.colors is None and data.values is None
+    linear = mesh.linear or (data.color if data is not None and uniform else None)
+    # a mesh with colours of vertices or values shows grey until a colour is chosen
+    color = _color((0.5, 0.5, 0.5) if linear is None else tuple(map(float, linear)))
     return replace(mesh, visible=visible, opacity=opacity, color=mesh.color if color is None else color)
 
 
 def _opacity(opacity: float, room: float, left: float = 0.0) -> float:
     imgui.same_line(left)
     imgui.set_next_item_width(room * OPACITY)
-    changed, found = imgui.slider_float("##opacity", opacity, 0.0, 1.0, "%.2f")
+    changed, value = imgui.slider_float("##opacity", opacity, 0.0, 1.0, "%.2f")
     imgui.set_item_tooltip("A factor on its opacities.")
-    return round(float(np.clip(found, 0.0, 1.0)), DIGITS) if changed else opacity
+    return round(float(np.clip(value, 0.0, 1.0)), DIGITS) if changed else opacity
 
 
 def _color(linear: tuple[float, ...]) -> str | None:
-    """A colour's field; "#rrggbb" where another one is picked."""
+    """Field of a colour; returns "#rrggbb" if another one is chosen."""
     imgui.same_line()
     coded = list(map(float, srgb_from_linear(np.clip(np.array(linear), 0.0, 1.0))))
     flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_label
@@ -282,15 +282,15 @@ def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
 
 
 def _ground(state: State) -> State:
-    """What is behind the picture."""
+    """Background of the picture."""
     names = [*GROUNDS, "a colour"]
-    own = state.settings.background is not None
-    changed, chosen = imgui.combo("ground", len(GROUNDS) if own else GROUNDS.index(state.ground), names)
+    has_color = state.settings.background is not None
+    changed, chosen = imgui.combo("ground", len(GROUNDS) if has_color else GROUNDS.index(state.ground), names)
     if changed and chosen < len(GROUNDS):
         return replace(state, ground=GROUNDS[chosen], settings=state.settings.but(background=None))
     if changed:
         return replace(state, settings=state.settings.but(background=background_of(state)))
-    if own:
+    if has_color:
         coded = srgb_from_linear(np.array(state.settings.background))
         changed, color = imgui.color_edit3("colour", list(map(float, coded)))
         if changed:
@@ -300,7 +300,7 @@ def _ground(state: State) -> State:
 
 
 def _flow(names: Sequence[str], per_row: int) -> Iterator[str]:
-    """The names, each with its widget on the line of the one before, but for every so many."""
+    """Yields the names, and starts a new line of widgets after `per_row` of them."""
     for number, name in enumerate(names):
         if number % per_row:
             imgui.same_line()

@@ -1,4 +1,4 @@
-"""The float64 reference of the displayed frame, rendered in a worker thread, and the frame's error against it."""
+"""Float64 reference of the displayed frame, rendered in a worker thread, and the error of the frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from splatgl.splat.splats import Splats
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Cancelled, Jobs, Kind
 
-# above this many splats a reference takes minutes and gigabytes
+# most splats of a reference: more take minutes and gigabytes
 MOST = 2_000_000
 
 
@@ -48,7 +48,7 @@ def resize_bilinear(picture: np.ndarray, size: tuple[int, int], step: int) -> np
 
 @dataclass(frozen=True, eq=False)
 class ReferenceInputs:
-    """Inputs of a reference; compared by identity. count: of splats that are seen from some side."""
+    """Inputs of a reference; compared by identity. count: of splats visible from any side."""
 
     splats: Splats | Scene
     camera: Camera
@@ -63,7 +63,7 @@ class ReferenceInputs:
 
 
 class Reference:
-    """The reference of the latest request. image: the result, if finished; said: the status message until then."""
+    """The reference of the latest request. image: the result, if finished; said: the message until then."""
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs = jobs

@@ -58,14 +58,14 @@ def show(
 
 
 def in_notebook() -> bool:
-    """Whether cells are run by a Jupyter kernel; IPython in a terminal is none."""
+    """Whether a Jupyter kernel runs this code; IPython in a terminal does not count."""
     python = sys.modules.get("IPython")
     shell = python.get_ipython() if python is not None else None
     return shell is not None and hasattr(shell, "kernel")
 
 
 def has_display() -> bool:
-    """Whether a window can be seen: always but on Unix without a display."""
+    """Whether a window can be opened: always, but on Unix only with a display."""
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -79,13 +79,13 @@ def _window(scene: SceneFile, sized: bool) -> None:
     open_window(files, scene, Options(size=scene.view.size) if sized else Options())
 
 
-# seconds in which most mistakes in what is asked for are found, before a window is opened
+# seconds in which most input errors are found, before a window is opened
 AT_ONCE = 0.1
 
 
 def start_reading(scene: SceneFile, source: str = "", reopen: Reopen | None = None) -> Files:
-    """Begins to read a scene. Raises what its reader does, if that is found out within AT_ONCE. source: of what is
-    watched, and read again by `reopen`.
+    """Starts to read a scene. Raises the errors of its reader that occur within AT_ONCE. source: path that is watched,
+    and that `reopen` reads again; "": none.
     """
     from splatgl.viewer.file_watch import watched_files
     from splatgl.viewer.jobs import Jobs
@@ -107,7 +107,7 @@ def open_window(
     device: int | None = None,
     gpu: bool = False,
 ) -> None:
-    """Opens the window for what is being read, and returns once it is closed for any reason."""
+    """Opens the window for files that are being read; returns once it is closed."""
     from splatgl.gl.backends import BackendError
     from splatgl.gl.renderer import Renderer
     from splatgl.viewer.document import Document

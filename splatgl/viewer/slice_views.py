@@ -34,22 +34,21 @@ Box = tuple[float, float, float, float]
 WIDEST = 0.5
 # pixels around a slice in its pane, at a content scale of 1
 MARGIN = 6.0
-# entries of the table of colours
+# entries of the colour table
 COLORS = 4096
-# across and down of a slice by the world axis that it lies across, as (axis, sign); down of a patient is posterior or
-# inferior, and across left or posterior, as 3D Slicer shows them. Of others z and y point up.
+# right and down in a slice as (axis, sign), by the world axis across it. For patients, down is posterior or inferior,
+# and right is left or posterior, as in 3D Slicer; for others, z and y point up.
 PATIENT = {2: ((0, 1), (1, 1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
 OTHERS = {2: ((0, 1), (1, -1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
 ANATOMY = ("sagittal", "coronal", "axial")
-# a scene's up points along an axis from this component on
+# smallest component of a scene's up along an axis that it points along
 UPRIGHT = 0.7
 
 
 @dataclass(frozen=True)
 class Pane:
-    """A slice in the window. axis: of the grid, across which it lies; across, down: those along its columns and rows,
-    negative where the index grows to the left or upwards is told by back. room: what is the pane's; box: the slice's;
-    left, top, right, bottom, pixels.
+    """A slice in the window. axis: of the grid, across it; across, down: along its rows and columns; back: whether the
+    index grows to the left, and upwards. room: of the pane; box: of the slice; left, top, right, bottom, pixels.
     """
 
     axis: int
@@ -60,36 +59,36 @@ class Pane:
     box: Box
 
     def holds(self, place: tuple[float, float]) -> bool:
-        """Whether a position in pixels is the pane's."""
+        """Whether a pixel is inside the pane."""
         return self.room[0] <= place[0] < self.room[2] and self.room[1] <= place[1] < self.room[3]
 
     def index(self, place: tuple[float, float], index: Sequence[float], volume: Volume) -> list[float]:
-        """The index (x, y, z) under a position in pixels; of the slice at `index`."""
-        found, sizes = list(index), volume.shape[::-1]
+        """The index (x, y, z) at a pixel, in the slice at `index`."""
+        position, sizes = list(index), volume.shape[::-1]
         for side, axis in enumerate((self.across, self.down)):
             share = (place[side] - self.box[side]) / (self.box[side + 2] - self.box[side])
-            found[axis] = (1.0 - share if self.back[side] else share) * sizes[axis] - 0.5
-        return found
+            position[axis] = (1.0 - share if self.back[side] else share) * sizes[axis] - 0.5
+        return position
 
     def place(self, index: Sequence[float], volume: Volume) -> tuple[float, float]:
-        """Where the middle of a voxel (x, y, z) is in the slice, pixels."""
-        found, sizes = [], volume.shape[::-1]
+        """Pixel of the middle of a voxel (x, y, z) in the slice."""
+        pixel, sizes = [], volume.shape[::-1]
         for side, axis in enumerate((self.across, self.down)):
             share = (index[axis] + 0.5) / sizes[axis]
             share = 1.0 - share if self.back[side] else share
-            found.append(self.box[side] + share * (self.box[side + 2] - self.box[side]))
-        return found[0], found[1]
+            pixel.append(self.box[side] + share * (self.box[side + 2] - self.box[side]))
+        return pixel[0], pixel[1]
 
 
 def column_width(window: tuple[int, int], shown: bool) -> int:
-    """Pixels of the window's width that are the slices'."""
+    """Width of the slices in the window, pixels."""
     return int(min(window[1] / 3, window[0] * WIDEST)) if shown else 0
 
 
 def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float = 1.0) -> tuple[Pane, ...]:
-    """The three slices, z above y above x of the world, at the window's right. up: the scene's, world."""
+    """Panes of the slices across z, y and x of the world, downwards, at the right of the window. up: of the scene."""
     wide, world = column_width(window, True), world_axes(volume)
-    found = []
+    made = []
     for number, normal in enumerate((2, 1, 0)):
         (right, right_sign), (down, down_sign) = _pane_axes(volume.frame, normal, up)
         axis, across, along = world.index(normal), world.index(right), world.index(down)
@@ -97,20 +96,20 @@ def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float 
         back = bool(columns[right, across] * right_sign < 0), bool(columns[down, along] * down_sign < 0)
         top, bottom = number * window[1] / 3, (number + 1) * window[1] / 3
         room = float(window[0] - wide), top, float(window[0]), bottom
-        sides = [float(np.linalg.norm(columns[:, each]) * volume.shape[2 - each]) for each in (across, along)]
-        found.append(Pane(axis, across, along, back, room, _fit_box(room, sides, MARGIN * scale)))
-    return tuple(found)
+        sides = [float(np.linalg.norm(columns[:, side]) * volume.shape[2 - side]) for side in (across, along)]
+        made.append(Pane(axis, across, along, back, room, _fit_box(room, sides, MARGIN * scale)))
+    return tuple(made)
 
 
 def world_axes(volume: Volume) -> tuple[int, int, int]:
-    """The world axis that each axis of the grid is nearest to, each once."""
+    """The nearest world axis of axis axis of the grid, all different."""
     columns = np.abs(volume.world_from_index) / np.linalg.norm(volume.world_from_index, axis=0)
-    x, y, z = max(permutations(range(3)), key=lambda order: sum(columns[order[each], each] for each in range(3)))
+    x, y, z = max(permutations(range(3)), key=lambda order: sum(columns[order[axis], axis] for axis in range(3)))
     return x, y, z
 
 
 def _pane_axes(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
-    """World axes with their signs to the right and down, of the slice across a world axis."""
+    """World axes, and their signs, to the right and down in the slice across a world axis."""
     if frame:
         turned = -1 if frame == "RAS" else 1
         right, down = PATIENT[normal]
@@ -125,7 +124,7 @@ def _pane_axes(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[in
 
 
 def _fit_box(room: Box, sides: Sequence[float], margin: float) -> Box:
-    """The largest box of these proportions in the middle of a room."""
+    """The largest centred box of these proportions in a room."""
     wide, high = room[2] - room[0] - 2 * margin, room[3] - room[1] - 2 * margin
     factor = min(max(wide, 1.0) / sides[0], max(high, 1.0) / sides[1])
     width, height = max(sides[0] * factor, 1.0), max(sides[1] * factor, 1.0)
@@ -134,22 +133,22 @@ def _fit_box(room: Box, sides: Sequence[float], margin: float) -> Box:
 
 
 def read_slice(array: Any, pane: Pane, index: int) -> np.ndarray:
-    """The samples or colours of a slice, [rows, columns, …] as the pane shows them; nothing else is read."""
+    """The samples or colours [rows, columns, …] of a slice as its pane shows them; reads only the slice."""
     cut: list[Any] = [slice(None)] * 3
     cut[2 - pane.axis] = index
-    found = np.asarray(array[tuple(cut)])
+    pixels = np.asarray(array[tuple(cut)])
     # rows are along the later axis of the grid
     if pane.down < pane.across:
-        found = found.swapaxes(0, 1)
-    found = found[:, ::-1] if pane.back[0] else found
-    return found[::-1] if pane.back[1] else found
+        pixels = pixels.swapaxes(0, 1)
+    pixels = pixels[:, ::-1] if pane.back[0] else pixels
+    return pixels[::-1] if pane.back[1] else pixels
 
 
-def thin_out(found: np.ndarray, pane: Pane) -> np.ndarray:
-    """A slice with no more than about two samples a pixel along each side."""
+def thin_out(pixels: np.ndarray, pane: Pane) -> np.ndarray:
+    """Every n-th sample of a slice: at most about two per pixel along each side."""
     sides = pane.box[3] - pane.box[1], pane.box[2] - pane.box[0]
-    steps = [max(1, int(size / (2 * side))) for size, side in zip(found.shape, sides, strict=False)]
-    return found[:: steps[0], :: steps[1]]
+    steps = [max(1, int(size / (2 * side))) for size, side in zip(pixels.shape, sides, strict=False)]
+    return pixels[:: steps[0], :: steps[1]]
 
 
 def window_of(transfer: Transfer) -> tuple[float, float]:
@@ -159,19 +158,19 @@ def window_of(transfer: Transfer) -> tuple[float, float]:
 
 
 def grey_pixels(values: np.ndarray, window: tuple[float, float], logarithmic: bool = False) -> np.ndarray:
-    """uint8 [H, W, 4]: grey by a window, or by logarithms of both; what is not a number is as its low end."""
+    """Grey pixels uint8 [H, W, 4] by a window, or by logarithms; NaN is black."""
     low, high = window
     with np.errstate(all="ignore"):
         if logarithmic:
             values, low, high = np.log(np.maximum(values, low)), float(np.log(low)), float(np.log(high))
         shade = (values.astype(np.float32) - np.float32(low)) * np.float32(255.0 / (high - low))
-    found = np.full((*values.shape, 4), 255, np.uint8)
-    found[..., :3] = np.clip(np.nan_to_num(shade, nan=0.0), 0.0, 255.0).astype(np.uint8)[..., None]
-    return found
+    pixels = np.full((*values.shape, 4), 255, np.uint8)
+    pixels[..., :3] = np.clip(np.nan_to_num(shade, nan=0.0), 0.0, 255.0).astype(np.uint8)[..., None]
+    return pixels
 
 
 def colored_pixels(values: np.ndarray, transfer: Transfer) -> np.ndarray:
-    """uint8 [H, W, 4]: the transfer function's colours."""
+    """Pixels uint8 [H, W, 4] in the colours of the transfer function."""
     if transfer.labels or transfer.logarithmic:
         linear = transfer.color(values)
     else:
@@ -185,15 +184,15 @@ def colored_pixels(values: np.ndarray, transfer: Transfer) -> np.ndarray:
 
 
 def _opaque(rgb: np.ndarray) -> np.ndarray:
-    found = np.full((*rgb.shape[:2], 4), 255, np.uint8)
-    found[..., :3] = rgb
-    return found
+    pixels = np.full((*rgb.shape[:2], 4), 255, np.uint8)
+    pixels[..., :3] = rgb
+    return pixels
 
 
-# sRGB, of the slices across x, y and z of the grid, and behind them
+# sRGB of the slices across x, y and z of the grid, and of the background
 LINES: tuple[LineColor, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
 BACKGROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
-# seconds that a saved picture waits for a slice
+# longest wait of a saved picture for slices, seconds
 LONGEST = 20.0
 # pixels at a content scale of 1: of lines, and between labels and edges
 LINE, GAP = 1.0, 2.0
@@ -339,7 +338,7 @@ def _link_slices(state: State, document: Document, pane: Pane, place: Place) -> 
 
 
 def _cross(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Stroke]:
-    """Where the two other slices cut one, and its frame."""
+    """Lines where the two other slices cut a slice, and its frame."""
     x, y = pane.place(index, volume)
     left, top, right, bottom = pane.box
     thin = LINE * scale
@@ -350,12 +349,12 @@ def _cross(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> 
 
 
 def _labels(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Sprite]:
-    """The slice's name and number, and letters of directions at its edges."""
+    """Name and number of a slice, and letters of directions at its edges."""
     name = ANATOMY[world_axes(volume)[pane.axis]] if volume.frame else "xyz"[pane.axis]
     left, top, right, bottom = pane.room
     gap, middle = GAP * scale, ((left + right) / 2, (top + bottom) / 2)
     title = _label_at(f"{name} {index[pane.axis]}", (left + gap, top + gap), (0.0, 0.0), scale)
-    found = [title]
+    labels = [title]
     for side, axis in enumerate((pane.across, pane.down)):
         towards = volume.world_from_index[:, axis] * (-1 if pane.back[side] else 1)
         towards = towards / np.linalg.norm(towards)
@@ -365,17 +364,17 @@ def _labels(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) ->
                 edge = ((left + gap, right - gap), (top + gap, bottom - gap))[side][sign > 0]
                 share = (sign + 1) / 2
                 if side == 0:
-                    found.append(_label_at(text, (edge, middle[1]), (share, 0.5), scale))
+                    labels.append(_label_at(text, (edge, middle[1]), (share, 0.5), scale))
                 else:
                     # beside the title in a narrow pane
                     wide = label((text,), scale).shape[1]
                     x = max(middle[0], title.place[2] + gap + wide / 2) if sign < 0 else middle[0]
-                    found.append(_label_at(text, (x, edge), (0.5, share), scale))
-    return found
+                    labels.append(_label_at(text, (x, edge), (0.5, share), scale))
+    return labels
 
 
 def _direction(frame: str | None, towards: np.ndarray) -> str:
-    """Letters of a patient's direction, or the axis of the world that points there."""
+    """Letters of a direction of a patient, or the name of the world axis that points there."""
     if frame:
         return letters(frame, towards)
     axis = int(np.argmax(np.abs(towards)))
@@ -383,7 +382,7 @@ def _direction(frame: str | None, towards: np.ndarray) -> str:
 
 
 def _label_at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
-    """A label with its point at these shares of its size at a place."""
+    """A label at a place. anchor: the point of the label there, in shares of its size."""
     pixels = label((text,), scale)
     high, wide = pixels.shape[:2]
     left, top = round(place[0] - anchor[0] * wide), round(place[1] - anchor[1] * high)
@@ -391,32 +390,32 @@ def _label_at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
 
 
 def slice_outlines(slices: Slices, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:
-    """The slices' edges in the 3-D picture."""
+    """Edges of the slices in the 3-D picture."""
     if not slices.shown:
         return []
     strokes, index, sizes = [], slices.index(volume), volume.shape[::-1]
     for axis in range(3):
-        a, b = (each for each in range(3) if each != axis)
+        a, b = (other for other in range(3) if other != axis)
         corners = np.zeros((4, 3))
         corners[:, axis] = index[axis]
         corners[:, a] = np.array([0, 1, 1, 0]) * sizes[a] - 0.5
         corners[:, b] = np.array([0, 0, 1, 1]) * sizes[b] - 0.5
         points = corners @ volume.world_from_index.T + np.asarray(volume.origin)
         for start, stop in zip(points, np.roll(points, -1, axis=0), strict=True):
-            seen = project_segment(camera, start, stop)
-            if seen is not None:
-                strokes.append(Stroke(*seen, LINES[axis], LINE * scale, scale))
+            ends = project_segment(camera, start, stop)
+            if ends is not None:
+                strokes.append(Stroke(*ends, LINES[axis], LINE * scale, scale))
     return strokes
 
 
 def clip_strokes(strokes: tuple[Stroke, ...], edge: float) -> tuple[Stroke, ...]:
-    """What of strokes is left of an edge, pixels."""
-    found = []
-    for each in strokes:
-        (x, y), (u, v) = sorted((each.start, each.stop))
+    """The strokes left of an edge, pixels; clips those across it."""
+    clipped = []
+    for stroke in strokes:
+        (x, y), (u, v) = sorted((stroke.start, stroke.stop))
         if u <= edge:
-            found.append(each)
+            clipped.append(stroke)
         elif x < edge:
             share = (edge - x) / (u - x)
-            found.append(replace(each, start=(x, y), stop=(edge, y + share * (v - y))))
-    return tuple(found)
+            clipped.append(replace(stroke, start=(x, y), stop=(edge, y + share * (v - y))))
+    return tuple(clipped)

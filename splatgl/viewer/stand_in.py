@@ -1,6 +1,6 @@
-"""What of a volume the window shows: all of it if it fits into memory, else its finest level or means that do.
+"""Stand-ins for volumes that do not fit into memory: coarser levels, or means over blocks.
 
-A stand-in comes at once; what is finer is read behind it.
+A coarse stand-in is shown at once; finer voxels are read in a thread.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.splats import MOST_KEPT
 from splatgl.splat.transfer import Transfer
 
-# voxels that are read and shown at once, of a stand-in at most, and of a level that has coarser ones at most
+# most voxels that are read and shown at once, of a stand-in, and of a level that has coarser ones
 LARGE, STAND_IN, MOST_OF_LEVEL = 1 << 23, 1 << 23, 1 << 28
 # pixels of a window, all samples
 PIXELS = 4 << 20
@@ -25,7 +25,7 @@ PIXELS = 4 << 20
 
 @dataclass(frozen=True, eq=False)
 class StandIn:
-    """What is shown of a volume. told: what that is, "" if it is all. finer: reads what is to replace it, if any.
+    """Visible voxels of a volume. told: description, "" for all voxels. finer: reads the finer ones, if any.
 
     level: its number in a multiscale image, with which the scene is saved; None for others.
     """
@@ -37,7 +37,7 @@ class StandIn:
 
 
 def choose_stand_in(volume: Volume, transfer: Transfer, settings: Settings) -> StandIn:
-    """The portion of a volume to begin with. Its memory is estimated for half of what is free."""
+    """Chooses the first stand-in: the finest level that fits into half of free memory."""
     most = budget()
     if not volume.coarser and _fits(volume, transfer, settings, most):
         return StandIn(volume)
@@ -52,7 +52,7 @@ def choose_stand_in(volume: Volume, transfer: Transfer, settings: Settings) -> S
 
 
 def subsample(volume: Volume, step: int) -> Volume:
-    """Every so many voxels along each axis, plane by plane: a mapped file is read there only."""
+    """Every `step`-th voxel along each axis, plane by plane: of a mapped file, only these are read."""
     color = volume.color
     planes = [np.asarray(volume.samples[z])[::step, ::step] for z in range(0, volume.shape[0], step)]
     x, y, z = volume.spacing
@@ -66,23 +66,23 @@ def subsample(volume: Volume, step: int) -> Volume:
 
 
 def _means(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> StandIn:
-    """Means over blocks of voxels, of labels what most of a block are, as small as fit."""
+    """Means over the smallest blocks of voxels that fit; for labels, the most frequent label of each block."""
     labels = bool(transfer.labels)
-    found, side = halve_volume(volume, labels), 2
-    while not _fits(found, transfer, settings, most) and max(found.shape) >= FEWEST:
-        found, side = halve_volume(found, labels), 2 * side
+    means, side = halve_volume(volume, labels), 2
+    while not _fits(means, transfer, settings, most) and max(means.shape) >= FEWEST:
+        means, side = halve_volume(means, labels), 2 * side
     what = "most frequent labels" if labels else "means"
-    return StandIn(found, f"{what} of {side}^3 voxels: smaller ones need more than {format_bytes(most)}")
+    return StandIn(means, f"{what} of {side}^3 voxels: smaller ones need more than {format_bytes(most)}")
 
 
 def _levels(volume: Volume) -> list[Volume]:
-    """Those of a multiscale image, finest first, each with its coarser ones."""
+    """Levels of a multiscale image, finest first, each with its coarser levels."""
     levels = [volume, *(replace(level, name=volume.name, hints=volume.hints) for level in volume.coarser)]
     return [replace(level, coarser=tuple(levels[number + 1 :])) for number, level in enumerate(levels)]
 
 
 def _level(levels: list[Volume], number: int, finest: int) -> StandIn:
-    """One level, which finer ones replace one by one."""
+    """A level, which finer levels replace one by one."""
     volume, last = levels[number], len(levels) - 1
     told = f"level {number} of {last}, {' x '.join(map(str, volume.shape[::-1]))} voxels" if number else ""
     if number > finest:
@@ -91,7 +91,7 @@ def _level(levels: list[Volume], number: int, finest: int) -> StandIn:
 
 
 def _fits(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> bool:
-    """Whether a volume is shown; a level that has coarser ones only if all of it can be drawn in a moment, too."""
+    """Whether a volume fits; a level with coarser ones must also be drawn quickly."""
     if volume.coarser and volume.count > MOST_OF_LEVEL:
         return False
     bricks = bricks_of(volume, transfer, settings)

@@ -229,12 +229,12 @@ def _triple(point: np.ndarray) -> Triple:
     return float(point[0]), float(point[1]), float(point[2])
 
 
-# depth in front of a perspective eye, in heights of what it shows at depth 1, at which lines are cut off
+# near depth of lines in perspective, in heights of the picture at depth 1
 NEAR = 1e-6
 
 
 def project(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Pixels [N, 2] of world points [N, 3]; NaN of those that are not in front of a perspective eye."""
+    """Pixels [N, 2] of world points [N, 3]; NaN behind a perspective eye."""
     eye = camera.eye_from_points(points)
     depth = np.where(eye[:, 2] > 0, eye[:, 2], np.nan) if camera.perspective else np.ones(len(eye))
     pitch = camera.extent / camera.size[1]
@@ -251,7 +251,7 @@ def pixel_ray(camera: Camera, place: Place) -> tuple[np.ndarray, np.ndarray]:
 
 
 def project_segment(camera: Camera, start: np.ndarray, stop: np.ndarray) -> tuple[Place, Place] | None:
-    """Pixels of a line's ends, of the part of it that is in front of the eye; None if none is."""
+    """Pixels of the ends of the part of a line in front of the eye; None if there is none."""
     ends = np.array([start, stop], np.float64)
     depth = camera.eye_from_points(ends)[:, 2]
     if camera.perspective:
@@ -261,17 +261,17 @@ def project_segment(camera: Camera, start: np.ndarray, stop: np.ndarray) -> tupl
         if depth.min() < least:
             behind = int(depth.argmin())
             share = (least - depth[behind]) / (depth[1 - behind] - depth[behind])
-            # a hair further, so that rounding leaves it in front
+            # slightly further, despite rounding
             ends[behind] += (ends[1 - behind] - ends[behind]) * min(1.0, share * (1 + 1e-9) + 1e-12)
-    found = project(camera, ends)
-    if not np.isfinite(found).all():
+    pixels = project(camera, ends)
+    if not np.isfinite(pixels).all():
         return None
-    return (float(found[0, 0]), float(found[0, 1])), (float(found[1, 0]), float(found[1, 1]))
+    return (float(pixels[0, 0]), float(pixels[0, 1])), (float(pixels[1, 0]), float(pixels[1, 1]))
 
 
 def nearest_on_line(camera: Camera, place: Place, point: np.ndarray, axis: np.ndarray) -> float | None:
-    """The t of the point + t · axis (a unit vector) that is nearest to the ray through a pixel; None where the line is
-    seen end on.
+    """The t at which point + t · axis (a unit vector) is nearest to the ray through a pixel; None for a line seen end
+    on.
     """
     start, direction = pixel_ray(camera, place)
     cosine = float(direction @ axis)

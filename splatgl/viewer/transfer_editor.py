@@ -14,9 +14,9 @@ from splatgl.data.volume import Volume
 from splatgl.splat.statistics import Statistics, statistics
 from splatgl.splat.transfer import Nodes, Transfer
 
-# opacities below this share about as much of the axis as each decade above it
+# opacities up to this take about as much of the axis as each decade above
 FINE = 0.01
-# opacities with numbers along the axis
+# opacities with tick labels
 TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 # points of the drawn line between two nodes
 SAMPLES = 16
@@ -40,8 +40,8 @@ def line(transfer: Transfer, low: float, high: float) -> tuple[np.ndarray, np.nd
     nodes = transfer.points
     ends = ((min(low, nodes[0][0]), nodes[0][1]), *nodes, (max(high, nodes[-1][0]), nodes[-1][1]))
     share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    found = [np.array(start) * (1.0 - share) + np.array(stop) * share for start, stop in pairwise(ends)]
-    values, opacities = np.concatenate(found).T
+    pieces = [np.array(start) * (1.0 - share) + np.array(stop) * share for start, stop in pairwise(ends)]
+    values, opacities = np.concatenate(pieces).T
     if transfer.logarithmic:
         opacities = transfer.opacity(values)
     return np.ascontiguousarray(values), rise(opacities)
@@ -71,7 +71,7 @@ def histogram(stats: Statistics, low: float, high: float, logarithmic: bool = Tr
 
 
 def move_point(nodes: Nodes, index: int, node: tuple[float, float]) -> Nodes:
-    """The nodes with one moved; it stays between its neighbours."""
+    """The nodes with one moved, between its neighbours."""
     low = nodes[index - 1][0] if index else -np.inf
     high = nodes[index + 1][0] if index + 1 < len(nodes) else np.inf
     there = (float(np.clip(node[0], low, high)), float(np.clip(node[1], 0.0, 1.0)))
@@ -91,9 +91,9 @@ def remove_point(nodes: Nodes, index: int) -> Nodes:
 
 # screen units at a content scale of 1: height of the plot, of the strip of colours below it, radius of a point
 HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0
-# heights that the axis of opacities shows: with room for points at its ends
+# range of the axis of opacities, with room for points at its ends
 ROOM = (-0.05, 1.05)
-# colours of the strip
+# number of colours in the strip
 COLORS = 64
 HISTOGRAM, LINE, NODE = (0.36, 0.36, 0.42, 1.0), (1.0, 0.8, 0.3, 1.0), (1.0, 0.9, 0.6, 1.0)
 HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
@@ -108,13 +108,13 @@ class Curve:
         self.logarithmic = True
         self.range = (0.0, 1.0)
         self.bars = (np.zeros(2), np.zeros(1))
-        # whether the axis is to show the whole range
+        # whether to show the whole range in the next frame
         self.fits = True
         self.held: int | None = None
-        # the strip's colours, and what they are of
+        # colours of the strip, and their key
         self.colored: object = None
         self.colors: list[imgui.ImVec4] = []
-        # of the drawn plot: left, top, width, height, screen units
+        # left, top, width and height of the plot, screen units
         self.box = (0.0, 0.0, 1.0, 1.0)
 
     def statistics_of(self, volume: Volume) -> Statistics:
@@ -174,14 +174,14 @@ class Curve:
         pointed, held = None, None
         low, high = self.range
         for number, (value, opacity) in enumerate(points):
-            # what is out of the axis is no target of the mouse
+            # points outside the axis cannot be dragged
             if not low <= value <= high and number != self.held:
                 continue
-            asked = number, value, float(rise(opacity)), NODE, POINT * scale, 0, False, False, False
-            moved, x, y, _, over, down = implot.drag_point(*asked)
+            options = number, value, float(rise(opacity)), NODE, POINT * scale, 0, False, False, False
+            moved, x, y, _, over, down = implot.drag_point(*options)
             pointed, held = (number if over else pointed), (number if down and not ctrl else held)
             if number == self.held and imgui.is_mouse_released(imgui.MouseButton_.left):
-                # the last frame of a drag has a place, too
+                # the release moves the point, too
                 moved, x, y = True, at.x, at.y
             if moved and not ctrl:
                 points = move_point(points, number, (x, fall(y)))
@@ -194,21 +194,21 @@ class Curve:
             return remove_point(points, pointed)
         if hovered and pointed is None and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
             return add_point(points, (at.x, fall(at.y)))[0]
-        told = held if held is not None else pointed
-        if told is not None:
-            imgui.set_tooltip(f"{points[told][0]:.5g}: {points[told][1]:.4g}")
+        shown = held if held is not None else pointed
+        if shown is not None:
+            imgui.set_tooltip(f"{points[shown][0]:.5g}: {points[shown][1]:.4g}")
         elif hovered:
             imgui.set_tooltip(f"{at.x:.4g}: {fall(at.y):.3g}\n{HINT}")
         return points
 
     def _strip(self, transfer: Transfer, high: float) -> None:
-        """The colour of every value, below the plot; worked out where it changes."""
+        """Draws the colours of the values below the plot."""
         key = transfer, self.range
         if key != self.colored:
             low, stop = self.range
             values = low + (np.arange(COLORS) + 0.5) / COLORS * (stop - low)
-            found = srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))
-            self.colored, self.colors = key, [imgui.ImVec4(*(float(each) for each in (*rgb, 1.0))) for rgb in found]
+            colors = srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))
+            self.colored, self.colors = key, [imgui.ImVec4(*(float(part) for part in (*rgb, 1.0))) for rgb in colors]
         pen, top = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos().y
         step = self.box[2] / COLORS
         for number, color in enumerate(self.colors):

@@ -84,7 +84,7 @@ class Window:
         self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window
         # cursor position at the time of an event: a later query may return a newer one
         self.at: Place = self._pixels(*glfw.get_cursor_pos(self.handle))
-        # place and size before it covered the screen
+        # place and size before fullscreen
         self.before: tuple[int, int, int, int] | None = None
         # GLFW reports errors as warnings: failures that matter are checked where they occur
         warnings.simplefilter("ignore", glfw.GLFWError)
@@ -108,7 +108,7 @@ class Window:
 
     @property
     def scale(self) -> float:
-        """Document scale of the display for text, at least 1."""
+        """Content scale of the display, for text, at least 1."""
         return max(1.0, float(self.glfw.get_window_content_scale(self.handle)[1]))
 
     @property
@@ -123,7 +123,7 @@ class Window:
         return bool(self.glfw.window_should_close(self.handle))
 
     def stay(self) -> None:
-        """Takes back the user's request to close the window."""
+        """Cancels the user's request to close the window."""
         self.glfw.set_window_should_close(self.handle, False)
 
     def wait(self, seconds: float) -> None:
@@ -138,7 +138,7 @@ class Window:
         self.glfw.post_empty_event()
 
     def fill(self, whole: bool) -> None:
-        """Covers the screen, or goes back to where the window was."""
+        """Enters or leaves fullscreen."""
         if whole == (self.before is not None):
             return
         monitor = self.glfw.get_primary_monitor() if whole else None
@@ -198,36 +198,36 @@ class Window:
 
 
 def _outlive_display(handle: Any) -> None:
-    """Prints one line and exits with GONE if the X server or the window disappears, instead of Xlib's own exit. Errors
-    of other programs' windows, such as that of a drag's source that ends, are none.
+    """Prints one line and exits with GONE if the X server or the window disappears, instead of Xlib's windows exit.
+    Ignores errors of other windows, such as the source of a drag that ends.
     """
     name = ctypes.util.find_library("X11") if sys.platform.startswith("linux") else None
     if name is None:
         return
     import glfw
 
-    # a GLFW for Wayland has neither, and a window without the other has number 0
+    # GLFW for Wayland has neither function; 0 means no such window
     ways = (getattr(glfw, name, None) for name in ("get_x11_window", "get_glx_window"))
-    own = {way(handle) for way in ways if way is not None} - {0, None}
+    windows = {way(handle) for way in ways if way is not None} - {0, None}
 
     def failed(_: Any, event: int) -> int:
         number = ctypes.string_at(event, CODE + 1)[CODE]
         # nearly always BadWindow (3) or BadDrawable (9)
-        lost = ctypes.c_ulong.from_address(event + RESOURCE).value in own
+        lost = ctypes.c_ulong.from_address(event + RESOURCE).value in windows
         return _gone(f"the window went away (X error {number})") if lost else 0
 
     library = ctypes.CDLL(name)
     lost = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(lambda _: _gone("the display went away"))
-    told = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(failed)
+    handler = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(failed)
     library.XSetIOErrorHandler(lost)
-    library.XSetErrorHandler(told)
-    _kept.extend([lost, told])
+    library.XSetErrorHandler(handler)
+    _kept.extend([lost, handler])
 
 
 # keeps callbacks used by C from being garbage-collected
 _kept: list[Any] = []
 
 
-def _gone(said: str) -> int:
-    os.write(2, f"splatgl: {said}\n".encode())
+def _gone(message: str) -> int:
+    os.write(2, f"splatgl: {message}\n".encode())
     os._exit(GONE)
