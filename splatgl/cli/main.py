@@ -8,8 +8,9 @@ import os
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib import import_module
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
@@ -32,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             return _run(arguments)
         finally:
-            # a reader that is gone is told here, not when Python ends
+            # reports a closed pipe here, not when Python ends
             sys.stdout.flush()
     except BrokenPipeError:
         _discard_output()
@@ -64,16 +65,14 @@ def _run(arguments: list[str]) -> int:
 
 
 def _discard_output() -> None:
-    """Has what is still to be printed go nowhere: Python flushes standard output when it ends, and would complain."""
-    try:
+    """Redirects standard output to nowhere: Python flushes it at the end, and would complain of a broken pipe."""
+    # standard output may be no file
+    with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError):
-        # standard output is no file
-        return
 
 
 def _with_command(arguments: list[str]) -> list[str]:
-    """The arguments; with `view` before a source that stands alone. InputError for no display, or nothing known."""
+    """The arguments, with `view` before a source alone. Raises InputError without a display, and for unknown words."""
     if not arguments or arguments[0] in COMMANDS:
         return arguments
     if arguments[0].startswith("-"):
@@ -100,7 +99,7 @@ def _nearest(word: str, known: Iterable[str]) -> str:
 
 
 def _has_display() -> bool:
-    """Whether the environment names a display; always on macOS and Windows. gl's own is imported with OpenGL."""
+    """Whether the environment names a display; always on macOS and Windows."""
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
@@ -111,17 +110,18 @@ def _command_of(parser: argparse.ArgumentParser, name: str) -> Parser:
 
 
 def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
-    """Ends with what is not understood: the first unknown option, else what there is one of."""
-    option = next((each for each in rest if each.startswith("-")), None)
-    if option is not None:
-        command.error(f"unknown option {option}{_nearest(option, command._option_string_actions)}")
+    """Exits with the first unknown option, else with the surplus operands."""
+    flag = next((word for word in rest if word.startswith("-")), None)
+    if flag is not None:
+        command.error(f"unknown option {flag}{_nearest(flag, command._option_string_actions)}")
     name = command.prog.split()[-1]
     series = "; splatgl animate draws a series" if name in ("render", "view") else ""
-    command.error(f"expected{OPERANDS.get(name, ' no more')}, got also {' '.join(rest)}{series}")
+    operands = COMMANDS[name].operands
+    command.error(f"expected {operands or 'no more'}, got also {' '.join(rest)}{series}")
 
 
 def _refuse_empty(args: argparse.Namespace) -> None:
-    """InputError for an empty argument, such as one from an unset shell variable."""
+    """InputError for an empty argument, such as an unset shell variable."""
     for name, value in vars(args).items():
         if value == "" or (isinstance(value, list) and "" in value):
             raise expected(name, "a name", "nothing", "leave it out, or say what it is")
@@ -136,45 +136,39 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"splatgl {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, prog="splatgl")
-    for name, (about, place) in COMMANDS.items():
-        usage = f"splatgl {name} [options]" + OPERANDS.get(name, "")
-        told = f"{about[0].upper()}{about[1:]}."
-        command = commands.add_parser(name, help=about, description=told, usage=usage)
-        # import and add options for the selected command only
+    for name, row in COMMANDS.items():
+        usage = f"splatgl {name} [options] {row.operands}".rstrip()
+        description = f"{row.help[0].upper()}{row.help[1:]}."
+        command = commands.add_parser(name, help=row.help, description=description, usage=usage)
+        # only the module of this command is imported
         if name in arguments[:1]:
-            module, _, function = place.partition(":")
+            module, _, function = row.place.partition(":")
             getattr(import_module(f"splatgl.cli.{module}"), function or "add_parser")(command)
             if command.is_long:
                 command.add_argument("--help-all", action=HelpAll, help=argparse.SUPPRESS)
     return parser
 
 
-# help of each command, and its module with `add_parser`, or module:function
+class Command(NamedTuple):
+    """A command. place: its module, whose add_parser adds its options, or module:function."""
+
+    help: str
+    place: str
+    operands: str = ""
+
+
 COMMANDS = {
-    "render": ("draw a picture of a volume or a scene", "render"),
-    "view": ("open a window on a volume or a scene", "view"),
-    "animate": ("draw frames or a movie: a turntable, keyframes, or a series in time", "animate"),
-    "compare": ("compare two pictures, or folders of them, and describe the changes", "compare"),
-    "info": ("describe a volume file", "info:add_info_parser"),
-    "presets": ("list transfer functions by name, or draw a volume with each", "presets"),
-    "pyramid": ("write a classified volume with coarser levels that keep thin parts", "pyramid"),
-    "pick": ("print the value and position under a pixel", "pick"),
-    "doctor": ("describe and check the OpenGL of this machine", "info:add_doctor_parser"),
-    "report": ("measure error against run time of every method", "report"),
-    "figure": ("draw a figure of the paper, or check its claims", "figure"),
-    "stress": ("draw extreme scenes, and check the bound of each", "stress"),
-    "explain-splat": ("print the error of each form of splat for one voxel", "explain"),
-}
-# positional arguments by command
-OPERANDS = {
-    "render": " SOURCE",
-    "view": " SOURCE",
-    "animate": " SOURCE… -o OUTPUT",
-    "compare": " ACTUAL EXPECTED",
-    "report": " [SOURCE…]",
-    "info": " SOURCE",
-    "pick": " SOURCE X,Y",
-    "presets": " [SOURCE]",
-    "figure": " N",
-    "explain-splat": " X,Y,Z",
+    "render": Command("draw a picture of a volume or a scene", "render", "SOURCE"),
+    "view": Command("open a window on a volume or a scene", "view", "SOURCE"),
+    "animate": Command("draw frames or a movie: a turntable, keyframes, or a series", "animate", "SOURCE… -o OUTPUT"),
+    "compare": Command("compare pictures or folders, and describe changes", "compare", "ACTUAL EXPECTED"),
+    "info": Command("describe a volume file", "info:add_info_parser", "SOURCE"),
+    "presets": Command("list transfer functions, or draw a volume with each", "presets", "[SOURCE]"),
+    "pyramid": Command("write a classified volume with coarser levels", "pyramid", "SOURCE -o DIR.zarr"),
+    "pick": Command("print the value and position under a pixel", "pick", "SOURCE X,Y"),
+    "doctor": Command("describe and check the OpenGL of this machine", "info:add_doctor_parser"),
+    "report": Command("measure error against run time of every method", "report", "[SOURCE…]"),
+    "figure": Command("draw a figure of the paper, or check its claims", "figure", "N"),
+    "stress": Command("draw extreme scenes, and check the bound of each", "stress"),
+    "explain-splat": Command("print the error of each form of splat for one voxel", "explain", "X,Y,Z"),
 }
