@@ -375,7 +375,7 @@ def test_a_choice_is_an_error_with_what_there_is(here: Path) -> None:
         sg.load("two.npz")
     again = pickle.loads(pickle.dumps(told.value))
     assert isinstance(again, Choice) and str(again) == str(told.value)
-    assert (again.option, [name for name, _ in again.found]) == ("array", ["a", "b"])
+    assert (again.option, [name for name, _ in again.choices]) == ("array", ["a", "b"])
 
 
 @pytest.mark.few(1)
