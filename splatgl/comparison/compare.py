@@ -284,13 +284,10 @@ def find_pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
         raise expected(file, f"a folder like {folder}", "a file", "give two files or two folders")
     if not actual.is_dir():
         return [(str(actual), actual, right)]
-    names_by_folder = {folder: _list_pictures(folder) for folder in (actual, right)}
-    for folder, names in names_by_folder.items():
-        if not names:
+    names: set[str] = set()
+    for folder in (actual, right):
+        files = [path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file()]
+        if not files:
             raise expected(folder, f"pictures ({', '.join(SUFFIXES)})", "none")
-    return [(name, actual / name, right / name) for name in sorted({*names_by_folder[actual], *names_by_folder[right]})]
-
-
-def _list_pictures(folder: Path) -> list[str]:
-    files = (path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
-    return [path.relative_to(folder).as_posix() for path in files]
+        names |= {path.relative_to(folder).as_posix() for path in files}
+    return [(name, actual / name, right / name) for name in sorted(names)]

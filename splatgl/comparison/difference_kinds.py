@@ -44,21 +44,16 @@ def classify_difference(actual: np.ndarray, right: np.ndarray, comparison: Compa
     a, b = (np.asarray(p, np.float32) for p in (actual, right))
     if comparison.peak != 1:
         a, b = a / np.float32(comparison.peak), b / np.float32(comparison.peak)
+    if not a.any() and b.any():
+        return Kind("empty", "empty: every pixel is 0")
     return (
-        _empty(a, b)
-        or _few_pixels(a, b, comparison)
+        _few_pixels(a, b, comparison)
         or _offset(a, b)
         or _global_change(a, b)
         or _noise(a, b)
         or _region(a, b, comparison)
         or Kind("changed", "changed in no way that has a name")
     )
-
-
-def _empty(a: np.ndarray, b: np.ndarray) -> Kind | None:
-    if not a.any() and b.any():
-        return Kind("empty", "empty: every pixel is 0")
-    return None
 
 
 def _few_pixels(a: np.ndarray, b: np.ndarray, comparison: Comparison) -> Kind | None:

@@ -154,11 +154,12 @@ def _side_by_side(**images: Image) -> str:
 def build_page(cases: Sequence[Case], title: str) -> str:
     """The HTML page: counts, then differing cases with images, then a line for each equal case."""
     ranked = sorted(cases, key=lambda c: STATES.index(c.state))
-    counts = {state: sum(c.state == state for c in cases) for state in STATES}
+    numbers = {state: sum(c.state == state for c in cases) for state in STATES}
+    counts = " ".join(f'<b class="{state}">{count} {state}</b>' for state, count in numbers.items() if count)
     css, js = (files("splatgl.comparison").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
     wrong = [c for c in ranked if c.state != "same"]
     parts = [
-        f'<header><h1>{escape(title)}</h1><p class="counts">{_counts(counts)}</p>',
+        f'<header><h1>{escape(title)}</h1><p class="counts">{counts}</p>',
         f"{_controls() if wrong else ''}</header>",
         "<main>",
         *(_section(c, pictured=i < MOST_PICTURED) for i, c in enumerate(wrong)),
@@ -186,10 +187,6 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], classes: Iter
     for cells, name in zip(rows, classes, strict=True):
         lines.append(f"<tr{name and f' class={name}'}>{''.join(f'<td>{escape(cell)}' for cell in cells)}")
     return f"<table{kind and f' class={kind}'}>{''.join(lines)}</table>"
-
-
-def _counts(counts: dict[str, int]) -> str:
-    return " ".join(f'<b class="{state}">{count} {state}</b>' for state, count in counts.items() if count)
 
 
 def _controls() -> str:

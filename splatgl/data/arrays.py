@@ -186,10 +186,11 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
         spacing, direction = spacing_and_direction(scaled, "the layer's transform")
         # levels fill the same box
         start = origin + (scaled - matrix) @ np.full(3, 0.5)
-        # zarr's and HDF5's arrays would be read whole
-        samples = check_samples(
-            data if not lead else data[lead] if _is_view(data) else Transposed(data, lead=lead), "layer"
-        )
+        if lead:
+            # zarr's and HDF5's arrays would be read as a whole
+            is_lazy = isinstance(data, np.ndarray) or type(data).__module__.partition(".")[0] == "dask"
+            data = data[lead] if is_lazy else Transposed(data, lead=lead)
+        samples = check_samples(data, "layer")
         volumes.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
     if kind == "Labels":
         volumes = [replace(volume, labels=()) for volume in volumes]
@@ -212,11 +213,6 @@ def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...
     what = "channel or time" if shape[0] <= CHANNELS else "time"
     fix = f"pick a {what}: array=0 … array={shape[0] - 1}" if count == 1 else "take a volume of its data"
     raise expected("layer", "3 axes [z, y, x]", f"{len(shape)} ({'×'.join(map(str, shape))})", fix)
-
-
-def _is_view(data: Any) -> bool:
-    """Whether indexing the data reads nothing."""
-    return isinstance(data, np.ndarray) or type(data).__module__.partition(".")[0] == "dask"
 
 
 def _hints(x: Any) -> Hints:
@@ -332,14 +328,17 @@ MAX_NAMES = 8
 def of_array(x: Any, options: ArrayOptions) -> Volume:
     """The volume of an array [z, y, x] on a grid of unit spacing."""
     options.no_array("an array")
-    return Volume(check_samples(x), name=_name(x))
+    # the last part of the path in a file
+    is_stored = type(x).__module__.partition(".")[0] in ("h5py", "zarr") and isinstance(x.name, str)
+    return Volume(check_samples(x), name=x.name.strip("/").rpartition("/")[2] if is_stored else "")
 
 
 def check_samples(x: Any, what: str = "array") -> Any:
     """`x` as 3-D samples of real numbers: itself or a view; lists are copied. Raises InputError for anything else."""
     samples = _fill_masked(x) if isinstance(x, np.ma.MaskedArray) else _as_array(x, what)
     if samples.dtype.kind not in "buif":
-        raise expected(what, "real numbers", f"samples of type {samples.dtype}", _real_fix(samples.dtype))
+        fix = "take abs(x), x.real or x.imag" if samples.dtype.kind == "c" else "convert it by x.astype(…)"
+        raise expected(what, "real numbers", f"samples of type {samples.dtype}", fix)
     check_axes(samples.shape, what)
     if not all(isinstance(size, int | np.integer) for size in samples.shape):
         raise expected(what, "sizes that are known", samples.shape, "call x.compute_chunk_sizes()")
@@ -393,15 +392,3 @@ def _fill_masked(x: Any) -> np.ndarray:
         return np.asarray(x.data)
     wide = x.dtype if x.dtype.kind == "f" else np.dtype(np.float32 if x.dtype.itemsize < 4 else np.float64)
     return np.asarray(x.astype(wide).filled(np.nan))
-
-
-def _real_fix(dtype: np.dtype) -> str:
-    """Advice on converting samples of that type to real numbers."""
-    return "take abs(x), x.real or x.imag" if dtype.kind == "c" else "convert it by x.astype(…)"
-
-
-def _name(x: Any) -> str:
-    """The last part of an array's path in its file; "" for arrays without a path."""
-    name = getattr(x, "name", None)
-    inside = type(x).__module__.partition(".")[0] in ("h5py", "zarr")
-    return name.strip("/").rpartition("/")[2] if inside and isinstance(name, str) else ""

@@ -233,7 +233,9 @@ def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
             needed = picture.width * picture.height * DECODED
             require_memory(needed, source.stat().st_size, "draw it smaller", f"{source}: pixels")
             info = provenance(getattr(picture, "text", {}).get(KEYWORD, ""))
-            if picture.format == "PNG" and _png_bits(source) == 16:
+            with source.open("rb") as file:
+                is_deep = picture.format == "PNG" and file.read(25)[24] == 16
+            if is_deep:
                 return _decode_deep(source), info
             return np.asarray(picture if picture.mode == "RGBA" else picture.convert("RGBA")), info
     except InputError:
@@ -245,11 +247,6 @@ def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
 def _check_file(source: Path) -> None:
     if not source.is_file():
         raise InputError(f"{source}: cannot be read: {'a directory' if source.is_dir() else 'no such file'}")
-
-
-def _png_bits(source: Path) -> int:
-    with open(source, "rb") as file:
-        return file.read(25)[24]
 
 
 def _decode_deep(source: Path) -> np.ndarray:

@@ -133,7 +133,10 @@ class Volume:
         object.__setattr__(self, "samples", samples)
         object.__setattr__(self, "spacing", _spacing(self.spacing))
         object.__setattr__(self, "origin", triple(self.origin, "origin"))
-        object.__setattr__(self, "direction", _direction(self.direction))
+        direction = np.array(self.direction, dtype=np.float64)
+        if direction.shape != (3, 3) or not np.isfinite(direction).all() or abs(np.linalg.det(direction)) < 1e-9:
+            raise expected("direction", "an invertible 3×3 matrix", np.asarray(self.direction).tolist())
+        object.__setattr__(self, "direction", direction)
 
     @classmethod
     def of(cls, x: Any, **options: Any) -> Volume:
@@ -303,13 +306,6 @@ def _spacing(value: Sequence[float]) -> Triple:
     if max(spacing) > MOST_OBLONG * min(spacing):
         raise expected("spacing", f"three numbers (x, y, z) within a factor of {MOST_OBLONG:g}", value)
     return spacing
-
-
-def _direction(value: object) -> np.ndarray:
-    direction = np.array(value, dtype=np.float64)
-    if direction.shape != (3, 3) or not np.isfinite(direction).all() or abs(np.linalg.det(direction)) < 1e-9:
-        raise expected("direction", "an invertible 3×3 matrix", np.asarray(value).tolist())
-    return direction
 
 
 # axes with fewer samples are not halved

@@ -240,7 +240,11 @@ def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
     if kind == "file" and path.stat().st_size == 0:
         raise expected("file", "data", "0 bytes", "the file is empty")
     _refuse_options(form, options)
-    start = None if kind == "folder" or "*" in form.starts else _detect_format(path)
+    if kind == "folder" or "*" in form.starts:
+        return
+    with path.open("rb") as file:
+        first = file.read(8)
+    start = next((title for mark, title in _STARTS.items() if first.startswith(mark)), None)
     if start and start not in (*form.starts, form.title):
         fix = "convert it with: nccopy -k nc4 OLD NEW" if start == "NetCDF-3" else "rename or convert the file"
         raise expected("contents", f"{form.title}, as the name says", start, fix)
@@ -254,12 +258,6 @@ def _refuse_options(form: Format, options: LoadOptions) -> None:
     if refused:
         known = ", ".join(("spacing", "values", *form.takes))
         raise expected("options", f"some of {known} for {form.title}", ", ".join(refused))
-
-
-def _detect_format(path: Path) -> str | None:
-    with path.open("rb") as file:
-        first = file.read(8)
-    return next((title for mark, title in _STARTS.items() if first.startswith(mark)), None)
 
 
 ENDINGS = (".label", ".lbl", ".txt")

@@ -43,7 +43,11 @@ def read(path: Path, options: LoadOptions) -> Volume:
     # 1. the images
     contents = find_series(path)
     if not contents.series:
-        return _read_segments(contents, options)
+        several = contents.segments
+        if len(several) > 1:
+            names = ", ".join(head.source.name for head in several[:5])
+            raise expected("DICOM", "one segmentation", f"{len(several)}: {names}", "name one of the files")
+        return dicom_segments.read(several[0].source, several[0].modality, options)
     if options.channel is not None:
         raise expected("channel", "none, for images", options.channel)
     series = select_series(contents.series, options)
@@ -81,15 +85,6 @@ def read(path: Path, options: LoadOptions) -> Volume:
         notes=(*notes, *left, *grid.notes),
         value_unit=group[0].header.value_unit,
     )
-
-
-def _read_segments(contents: Contents, options: LoadOptions) -> Volume:
-    """The labels of the only segmentation or set of contours."""
-    several = contents.segments
-    if len(several) > 1:
-        names = ", ".join(head.source.name for head in several[:5])
-        raise expected("DICOM", "one segmentation", f"{len(several)}: {names}", "name one of the files")
-    return dicom_segments.read(several[0].source, several[0].modality, options)
 
 
 @contextmanager
@@ -247,7 +242,9 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     places = np.array([frame.position for frame in frames])
     along = places @ normal
     order = np.argsort(along, kind="stable")
-    same = np.cumsum(np.append(0, np.diff(along[order]) > _least_distance(along, abs(first.step or 0.0))))
+    apart = np.diff(along[order])
+    least = max(SAME * min(float(apart.max(initial=0)), abs(first.step or 0.0) or np.inf), 1e-4)
+    same = np.cumsum(np.append(0, apart > least))
     by_place = [[frames[order[n]] for n in group] for _, group in groupby(range(len(order)), lambda n: same[n])]
     chosen, notes = _select_images(by_place, options)
     notes += unsized
@@ -286,12 +283,6 @@ def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tupl
     how = f"{step:g} {unit}".strip() + " apart"
     notes = (f"no positions: {len(frames)} images in the order of their numbers, {how}",) if len(frames) > 1 else ()
     return Grid(tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes)
-
-
-def _least_distance(along: np.ndarray, step: float) -> float:
-    """Distance below which two images are at the same place. step: from slice to slice by the header, or 0."""
-    widest = float(np.diff(np.sort(along)).max(initial=0))
-    return max(min(SAME * widest, SAME * (step or np.inf)), 1e-4)
 
 
 def _select_images(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[Frame], tuple[str, ...]]:

@@ -96,7 +96,12 @@ def terrain_from_heights(
     floor = _lowest_levels(tops)
     for level in range(levels):
         np.multiply((tops >= level) & (floor <= level), np.uint8(SOLID), out=samples[level])
-    ground = _tint_heights(parts) if color is None else _resize_color(color, heights.shape)
+    if color is None:
+        stops = np.linspace(0, 1, len(_TINTS))
+        tints = [np.interp(np.nan_to_num(parts), stops, channel) for channel in _TINTS.T]
+        ground = np.rint(np.stack(tints, axis=-1)).astype(np.uint8)
+    else:
+        ground = _resize_color(color, heights.shape)
     # 3. the grid
     relief = relief or RELIEF * max(heights.shape)
     return Volume(
@@ -294,13 +299,6 @@ def _normalize_heights(heights: np.ndarray) -> np.ndarray:
     # halved, so that the range of float64 itself does not overflow
     low, high = float(finite.min()) / 2, float(finite.max()) / 2
     return np.where(np.isfinite(heights), (heights / 2 - low) / ((high - low) or 1.0), np.nan)
-
-
-def _tint_heights(parts: np.ndarray) -> np.ndarray:
-    """Colours uint8 [H, W, 3] by height."""
-    stops = np.linspace(0, 1, len(_TINTS))
-    channels = [np.interp(np.nan_to_num(parts), stops, _TINTS[:, channel]) for channel in range(3)]
-    return np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
 def _resize_color(color: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -157,7 +157,7 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
     starts = dict(zip(kinds, np.cumsum([0, *(len(ends) for _, ends in kinds.values())]).tolist(), strict=False))
     numbers = select_numbers(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
     fans, owners = _fan_polygons(*kinds["Polys"])
-    strips = [_strip_triangles(cell) for cell in np.split(*kinds["Strips"])]
+    strips = [np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1) for cell in np.split(*kinds["Strips"])]
     cells = [owner + starts["Polys"] for owner in owners]
     cells += [np.full(len(strip), starts["Strips"] + n) for n, strip in enumerate(strips)]
     surface = Mesh(points, np.concatenate([np.zeros((0, 3), np.int64), *fans, *strips]))
@@ -220,11 +220,6 @@ def _fan_polygons(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarra
         triangles.append(np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2).reshape(-1, 3))
         owners.append(np.repeat(some, size - 2))
     return triangles, owners
-
-
-def _strip_triangles(cell: np.ndarray) -> np.ndarray:
-    """Triangles [n − 2, 3] of a strip."""
-    return np.stack([cell[:-2], cell[1:-1], cell[2:]], axis=1)
 
 
 # readers by ending

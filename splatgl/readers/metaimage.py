@@ -211,7 +211,9 @@ def _read_data(
         path, start = find_data_file(path, name, anywhere), 0
     # 2. the coding: text, zlib or plain; HeaderSize -1 counts from the end
     if not _flag(fields, "BinaryData", True):
-        return _read_text(path, start, dtype, shape)
+        with path.open("rb") as file, decoder_errors("MetaImage text data"):
+            file.seek(start)
+            return read_text(file, dtype, shape, path.stat().st_size - start)
     skip = _integer(fields, "HeaderSize", 0)
     if skip < -1:
         raise expected("HeaderSize", "-1 (from the end), 0 or more", skip)
@@ -228,12 +230,6 @@ def _dtype(fields: Fields) -> np.dtype:
         raise expected("ElementType", "a MetaImage number type such as MET_SHORT", name)
     big = _flag(fields, "ElementByteOrderMSB", False) or _flag(fields, "BinaryDataByteOrderMSB", False)
     return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
-
-
-def _read_text(path: Path, start: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
-    with path.open("rb") as file, decoder_errors("MetaImage text data"):
-        file.seek(start)
-        return read_text(file, dtype, shape, path.stat().st_size - start)
 
 
 def _flag(fields: Fields, name: str, default: bool) -> bool:

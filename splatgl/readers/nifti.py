@@ -184,7 +184,9 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
     # 3. grid
     unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
     if not (image.header["sform_code"] or image.header["qform_code"]):
-        return Volume(samples, _plain_spacing(image), unit=unit, notes=(UNORIENTED,))
+        # a zoom of zero means unknown
+        zooms = [abs(float(zoom)) or 1.0 for zoom in image.header.get_zooms()[:3]]
+        return Volume(samples, triple(zooms, "pixdim"), unit=unit, notes=(UNORIENTED,))
     spacing, direction = spacing_and_direction(image.affine[:3, :3], "affine")
     return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
 
@@ -215,13 +217,13 @@ def _read_stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray,
 
 def _open(path: Path) -> Any:
     nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
-    if path.name.lower().endswith(".gz"):
-        # gzip errors are reported before nibabel's header errors
-        with decoder_errors("gzip data"), gzip.open(path) as file:
-            file.read(_SNIFF_BYTES)
+    # gzip errors are reported before nibabel's header errors
+    with decoder_errors("gzip data"), gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
+        first = file.read(_SNIFF_BYTES)[:4]
     # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file
+    is_nifti2 = first in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
     with decoder_errors("NIfTI"):
-        form = nibabel.Nifti2Image if _is_nifti2(path) else nibabel.Nifti1Image
+        form = nibabel.Nifti2Image if is_nifti2 else nibabel.Nifti1Image
         header = type("Header", (form.header_class,), {"exts_klass": _NoExtensions})
         reader: Any = type("Image", (form,), {"header_class": header})
         return reader.from_filename(path, mmap="r")
@@ -235,11 +237,6 @@ class _NoExtensions(list[object]):
         return cls()
 
 
-def _is_nifti2(path: Path) -> bool:
-    with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
-        return file.read(4) in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
-
-
 def _check_bytes(path: Path, image: Any) -> None:
     dtype = image.get_data_dtype()
     _check([int(size) for size in image.shape], dtype)
@@ -251,12 +248,6 @@ def _check_bytes(path: Path, image: Any) -> None:
         require_plausible(needed, there)
     else:
         require_bytes(needed, there)
-
-
-def _plain_spacing(image: Any) -> tuple[float, float, float]:
-    """Spacing of an image that states no orientation; zero means unknown."""
-    zooms = [abs(float(zoom)) for zoom in image.header.get_zooms()[:3]]
-    return triple([zoom or 1.0 for zoom in zooms], "pixdim")
 
 
 def _scale(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:

@@ -292,9 +292,16 @@ def _read_data(path: Path, header: Header, start: int, shape: list[int], anywher
     if encoding in ("gzip", "gz"):
         return inflate(path, start, dtype, shape)
     if encoding in ("bzip2", "bz2"):
-        return _bunzip(path, start, dtype, shape)
+        needed = byte_count(shape, dtype)
+        data = bunzip(path, start, needed)
+        if data.size > needed:
+            raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
+        return data.view(dtype).reshape(shape)
     if encoding in _TEXT:
-        return _read_text(path, start, dtype, shape)
+        with path.open("rb") as file, decoder_errors("NRRD text data"):
+            file.seek(start)
+            text = io.BytesIO(file.read().replace(b",", b" "))
+            return read_text(text, dtype, shape, text.getbuffer().nbytes)
     raise expected("encoding", "raw, gzip, bzip2 or text", repr(encoding), "convert the file to gzip")
 
 
@@ -317,21 +324,6 @@ def _skip_lines(path: Path, start: int, lines: int) -> int:
             if not file.readline():
                 raise expected("line skip", "fewer lines than the data file has", lines)
         return file.tell()
-
-
-def _bunzip(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
-    needed = byte_count(shape, dtype)
-    data = bunzip(path, start, needed)
-    if data.size > needed:
-        raise expected("inflated data", f"{needed} bytes", "more", "the header states a wrong size")
-    return data.view(dtype).reshape(shape)
-
-
-def _read_text(path: Path, start: int, dtype: np.dtype, shape: list[int]) -> np.ndarray:
-    with path.open("rb") as file, decoder_errors("NRRD text data"):
-        file.seek(start)
-        text = io.BytesIO(file.read().replace(b",", b" "))
-        return read_text(text, dtype, shape, text.getbuffer().nbytes)
 
 
 def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:

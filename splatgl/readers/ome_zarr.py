@@ -26,7 +26,7 @@ from splatgl.data.affine import (
     value_unit_name,
 )
 from splatgl.data.volume import Hints, Label, Triple, Volume, triple
-from splatgl.errors import Choice, InputError, expected, import_extra
+from splatgl.errors import Choice, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import (
     MOST_CHANNELS,
@@ -461,26 +461,19 @@ def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple,
     datasets = [entry for entry in multiscale["datasets"] if entry["path"].rsplit("/", 1)[-1] == level]
     for owner in (*datasets[:1], multiscale):
         for step in owner.get("coordinateTransformations", ()):
-            values = np.asarray(step.get(step.get("type"), ()), dtype=np.float64)
-            if step.get("type") == "identity":
+            kind = step.get("type")
+            values = np.asarray(step.get(kind, ()), dtype=np.float64)
+            if kind == "identity":
                 continue
-            if values.shape != scale.shape:
-                raise _transform_error(step)
-            if step["type"] == "scale":
-                scale, origin = scale * values, origin * values
-            elif step["type"] == "translation":
-                origin = origin + values
-            else:
-                raise _transform_error(step)
+            if values.shape != scale.shape or kind not in ("scale", "translation"):
+                this = "a scale or translation with one number per axis"
+                raise expected("coordinateTransformations", this, step)
+            scale, origin = (scale * values, origin * values) if kind == "scale" else (scale, origin + values)
     x, y = names.index("x"), names.index("y")
     # a plane is as thick as a pixel is wide
     z = names.index("z") if "z" in names else x
     (sx, sy, sz), (ox, oy, oz) = scale[[x, y, z]].tolist(), origin[[x, y, z]].tolist()
     return (sx, sy, sz), (ox, oy, oz if "z" in names else 0.0)
-
-
-def _transform_error(step: object) -> InputError:
-    return expected("coordinateTransformations", "a scale or translation with one number per axis", step)
 
 
 def _unit(multiscale: Multiscale) -> str:

@@ -12,7 +12,7 @@ from typing import IO
 import numpy as np
 
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, InputError, expected
+from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import decoder_errors, grid_shape, map_array, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions, sample_type
@@ -113,36 +113,18 @@ _DTYPE = re.compile(r"(?<![a-z])(u?int(?:8|16|32|64)|float(?:16|32|64))(le|be)?(
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume mapped from `path`, x fastest. Raises InputError if the byte count differs from shape and type."""
-    dtype = _find_dtype(path, options)
-    shape = grid_shape(options.shape or _shape_from_name(path))
+    kind = options.dtype or "".join(next(iter(_DTYPE.findall(path.name)), ()))
+    sizes = options.shape or next(iter(_SHAPE.findall(path.name)), ())
+    for option, stated, such in (("dtype", kind, "_uint8"), ("shape", sizes, "_128x256x256_")):
+        if not stated:
+            headers = [header for header in (path.with_suffix(".mhd"), path.with_suffix(".nhdr")) if header.is_file()]
+            fix = f"load its header {headers[0].name}" if headers else "give shape=X,Y,Z and dtype=TYPE"
+            error = expected(option, f"one in the name (such as {such}) or as an option", "neither", fix)
+            raise Choice(str(error), option, [("bytes", f"{path.stat().st_size:,}")])
+    dtype, shape = sample_type(kind), grid_shape([int(size) for size in sizes])
     needed, there = options.header_offset + byte_count(shape, dtype), path.stat().st_size
     if needed != there:
         this = f"{needed} bytes ({shape[2]}x{shape[1]}x{shape[0]} {dtype.name} after {options.header_offset})"
         fix = "give the shape=X,Y,Z, dtype=TYPE and header_offset=BYTES that fit"
         raise expected("size", this, f"{there} bytes", fix)
     return Volume(map_array(path, options.header_offset, dtype, shape))
-
-
-def _shape_from_name(path: Path) -> tuple[int, int, int]:
-    match = _SHAPE.search(path.name)
-    if match is None:
-        raise _unknown_error(path, "shape", "_128x256x256_")
-    return int(match[1]), int(match[2]), int(match[3])
-
-
-def _find_dtype(path: Path, options: LoadOptions) -> np.dtype:
-    stated = options.dtype or _DTYPE.search(path.name)
-    if stated is None:
-        raise _unknown_error(path, "dtype", "_uint8")
-    return sample_type(stated if isinstance(stated, str) else stated[0])
-
-
-def _unknown_error(path: Path, option: str, such: str) -> InputError:
-    """The error for a file whose shape or type neither the name nor an option states."""
-    error = expected(option, f"one in the name (such as {such}) or as an option", "neither", _advice(path))
-    return Choice(str(error), option, [("bytes", f"{path.stat().st_size:,}")])
-
-
-def _advice(path: Path) -> str:
-    headers = [header for header in (path.with_suffix(".mhd"), path.with_suffix(".nhdr")) if header.is_file()]
-    return f"load its header {headers[0].name}" if headers else "give shape=X,Y,Z and dtype=TYPE"

@@ -139,14 +139,13 @@ def check_before_decoding(pages: Iterable[Any]) -> None:
         if page is None or page.keyframe.compression not in (_LZW, *_PICTURES):
             continue
         frame = page.keyframe
-        if not isinstance(frame.decode, _CheckedDecoder):
-            frame.decode = _CheckedDecoder(frame.decode, _find_check(frame))
-
-
-def _find_check(frame: Any) -> Callable[[bytes], None]:
-    if frame.compression == _LZW:
-        return partial(check_lzw, reversed_bits=frame.fillorder == 2)
-    return partial(check_picture, rows=int(frame.chunks[0]), columns=int(frame.chunks[1]))
+        if isinstance(frame.decode, _CheckedDecoder):
+            continue
+        if frame.compression == _LZW:
+            check: Callable[[bytes], None] = partial(check_lzw, reversed_bits=frame.fillorder == 2)
+        else:
+            check = partial(check_picture, rows=int(frame.chunks[0]), columns=int(frame.chunks[1]))
+        frame.decode = _CheckedDecoder(frame.decode, check)
 
 
 class _CheckedDecoder:

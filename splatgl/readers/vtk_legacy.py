@@ -241,7 +241,10 @@ def _section(parser: _Parser, words: Words) -> None:
     elif keyword in ("DIMENSIONS", "SPACING", "ASPECT_RATIO", "ORIGIN"):
         parser.grid[keyword] = rest
     elif keyword in ("POINT_DATA", "CELL_DATA"):
-        _start_data(parser, keyword, rest)
+        parser.count, parser.of_points = _whole_numbers(rest[:1], keyword)[0], keyword == "POINT_DATA"
+        points = math.prod(parser.shape())
+        if parser.of_points and parser.count != points:
+            raise expected("POINT_DATA", f"{points} points, as DIMENSIONS say", parser.count)
     elif keyword == "METADATA":
         _skip_metadata(parser.file)
     elif keyword == "FIELD":
@@ -250,13 +253,6 @@ def _section(parser: _Parser, words: Words) -> None:
         parser.values(4 * _whole_numbers(rest[1:2], "LOOKUP_TABLE")[0], "unsigned_char" if parser.binary else "float")
     else:
         _attribute(parser, keyword, rest)
-
-
-def _start_data(parser: _Parser, keyword: str, rest: Words) -> None:
-    parser.count, parser.of_points = _whole_numbers(rest[:1], keyword)[0], keyword == "POINT_DATA"
-    depth, height, width = parser.shape()
-    if parser.of_points and parser.count != depth * height * width:
-        raise expected("POINT_DATA", f"{depth * height * width} points, as DIMENSIONS say", parser.count)
 
 
 def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:

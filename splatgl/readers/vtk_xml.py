@@ -250,14 +250,6 @@ def _inflate_blocks(source: Source, coding: Coding, needed: int) -> np.ndarray:
     return np.frombuffer(out, np.uint8)
 
 
-def _zlib(data: bytes, most: int) -> bytes:
-    return zlib.decompressobj().decompress(data, most)
-
-
-def _lzma(data: bytes, most: int) -> bytes:
-    return lzma.LZMADecompressor(memlimit=MAX_BYTES).decompress(data, most)
-
-
 def _lz4(data: bytes, most: int) -> bytes:
     imagecodecs = import_extra("imagecodecs", "LZ4 data", "imagecodecs", "readers")
     return bytes(imagecodecs.lz4_decode(data, out=most))
@@ -265,9 +257,9 @@ def _lz4(data: bytes, most: int) -> bytes:
 
 # decompressors by VTK's names: (data of a block, most bytes) → at most so many bytes
 COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
-    "vtkZLibDataCompressor": _zlib,
+    "vtkZLibDataCompressor": lambda data, most: zlib.decompressobj().decompress(data, most),
     "vtkLZ4DataCompressor": _lz4,
-    "vtkLZMADataCompressor": _lzma,
+    "vtkLZMADataCompressor": lambda data, most: lzma.LZMADecompressor(memlimit=MAX_BYTES).decompress(data, most),
 }
 
 

@@ -46,13 +46,10 @@ def check_files(path: Path) -> None:
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(Path(entry.path))
                 elif not entry.is_file(follow_symlinks=False):
-                    _check_link(Path(entry.path), root)
-
-
-def _check_link(link: Path, root: Path) -> None:
-    inside = link.is_file() and link.resolve().is_relative_to(root)
-    if not inside:
-        raise expected(link.name, "a file inside the store", "a link, pipe or device", "replace it by the file")
+                    link = Path(entry.path)
+                    if not (link.is_file() and link.resolve().is_relative_to(root)):
+                        fix = "replace it by the file"
+                        raise expected(link.name, "a file inside the store", "a link, pipe or device", fix)
 
 
 # least samples of a chunk, if a store of very many chunks is read in parts
@@ -138,26 +135,16 @@ def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None 
 
 
 def _codec_names(array: Any) -> list[str]:
-    return [_codec_name(codec) for codec in _list_codecs(array)]
-
-
-def _list_codecs(array: Any) -> list[Any]:
-    """All codecs of an array, also inside its shards."""
-    metadata = array.metadata
-    if metadata.zarr_format == 2:
-        return [codec for codec in (*(metadata.filters or ()), metadata.compressor) if codec is not None]
-    all_codecs, waiting = [], list(metadata.codecs)
+    """Names of all codecs of an array, in numcodecs or in format 3, also inside its shards."""
+    metadata, names = array.metadata, []
+    waiting = [*(metadata.filters or ()), metadata.compressor] if metadata.zarr_format == 2 else [*metadata.codecs]
     while waiting:
         codec = waiting.pop()
-        all_codecs.append(codec)
-        waiting += [*getattr(codec, "codecs", ()), *getattr(codec, "index_codecs", ())]
-    return all_codecs
-
-
-def _codec_name(codec: Any) -> str:
-    """The codec's name in numcodecs or in format 3."""
-    name = getattr(codec, "codec_id", None) or codec.to_dict()["name"]
-    return str(name).removeprefix("numcodecs.")
+        if codec is not None:
+            name = getattr(codec, "codec_id", None) or codec.to_dict()["name"]
+            names.append(str(name).removeprefix("numcodecs."))
+            waiting += [*getattr(codec, "codecs", ()), *getattr(codec, "index_codecs", ())]
+    return names
 
 
 def _check_chunk(file: Path, compressor: str, chunk: int) -> None:

@@ -109,9 +109,10 @@ def _grow(sprout: Sprout, rng: np.random.Generator, capsules: list[Capsule], lea
             jitter = rng.normal(0.0, JITTER, 3) * (1.0, 1.0, FLATNESS)
             heading = _turned(place, heading + drift + jitter + OUTWARD * _unit(place - BODY))
             ahead, thinner = place + STEP * heading, radius * branch.taper
-            if not _inside(ahead):
+            if not ((ahead > 4.0) & (ahead < np.array(NERVE_SHAPE[::-1]) - 5.0)).all():
                 break
-            capsules.append(Capsule(place, ahead, (radius, thinner), _light(radius)))
+            # thicker branches contain more dye
+            capsules.append(Capsule(place, ahead, (radius, thinner), 0.6 + 0.3 * min(radius / 3.0, 1.0)))
             if rng.random() < branch.spines and radius < SPINY:
                 capsules.extend(_spine(ahead, heading, radius, rng))
             place, radius, travelled = ahead, thinner, travelled + 1
@@ -125,22 +126,12 @@ def _grow(sprout: Sprout, rng: np.random.Generator, capsules: list[Capsule], lea
                 travelled = 0
 
 
-def _light(radius: float) -> float:
-    """Brightness of a branch: thicker ones contain more dye."""
-    return 0.6 + 0.3 * min(radius / 3.0, 1.0)
-
-
 def _turned(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """A unit heading, bent smoothly towards the middle plane near the top and the bottom."""
     middle, reach = NERVE_SHAPE[0] / 2, NERVE_SHAPE[0] / 2 - MARGIN
     heading = heading - np.array([0.0, 0.0, 0.25]) * np.clip((place[2] - middle) / reach, -1, 1) ** 3
     heading[2] *= 0.97
     return np.asarray(heading / np.linalg.norm(heading))
-
-
-def _inside(place: np.ndarray) -> bool:
-    size = np.array(NERVE_SHAPE[::-1])
-    return bool((place > 4.0).all() and (place < size - 5.0).all())
 
 
 def _fork(heading: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
