@@ -159,10 +159,7 @@ def exceeds_threshold(
 
 
 def exceeds_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) -> np.ndarray:
-    """Where a and b, linear premultiplied [H, W, 4], differ by more than one step of 8-bit samples, bool [H, W].
-
-    worst: [H, W], the largest |a − b| over the channels. peak: full scale.
-    """
+    """bool [H, W]: a and b differ by more than one step of 8-bit samples. worst: [H, W], the largest |a − b|."""
     over = worst > DARK_STEP * peak
     for top in range(0, len(over), STEP_BAND_ROWS):
         band = slice(top, top + STEP_BAND_ROWS)

@@ -42,9 +42,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Checks the options, creates the report folder, registers the collector and, unless another plugin has a fixture
-    of that name, `image_regression`. Raises UsageError for invalid options.
-    """
+    """Checks the options, creates the report folder, registers the collector and the fixture's former name if free."""
     modes = [option for option in (UPDATE, UPDATE_CLASS, ADD) if _option(config, option)]
     if len(modes) > 1:
         raise pytest.UsageError(f"{' and '.join(modes)}: expected one of them")

@@ -134,10 +134,7 @@ def judge(
     names: tuple[str, str] = NAMES,
     mask: np.ndarray | None = None,
 ) -> Verdict:
-    """The verdict on `actual` against `right`. extra: metrics to compute besides those with a limit.
-
-    Raises InputError as `compare` does.
-    """
+    """The verdict on `actual` against `right`, see `compare`. extra: metrics to compute besides those with a limit."""
     limits = Tolerance.of(tolerance)
     comparison = compare(actual, right, limits.threshold, {*extra, *limits.extra}, names, mask)
     checks = _checks(comparison, limits)

@@ -232,10 +232,7 @@ def _unevenness(places: np.ndarray) -> float:
 
 
 def interpolate_planes(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Planes [D, …] at fractional indices, linear between two; NaN (and float32) where the index is NaN.
-
-    Beside a value that is not finite, the nearer plane's value.
-    """
+    """Planes [D, …] at fractional indices: linear, the nearer value beside NaN; an index of NaN gives NaN, float32."""
     empty = np.isnan(places)
     result = np.zeros((len(places), *planes.shape[1:]), np.float32 if empty.any() else planes.dtype)
     for n, place in enumerate(np.where(empty, 0.0, places)):

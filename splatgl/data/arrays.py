@@ -1,7 +1,4 @@
-"""`volume_of`: volumes from arrays and images of other libraries, chosen by the type's module.
-
-Only the library that `x` comes from is imported. Samples are views where the library permits, and stay on disk.
-"""
+"""`volume_of`: volumes from arrays and images of other libraries; samples are views, or stay on disk, if possible."""
 
 from __future__ import annotations
 

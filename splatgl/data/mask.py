@@ -36,9 +36,7 @@ class Mask:
 
     @classmethod
     def of(cls, source: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
-        """Mask of the voxels that are neither 0 nor NaN, or that have one of `labels`. Raises InputError for a label
-        that the volume lacks, and for an empty mask.
-        """
+        """Mask of voxels that are neither 0 nor NaN, or have one of `labels`. Raises InputError for unknown labels."""
         what = f"mask {source.name}".strip()
         # segments that overlap are in several channels
         parts = source.channels if source.channels and all(channel.labels for channel in source.channels) else (source,)
@@ -138,9 +136,7 @@ def parse_mask(text: str) -> tuple[str, tuple[int, ...], bool]:
 
 
 def apply_mask(volume: Volume, mask: Mask) -> Volume:
-    """The volume, its channels and levels with one more mask, and a note on how much is left. Raises InputError if
-    nothing is left.
-    """
+    """The volume with one more mask, and a note on how much is left. Raises InputError if nothing is left."""
     masked = replace(volume, masks=(*volume.masks, mask))
     left = sum(int(masked.kept((z, 0, 0), (z + 1, *volume.shape[1:])).sum()) for z in range(volume.shape[0]))
     what = f"mask {mask.grid.name}".strip()

@@ -314,9 +314,7 @@ def _clip_triangles(corners: np.ndarray, beyond: np.ndarray) -> np.ndarray:
 def _rotate_corners(
     corners: np.ndarray, beyond: np.ndarray, some: np.ndarray, first: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The corners [m, K] of selected triangles, beginning with the one marked by `first`, and the points where the
-    plane crosses the sides from it to the next and to the last corner.
-    """
+    """Corners [m, K] of selected triangles from the `first` on, and where the plane crosses its two sides."""
     numbers = np.flatnonzero(some)
     start = first[numbers].argmax(axis=1)
     order = (start[:, None] + np.arange(3)) % 3

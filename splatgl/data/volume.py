@@ -56,10 +56,7 @@ class Hints:
 
 @dataclass(frozen=True)
 class Label:
-    """A segment of an image: the number of its voxels, its name, and its colour "#rrggbb" (None: any).
-
-    opacity: a factor from 0 to 1; hidden: not shown unless requested.
-    """
+    """A segment: number of its voxels, name, colour "#rrggbb" (None: any), factor of opacity, hidden by default."""
 
     number: int
     name: str = ""

@@ -146,9 +146,7 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
 
 
 def list_volumes(path: str | Path) -> list[str]:
-    """A line for each volume in a file or folder with several (DICOM series, HDF5 datasets); none for other formats,
-    and if it cannot be read.
-    """
+    """A line for each volume in a file or folder with several (DICOM series, HDF5 datasets); [] if unreadable."""
     try:
         with silence_libraries():
             form = None if is_address(path) else _find_format(Path(path))

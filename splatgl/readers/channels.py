@@ -53,9 +53,7 @@ class ChannelSet:
     components: int = 1
 
     def chosen(self, options: LoadOptions) -> list[int | None]:
-        """Numbers of the selected channels; [None]: the file has no more than one. Raises InputError for an unknown
-        name or number, and a Choice if one has to be picked.
-        """
+        """Numbers of the selected channels; [None]: the file has only one. Raises Choice if one has to be picked."""
         count, requested = len(self.channels), options.channel
         if count < 2:
             if isinstance(requested, int) and requested >= self.components:

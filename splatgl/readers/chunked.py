@@ -69,9 +69,7 @@ class Chunked:
         return Extents(counts, self.dtype, tag) if math.prod(counts) <= MOST else None
 
     def extent(self, low: Sequence[int], high: Sequence[int]) -> np.ndarray | None:
-        """Range [2] of all finite samples from low to below high, [0] if none is finite; None if it is unknown before
-        reading.
-        """
+        """Range [2] of the finite samples from low to below high, [0] without any; None if not known yet."""
         touched = (range(a // n, -(-b // n)) for a, b, n in zip(low, high, self.chunks, strict=True))
         return self.extents.of(product(*touched)) if self.extents else None
 

@@ -345,9 +345,7 @@ def _find_gaps(apart: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
 def _resample_planes(
     positions: np.ndarray, along: np.ndarray, frames: Sequence[Frame]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Origin [3] and step [3] of planes at the least distance of uneven slices, their fractional slice numbers, and
-    notes. Raises InputError if there were far more planes than slices.
-    """
+    """Origin [3], step [3], fractional slice numbers and notes of planes at the least distance of uneven slices."""
     apart = np.diff(along)
     least, span = float(apart.min()), float(along[-1] - along[0])
     count = round(span / least) + 1
@@ -487,9 +485,7 @@ def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> 
 
 
 def select_series(candidates: Sequence[Series], options: LoadOptions) -> Series:
-    """The series that `series` names by number, UID or end of a UID, else the largest. Raises InputError for no or
-    several matches.
-    """
+    """The series that `series` names by number, UID or end of a UID, else the largest."""
     if options.series is None:
         return max(candidates, key=lambda candidate: candidate.rank)
     requested = str(options.series)

@@ -47,9 +47,7 @@ class Source:
 
 
 class Bounded:
-    """A file that never reads beyond its end: libraries would allocate buffers of any length that a damaged header
-    states.
-    """
+    """A file that limits reads to its end: libraries allocate buffers of any length that a damaged header states."""
 
     def __init__(self, file: IO[bytes], size: int) -> None:
         self.file, self.size = file, size

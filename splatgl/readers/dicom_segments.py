@@ -225,9 +225,7 @@ def _frame_values(head: Header, selected: Sequence[Frame]) -> Iterator[tuple[Fra
 
 
 def _place_frames(frames: Sequence[Frame], size: tuple[int, int]) -> tuple[Grid, dict[int, list[int]]]:
-    """The grid of frames, and the planes of each frame, by its number: one, or all that its thickness spans if places
-    are not multiples of a step.
-    """
+    """The grid of frames, and the planes by frame number: one, or all that the thickness spans if steps are uneven."""
     first = frames[0]
     assert first.orientation is not None and first.spacing is not None
     axes = np.array(first.orientation).reshape(2, 3)

@@ -1,7 +1,4 @@
-"""Script that reads of an HDF5 file whatever readers/hdf5.py reads, in another process.
-
-HDF5's C library crashes or loops on some damaged files, which no exception handler can catch.
-"""
+"""Script that reads an HDF5 file's metadata in another process: HDF5's C library crashes or loops on damaged files."""
 
 from __future__ import annotations
 

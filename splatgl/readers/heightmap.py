@@ -137,9 +137,7 @@ def read_picture(path: Path, options: LoadOptions) -> Volume:
 
 
 def read_csv(path: Path, options: LoadOptions) -> Volume:
-    """The terrain of a table of comma-separated heights, the first line at the southern edge (y = 0); empty cells and
-    words for no data are holes.
-    """
+    """The terrain of a table of comma-separated heights, the first line at y = 0; empty cells are holes."""
     with decoder_errors("a CSV table of heights"):
         try:
             with path.open(encoding="latin-1") as file:
@@ -232,9 +230,7 @@ def classify_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surve
 
 
 def _is_dark(pixels: np.ndarray) -> bool:
-    """Whether most of a grey picture is a camera's dark noise: in the lowest tenth of the range, and neighbours differ
-    at random. Low land or sea is even or smooth instead.
-    """
+    """Whether most of a grey picture is a camera's dark noise; low land and sea are even or smooth instead."""
     if pixels.ndim != 2 or min(pixels.shape) < DARK_LEAST:
         return False
     values = np.asarray(pixels, np.float64)

@@ -183,10 +183,7 @@ def _ignored_notes(header: Header) -> tuple[str, ...]:
 
 
 def _read_segments(header: Header) -> list[tuple[int, Label]]:
-    """(layer, label) of the segments that 3D Slicer's tags describe.
-
-    In old files without layers, the n-th segment is the n-th layer, with number 1.
-    """
+    """(layer, label) of 3D Slicer's segments; without layers, in old files, the n-th segment is 1 in the n-th layer."""
     labels: dict[tuple[int, int], Label] = {}
     for n in range(MOST_SEGMENTS):
         tags = {
@@ -327,9 +324,7 @@ def _skip_lines(path: Path, start: int, lines: int) -> int:
 
 
 def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """World-from-index [3, 3], origin [3], and notes: from "space directions", else from "spacings", whose sign flips
-    an axis, else from "axis mins" and "axis maxs".
-    """
+    """World-from-index [3, 3], origin [3], notes: from "space directions", else "spacings", else "axis mins, maxs"."""
     origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), dtype=np.float64)
     origin = np.where(np.isfinite(origin), origin, 0.0)[:3]
     directions = header.get("space directions")

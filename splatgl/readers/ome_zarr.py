@@ -83,10 +83,7 @@ def _find_scale(group: Any, name: str, size: int) -> Any:
 
 
 def read_packing(node: Any) -> Packing | None:
-    """The packing in CF's attributes of an array, as xarray writes them; None if the numbers are values.
-
-    The missing value is an attribute, or the array's fill value in format 2.
-    """
+    """The packing in an array's CF attributes, as xarray writes them, or None; format 2 has a fill value instead."""
     attributes = node.attrs.asdict()
     scale, offset, fill, missing = (
         _parse_number(attributes.get(name)) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")

@@ -109,9 +109,7 @@ class Remote:
         return self.folder
 
     def renew(self, names: Sequence[str]) -> list[bytes | None]:
-        """The current contents of metadata files, None for missing ones. If any changed, the copied chunks are outdated
-        and removed.
-        """
+        """The current contents of metadata files, None for missing ones; changes remove all outdated copies."""
         before = {name: _read(self.path(name)) for name in names}
         after = self._asked(names)
         self.metadata |= after

@@ -97,9 +97,7 @@ MOST_LISTED = 6
 
 
 def select_image(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
-    """(index in tiff.series, notes) of the selected image: by its number from 1 on or name in `series`, else the stack
-    with the most voxels. Raises InputError for an unknown number or name.
-    """
+    """(index in tiff.series, notes) of the image that `series` names or numbers from 1 on, else the largest stack."""
     images = list(tiff.series)
     if not images:
         raise expected("TIFF", "one image at least", "none in its pages")

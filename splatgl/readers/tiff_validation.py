@@ -27,10 +27,7 @@ _OME_COUNTS = ("IFD", "NumPlanes", "PlaneCount", "FirstC", "FirstT", "FirstZ", "
 
 
 def check_chain(path: Path) -> None:
-    """Raises InputError for pages that form a cycle, overlap, or share the values of their tags.
-
-    Truncated files are left to the decoder, which reports what is missing.
-    """
+    """Raises InputError for pages that form a cycle, overlap, or share tag values; the decoder reports truncation."""
     size = path.stat().st_size
     with path.open("rb") as file:
         layout = _read_layout(file.read(16))

@@ -78,10 +78,7 @@ def balls() -> Volume:
 
 
 def sinusoids(ratio: int = 1) -> Volume:
-    """A product of sinusoids: float32, 48×48 samples in slices about `ratio` times as far apart as they are.
-
-    Raises InputError for a ratio that leaves less than two slices.
-    """
+    """A product of sinusoids: float32, 48×48 samples in at least two slices about `ratio` steps apart."""
     if not 1 <= ratio <= SIZE // 2:
         raise expected("ratio", f"a number from 1 to {SIZE // 2}", ratio)
     return _sampled("sinusoids" if ratio == 1 else f"sinusoids-{ratio}", SIZE, ratio, ((0.5, 0.0), (0.8, 0.5)))

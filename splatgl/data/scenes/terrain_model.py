@@ -138,9 +138,7 @@ def _fractal(rng: np.random.Generator, longest: float, power: float = 1.1) -> np
 
 
 def _floor(surface: np.ndarray) -> np.ndarray:
-    """The lowest plane [y, x] to fill: SKIN below the lowest of nine columns, so that no ray passes through;
-    0 at the four borders, so that the terrain is a block.
-    """
+    """The lowest plane [y, x] to fill: SKIN below the lowest of nine columns, against gaps; 0 at the four borders."""
     padded = np.pad(surface, 1, constant_values=0.0)
     rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
     lowest = np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
