@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.annotations.text import plain
+from splatgl.annotations.text import load_font, plain
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.splat.camera import Camera
@@ -231,7 +231,7 @@ def ink_on(light: np.ndarray) -> Color:
 @lru_cache(maxsize=1024)
 def text_size(text: str, em: int, edge: int) -> tuple[int, int]:
     """Width and height of a line of text with its halo; em: font height."""
-    return int(np.ceil(_font(em).getlength(readable(text)))) + 2 * edge, em + 2 * edge + 2
+    return int(np.ceil(load_font(em).getlength(readable(text)))) + 2 * edge, em + 2 * edge + 2
 
 
 @lru_cache(maxsize=256)
@@ -243,7 +243,7 @@ def _text_patch(text: str, em: int, edge: int, ink: Color, halo: Color) -> np.nd
         mask, pen = _canvas(width, height)
         # the baseline is the same for all text
         at = (edge, edge + round(0.8 * em))
-        pen.text(at, readable(text), font=_font(em), fill=255, stroke_width=stroke, anchor="ls")
+        pen.text(at, readable(text), font=load_font(em), fill=255, stroke_width=stroke, anchor="ls")
         cover = np.asarray(mask, np.float32)[..., None] / 255 * share
         patch = patch * (1 - cover) + cover * np.array([*paint, 1.0], np.float32)
     return patch
@@ -261,13 +261,6 @@ def _canvas(width: int, height: int) -> tuple[Any, Any]:
 
     mask = Image.new("L", (width, height))
     return mask, ImageDraw.Draw(mask)
-
-
-@lru_cache(maxsize=8)
-def _font(height: int) -> Any:
-    from PIL import ImageFont
-
-    return ImageFont.load_default(height)
 
 
 def near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.ndarray) -> np.ndarray:

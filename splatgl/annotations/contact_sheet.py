@@ -5,10 +5,10 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from splatgl.annotations.text import load_font
 from splatgl.data.color import srgb_from_linear
 
 # sizes in sheet pixels: gap between panels, outer margin, text height, and room for the caption below a panel
@@ -48,7 +48,7 @@ def sheet(rows: Sequence[Sequence[Panel]]) -> np.ndarray:
     width = max(sum(p.shown.shape[1] + GAP for p in row) - GAP for row in rows) + 2 * MARGIN
     height = sum(max(p.shown.shape[0] for p in row) + ROOM + GAP for row in rows) - GAP + 2 * MARGIN
     page = Image.new("RGB", (width, height), WHITE)
-    pen, font = ImageDraw.Draw(page), _font()
+    pen, font = ImageDraw.Draw(page), load_font(TEXT)
     letters = iter("abcdefghijklmnop")
     top = MARGIN
     for row in rows:
@@ -75,9 +75,3 @@ def encoded(page: np.ndarray, about: str, maker: str) -> bytes:
     info.add_text("Software", maker)
     Image.fromarray(page).save(buffer, "PNG", pnginfo=info)
     return buffer.getvalue()
-
-
-def _font() -> Any:
-    from PIL import ImageFont
-
-    return ImageFont.load_default(TEXT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ MOST = 1000.0
 PERSPECTIVE = "at the centre's depth"
 
 
-@dataclass(frozen=True)
-class Scale:
+class Scale(NamedTuple):
     """pixels: the bar's length; label: the world length."""
 
     pixels: float

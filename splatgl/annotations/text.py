@@ -18,10 +18,10 @@ Box = tuple[float, float, float, float]
 @lru_cache(maxsize=64)
 def label(lines: tuple[str, ...], scale: float = 1.0) -> np.ndarray:
     """uint8 [h, w, 4], sRGB, straight alpha; equal texts are one array."""
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image, ImageDraw
 
     height, pad = round(HEIGHT * scale), round(PAD * scale)
-    font, step = ImageFont.load_default(height), round(height * LABEL_LEADING)
+    font, step = load_font(height), round(height * LABEL_LEADING)
     texts = [plain(line) for line in lines]
     wide = int(np.ceil(max(map(font.getlength, texts), default=0.0))) + 2 * pad
     picture = Image.new("RGBA", (wide, step * len(texts) + 2 * pad), LABEL_PAPER)
@@ -145,7 +145,7 @@ def _fitted(text: Text, size: tuple[int, int], scale: float) -> Block:
 @lru_cache(maxsize=32)
 def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
     """Lines in columns of equal length; tabs separate cells within a column."""
-    font, pad = _font(round(height)), max(1, round(PADDING * height / FONT))
+    font, pad = load_font(round(height)), max(1, round(PADDING * height / FONT))
     step, per = round(height * LEADING), -(-len(lines) // count)
     cells: list[tuple[str, float, int]] = []
     right = 0.0
@@ -175,14 +175,15 @@ def _letters(line: str, height: int) -> Any:
     """Coverage of a line's glyphs."""
     from PIL import Image, ImageDraw
 
-    font = _font(height)
+    font = load_font(height)
     letters = Image.new("L", (int(font.getlength(line)) + 2, round(height * LEADING)))
     ImageDraw.Draw(letters).text((0, 0), line, font=font, fill=255)
     return letters
 
 
 @lru_cache(maxsize=8)
-def _font(height: int) -> Any:
+def load_font(height: int) -> Any:
+    """Pillow's built-in font."""
     from PIL import ImageFont
 
     return ImageFont.load_default(height)

@@ -56,6 +56,9 @@ class Method:
         return chosen.but(**self.changes)
 
 
+Methods = tuple[Method, ...]
+
+
 @dataclass(frozen=True)
 class Axis:
     """Methods of one varied quantity. truths: of its diagrams; connected: whether a line joins the methods.
@@ -66,7 +69,7 @@ class Axis:
 
     name: str
     about: str
-    methods: tuple[Method, ...]
+    methods: Methods
     truths: tuple[str, ...] = DRAWING
     connected: bool = True
     fronts: tuple[str, ...] | None = None
@@ -105,18 +108,17 @@ def axis_of(name: str) -> Axis:
     return next(axis for axis in AXES.values() if any(method.name == name for method in axis.methods))
 
 
-def _variants(
-    name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ...], **others: Any
-) -> tuple[Method, ...]:
-    """A method per value of a setting."""
+def _variants(name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ...] = (), **others: Any) -> Methods:
+    """A method per value of a setting. quick: values that --quick includes, all if empty."""
     variants = []
     for value in values:
         text = f"{value:g}" if isinstance(value, float) else str(value)
-        variants.append(Method(f"{name} {text}", {**others, key: value}, text, quick=value in quick))
+        is_quick = not quick or value in quick
+        variants.append(Method(f"{name} {text}", {**others, key: value}, text, quick=is_quick))
     return tuple(variants)
 
 
-def _sampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) -> tuple[Method, ...]:
+def _sampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) -> Methods:
     """A method per number of samples along an axis of a pixel."""
     variants = []
     for k in counts:
@@ -127,7 +129,8 @@ def _sampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) 
 
 
 DEFAULT, EXACT, PAPER, PAPER_FLOAT = "default", "exact", "paper 1998", "paper, 32 bits"
-register(
+SAMPLES, SIZES, QUICK_SIZES = (1, 2, 4), (32, 64, 128, 256, 512), (32, 128, 512)
+for _axis in (
     Axis(
         "default",
         "what settings on auto draw: sheets, classified after reconstruction where the scene allows it, k×k samples",
@@ -135,9 +138,7 @@ register(
         FILTERING,
         connected=False,
         apart=True,
-    )
-)
-register(
+    ),
     Axis(
         "settings",
         "the practical settings of 1998, and the splats that are drawn exactly",
@@ -148,17 +149,13 @@ register(
         ),
         ALL,
         connected=False,
-    )
-)
-register(
+    ),
     Axis(
         "form",
         "the footprint's form: one plane or direction for all, or the ray's own",
         tuple(Method(name, {"align": name}, name) for name in ("grid", "ray")),
         connected=False,
-    )
-)
-register(
+    ),
     Axis(
         "hybrid",
         "ray-perpendicular up to z_s, grid-aligned beyond",
@@ -166,37 +163,27 @@ register(
             Method(f"z_s {share:.0%}", {"align": "hybrid"}, f"{share:.0%}", z_s_share=share, quick=share == 0.5)
             for share in (0.25, 0.5, 0.75)
         ),
-    )
-)
-register(
+    ),
     Axis(
         "hybrid by tolerance",
         "z_s taken from --tolerance",
         _variants("hybrid", "tolerance", (1e-1, 1e-2, 1e-3), (1e-2,), align="hybrid"),
-    )
-)
-register(
+    ),
     Axis(
         "table",
         "texels along each side of a footprint texture, exact",
-        _variants("table", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), footprint="table", align="exact"),
-    )
-)
-register(
+        _variants("table", "table_size", SIZES, QUICK_SIZES, footprint="table", align="exact"),
+    ),
     Axis(
         "table bits",
         "bits a texel of 256×256, exact",
-        _variants("bits", "table_bits", (8, 16), (8, 16), footprint="table", align="exact"),
-    )
-)
-register(
+        _variants("bits", "table_bits", (8, 16), footprint="table", align="exact"),
+    ),
     Axis(
         "radial",
         "entries of a table over the squared distance, exact",
-        _variants("radial", "table_size", (32, 64, 128, 256, 512), (32, 128, 512), align="exact"),
-    )
-)
-register(
+        _variants("radial", "table_size", SIZES, QUICK_SIZES, align="exact"),
+    ),
     Axis(
         "kernel",
         "another kernel, against its own truths: not on their fronts, since it is another picture",
@@ -204,27 +191,21 @@ register(
         ("reference", "field"),
         connected=False,
         fronts=("field",),
-    )
-)
-register(
+    ),
     Axis(
         "attenuation",
         "what weakens beyond z_k",
-        _variants("attenuation", "attenuation", ("opacity", "optical-depth"), ("opacity", "optical-depth")),
+        _variants("attenuation", "attenuation", ("opacity", "optical-depth")),
         FILTERING,
         connected=False,
-    )
-)
-register(
+    ),
     Axis(
         "antialiasing off",
         "a sample in the middle of each pixel",
         (Method("no antialiasing", {"antialias": "off"}, "off"),),
         FILTERING,
         connected=False,
-    )
-)
-register(
+    ),
     Axis(
         "supersampling",
         "k×k samples a pixel, instead of antialiased splats",
@@ -233,82 +214,53 @@ register(
             for k in (2, 3, 4, 6, 8)
         ),
         FILTERING,
-    )
-)
-register(
-    Axis(
-        "target",
-        "the frame buffer's numbers",
-        _variants("target", "target", ("rgba16f", "rgba8"), ("rgba16f", "rgba8")),
-        connected=False,
-    )
-)
-register(
-    Axis(
-        "technique",
-        "quads instead of tiles",
-        (Method("quads", {"technique": "quads"}, "quads"),),
-        connected=False,
-    )
-)
-register(
+    ),
+    Axis("target", "the frame buffer's numbers", _variants("target", "target", ("rgba16f", "rgba8")), connected=False),
+    Axis("technique", "quads instead of tiles", (Method("quads", {"technique": "quads"}, "quads"),), connected=False),
     Axis(
         "occlusion",
         "no tile ends before its list",
         (Method("no occlusion", {"occlusion": "off"}, "no occlusion"),),
         connected=False,
-    )
-)
-register(
-    Axis(
-        "tolerance",
-        "what --tolerance asks for",
-        _variants("tolerance", "tolerance", (1e-1, 1e-2, 1e-3, 1e-4), (1e-1, 1e-2, 1e-3, 1e-4)),
-    )
-)
-register(
+    ),
+    Axis("tolerance", "what --tolerance asks for", _variants("tolerance", "tolerance", (1e-1, 1e-2, 1e-3, 1e-4))),
     Axis(
         "threshold",
         "voxels below that opacity left out",
         tuple(Method(f"threshold {t:g}", {}, f"{t:g}", threshold=t) for t in (0.01, 0.03, 0.1)),
         ALL,
-    )
-)
-register(
+    ),
     Axis(
         "preview",
         "voxels joined 2×2×2, and again: what a window draws while it moves",
         tuple(Method(f"preview 1/{2**n}", {}, f"1/{2**n}", coarse=n) for n in (1, 2)),
         ALL,
-    )
-)
-register(
+    ),
     Axis(
         "sheets",
         "splats add up within as many sheets, which composite; classified before",
         tuple(Method(f"sheets {n}", {"compositing": "sheets", "sheets": n}, str(n), quick=n == 3) for n in (2, 3, 4)),
         ("integral", "field"),
         apart=True,
-    )
-)
-for _kernel in ("b-spline", "crawfis-max"):
-    register(
+    ),
+    *(
         Axis(
-            f"post {_kernel}",
+            f"post {kernel}",
             "classified after reconstruction, in sheets; at one and at k×k samples a pixel",
-            _sampled(f"post {_kernel}", (1, 2, 4), classification="post", kernel=_kernel),
+            _sampled(f"post {kernel}", SAMPLES, classification="post", kernel=kernel),
             ("field",),
             apart=True,
         )
-    )
-register(
+        for kernel in ("b-spline", "crawfis-max")
+    ),
     Axis(
         "peers",
         "VTK's ray casters, two samples a voxel; they classify what they interpolate (with --peers)",
-        (*_sampled("VTK, CPU", (1, 2, 4), peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
+        (*_sampled("VTK, CPU", SAMPLES, peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
         FILTERING,
         connected=False,
         fronts=("field",),
         apart=True,
-    )
-)
+    ),
+):
+    register(_axis)
