@@ -115,7 +115,8 @@ def parsed(text: str) -> tuple[str, ...]:
 
 def check(annotate: Sequence[str]) -> tuple[str, ...]:
     """The annotations. Raises InputError for an unknown one, a repeated one, and a title without text."""
-    known = ", ".join(f"{row.name}=TEXT" if row.example else row.name for row in ANNOTATIONS.values())
+    rows = sorted(ANNOTATIONS.values(), key=lambda row: bool(row.example))
+    known = ", ".join(f"'{row.name}=TEXT'" if row.example else row.name for row in rows)
     if isinstance(annotate, str) or not all(isinstance(text, str) for text in annotate):
         raise expected("annotate", f"a list of names: {known}", repr(annotate)[:80])
     names = []
