@@ -6,7 +6,7 @@ import argparse
 
 from splatgl.animation.animation import FRAMES, FULL_TURN, Animation, Frames, draw_frames
 from splatgl.animation.movie import need, write_movie
-from splatgl.cli.options import add_drawing, add_source, add_workers, asked, drawing_of, scene_from
+from splatgl.cli.options import add_drawing, add_source, add_workers, drawing_of, scene_from, uses_workers
 from splatgl.errors import expected
 from splatgl.fileio import check_source
 from splatgl.options import numbers
@@ -60,7 +60,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Renders the requested frames that do not exist yet; returns 0."""
     _check(args)
-    on_workers = asked(args)
+    on_workers = uses_workers(args)
     animation = Animation.of(scene_from(args), args)
     frames = Frames.at(args.output, animation.mark)
     if frames.movie:

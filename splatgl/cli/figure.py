@@ -23,12 +23,12 @@ KNOWN = sorted([*FIGURES, *PICTURES])
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl figure`."""
     names = " ".join(map(str, KNOWN))
-    parser.add_argument("number", metavar="N", help=f"{names}, or claims: all of the paper's claims, tried")
+    parser.add_argument("number", metavar="N", help=f"{names}, or claims: checks all claims of the paper")
     add_pictures(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help="picture to write, .png or .svg (default: figureN.png)")
-    parser.add_argument("--csv", metavar="FILE", help="write the numbers; no picture, unless --output is given too")
+    parser.add_argument("-o", "--output", metavar="FILE", help=".png or .svg to write (default figureN.png)")
+    parser.add_argument("--csv", metavar="FILE", help="write the numbers; no picture without --output")
     parser.add_argument(
-        "--text", "--numbers", action="store_true", help="print what it shows; no picture, unless --output is given"
+        "--text", "--numbers", action="store_true", help="print the numbers; no picture without --output"
     )
     parser.set_defaults(run=run)
 

@@ -155,23 +155,23 @@ def _refuse_many(args: argparse.Namespace) -> None:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of who draws."""
+    """Adds the options of worker processes."""
     group = group_of(parser, WORKERS)
     group.add_argument("--workers", type=int, metavar="N", help="draw in N processes of this machine")
     group.add_argument("--scheduler", metavar="ADDRESS", help="draw with the workers of a Dask scheduler, tcp://…:8786")
     group.add_argument("--devices", type=_devices, metavar="N,…", help="EGL devices of the workers, in turn")
 
 
-def asked(args: argparse.Namespace) -> bool:
-    """Whether workers are to draw. InputError for options that exclude each other."""
+def uses_workers(args: argparse.Namespace) -> bool:
+    """Whether workers draw. Raises InputError for options that exclude each other."""
     if args.workers is not None and args.scheduler is not None:
         raise expected("--workers", "either it or --scheduler", "both")
     if args.devices and args.device is not None:
         raise expected("--devices", "either it or --device", "both")
-    found = args.workers is not None or args.scheduler is not None
-    if args.devices and not found:
+    has_workers = args.workers is not None or args.scheduler is not None
+    if args.devices and not has_workers:
         raise expected("--devices", "--workers or --scheduler beside it", "neither")
-    return found
+    return has_workers
 
 
 def drawing_of(args: argparse.Namespace) -> Drawing:
@@ -183,7 +183,7 @@ def drawing_of(args: argparse.Namespace) -> Drawing:
 
 
 def _devices(text: str) -> tuple[int, ...]:
-    found = text.split(",")
-    if not all(each.isdecimal() for each in found):
+    numbers = text.split(",")
+    if not all(number.isdecimal() for number in numbers):
         raise argparse.ArgumentTypeError(f"expected numbers separated by commas, got {text!r}")
-    return tuple(map(int, found))
+    return tuple(map(int, numbers))

@@ -16,18 +16,18 @@ from splatgl.cli.options import (
     ANNOTATE,
     add_drawing,
     add_option,
+    add_options,
     add_source,
     add_workers,
-    asked,
     group_of,
     scene_from,
+    uses_workers,
 )
 from splatgl.cli.output import summary
 from splatgl.data.image import MAPS, SAVED, Image, save_map
 from splatgl.data.image_files import require_library
-from splatgl.errors import InputError, expected
-from splatgl.fileio import check_output, check_source, parse_bytes
-from splatgl.options import ACCURACY, SPEED, whole
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source
 from splatgl.scene.background import requested_background
 from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, annotations_of, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
@@ -104,16 +104,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--depth-at", type=depth_at, metavar="SHARE|max|min", help=about)
     about = "compare with this picture; write only if it differs, and exit with 1"
     output.add_argument("--ref", metavar="FILE", help=about)
-    accuracy = group_of(parser, ACCURACY)
-    about = "number of rows to compare with float64 (0: none; default: some squares, with --field or without a bound)"
-    accuracy.add_argument("--check", type=whole(0).parse, metavar="ROWS", help=about)
-    about = "also compare some of these pixels with the field that the picture stands for"
-    accuracy.add_argument("--field", action="store_true", help=about)
-    accuracy.add_argument("--explain", action="store_true", help="print what is drawn, what is left out, and why")
-    speed = group_of(parser, SPEED)
-    speed.add_argument("--savings", action="store_true", help="also measure the time saved by each skipped step")
-    about = "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)"
-    speed.add_argument("--memory", type=_bytes, metavar="SIZE", help=about)
+    add_options(parser, DrawOptions)
     add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)
@@ -121,7 +112,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
-    on_workers, file = asked(args), scene_from(args)
+    on_workers, file = uses_workers(args), scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     _check_outputs(args, output, file)
     names = annotations_of(args.annotate, file, args.ref)
@@ -195,13 +186,6 @@ def _draw_on_workers(args: argparse.Namespace, scene: OpenScene) -> Image:
     if not image.info["splats"]:
         raise scene.nothing_visible()
     return image
-
-
-def _bytes(text: str) -> int:
-    try:
-        return parse_bytes(text)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error).removeprefix("memory: ")) from None
 
 
 def _reference(name: str, output: Path) -> Picture:

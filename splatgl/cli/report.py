@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl import __version__
-from splatgl.cli.options import add_backend, add_workers, asked, drawing_of
+from splatgl.cli.options import add_backend, add_workers, drawing_of, uses_workers
 from splatgl.comparison.metrics import require_flip
 from splatgl.data.scenes import FORMULAS
 from splatgl.data.volume import Volume, halve_volume
@@ -51,18 +51,18 @@ MAX_SIZE, MAX_ROUNDS = 16384, 10_000
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl report`."""
-    parser.add_argument("sources", nargs="*", metavar="SOURCE", help="scenes, volume files, scene.toml (the paper's)")
-    parser.add_argument("-o", "--output", metavar="DIR", default="report", help="folder to write into (report)")
+    parser.add_argument("sources", nargs="*", metavar="SOURCE", help="built-in scenes, files, scene.toml (the paper's)")
+    parser.add_argument("-o", "--output", metavar="DIR", default="report", help="folder to write into (default report)")
     level = parser.add_mutually_exclusive_group()
-    level.add_argument("--quick", action="store_true", help="under a minute: small pictures, coarse volumes")
-    level.add_argument("--full", action="store_true", help="everything as it is, however long it takes")
-    parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="these methods or axes")
-    parser.add_argument("--peers", action="store_true", help="VTK's ray casters too (extra bench)")
-    parser.add_argument("--size", type=int, metavar="N", help="pixels of a picture's side (by the level)")
-    parser.add_argument("--rounds", type=int, metavar="N", help="how often each method is timed (by the level)")
-    parser.add_argument("--resume", action="store_true", help="go on with what is in DIR")
-    parser.add_argument("--list", action="store_true", help="tell what methods there are, and draw nothing")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
+    level.add_argument("--quick", action="store_true", help="small pictures and coarse volumes, in under a minute")
+    level.add_argument("--full", action="store_true", help="full pictures and volumes, however long they take")
+    parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="only these")
+    parser.add_argument("--peers", action="store_true", help="also measure the ray casters of VTK (extra bench)")
+    parser.add_argument("--size", type=int, metavar="N", help="pixels along each side of a picture")
+    parser.add_argument("--rounds", type=int, metavar="N", help="number of timings of each method")
+    parser.add_argument("--resume", action="store_true", help="continue with the results in DIR")
+    parser.add_argument("--list", action="store_true", help="list the methods, and draw nothing")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar and no summary")
     add_workers(parser)
     add_backend(parser)
     parser.set_defaults(run=run)
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         print(listed())
         return 0
-    asked(args)
+    uses_workers(args)
     level = _level(args)
     known = {*methods(), *AXES}
     for name in args.only:
@@ -112,7 +112,7 @@ def _measure(args: argparse.Namespace, level: Level, sources: list[str], folder:
         if not args.resume:
             _delete_truths(folder / TRUTHS_FOLDER)
         task = Task(level, tuple(args.only), args.peers, _has_flip(), folder / TRUTHS_FOLDER)
-        if asked(args):
+        if uses_workers(args):
             _prepare(args, renderer, sources, scenes, task)
         try:
             with _progress(task.steps(len(scenes)), args.quiet) as tick:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.cli.options import add_workers, asked, drawing_of
+from splatgl.cli.options import add_workers, drawing_of, uses_workers
 from splatgl.errors import expected
 from splatgl.fileio import check_folder, check_output, write_file
 from splatgl.studies.stress import CASES, run_case
@@ -27,15 +27,15 @@ FEW = 3
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl stress`."""
-    parser.add_argument("--case", nargs="+", action="extend", metavar="NAME", help="only these; all of their checks")
-    parser.add_argument("--list", action="store_true", help="format_line what cases there are, and draw nothing")
-    parser.add_argument("--explain", metavar="NAME", help=f"a page on one case; in depth: {', '.join(PAGES)}")
+    parser.add_argument("--case", nargs="+", action="extend", metavar="NAME", help="only these cases, with all checks")
+    parser.add_argument("--list", action="store_true", help="list the cases, and draw nothing")
+    parser.add_argument("--explain", metavar="NAME", help=f"explain one case; in depth: {', '.join(PAGES)}")
     parser.add_argument("-o", "--output", metavar="DIR", help="folder for stress.md, stress.csv and stress.json")
     parser.add_argument("--markdown", metavar="FILE", help="write the table as Markdown")
-    parser.add_argument("--csv", metavar="FILE", help="write every check as a line of CSV")
+    parser.add_argument("--csv", metavar="FILE", help="write each check as a line of CSV")
     parser.add_argument("--json", metavar="FILE", help="write everything as JSON")
-    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window")
-    parser.add_argument("--device", type=int, metavar="N", help="index of the EGL device")
+    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window (default auto)")
+    parser.add_argument("--device", type=int, metavar="N", help="number of the EGL device, from 0")
     parser.set_defaults(gpu=False)
     add_workers(parser)
     parser.set_defaults(run=run)
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = [_case(name) for name in args.case] if args.case else list(CASES.values())
     explained = _case(args.explain) if args.explain else None
     format_line = lines if args.case and len(chosen) <= FEW else line
-    if asked(args) and not explained:
+    if uses_workers(args) and not explained:
         results, drawn_by = _on_workers(args, chosen, format_line)
     else:
         from splatgl.gl.renderer import Renderer

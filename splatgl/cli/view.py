@@ -20,13 +20,13 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl view`."""
     add_source(parser)
     group = parser.add_argument_group("window")
-    group.add_argument("--list-bindings", action=ListBindings, help="print which key does what")
-    group.add_argument("--bindings", metavar="FILE.toml", help="other keys: a table [bindings] of action = keys")
-    group.add_argument("--watch", action="store_true", help="read the file, or the scene.toml, again when it changes")
-    group.add_argument("--folder", default=".", metavar="DIR", help="where pictures and scenes are saved (.)")
-    group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (33)")
-    group.add_argument("--ground", type=_ground, metavar="black|white|checks", help="behind it")
-    group.add_argument("--no-panel", action="store_true", help="without the panel of the extra gui")
+    group.add_argument("--list-bindings", action=ListBindings, help="print the keys and their actions")
+    group.add_argument("--bindings", metavar="FILE.toml", help="other keys: table [bindings] of action = keys")
+    group.add_argument("--watch", action="store_true", help="read the file or scene.toml again when it changes")
+    group.add_argument("--folder", default=".", metavar="DIR", help="folder of saved pictures and scenes (default .)")
+    group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (default 33)")
+    group.add_argument("--ground", type=_ground, metavar="black|white|checks", help="background of the window")
+    group.add_argument("--no-panel", action="store_true", help="do not show the panel (extra gui)")
     add_drawing(parser, "window", "1024x768")
     parser.set_defaults(run=run)
 
@@ -56,7 +56,7 @@ class ListBindings(argparse.Action):
 
 
 def run(args: argparse.Namespace) -> int:
-    """Opens the window; returns 0 after it closes for any reason."""
+    """Opens the window; returns 0 once it is closed."""
     folder = Path(args.folder)
     check_folder(folder, "--folder")
     if not args.frame_time > 0:
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
         commands = load_bindings(args.bindings)
     scene = scene_from(args)
     files = start_reading(scene, args.source if args.watch else "", lambda: scene_from(args))
-    # after what may be bad input: these take longer than to tell it
+    # imported late: bad input is reported at once
     from splatgl.viewer.viewer import Options
 
     options = Options(

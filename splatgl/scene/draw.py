@@ -14,7 +14,8 @@ import numpy as np
 from splatgl.annotations.annotate import check, check_size, check_time, parsed
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.fileio import budget, format_bytes
+from splatgl.fileio import budget, format_bytes, parse_bytes
+from splatgl.options import ACCURACY, FLAG, SPEED, Kind, option, whole
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS, Settings
@@ -28,22 +29,39 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawOptions:
-    """How this process draws, as the options of `splatgl render` say. kept: by the renderer that calls share."""
+    """How this process draws. kept: with the renderer that calls share. memory: bytes."""
 
     backend: str = "auto"
     device: int | None = None
     gpu: bool = False
     kept: bool = False
-    memory: int | None = None
-    check: int | None = None
-    field: bool = False
-    explain: bool = False
-    savings: bool = False
+    memory: int | None = option(
+        None,
+        Kind("a number of bytes, such as 4GiB or 500MB", int, parse_bytes, "SIZE"),
+        "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)",
+        group=SPEED,
+    )
+    check: int | None = option(
+        None,
+        whole(0, metavar="ROWS"),
+        "number of rows to compare with float64 (0: none; default: some squares, with --field or without a bound)",
+        group=ACCURACY,
+    )
+    field: bool = option(
+        False,
+        FLAG,
+        "also compare some pixels with the field that the picture shows",
+        group=ACCURACY,
+        bare=True,
+    )
+    explain: bool = option(False, FLAG, "print what is drawn, what is left out, and why", group=ACCURACY, bare=True)
+    savings: bool = option(False, FLAG, "also measure the time saved by each skipped step", group=SPEED, bare=True)
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> DrawOptions:
         """The options of a command."""
-        return cls(**{option.name: getattr(args, option.name) for option in fields(cls) if option.name != "kept"})
+        names = [each.name for each in fields(cls) if getattr(args, each.name, None) is not None]
+        return cls(**{name: getattr(args, name) for name in names})
 
     @contextmanager
     def renderer(self) -> Iterator[Renderer]:
