@@ -10,11 +10,21 @@ import pytest
 from PIL import Image
 
 import splatgl as sg
-from splatgl.annotations.contact_sheet import GAP, INK, MARGIN, ROOM, WHITE, Panel, sheet
 from splatgl.cli.main import main
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.studies.figures.rendered import PICTURES, RenderedFigure, by_moments
+from splatgl.studies.figures.rendered import (
+    GAP,
+    INK,
+    MARGIN,
+    PAPER,
+    PICTURES,
+    ROOM,
+    Panel,
+    RenderedFigure,
+    by_moments,
+    sheet,
+)
 from tests.helpers.figures import refused
 from tests.helpers.splatting import SPLATS
 
@@ -40,7 +50,7 @@ def test_panels_are_pixel_for_pixel(rng: np.random.Generator) -> None:
     shown = np.rint(sg.Image(np.dstack([first, np.ones((4, 5))])).straight()[..., :3] * 255)
     assert (found[MARGIN : MARGIN + 8 : 2, MARGIN : MARGIN + 10 : 2] == shown).all()
     left = MARGIN + 10 + GAP
-    assert tuple(found[MARGIN + 2, left + 3]) == INK and tuple(found[MARGIN + 1, left + 3]) == WHITE
+    assert tuple(found[MARGIN + 2, left + 3]) == INK and tuple(found[MARGIN + 1, left + 3]) == PAPER
     top = MARGIN + 8 + ROOM + GAP
     assert (found[top : top + 12 : 3, MARGIN : MARGIN + 15 : 3] == shown).all()
     # letters stand below the first row, none below the second
