@@ -61,7 +61,7 @@ class Picture:
 
     @property
     def section(self) -> str:
-        """Its part of the page."""
+        """Section of the page."""
         picture = f"![{self.about}](pictures/gallery/{self.name}.png)"
         return f"## {self.about[0].upper()}{self.about[1:]}\n\n{picture}\n\n```sh\n{self.line}\n```"
 

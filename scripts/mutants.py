@@ -96,57 +96,55 @@ class Copy:
         return done.returncode, done.stdout + done.stderr
 
     def passing(self, tests: Sequence[str]) -> tuple[set[str], bool]:
-        """The tests that pass unbroken, and whether others fail, and are not just skipped here. Raises Unusable
-        where one is not found.
-        """
-        code, told = self.run(tests, "-rp")
+        """(tests that pass without mutants, whether any fails). Raises Unusable for a missing test."""
+        code, output = self.run(tests, "-rp")
         if code not in (0, 1, None):
-            raise Unusable(f"pytest ended with {code}:\n{told[-3000:]}")
+            raise Unusable(f"pytest ended with {code}:\n{output[-3000:]}")
         if code != 0:
-            print(told[-3000:], file=sys.stderr)
-        passed = {line.removeprefix("PASSED ") for line in told.splitlines() if line.startswith("PASSED ")}
+            print(output[-3000:], file=sys.stderr)
+        passed = {line.removeprefix("PASSED ") for line in output.splitlines() if line.startswith("PASSED ")}
         return passed, code != 0
 
     def survives(self, mutant: Mutant) -> bool:
-        """Whether the test passes although the line is broken. Raises Unusable where it could not run."""
+        """Whether the test passes with the mutant. Raises Unusable if it cannot run."""
         path = self.folder / mutant.file
         right = path.read_text("utf-8")
         if right.count(mutant.text) != 1:
-            raise Unusable(f"{mutant}: the text stands {right.count(mutant.text)} times in the file")
+            raise Unusable(f"{mutant}: expected the text once in the file, got it {right.count(mutant.text)} times")
         path.write_text(right.replace(mutant.text, mutant.replacement), "utf-8")
         try:
-            code, told = self.run([mutant.test], "-x")
+            code, output = self.run([mutant.test], "-x")
         finally:
             path.write_text(right, "utf-8")
-        if code not in (0, 1, None) or UNCOMPILED in told:
-            raise Unusable(f"{mutant}: pytest ended with {code}:\n{told[-3000:]}")
+        if code not in (0, 1, None) or UNCOMPILED in output:
+            raise Unusable(f"{mutant}: pytest ended with {code}:\n{output[-3000:]}")
         return code == 0
 
 
 def try_all(chosen: Sequence[Mutant]) -> int:
-    """Tries mutants and tells of each; returns the exit code."""
+    """Tries mutants and prints the results; returns the exit code."""
     started = _spent()
     with tempfile.TemporaryDirectory(prefix="splatgl-mutants-") as name:
         copy = Copy(Path(name))
-        passing, has_failed = copy.passing(list(dict.fromkeys(each.test for each in chosen)))
-        untold = [each for each in chosen if each.test not in passing]
-        for each in untold:
-            print(f"its test does not pass unbroken: {each}\n  {each.test}", file=sys.stderr)
+        passing, has_failed = copy.passing(list(dict.fromkeys(mutant.test for mutant in chosen)))
+        untried = [mutant for mutant in chosen if mutant.test not in passing]
+        for mutant in untried:
+            print(f"its test does not pass without it: {mutant}\n  {mutant.test}", file=sys.stderr)
         survivors = 0
-        for each in chosen:
-            if each not in untold:
+        for mutant in chosen:
+            if mutant not in untried:
                 before = _spent()
-                alive = copy.survives(each)
-                survivors += alive
-                told = f"SURVIVES {each.test}" if alive else "killed"
-                print(f"{told} ({_spent() - before:.1f} s)  {each}", flush=True)
-    told = f", {len(untold)} could not be tried" * bool(untold)
-    print(f"{survivors} of {len(chosen)} mutants survive{told}; {_spent() - started:.0f} s of processor time")
+                survives = copy.survives(mutant)
+                survivors += survives
+                result = f"SURVIVES {mutant.test}" if survives else "killed"
+                print(f"{result} ({_spent() - before:.1f} s)  {mutant}", flush=True)
+    rest = f", {len(untried)} could not be tried" * bool(untried)
+    print(f"{survivors} of {len(chosen)} mutants survive{rest}; {_spent() - started:.0f} s of processor time")
     return int(survivors > 0 or has_failed)
 
 
 def _spent() -> float:
-    """Processor time, in seconds, of tests that ended."""
+    """Processor time of finished tests, seconds."""
     used = os.times()
     return used.children_user + used.children_system
 
@@ -154,14 +152,14 @@ def _spent() -> float:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help="parts of the names of files or tests")
-    parser.add_argument("--turn", action="store_true", help="every twelfth, beginning with another one each day")
+    parser.add_argument("--turn", action="store_true", help="every twelfth, starting with another one each day")
     parser.add_argument("--list", action="store_true", help="list them")
     args = parser.parse_args(arguments)
-    chosen = [each for each in MUTANTS if not args.names or any(name in each.file + each.test for name in args.names)]
+    chosen = [row for row in MUTANTS if not args.names or any(name in row.file + row.test for name in args.names)]
     if args.turn:
         chosen = chosen[datetime.date.today().toordinal() % TURNS :: TURNS]
     if args.list or not chosen:
-        print("\n".join(f"{each}\n  {each.test}" for each in chosen) or "none of that name")
+        print("\n".join(f"{mutant}\n  {mutant.test}" for mutant in chosen) or "none of that name")
         return int(not chosen)
     try:
         return try_all(chosen)

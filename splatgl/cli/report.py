@@ -24,7 +24,6 @@ from splatgl.errors import InputError, expected
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import Transfer
 from splatgl.studies.accuracy.content import CONVERGENCE
 from splatgl.studies.accuracy.ground_truth import LEVELS, Level, Request, Subject, Truths
 from splatgl.studies.accuracy.methods import AXES, methods
@@ -253,24 +252,15 @@ def subject(source: str, level: Level) -> Subject:
             break
         volume, splats, halvings = joint, fewer, halvings + 1
     note = f"voxels joined {2**halvings}×{2**halvings}×{2**halvings}" if halvings else ""
-    build = _Build(volume, transfer, scene.threshold)
+
+    def build(threshold: float, coarse: int, post: str) -> Splats:
+        part, least, how = volume, max(threshold, scene.threshold), "post" if post else "pre"
+        for _ in range(coarse):
+            part = halve_volume(part, bool(transfer.labels))
+        return extract(part, transfer, least, classification=how, kernel=post)
+
     name = Path(source).name.split(".")[0]
     return Subject(name, camera, scene.settings, build, note, (volume, transfer), formula)
-
-
-class _Build:
-    """Splats of a volume above a threshold, or of a downsampled one."""
-
-    def __init__(self, volume: Volume, transfer: Transfer, threshold: float) -> None:
-        self.volume, self.transfer, self.threshold = volume, transfer, threshold
-
-    def __call__(self, threshold: float, coarse: int, post: str) -> Splats:
-        volume = self.volume
-        for _ in range(coarse):
-            volume = halve_volume(volume, bool(self.transfer.labels))
-        least = max(threshold, self.threshold)
-        how = "post" if post else "pre"
-        return extract(volume, self.transfer, least, classification=how, kernel=post)
 
 
 def _volume_of_voxel(volume: Volume) -> float:

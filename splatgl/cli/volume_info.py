@@ -18,21 +18,17 @@ from splatgl.splat.bricks import bricks_of, estimate_need, excess_need
 from splatgl.splat.presets import default_transfer
 from splatgl.splat.settings import Settings
 
+# columns of the page, for terminals of 80 columns
 WIDTH = 78
-"""Columns of the page: fits a terminal of 80."""
-
+# bars of the histogram, which fit a screen together with the text above
 BINS = 16
-"""Bars of the histogram: they fit a screen together with the text above."""
-
+# samples per slab, so that mapped files are never read whole: bins and copies take some 30 MiB
 SLAB_SAMPLES = 2**20
-"""Samples looked at together: a mapped file is never read whole; their bins and copies take some 30 MiB."""
-
+# largest measured level, voxels
 MOST = 2**28
-"""Voxels of a level that is measured, if another has fewer."""
-
+# pixels of the image in the estimate of memory
 SIZE = (512, 512)
-"""Pixels of the picture whose memory is told."""
-
+# width of labels
 _LABEL = 11
 _EIGHTHS = " ▏▎▍▌▋▊▉"
 
