@@ -36,7 +36,7 @@ from splatgl.reference.field import kept_field_integral
 from splatgl.reference.ray_integral import ray_integral_at
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.resolve import extracted, select_splats
+from splatgl.splat.resolve import extract_for_settings, select_splats
 from splatgl.studies.accuracy.vtk_peers import Peer
 
 FLOOR_VERTEX = """#version 330
@@ -148,7 +148,7 @@ def floor(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, chosen: s
 def ways(renderer: sg.Renderer, chosen: Case, camera: sg.Camera) -> tuple[dict[str, Frame], Right]:
     """What draws the case, and its truth."""
     old, own = SPLATS.but(blend=chosen.blend), sg.Settings(blend=chosen.blend)
-    splats = extracted(chosen.volume, chosen.transfer, own)
+    splats = extract_for_settings(chosen.volume, chosen.transfer, own)
 
     def draw(some: sg.Splats, settings: sg.Settings) -> Frame:
         return partial(renderer.render, some, camera, settings, verify_bound=False)

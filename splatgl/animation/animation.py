@@ -22,7 +22,7 @@ from splatgl.animation.movie import read_ahead, time_points, volumes
 from splatgl.annotations.annotate import annotated, check, check_size, check_time, on_ground, parsed
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
-from splatgl.distributed.worker import Drawing, kept, renderer
+from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import non_default
@@ -35,7 +35,7 @@ from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion, flow_of
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.ordering import order_for
-from splatgl.splat.resolve import streaked
+from splatgl.splat.resolve import has_streaks
 from splatgl.splat.scene import Scene, moments_per_frame
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -137,7 +137,7 @@ class Animation:
             *(first.mask or ()),
         )
         told = self.over.names if self.over else ()
-        return mark_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *told)
+        return digest_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *told)
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Renders and saves the frames; the next volume of a series is read in parallel."""
@@ -282,7 +282,7 @@ def _bands(scene: OpenScene, flow: float | None) -> int:
     need = excess_need(bricks, file.view.size, most) if bricks and most > 0 else None
     if need is None:
         return 0
-    if flow is not None or streaked(file.settings):
+    if flow is not None or has_streaks(file.settings):
         if need.bytes <= most:
             return 0
         fix = "leave the flow and the motion out, or choose a coarser --level"
@@ -373,7 +373,7 @@ class Work:
         settings = without_background(self.settings, self.over.names if self.over else ())
         image = self._render(renderer, matter, view.camera, settings, view.motion)
         if self.top is not None and self.frames.path(view.frame).suffix.lower() == ".png":
-            image = scaled(image, self.top)
+            image = scale_xray(image, self.top)
         scene = self.scenes[view.volume]
         image = Image(image.pixels, {**image.info, **provenance_of(scene, self.transfer)})
         if self.over is not None:
@@ -396,7 +396,7 @@ class Work:
         return top * HEADROOM or 1.0
 
 
-def scaled(image: Image, top: float) -> Image:
+def scale_xray(image: Image, top: float) -> Image:
     """An X-ray scaled for display, so that saving does not normalize it by its own maximum."""
     info = {**image.info, "blend": "xray over scale", "scale": 1 / top}
     if isinstance(error := info.get("error_bound"), float):
@@ -484,7 +484,7 @@ class Frames:
             folder.rmdir()
 
 
-def mark_of(*parts: object) -> str:
+def digest_of(*parts: object) -> str:
     """A short digest of everything that determines an animation."""
     return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
@@ -532,7 +532,7 @@ def draw_frames(
 
 def _frame(work: Work, drawing: Drawing, view: FrameView) -> tuple[int, bytes]:
     """On a worker: a frame's number and file."""
-    matter = kept((work.frames.mark, view.volume), lambda: work.matter(view.volume))
+    matter = keep_latest((work.frames.mark, view.volume), lambda: work.matter(view.volume))
     return view.frame, work.frame(renderer(drawing), matter, view)
 
 

@@ -19,7 +19,7 @@ from splatgl.cli.options import add_backend, add_workers, drawing_of, uses_worke
 from splatgl.comparison.metrics import require_flip
 from splatgl.data.scenes import FORMULAS
 from splatgl.data.volume import Volume, halve_volume
-from splatgl.distributed.worker import Drawing, kept, renderer
+from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import InputError, expected
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
@@ -294,5 +294,5 @@ def prepare(
 
 def _truth(source: str, name: str, level: Level, drawing: Drawing, request: Request) -> tuple[str, str, np.ndarray]:
     """On a worker: one truth."""
-    scene = kept((source, name, level), lambda: replace(subject(source, level), name=name))
+    scene = keep_latest((source, name, level), lambda: replace(subject(source, level), name=name))
     return name, request[0], Truths(renderer(drawing), scene, level).compute(*request)

@@ -15,14 +15,14 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.distributed.cluster import spread
-from splatgl.distributed.worker import Drawing, Subject, call, kept, renderer
+from splatgl.distributed.worker import Drawing, Subject, call, keep_latest, renderer
 from splatgl.errors import InputError, expected
 from splatgl.fileio import parse_bytes
 from splatgl.readers import load
 from splatgl.splat.bricks import Bricks, Shell, required_bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.motion import Motion
-from splatgl.splat.resolve import extracted
+from splatgl.splat.resolve import extract_for_settings
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
@@ -56,9 +56,9 @@ def render_frames(
 
 def _frame(subject: Subject, number: int, camera: Camera, motion: Motion | None) -> tuple[int, Image]:
     """On a worker: one picture."""
-    splats = kept(
+    splats = keep_latest(
         subject.key,
-        lambda: extracted(subject.open(), subject.transfer, subject.settings, moving=motion is not None),
+        lambda: extract_for_settings(subject.open(), subject.transfer, subject.settings, moving=motion is not None),
     )
     return number, renderer(subject.drawing).render(splats, camera, subject.settings, motion)
 
@@ -101,7 +101,7 @@ class Part:
         return self.within(0, 0, *self.size)
 
 
-def join(how: str, near: Part, far: Part) -> Part:
+def join_parts(how: str, near: Part, far: Part) -> Part:
     """Both parts. how: a blend's `join`."""
     splats = near.splats + far.splats
     if not near.pixels.size or not far.pixels.size:
@@ -111,10 +111,10 @@ def join(how: str, near: Part, far: Part) -> Part:
     right = max(part.x + part.pixels.shape[1] for part in (near, far))
     bottom = max(part.y + part.pixels.shape[0] for part in (near, far))
     box = left, top, right - left, bottom - top
-    return Part(joined(how, near.within(*box), far.within(*box)), left, top, near.size, splats)
+    return Part(join_samples(how, near.within(*box), far.within(*box)), left, top, near.size, splats)
 
 
-def joined(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
     """Samples [h, w, 4] of both parts.
 
     over, sum: light, premultiplied. max, min, mean: a value, its sum by length if mean, and the length.
@@ -137,7 +137,7 @@ def over(near: Image, far: Image) -> Image:
     """
     if near.pixels.shape != far.pixels.shape:
         raise expected("far", f"an image of {near.pixels.shape[1]}×{near.pixels.shape[0]}", far.pixels.shape[1::-1])
-    return Image(joined("over", near.pixels, far.pixels), near.info)
+    return Image(join_samples("over", near.pixels, far.pixels), near.info)
 
 
 # parts for each worker: those behind others end early, and wait for none
@@ -166,7 +166,7 @@ def render_slabs(
     progress: Progress | None = None,
     client: Client | None = None,
 ) -> Image:
-    """The picture of a volume, or of a file, of any size, at the level of `level_for`: `info["level"]`.
+    """The picture of a volume, or of a file, of any size, at the level of `choose_level`: `info["level"]`.
 
     If extracting and drawing all splats is estimated to take more than `memory` (bytes, or "4GiB"; default: half of
     what is available), they are extracted brick by brick, nearest first, and drawn at once: `info["bricks"]` is their
@@ -218,7 +218,7 @@ def draw_parts(
         # as a tree, so that none holds many
         joined = parts
         while len(joined) > 1:
-            pairs = [submit(join, how, *joined[n : n + 2]) for n in range(0, len(joined) - 1, 2)]
+            pairs = [submit(join_parts, how, *joined[n : n + 2]) for n in range(0, len(joined) - 1, 2)]
             joined = pairs + joined[2 * len(pairs) :]
             futures += pairs
         for done, part in enumerate(as_completed(parts, loop=client.loop), 1):
@@ -235,9 +235,9 @@ def draw_parts(
 
 def _level(job: Job, sent: Volume | None) -> tuple[int, Transfer, dict[str, object]]:
     """On a worker: the level that the picture takes, its transfer function, and what is told of it."""
-    from splatgl.gl.large_volumes import level_for
+    from splatgl.gl.large_volumes import choose_level
 
-    found = level_for(_volume(job, sent), job.transfer, job.camera, job.settings, renderer(job.drawing))
+    found = choose_level(_volume(job, sent), job.transfer, job.camera, job.settings, renderer(job.drawing))
     return found.number, found.transfer, found.info
 
 
@@ -273,14 +273,14 @@ def _finished(job: Job, sent: Volume | None, part: Part, check: bool) -> Image:
 
 def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:
     """The volume in bricks, and the plan of the picture. InputError for what takes other splats than values."""
-    from splatgl.gl.large_volumes import level_of
+    from splatgl.gl.large_volumes import single_level
 
     def make() -> tuple[Bricks, Plan]:
-        volume = level_of(_volume(job, sent), job.level)
+        volume = single_level(_volume(job, sent), job.level)
         bricks = required_bricks(volume, job.transfer, job.settings)
         return bricks, renderer(job.drawing).plan_bricks(bricks, job.camera, job.settings)
 
-    return kept((job.key, job.level), make)
+    return keep_latest((job.key, job.level), make)
 
 
 def _volume(job: Job, sent: Volume | None) -> Volume:

@@ -83,7 +83,7 @@ def renderer(drawing: Drawing) -> Renderer:
     return _Kept.renderer
 
 
-def kept(key: Hashable, make: Callable[[], Found]) -> Found:
+def keep_latest(key: Hashable, make: Callable[[], Found]) -> Found:
     """What `make` returns, made once for a key; what was made for another is let go before."""
     if _Kept.key != key:
         _Kept.key, _Kept.made = None, None

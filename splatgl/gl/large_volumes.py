@@ -23,7 +23,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.grid import Grid
 from splatgl.splat.motion import Moments, Motion
 from splatgl.splat.plan import Blurred
-from splatgl.splat.resolve import check_blur, extracted
+from splatgl.splat.resolve import check_blur_supported, extract_for_settings
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -70,20 +70,20 @@ class Level:
         return f"level {self.number}, {size}: in {self.boxes} boxes off by RMSE: {tried}; allowed {self.allowed:.2g}"
 
 
-def level_for(
+def choose_level(
     volume: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer | None = None
 ) -> Level:
     """The coarsest level whose voxels are finer than a pixel wherever they are [M98 Eq. 3], and which in boxes of this
     volume is no further from the finest level, supersampled, than that is, drawn with these settings, or than their
     tolerance. renderer: one that is open.
     """
-    finest = Level(0, level_of(volume, 0), transfer, {}, 0.0, 0)
-    coarsest = just_finer(volume, camera)
+    finest = Level(0, single_level(volume, 0), transfer, {}, 0.0, 0)
+    coarsest = coarsest_fine_level(volume, camera)
     if coarsest == 0:
         return finest
     if renderer is None:
         with Renderer() as opened:
-            return level_for(volume, transfer, camera, settings, opened)
+            return choose_level(volume, transfer, camera, settings, opened)
     # opacities stay those of the finest voxels
     spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
     transfer = replace(transfer, unit=transfer.unit or spacing)
@@ -96,7 +96,7 @@ def level_for(
     own = _rmse([(box.image, box.right) for box in boxes])
     off, allowed = {0: own}, max(SLACK * own, settings.tolerance * one)
     for number in range(coarsest, 0, -1):
-        chosen = level_of(volume, number)
+        chosen = single_level(volume, number)
         drawn = [_drawn(_cut(chosen, *box.ends), transfer, box.camera, settings, renderer) for box in boxes]
         off[number] = _rmse([(image, box.right) for image, box in zip(drawn, boxes, strict=True)])
         if off[number] <= allowed:
@@ -104,14 +104,14 @@ def level_for(
     return replace(fine, off=off, allowed=allowed)
 
 
-def level_of(volume: Volume, number: int) -> Volume:
+def single_level(volume: Volume, number: int) -> Volume:
     """A level of a multiscale image by itself."""
     if number == 0:
         return replace(volume, coarser=())
     return replace(volume.coarser[number - 1], name=volume.name, hints=volume.hints, frame=volume.frame)
 
 
-def just_finer(volume: Volume, camera: Camera) -> int:
+def coarsest_fine_level(volume: Volume, camera: Camera) -> int:
     """The coarsest level whose voxels' sides are at most a pixel at the volume's nearest depth; 0: the finest."""
     nearest = float(camera.eye_from_points(volume.corners)[:, 2].min())
     pixel = float(camera.pixel_pitch(max(nearest, 0.0)))
@@ -207,7 +207,7 @@ def _cut(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
 
 
 def _drawn(part: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer) -> Image:
-    splats = extracted(part, transfer, settings)
+    splats = extract_for_settings(part, transfer, settings)
     if not len(splats):
         return Image(np.zeros((*camera.size[::-1], 4), np.float32), {})
     return renderer.render(splats, camera, settings, verify_bound=False)
@@ -237,12 +237,12 @@ def render_slabs(
     volume = source if isinstance(source, Volume) else load(source)
     most = budget() if memory is None else memory
     with nullcontext(renderer) if renderer else Renderer() as drawing:
-        level = level_for(volume, transfer, camera, settings, drawing)
+        level = choose_level(volume, transfer, camera, settings, drawing)
         bricks = bricks_of(level.volume, level.transfer, settings)
         many = excess_need(bricks, camera.size, most) if bricks else None
         told = {**level.info, "bricks": 0}
         if bricks is None or many is None:
-            image = drawing.render(extracted(level.volume, level.transfer, settings), camera, settings)
+            image = drawing.render(extract_for_settings(level.volume, level.transfer, settings), camera, settings)
             return Image(image.pixels, {**image.info, **told})
         image = drawing.render_bricks(bricks, camera, settings, progress, bands=many.bands(most))
         return Image(image.pixels, {**told, **image.info})
@@ -256,7 +256,7 @@ def render_moving_bricks(
     """
     if motion is None:
         return renderer.render_bricks(bricks, camera, settings, bands=bands)
-    check_blur("in bricks", settings, motion.flow is not None)
+    check_blur_supported("in bricks", settings, motion.flow is not None)
     sharp = settings.but(motion="off", moments=None)
 
     def draw(_: Splats, view: Camera, requested: Settings) -> Image:

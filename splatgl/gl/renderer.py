@@ -27,7 +27,7 @@ from splatgl.splat.extract_values import post_splats
 from splatgl.splat.motion import Moments, Motion, Shorter
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.resolve import why_per_splat
-from splatgl.splat.scene import Scene, ScenePlan, joined, plan_scene
+from splatgl.splat.scene import Scene, ScenePlan, join_pictures, plan_scene
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
 
@@ -155,7 +155,7 @@ class Renderer:
             return self._draw(chosen, interrupted=interrupted)
         if not chosen.program.look.blend.ordered:
             pictures = [self._draw(each, interrupted=interrupted) for each in scene.layers]
-            return joined(pictures, chosen.settings.but(background=scene.background))
+            return join_pictures(pictures, chosen.settings.but(background=scene.background))
         layers = [(each.splats, each) for each in scene.layers]
         if not scene.meshes:
             return self._guarded(chosen, partial(self.passes.draw_layers, layers, interrupted))
@@ -241,7 +241,7 @@ class Renderer:
         """The plan of a volume in bricks, and of all of its parts. Raises InputError as `render_bricks`."""
         check_process(self.ctx)
         whole = bricks.whole
-        refuse_bricks(whole, camera, settings or Settings())
+        check_bricks_supported(whole, camera, settings or Settings())
         # the splats that stand for all are not clipped: bricks are
         chosen = replace(self.plan(whole, camera, settings), splats=whole)
         self.require_tiles("a volume in bricks", chosen, "or give more --memory, to draw it whole")
@@ -398,7 +398,7 @@ def _light_info(chosen: Plan) -> dict[str, object]:
     return {"depth_cues": {"cells": [width, height, depth], "seconds": round(fields.seconds, 6)}}
 
 
-def refuse_bricks(whole: Splats, camera: Camera, settings: Settings) -> None:
+def check_bricks_supported(whole: Splats, camera: Camera, settings: Settings) -> None:
     """InputError for a picture that can't be drawn while its splats are extracted; whole: stands for them."""
     why = why_per_splat(settings, moving=False)
     if settings.classification == "pre" or why:

@@ -32,7 +32,7 @@ from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion import Motion
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
-from splatgl.splat.scene import Scene, casting, joined
+from splatgl.splat.scene import Scene, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, record_type
 from splatgl.splat.view import GridView
@@ -128,14 +128,16 @@ def _render_layers(
     """`render` for several layers."""
     started = time.perf_counter()
     if BLENDS[settings.blend].ordered:
-        resolved = casting([resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers)
+        resolved = with_shared_casters(
+            [resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers
+        )
         scene = _layer_scene(
             [(splats, layer) for (splats, _), layer in zip(layers, resolved, strict=True)], settings, meshes
         )
         picture, first = _draw_bands(scene, resolved[0], progress), resolved[0]
     else:
         alone = [(layer, layer_settings.but(background=None)) for layer, layer_settings in layers]
-        picture = joined(
+        picture = join_pictures(
             [render(layer, camera, layer_settings, progress=progress).pixels for layer, layer_settings in alone],
             settings,
         )
@@ -183,8 +185,10 @@ def _layer_windows(
     if not BLENDS[settings.blend].ordered:
         alone = [(splats, layer_settings.but(background=None)) for splats, layer_settings in layers]
         parts = [render_windows(splats, camera, layer_settings, windows) for splats, layer_settings in alone]
-        return [joined(part, settings) for part in zip(*parts, strict=True)]
-    resolved = casting([resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers)
+        return [join_pictures(part, settings) for part in zip(*parts, strict=True)]
+    resolved = with_shared_casters(
+        [resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers
+    )
     near = [_select_reaching(splats, layer, windows) for (splats, _), layer in zip(layers, resolved, strict=True)]
     pairs = list(zip(near, resolved, strict=True))
     some = [pair for pair in pairs if len(pair[0])] or pairs[:1]

@@ -108,14 +108,14 @@ def finish(image: Image, scene: OpenScene) -> Image:
 
 def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[str, object]]:
     """The scene of the level of a multiscale volume that the camera takes, and what is stored of that level."""
-    from splatgl.gl.large_volumes import just_finer, level_for
+    from splatgl.gl.large_volumes import choose_level, coarsest_fine_level
 
     camera, arguments = scene.camera, (scene.volume, scene.transfer, scene.camera, scene.settings)
-    if just_finer(scene.volume, camera) == 0:
-        level = level_for(*arguments)
+    if coarsest_fine_level(scene.volume, camera) == 0:
+        level = choose_level(*arguments)
     else:
         with how.renderer() as renderer:
-            level = level_for(*arguments, renderer)
+            level = choose_level(*arguments, renderer)
         if not scene.is_quiet:
             print(level)
     return replace(scene, volume=level.volume, transfer=level.transfer, fixed_camera=camera), level.info
@@ -162,7 +162,7 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
     """The picture of splats or layers, compared with float64; prints what --explain and --savings ask for."""
     from splatgl.reference.check import check as compare_rows
     from splatgl.reference.check import check_input
-    from splatgl.scene.shared_renderer import savings
+    from splatgl.scene.shared_renderer import measure_savings
 
     check_input(subject, camera, settings, how.check, how.field)
     with how.renderer() as renderer:
@@ -174,7 +174,7 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
         if how.explain:
             print(f"{accuracy(image)}, against the float64 reference of the same splats")
         if how.savings:
-            print("\n".join(savings(renderer, renderer.plans(subject, camera, settings).first)))
+            print("\n".join(measure_savings(renderer, renderer.plans(subject, camera, settings).first)))
     return image
 
 

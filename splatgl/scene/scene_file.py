@@ -455,9 +455,9 @@ class SceneFile:
         self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
     ) -> Splats:
         """The splats of the scene, classified as its settings say. moving: whether pictures are motion-blurred."""
-        from splatgl.splat.resolve import extracted
+        from splatgl.splat.resolve import extract_for_settings
 
-        return extracted(volume, transfer, self.settings, self.threshold, progress, moving)
+        return extract_for_settings(volume, transfer, self.settings, self.threshold, progress, moving)
 
     def blended(self) -> SceneFile:
         """The scene with the blend of its preset, where its settings have none."""

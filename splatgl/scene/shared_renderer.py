@@ -40,11 +40,11 @@ def shared_renderer() -> Iterator[Renderer]:
             raise
         except BackendError as error:
             # another library switched OpenGL's context behind ours
-            close_kept()
+            close_shared_renderer()
             raise InputError(f"OpenGL: {error}; draw in a process of its own") from error
         except BaseException:
             # whatever was interrupted is not used again
-            close_kept()
+            close_shared_renderer()
             raise
 
 
@@ -57,7 +57,7 @@ def _usable(renderer: Renderer) -> bool:
         return False
 
 
-def close_kept() -> None:
+def close_shared_renderer() -> None:
     """Closes the shared renderer; the next call opens another."""
     with _LOCK:
         while _kept:
@@ -67,16 +67,16 @@ def close_kept() -> None:
                 last.close()
 
 
-atexit.register(close_kept)
+atexit.register(close_shared_renderer)
 
 
 # frames per variant, interleaved, after a warm-up frame that compiles and uploads; the fastest counts
 ROUNDS = 3
 
 
-def savings(renderer: Renderer, plan: Plan) -> list[str]:
+def measure_savings(renderer: Renderer, plan: Plan) -> list[str]:
     """A line for the planned frame, and one per undone omission: its time, and the largest change of the image."""
-    ways = {"as planned": plan, **with_it(plan)}
+    ways = {"as planned": plan, **undo_omissions(plan)}
     pictures: dict[str, np.ndarray] = {}
     times: dict[str, float] = {}
     with current(renderer.ctx):
@@ -94,7 +94,7 @@ def savings(renderer: Renderer, plan: Plan) -> list[str]:
     return lines if times else [f"a frame takes {base * 1e3:.3g} ms; nothing that is left out can be drawn besides"]
 
 
-def with_it(plan: Plan) -> dict[str, Plan]:
+def undo_omissions(plan: Plan) -> dict[str, Plan]:
     """Plans that undo each omission, by name, and one that undoes all."""
     program = plan.program
     if program.align != "exact" or plan.exposure is not None:

@@ -15,7 +15,7 @@ from splatgl.splat.culling import Window, clip_behind_eye, eye_is_near, screen_b
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.motion import Exposure, Motion, count_moments
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.resolve import Look, Resolved, blur, select_splats, values_left_out
+from splatgl.splat.resolve import Appearance, Resolved, blur_form, classification_notes, select_splats
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, is_points
 from splatgl.splat.technique import (
@@ -56,7 +56,7 @@ class Blurred:
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, motion: Motion | None, notes: list[str]) -> Blurred:
         """Resolves the blur of the settings; adds notes."""
-        form, exposure = blur(splats, settings), Exposure.of(camera, settings.shutter, motion)
+        form, exposure = blur_form(splats, settings), Exposure.of(camera, settings.shutter, motion)
         if form == "off" and motion is not None and not motion.still:
             notes.append("motion blur left out: the setting motion is off; the picture would be another")
         elif exposure is None and form != "off":
@@ -109,7 +109,7 @@ class Program:
     """
 
     technique: str
-    look: Look
+    look: Appearance
     seen: Seen
     align: str
     footprint: str
@@ -215,7 +215,7 @@ class Plan:
 
     def with_choices(self, **choices: Any) -> Plan:
         """This plan with changed fields of `program`, its look or its view traits."""
-        mine, look, props = ({f.name for f in fields(part)} for part in (Program, Look, Seen))
+        mine, look, props = ({f.name for f in fields(part)} for part in (Program, Appearance, Seen))
         assert choices.keys() <= mine | look | props
         program = replace(
             self.program,
@@ -267,7 +267,7 @@ def plan(
     blurred = Blurred.of(splats, camera, given, motion, notes)
     settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
     selected = select_splats(splats, settings, exposure is not None)
-    notes += values_left_out(splats.source, selected, settings, exposure is not None)
+    notes += classification_notes(splats.source, selected, settings, exposure is not None)
     splats = selected if exposure else clip_behind_eye(selected, camera)
     resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
     notes += resolved.notes

@@ -43,7 +43,7 @@ END_CORRECTION = 1 / 24
 
 
 @dataclass(frozen=True)
-class Look:
+class Appearance:
     """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
@@ -77,7 +77,7 @@ class Resolved:
     mask: what cuts them besides; None: nothing. cues: what light reaches matter; None: all of it.
     """
 
-    look: Look
+    look: Appearance
     samples: int
     averaged: bool
     camera: Camera
@@ -116,7 +116,7 @@ class Resolved:
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
         z_k = fine.z_k(splats.grid.smallest_spacing)
-        boxes = as_boxes(splats, settings, moving)
+        boxes = draws_boxes(splats, settings, moving)
         antialias, antialias_notes = (False, ()) if boxes else _antialias(settings, z_k, depths[1])
         shading, shading_notes = _shading(splats, settings)
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
@@ -128,7 +128,9 @@ class Resolved:
         attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
         clip = Clip.of(settings.clip, splats.grid) if after or boxes else None
         mask = splats.mask if after else None
-        look = Look(BLENDS[settings.blend], attenuation, shading, clipped=clip is not None, masked=mask is not None)
+        look = Appearance(
+            BLENDS[settings.blend], attenuation, shading, clipped=clip is not None, masked=mask is not None
+        )
         light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
         cues, cues_notes = _cues(splats, camera, settings, light)
         if cues is not None:
@@ -278,36 +280,36 @@ def _attenuation(settings: Settings, weakened: bool) -> str:
 RADIAL_BITS = 32
 
 
-def by_distance(settings: Settings) -> bool:
+def has_radial_footprints(settings: Settings) -> bool:
     """Whether footprints depend on the distance alone."""
     exact = settings.align in ("auto", "exact")
     return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
 
 
-def nearest_first(settings: Settings) -> str | None:
+def why_not_front_to_back(settings: Settings) -> str | None:
     """Why a picture can't be drawn in float32, nearest first, with footprints by the distance; None if it can."""
     if settings.target not in ("auto", "rgba32f"):
         return f"target {settings.target}"
     if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
         return "order back-to-front"
-    return None if by_distance(settings) else "footprints from a table"
+    return None if has_radial_footprints(settings) else "footprints from a table"
 
 
-def streaked(settings: Settings) -> bool:
+def has_streaks(settings: Settings) -> bool:
     """Whether the settings ask for streaks, where there are any: extreme values along a ray have none."""
     return settings.motion in MOTIONS and not BLENDS[settings.blend].one_value
 
 
-def as_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
+def draws_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
     """Whether splats are voxels of labels that are drawn as boxes: unless the settings ask for footprints of a kernel.
 
     moving: whether the picture is of streaks.
     """
     plain = settings.kernel == "auto" and settings.attenuation != "opacity" and settings.antialias != "paper"
-    return splats.labels is not None and plain and by_distance(settings) and not moving
+    return splats.labels is not None and plain and has_radial_footprints(settings) and not moving
 
 
-def blur(splats: Splats, settings: Settings) -> str:
+def blur_form(splats: Splats, settings: Settings) -> str:
     """How a moving picture of these splats is blurred: moments, off or a form of streaks.
 
     For sums streaks are exact; where matter hides matter, the mean of moments has less error in the same time, and
@@ -315,11 +317,11 @@ def blur(splats: Splats, settings: Settings) -> str:
     """
     if settings.motion == "auto":
         before = select_splats(splats, settings, moving=True)
-        sums = BLENDS[settings.blend].unbounded and before.post is None and not as_boxes(before, settings, False)
+        sums = BLENDS[settings.blend].unbounded and before.post is None and not draws_boxes(before, settings, False)
         return "exact" if sums else "moments"
     if settings.motion == "off":
         return "moments" if (settings.moments or 1) > 1 else "off"
-    return settings.motion if streaked(settings) else "moments"
+    return settings.motion if has_streaks(settings) else "moments"
 
 
 def why_per_splat(settings: Settings, moving: bool) -> str | None:
@@ -327,12 +329,12 @@ def why_per_splat(settings: Settings, moving: bool) -> str | None:
 
     moving: whether the picture is motion-blurred.
     """
-    if moving and streaked(settings):
+    if moving and has_streaks(settings):
         return f"motion {settings.motion}"
     for name, value in (("compositing", "splats"), ("attenuation", "opacity")):
         if getattr(settings, name) == value:
             return f"{name} {value}"
-    return nearest_first(settings)
+    return why_not_front_to_back(settings)
 
 
 def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: int) -> tuple[str, str]:
@@ -349,7 +351,7 @@ def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: i
     return "post-all" if blend.one_value else how, settings.kernel if settings.kernel != "auto" else POST_KERNEL
 
 
-def extracted(
+def extract_for_settings(
     volume: Volume,
     transfer: Transfer,
     settings: Settings,
@@ -378,7 +380,7 @@ def select_splats(splats: Splats, settings: Settings, moving: bool) -> Splats:
     moving: whether the picture is motion-blurred.
     """
     found = _classified(splats, settings, moving)
-    return clip_splats(found, settings.clip, as_boxes(found, settings, moving))
+    return clip_splats(found, settings.clip, draws_boxes(found, settings, moving))
 
 
 def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
@@ -405,7 +407,7 @@ def why_classified_before(source: Source | None, selected: Splats, settings: Set
     return source.only_pre or why_per_splat(settings, moving) or f"more than {MOST_KEPT:,} values"
 
 
-def values_left_out(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> list[str]:
+def classification_notes(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> list[str]:
     """A note on why `auto` classifies voxels instead of reconstructed values, if it does."""
     if source is None or settings.classification != "auto":
         return []
@@ -413,11 +415,11 @@ def values_left_out(source: Source | None, selected: Splats, settings: Settings,
     return [f"classification after reconstruction left out: {why}; the picture would be another"] if why else []
 
 
-def check_blur(what: str, settings: Settings, flow: bool) -> None:
+def check_blur_supported(what: str, settings: Settings, flow: bool) -> None:
     """InputError for motion blur that is no mean of moments of one camera: neither layers nor bricks have streaks, or
     a flow. what: names them.
     """
-    if streaked(settings):
+    if has_streaks(settings):
         raise expected(f"motion {what}", "the mean of moments", f"motion {settings.motion}")
     if flow:
         raise expected(f"motion {what}", "a camera that moves, or all of the scene", "a flow")

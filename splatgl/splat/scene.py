@@ -22,7 +22,7 @@ from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.plan import Plan, plan
 from splatgl.splat.presets import SURFACE, default_transfer, preset
-from splatgl.splat.resolve import Resolved, blur, check_blur, extracted
+from splatgl.splat.resolve import Resolved, blur_form, check_blur_supported, extract_for_settings
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -211,7 +211,9 @@ class Scene:
             compositing=settings.compositing,
         )
         if key not in self.made:
-            self.made[key] = tuple(extracted(each.volume, each.seen, key, each.threshold) for each in self.shown)
+            self.made[key] = tuple(
+                extract_for_settings(each.volume, each.seen, key, each.threshold) for each in self.shown
+            )
         return self.made[key]
 
     def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
@@ -289,7 +291,7 @@ def plan_scene(
         return ScenePlan((plan(layers[0][0], camera, layers[0][1], motion, tiles),))
     changes: dict[str, Any] = {}
     if motion is not None and not motion.still:
-        check_blur("of layers", settings, motion.flow is not None)
+        check_blur_supported("of layers", settings, motion.flow is not None)
         changes = {"motion": "off", "moments": subject.moments(camera, settings, motion)}
     is_ordered = BLENDS[settings.blend].ordered
     if not is_ordered:
@@ -301,7 +303,7 @@ def plan_scene(
     if is_ordered:
         for each in plans:
             check_layer(each.resolved, each.splats.name)
-        lit = casting([each.resolved for each in plans], [(each.splats, each.settings) for each in plans])
+        lit = with_shared_casters([each.resolved for each in plans], [(each.splats, each.settings) for each in plans])
         plans = tuple(replace(each, resolved=resolved) for each, resolved in zip(plans, lit, strict=True))
     return ScenePlan(plans, meshes, subject.notes, settings.background)
 
@@ -310,7 +312,7 @@ def moments_per_frame(subject: Splats | Scene, camera: Camera, settings: Setting
     """Number of pictures whose mean a moving one is; 0 for a sharp picture of splats, and for streaks."""
     if isinstance(subject, Scene):
         return subject.moments(camera, settings, motion)
-    is_mean = settings.shutter > 0 and blur(subject, settings) == "moments"
+    is_mean = settings.shutter > 0 and blur_form(subject, settings) == "moments"
     return count_moments(subject, camera, motion, settings.shutter) if is_mean else 0
 
 
@@ -324,7 +326,7 @@ def common_samples(
     return [(splats, own.but(antialias="supersample", samples=samples)) for splats, own in layers]
 
 
-def casting(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Settings]]) -> list[Resolved]:
+def with_shared_casters(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Settings]]) -> list[Resolved]:
     """Resolved settings of layers, of which all together keep ambient light and light off each."""
     casters = tuple((splats, own.clip) for splats, own in layers)
     return [each if each.cues is None else replace(each, cues=replace(each.cues, casters=casters)) for each in resolved]
@@ -337,7 +339,7 @@ def check_layer(resolved: Resolved, name: str) -> None:
         raise InputError(f"layer {name or 'without a name'}: layers composite in sheets, not splat by splat{why}")
 
 
-def joined(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:
+def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndarray:
     """[H, W, 4]: pictures of layers, on nothing, in blends without an order: sums add up; of others light adds up, and
     what passes multiplies.
     """

@@ -15,7 +15,7 @@ from splatgl.errors import expected
 from splatgl.splat.culling import ScreenBounds
 from splatgl.splat.footprint import switch_depth
 from splatgl.splat.kernels import Kernel, kernel, polynomials
-from splatgl.splat.resolve import by_distance, nearest_first
+from splatgl.splat.resolve import has_radial_footprints, why_not_front_to_back
 from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
@@ -106,7 +106,7 @@ class Request:
 def _why_not_quads(request: Request) -> str | None:
     if request.moving:
         return "motion"
-    return nearest_first(request.settings) if request.sheets else None
+    return why_not_front_to_back(request.settings) if request.sheets else None
 
 
 def _why_not_streaks(request: Request) -> str | None:
@@ -124,7 +124,7 @@ def _why_not_tiles(request: Request) -> str | None:
         return "motion"
     if request.tiles is None:
         return "an OpenGL without compute shaders, older than 4.3"
-    return nearest_first(request.settings)
+    return why_not_front_to_back(request.settings)
 
 
 # by technique, the reason why it cannot draw a picture; None if it can
@@ -161,7 +161,7 @@ def choose_footprint(drawn: str, shape: Kernel, settings: Settings, means: bool 
 
     `auto`: a radial table; for tiles, where lookups are slow, polynomials if they are accurate enough.
     """
-    if not by_distance(settings):
+    if not has_radial_footprints(settings):
         return "table"
     quick = drawn == "tiles" and settings.table_size is None and settings.tolerance >= POLYNOMIAL_TOLERANCE
     if not quick or polynomials(shape.name) is None:

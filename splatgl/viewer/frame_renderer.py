@@ -17,7 +17,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.culling import FAITHFUL, eye_is_outside
 from splatgl.splat.motion import Motion
 from splatgl.splat.plan import Plan
-from splatgl.splat.resolve import streaked
+from splatgl.splat.resolve import has_streaks
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
@@ -256,7 +256,7 @@ class FrameRenderer:
     def _motion(self, state: State, camera: Camera, seconds: float, layered: bool) -> Motion | None:
         """Camera motion since the last frame, `seconds` ago; at most its last BLURRED seconds."""
         before = self.pose
-        if state.blur == "off" or before is None or before is state.pose or (layered and streaked(state.moving)):
+        if state.blur == "off" or before is None or before is state.pose or (layered and has_streaks(state.moving)):
             return None
         if before.camera.perspective != camera.perspective:
             return None

@@ -17,7 +17,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.animation import animation
-from splatgl.animation.animation import Frames, scaled
+from splatgl.animation.animation import Frames, scale_xray
 from splatgl.animation.camera_track import Swept, between, keyframes, turning
 from splatgl.animation.movie import read_ahead, volumes
 from splatgl.cli.main import main
@@ -417,7 +417,7 @@ def test_templates(here: Path) -> None:
 
 
 def test_a_scaled_x_ray_scales_its_bound() -> None:
-    image = scaled(sg.Image(np.full((2, 2, 4), 3.0, np.float32), {"error_bound": 0.5}), 4.0)
+    image = scale_xray(sg.Image(np.full((2, 2, 4), 3.0, np.float32), {"error_bound": 0.5}), 4.0)
     assert image.info["error_bound"] == 0.125 and (image.pixels == 0.75).all()
 
 

@@ -13,7 +13,7 @@ import splatgl as sg
 from splatgl.cli import pyramid
 from splatgl.cli.main import main
 from splatgl.cli.pyramid import classified, halved, write
-from splatgl.gl.large_volumes import level_for
+from splatgl.gl.large_volumes import choose_level
 from splatgl.splat.settings import Settings
 from tests.helpers.levels import with_levels
 
@@ -109,7 +109,7 @@ def test_thin_things_stay_at_coarse_levels(
         off = [float(np.sqrt(((pixels - right) ** 2).mean())) for pixels in (found.pixels, lost)]
         assert off[0] < 0.6 * off[1], (number, off)
         assert found.pixels[..., 3].sum() > 0.5 * right[..., 3].sum() > lost[..., 3].sum()
-    assert level_for(store, transfer, camera, Settings(), renderer).off
+    assert choose_level(store, transfer, camera, Settings(), renderer).off
 
 
 def test_the_command(tmp_path: Path, monkeypatch: Any, capsys: Any, threads: sg.Volume) -> None:

@@ -18,7 +18,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.distributed import cluster, connected, worker
-from splatgl.distributed.render import Part, join, joined, render_slabs
+from splatgl.distributed.render import Part, join_parts, join_samples, render_slabs
 from splatgl.splat.bricks import Bricks, bricks_of
 from splatgl.splat.settings import Settings
 from tests.helpers.bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
@@ -45,11 +45,13 @@ def test_joining_does_not_depend_on_the_tree(how: str, rng: np.random.Generator)
     assert parts[2].pixels.shape == (4, 5, 4) and (parts[2].x, parts[2].y) == (6, 4) and parts[4].pixels.size == 0
     right = samples[0]
     for each in samples[1:]:
-        right = joined(how, right, each)
+        right = join_samples(how, right, each)
     left = parts[0]
     for part in parts[1:]:
-        left = join(how, left, part)
-    tree = join(how, join(how, join(how, parts[0], parts[1]), join(how, parts[2], parts[3])), parts[4])
+        left = join_parts(how, left, part)
+    tree = join_parts(
+        how, join_parts(how, join_parts(how, parts[0], parts[1]), join_parts(how, parts[2], parts[3])), parts[4]
+    )
     for found in (left, tree):
         assert np.abs(found.whole - right).max() < 1e-6 and found.splats == 10 and right.max() > 0.5
 
@@ -77,14 +79,14 @@ def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Rendere
     # what joins three sheets reaches one sheet further to both sides of a part than their splats do
     assert read < 3.05 * len(bricks.low)
     how = chosen.program.look.blend.join
-    whole = join(how, join(how, parts[0], parts[1]), join(how, parts[2], parts[3]))
+    whole = join_parts(how, join_parts(how, parts[0], parts[1]), join_parts(how, parts[2], parts[3]))
     image = renderer.render_joined(bricks, camera, settings, whole.whole, whole.splats)
     assert right.pixels.max() > 0.3 and image.info["splats"] == right.info["splats"]
     # a mean is a quotient of float32 sums, of some hundred terms, that parts add up in another order
     most = (5e-6 if blend == "mean" else 1e-6) * max(right.pixels.max(), 1.0)
     assert np.abs(image.pixels - right.pixels).max() < most
     # each part is needed
-    less = renderer.render_joined(bricks, camera, settings, join(how, parts[0], parts[1]).whole, 0)
+    less = renderer.render_joined(bricks, camera, settings, join_parts(how, parts[0], parts[1]).whole, 0)
     assert np.abs(less.pixels - right.pixels).max() > 0.01
 
 

@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl import large_volumes
-from splatgl.gl.large_volumes import just_finer, level_for, render_slabs
+from splatgl.gl.large_volumes import choose_level, coarsest_fine_level, render_slabs
 from splatgl.readers.chunked import Chunked
 from splatgl.splat.settings import Settings
 from tests.helpers.bricks import noise
@@ -26,23 +26,23 @@ def smooth() -> sg.Volume:
 
 
 def test_the_level_is_just_finer_than_a_pixel(smooth: sg.Volume) -> None:
-    assert just_finer(replace(smooth, coarser=()), sg.Camera.orbit(smooth, size=(4, 4))) == 0
+    assert coarsest_fine_level(replace(smooth, coarser=()), sg.Camera.orbit(smooth, size=(4, 4))) == 0
     for size in (16, 40, 100, 400):
         camera = sg.Camera.orbit(smooth, 20, 10, size=(size, size))
         nearest = camera.eye_from_points(smooth.corners)[:, 2].min()
-        number = just_finer(smooth, camera)
+        number = coarsest_fine_level(smooth, camera)
         sides = [max(level.spacing) for level in (smooth, *smooth.coarser)]
         # [M98 Eq. 3]: nearer than z_k a voxel is wider than a pixel
         assert number == 0 or camera.z_k(sides[number]) <= nearest
         assert number == 3 or camera.z_k(sides[number + 1]) > nearest
     inside = sg.Camera.look_at(smooth.center, smooth.center + 1.0, (0, 0, 1), 60, (8, 8))
-    assert just_finer(smooth, inside) == 0
+    assert coarsest_fine_level(smooth, inside) == 0
 
 
 @pytest.mark.long
 def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(smooth, 20, 10, size=(16, 16))
-    found = level_for(smooth, SOFT, camera, Settings(), renderer)
+    found = choose_level(smooth, SOFT, camera, Settings(), renderer)
     assert found.number >= 1 and found.volume.shape == smooth.coarser[found.number - 1].shape
     assert 0 < found.off[found.number] <= found.allowed and found.boxes == large_volumes.BOXES
     assert str(found).startswith(f"level {found.number}, ") and "level 0 by" in str(found)
@@ -59,9 +59,9 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
 def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, renderer: sg.Renderer) -> None:
     transfer = sg.Transfer([(0.3, 0.0), (1.0, opacity)], shading=False)
     camera = sg.Camera.orbit(threads, 20, 10, size=(24, 24))
-    assert just_finer(threads, camera) > 0
-    found = level_for(threads, transfer, camera, Settings(), renderer)
-    assert found.number == 0 and set(found.off) == set(range(just_finer(threads, camera) + 1))
+    assert coarsest_fine_level(threads, camera) > 0
+    found = choose_level(threads, transfer, camera, Settings(), renderer)
+    assert found.number == 0 and set(found.off) == set(range(coarsest_fine_level(threads, camera) + 1))
     assert all(found.off[number] > found.allowed for number in found.off if number)
     # a twentieth more than the finest level itself is off
     assert found.allowed == pytest.approx(max(1.05 * found.off[0], Settings().tolerance))
@@ -77,9 +77,9 @@ def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
     volume = with_levels(sg.Volume(samples), 3)
     transfer = sg.Transfer([(0.3, 0.01), (0.8, 0.01), (0.9, 0.9)], shading=False)
     camera = sg.Camera.orbit(volume, 20, 10, size=(24, 24))
-    assert just_finer(volume, camera) > 1
-    found = level_for(volume, transfer, camera, Settings(), renderer)
-    assert max(found.off.values()) > 0.02 and found.number < just_finer(volume, camera)
+    assert coarsest_fine_level(volume, camera) > 1
+    found = choose_level(volume, transfer, camera, Settings(), renderer)
+    assert max(found.off.values()) > 0.02 and found.number < coarsest_fine_level(volume, camera)
     assert found.info["level_boxes"] == found.boxes == large_volumes.BOXES
 
 
@@ -92,16 +92,16 @@ def test_boxes_end_between_coarse_voxels(renderer: sg.Renderer) -> None:
     volume = sg.Volume(ramp, coarser=(level,))
     transfer = sg.Transfer([(-1.0, 0.02), (2.0, 0.02)], shading=False)
     camera = sg.Camera.orbit(volume, 20, 10, size=(8, 8))
-    found = level_for(volume, transfer, camera, Settings(), renderer)
+    found = choose_level(volume, transfer, camera, Settings(), renderer)
     assert found.number == 1 and found.off[1] < 0.02
 
 
 def test_nothing_in_sight_takes_the_finest_level(smooth: sg.Volume, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(smooth, size=(16, 16))
-    found = level_for(smooth, sg.Transfer([(2.0, 0.0), (3.0, 1.0)]), camera, Settings(), renderer)
+    found = choose_level(smooth, sg.Transfer([(2.0, 0.0), (3.0, 1.0)]), camera, Settings(), renderer)
     assert found.number == 0 and not found.off and str(found) == "level 0, 64×64×64"
     away = sg.Camera.look_at(camera.eye, camera.eye - camera.forward, (0, 0, 1), 40, (16, 16))
-    assert level_for(smooth, SOFT, away, Settings(), renderer).number == 0
+    assert choose_level(smooth, SOFT, away, Settings(), renderer).number == 0
 
 
 @pytest.mark.long
@@ -110,7 +110,7 @@ def test_nothing_in_sight_takes_the_finest_level(smooth: sg.Volume, renderer: sg
 def test_levels_of_other_pictures(blend: str, parallel: bool, smooth: sg.Volume, renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(smooth, 20, 10, size=(16, 16))
     camera = camera.parallel(smooth) if parallel else camera
-    found = level_for(smooth, SOFT, camera, Settings(blend=blend), renderer)
+    found = choose_level(smooth, SOFT, camera, Settings(blend=blend), renderer)
     assert found.number >= 1 and found.off[found.number] <= found.allowed
 
 

@@ -15,7 +15,7 @@ from splatgl.cli.main import main
 from splatgl.gl import layers as layer_tiles
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.scene import joined
+from splatgl.splat.scene import join_pictures
 
 FOG = {"a": (0.05, "gray"), "b": (0.12, "viridis")}
 PLAIN = sg.Settings(antialias="off", occlusion="off")
@@ -116,9 +116,9 @@ def test_without_an_order_layers_hide_by_turns() -> None:
     """Of maxima light adds up and what passes multiplies, before the background; sums add up."""
     first, second = (np.full((1, 1, 4), [[color, 0.0, 0.0, alpha]]) for color, alpha in ((0.1, 0.25), (0.3, 0.6)))
     mip = sg.Settings(blend="mip", background=(0.0, 1.0, 0.5))
-    assert joined([first, second], mip)[0, 0] == pytest.approx([0.4, 0.3, 0.15, 1.0])
-    assert joined([first, second], mip.but(background=None))[0, 0] == pytest.approx([0.4, 0, 0, 0.7])
-    assert joined([first, second], sg.Settings(blend="xray"))[0, 0] == pytest.approx([0.4, 0, 0, 0.85])
+    assert join_pictures([first, second], mip)[0, 0] == pytest.approx([0.4, 0.3, 0.15, 1.0])
+    assert join_pictures([first, second], mip.but(background=None))[0, 0] == pytest.approx([0.4, 0, 0, 0.7])
+    assert join_pictures([first, second], sg.Settings(blend="xray"))[0, 0] == pytest.approx([0.4, 0, 0, 0.85])
 
 
 @pytest.mark.long

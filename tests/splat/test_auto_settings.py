@@ -13,7 +13,7 @@ from splatgl.cli.main import main
 from splatgl.reference.field import field_integral
 from splatgl.scene.view import ViewOptions
 from splatgl.splat import extract, resolve
-from splatgl.splat.resolve import extracted, select_splats
+from splatgl.splat.resolve import extract_for_settings, select_splats
 from tests.helpers.splatting import SPLATS
 
 TRANSFER = sg.Transfer([(0.3, 0.0), (0.8, 0.6)], colormap="hot", window=(0.0, 1.0))
@@ -101,7 +101,7 @@ def test_pictures_extract_others_once(renderer: sg.Renderer, volume: sg.Volume, 
     first, again = (select_splats(splats, SPLATS, False) for _ in range(2))
     assert first is again and first.post is None and select_splats(splats, sg.Settings(), False) is splats
     assert select_splats(first, sg.Settings(), False) is first
-    own = extracted(volume, TRANSFER, sg.Settings(order="back-to-front"))
+    own = extract_for_settings(volume, TRANSFER, sg.Settings(order="back-to-front"))
     assert own.post is None and select_splats(own, sg.Settings(), False).post is not None
     assert select_splats(splats, sg.Settings(blend="mip"), False) is not select_splats(splats, sg.Settings(), False)
 
@@ -154,7 +154,7 @@ def test_volumes_of_which_voxels_are_classified(
     image = renderer.render(splats, camera)
     assert image.info["classification"] == "pre" and image.info["sheets"] == 3
     before = sg.extract(volume, transfer, threshold, classification="pre")
-    again = extracted(volume, transfer, sg.Settings(), threshold)
+    again = extract_for_settings(volume, transfer, sg.Settings(), threshold)
     assert select_splats(again, sg.Settings(), False) is again and len(again) == len(before)
     assert np.array_equal(renderer.render(before, camera).pixels, image.pixels)
     assert f"reconstruction left out: {said}" in renderer.plan(splats, camera).explain()

@@ -29,7 +29,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Draw, Moments, count_moments, streaks
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.resolve import blur
+from splatgl.splat.resolve import blur_form
 from splatgl.splat.settings import MAX_MOMENTS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.studies.aliasing import (
@@ -210,7 +210,7 @@ def _blur(renderer: Renderer, args: argparse.Namespace) -> Motioned | None:
     def blurred(draw: Draw, track: Turning) -> Draw:
         def draw_blurred(splats: Splats, camera: Camera, settings: Settings) -> Image:
             settings = settings.but(motion=args.motion or "auto")
-            if blur(splats, settings) == "moments":
+            if blur_form(splats, settings) == "moments":
                 # a strip's view is narrow: use the count for the whole image
                 whole = replace(camera, size=(camera.size[1], camera.size[1]))
                 settings = settings.but(moments=count_moments(splats, whole, track.turn, SHUTTER))
