@@ -41,6 +41,7 @@ def test_wheel_carries_shaders_and_types(tmp_path: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert "splatgl/py.typed" in names and "splatgl/gl/context.py" in names
     assert {name.split("/")[0] for name in names} == {"splatgl", f"splatgl-{sg.__version__}.dist-info"}
+    assert not [name for name in names if name.startswith("splatgl/docs/")]
 
 
 def test_wheel_from_sdist_is_the_same(tmp_path: Path) -> None:
