@@ -191,7 +191,10 @@ def try_save(save: Callable[[], str]) -> tuple[str, bool]:
 def source_files(document: Document, times: Sequence[SceneFile] = ()) -> list[str]:
     """The files that a document, and its series, were read from."""
     scenes = (document.scene, *(layer.scene for layer in document.layers), *times)
-    return [*(file for scene in scenes for file in scene.files), *(mesh.file for mesh in document.mesh_files)]
+    return [
+        *(file for scene in scenes for file in scene.files),
+        *(mesh.file for mesh in document.mesh_files if mesh.held is None),
+    ]
 
 
 def free_path(folder: Path, stem: str, suffix: str) -> Path:

@@ -248,7 +248,7 @@ def test_a_mesh_alone(folder: Path, renderer: sg.Renderer) -> None:
 @pytest.mark.long
 def test_a_mesh_in_memory_is_not_saved(folder: Path, renderer: sg.Renderer) -> None:
     mesh = MeshFile(str(folder / "ball.ply")).open()
-    document = Document.open(SceneFile(str(folder / "blob.npy"), meshes=(mesh,)))
+    document = Document.open(SceneFile(str(folder / "blob.npy"), meshes=(MeshFile.of(mesh),)))
     with pytest.raises(InputError, match="meshes in files"):
         save_scene(State.of(document, SIZE), document, renderer.render, folder)
 
