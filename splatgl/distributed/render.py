@@ -23,7 +23,7 @@ from splatgl.splat.bricks import Bricks, Shell, required_bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.motion import Motion
 from splatgl.splat.resolve import extract_for_settings
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import COMBINE, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -124,8 +124,7 @@ def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
     if how == "sum":
         return near + far
     one, other = near[..., 0], far[..., 0]
-    both = one + other if how == "mean" else np.minimum(one, other) if how == "min" else np.maximum(one, other)
-    value = np.where(near[..., 1] <= 0, other, np.where(far[..., 1] <= 0, one, both))
+    value = np.where(near[..., 1] <= 0, other, np.where(far[..., 1] <= 0, one, COMBINE[how](one, other)))
     rest = np.zeros_like(value)
     return np.stack([value, near[..., 1] + far[..., 1], rest, rest], axis=-1)
 

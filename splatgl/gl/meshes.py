@@ -14,11 +14,12 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.errors import InputError
-from splatgl.gl.program import BLEND_STATES, Programs
+from splatgl.gl.program import Programs, use_blend
 from splatgl.gl.target import Target, check_size, settle
 from splatgl.gl.tiles import set_uniforms
 from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import map_places, map_tables
+from splatgl.splat.settings import BLENDS
 
 # texture units of depths before and behind; those of the units below are in use while volumes are drawn
 NEAREST_UNIT, FARTHEST_UNIT = 16, 17
@@ -124,10 +125,7 @@ class Surfaces:
         matter.texture.use(MATTER_UNIT)
         surface.use(SURFACE_UNIT)
         target.framebuffer.use()
-        blend = BLEND_STATES["over", True]
-        self.ctx.enable_only(moderngl.BLEND)
-        self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
-        self.ctx.blend_func = blend.source, blend.destination
+        use_blend(self.ctx, BLENDS["composite"])
         self.whole(program)
         settle(self.ctx)
 

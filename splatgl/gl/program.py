@@ -1,10 +1,9 @@
-"""Cache of compiled programs, keyed by the plan's choices, and the table of blend states."""
+"""Cache of compiled programs, keyed by the plan's choices, and OpenGL's blend state."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from typing import cast
 
 import moderngl
@@ -15,6 +14,7 @@ from splatgl.gl.shader import ShaderError, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
 from splatgl.splat.plan import Program
+from splatgl.splat.settings import BlendMode
 
 Switches = Mapping[str, str | int | bool]
 Chosen = tuple[tuple[str, str | int | bool], ...]
@@ -24,25 +24,16 @@ Compiled = moderngl.Program | moderngl.ComputeShader
 MOST_PROGRAMS = 48
 
 
-@dataclass(frozen=True)
-class Blend:
-    """GL blend state of premultiplied fragments."""
-
-    equation: int
-    source: int
-    destination: int
-
-
-# keyed by blend mode and, where order matters, front to back
-BLEND_STATES = {
-    ("over", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA),
-    ("over", True): Blend(moderngl.FUNC_ADD, moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE),
-    ("sum", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
-    ("max", False): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
-    # of one value, see sheet_close.frag
-    ("min", False): Blend(moderngl.MAX, moderngl.ONE, moderngl.ONE),
-    ("mean", False): Blend(moderngl.FUNC_ADD, moderngl.ONE, moderngl.ONE),
-}
+def use_blend(ctx: moderngl.Context, mode: BlendMode, nearest_first: bool = True) -> None:
+    """Makes OpenGL blend premultiplied fragments, of extremes the maximum; for a minimum shaders write −value."""
+    ctx.enable_only(moderngl.BLEND)
+    ctx.blend_equation = moderngl.MAX if mode.extreme else moderngl.FUNC_ADD  # type: ignore[assignment]
+    if not mode.ordered:
+        ctx.blend_func = moderngl.ONE, moderngl.ONE
+    elif nearest_first:
+        ctx.blend_func = moderngl.ONE_MINUS_DST_ALPHA, moderngl.ONE
+    else:
+        ctx.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
 
 
 def splat_switches(program: Program) -> dict[str, str | int | bool]:

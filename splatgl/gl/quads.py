@@ -8,7 +8,7 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, SplatBuffers, chunks, indices
 from splatgl.gl.features import feature_uniforms
-from splatgl.gl.program import BLEND_STATES, Programs
+from splatgl.gl.program import Programs, use_blend
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import BLUR_UNIT, HALF_LINE_UNIT
 from splatgl.gl.tiles import set_uniforms
@@ -29,11 +29,8 @@ class Quads:
         """Blends the splats into `target` in drawing order, chunk by chunk; raises Interrupted if cancelled."""
         program = self.programs.for_splats(plan.program)
         set_uniforms(program, half_table=HALF_LINE_UNIT, blur_table=BLUR_UNIT, **feature_uniforms(splats, plan))
-        blend = BLEND_STATES[plan.program.look.blend.join, order.nearest_first]
-        self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
-        self.ctx.blend_func = blend.source, blend.destination
+        use_blend(self.ctx, plan.program.look.blend, order.nearest_first)
         target.framebuffer.use()
-        self.ctx.enable_only(moderngl.BLEND)
         for chunk in chunks((0, len(splats))):
             quads = self._instances(splats, plan, order, chunk)
             for begin, end in portions.over(*chunk):

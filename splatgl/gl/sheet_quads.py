@@ -15,7 +15,7 @@ import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Instances, uneven
 from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.program import BLEND_STATES, Programs
+from splatgl.gl.program import Programs, use_blend
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_tiles import sheet_uniforms
 from splatgl.gl.target import Portions, Target, settle
@@ -25,6 +25,7 @@ from splatgl.gl.uniforms import frame_block
 from splatgl.splat.culling import Window, screen_bounds
 from splatgl.splat.grid import corners_of
 from splatgl.splat.plan import Plan
+from splatgl.splat.settings import BLENDS, BlendMode
 from splatgl.splat.sheets import NearField, Sheets
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
@@ -81,7 +82,6 @@ class SheetQuads:
         self.near = near
         self.instances = Instances(ctx)
         self.ring: Ring | None = None
-        self.join = ""
 
     def release(self) -> None:
         """Frees the textures and the buffer; they are recreated on demand."""
@@ -93,7 +93,6 @@ class SheetQuads:
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
         sheets, look = plan.resolved.sheets, plan.program.look
-        self.join = look.blend.join
         assert sheets is not None
         uniforms, field = sheet_uniforms(splats, plan), NearField.of(splats, plan.view, sheets)
         first_sheet = float(str(uniforms["first_sheet"]))
@@ -117,7 +116,7 @@ class SheetQuads:
         ring = self._ring(Kind(plan.view.size, bands[0].height, look.sheets, look.steps > 0, look.blend.one_value))
         into = ring.joined or target.framebuffer
         if ring.joined:
-            ring.joined.clear(0.0 if self.join == "mean" else LEAST)
+            ring.joined.clear(LEAST if look.blend.extreme else 0.0)
         try:
             for band in bands:
                 block = frame_block(splats, plan)
@@ -131,7 +130,7 @@ class SheetQuads:
                     if sheet in reached:
                         self._add(adding, ring, sheet, reached[sheet], portions)
                     window = band if sheet in near else around(reached, sheet - ring.slots + 1, sheet)
-                    self._close(into, closing, ring, sheet, window)
+                    self._close(into, closing, look.blend, ring, sheet, window)
                     done = sheet - (ring.slots - ring.count)
                     ring.clear(done, around(reached, done - ring.count + 1, done))
         finally:
@@ -142,23 +141,27 @@ class SheetQuads:
     def _add(self, program: moderngl.Program, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
         """Blends splats into the sheets from their first on."""
         set_uniforms(program, sheet=sheet)
-        self.ctx.enable_only(moderngl.BLEND)
-        self._blend("sum", False)
+        use_blend(self.ctx, BLENDS["xray"])
         ring.open[sheet % ring.slots].use()
         for begin, end in portions.over(group.begin, group.end):
             vertices = self.instances.vertices(program, begin)
             vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
     def _close(
-        self, into: moderngl.Framebuffer, program: moderngl.Program, ring: Ring, sheet: int, window: Window
+        self,
+        into: moderngl.Framebuffer,
+        program: moderngl.Program,
+        blend: BlendMode,
+        ring: Ring,
+        sheet: int,
+        window: Window,
     ) -> None:
         """Composites a sheet within a window; classified after, what lies around the one before."""
         set_uniforms(program, sheet=sheet)
         ring.use(sheet)
         into.scissor = window.box
         into.use()
-        self.ctx.enable_only(moderngl.BLEND)
-        self._blend(self.join, self.join == "over")
+        use_blend(self.ctx, blend)
         self.whole(program)
 
     def _show(self, target: Target, splats: Splats, plan: Plan, ring: Ring) -> None:
@@ -169,11 +172,6 @@ class SheetQuads:
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)
         self.whole(program)
-
-    def _blend(self, join: str, nearest_first: bool) -> None:
-        blend = BLEND_STATES[join, nearest_first]
-        self.ctx.blend_equation = blend.equation  # type: ignore[assignment]
-        self.ctx.blend_func = blend.source, blend.destination
 
     def _ring(self, kind: Kind) -> Ring:
         if self.ring is None or self.ring.kind != kind:

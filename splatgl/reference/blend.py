@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.splat.resolve import END_CORRECTION, Resolved
-from splatgl.splat.settings import BlendMode
+from splatgl.splat.settings import COMBINE, BlendMode
 from splatgl.splat.transfer import Transfer
 
 # largest opacity below 1: limits the paper's attenuation of an opaque splat that is widened by rounding only
@@ -121,8 +121,7 @@ def join_values(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: 
     if join == "mean":
         combined = before + value * length
     else:
-        extreme = np.maximum(before, value) if join == "max" else np.minimum(before, value)
-        combined = np.where(light[:, 1] > 0, extreme, value)
+        combined = np.where(light[:, 1] > 0, COMBINE[join](before, value), value)
     result = light.copy()
     result[:, 0], result[:, 1] = np.where(length > 0, combined, before), light[:, 1] + length
     return result

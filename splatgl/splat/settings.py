@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
+import numpy as np
+
 from splatgl.data.color import BACKGROUNDS, CLEAR, Color, read_background
 from splatgl.errors import expected
 from splatgl.options import (
@@ -36,15 +38,22 @@ from splatgl.splat.lighting import check_place
 
 @dataclass(frozen=True)
 class BlendMode:
-    """join: `over` (by the transmittance of nearer splats), `sum`, `max`, `min` or `mean`.
-
+    """Blend mode. join: `over` (by the transmittance of nearer splats), `sum`, `max`, `min` or `mean`; the names that
+    optics.glsl has, too. combine: joins two values along a ray. vtk: number of VTK's blend mode; None without one.
     peak: whether a splat's value is its opacity times its share of the footprint's peak, instead of a line integral.
     """
 
     name: str
     join: str
-    peak: bool
+    combine: np.ufunc
+    vtk: int | None
     about: str
+    peak: bool = False
+
+    @property
+    def extreme(self) -> bool:
+        """Whether one of the joined values remains."""
+        return self.combine is not np.add
 
     @property
     def ordered(self) -> bool:
@@ -70,13 +79,17 @@ class BlendMode:
 BLENDS = {
     mode.name: mode
     for mode in (
-        BlendMode("composite", "over", False, "'over' by opacity, nearest first"),
-        BlendMode("xray", "sum", False, "sums of optical depth and of depth times colour"),
-        BlendMode("mip", "max", True, "the maximum of opacity and of opacity times colour, or of values"),
-        BlendMode("minip", "min", False, "the minimum of values"),
-        BlendMode("mean", "mean", False, "the mean of values over the ray's length"),
+        BlendMode("composite", "over", np.add, 0, "'over' by opacity, nearest first"),
+        BlendMode("xray", "sum", np.add, None, "sums of optical depth and of depth times colour"),
+        BlendMode(
+            "mip", "max", np.maximum, 1, "the maximum of opacity and of opacity times colour, or of values", peak=True
+        ),
+        BlendMode("minip", "min", np.minimum, 2, "the minimum of values"),
+        BlendMode("mean", "mean", np.add, 3, "the mean of values over the ray's length"),
     )
 }
+# by join
+COMBINE = {mode.join: mode.combine for mode in BLENDS.values()}
 
 
 Antialias = Literal["auto", "paper", "off", "supersample"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.gl.features import FEATURES
 from splatgl.gl.program import build, build_compute, splat_switches
 from splatgl.gl.shader import declared_switches
 from splatgl.splat.motion_blur import MOTIONS
@@ -122,6 +123,43 @@ def covering(keys: set[tuple[object, ...]]) -> set[tuple[object, ...]]:
             found.add(key)
             seen |= pairs
     return found
+
+
+# the cheapest stage that reads a feature, and its other switches
+STAGES: dict[str, tuple[str, dict[str, object]]] = {
+    **{
+        name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1, "SHADING": 1})
+        for name in ("WEIGHTED", "CLIPPED", "MASKED")
+    },
+    **{name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1}) for name in ("LIGHT", "SKY", "SHADOWS")},
+    "PACKED": ("tile_place.frag", {"SHEETS": 2, "STEPS": 1}),
+    "BOXES": ("splat.frag", {}),
+}
+
+
+def test_every_feature_compiles_and_only_it_is_read(renderer: sg.Renderer) -> None:
+    """Also of no program: uniforms and fields of a feature that is off."""
+    assert set(STAGES) == {feature.switch for feature in FEATURES}
+    volume = sg.Volume(np.random.default_rng(3).random((6, 6, 6)))
+    settings = sg.Settings(clip=((1.0, 0.0, 0.0, 2.0),), light="glossy", ambient_occlusion=0.5, shadows=0.5)
+    transfer = sg.Transfer([(0.3, 0), (1, 0.5)], shading=True, gradient=((0.0, 0.0), (0.3, 1.0)))
+    splats = sg.extract(volume.masked(volume.samples > 0.4), transfer)
+    plan = sg.plan(splats, cameras_of(splats)[0], settings, tiles=True)
+    on = {feature.switch for feature in FEATURES if feature.is_on(plan.program)}
+    assert on >= {"WEIGHTED", "CLIPPED", "MASKED", "LIGHT", "SKY", "SHADOWS"}
+    for feature in FEATURES:
+        name, others = STAGES[feature.switch]
+        vertex = "splat.vert" if name == "splat.frag" else "whole.vert"
+        members = []
+        for value in (0, 1):
+            program = build(renderer.ctx, vertex, name, {**others, feature.switch: value})
+            members.append(set(program))
+            program.release()
+        if feature.switch in on:
+            uniforms, fields = feature.uniforms(splats, plan), feature.fields(splats, plan)
+            read = {*uniforms, *(sampler for sampler, field in fields.items() if field is not None)}
+            assert not read & members[0] and (not read or read & members[1])
+            assert (members[1] - members[0]) - {"Frame", "Style"} <= read or not read
 
 
 @pytest.mark.long

@@ -16,13 +16,13 @@ from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import paint_vertices
 from splatgl.splat.lighting import Light
 from splatgl.splat.scene import Layer, Scene
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 
 # default view of a scene, degrees
 AZIMUTH, ELEVATION = 30.0, 20.0
 # VTK's numbers of blend modes
-BLENDS = {"composite": 0, "mip": 1, "minip": 2, "mean": 3}
+VTK_BLENDS = {mode.name: mode.vtk for mode in BLENDS.values() if mode.vtk is not None}
 
 
 def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, options: dict[str, Any]) -> Any:
@@ -30,8 +30,8 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     pyvista = library("Scene.to_pyvista")
     camera = camera or Camera.orbit(scene, AZIMUTH, ELEVATION)
     settings = settings or Settings()
-    if settings.blend not in BLENDS:
-        raise expected("blend", f"one that VTK has: {', '.join(BLENDS)}", settings.blend)
+    if settings.blend not in VTK_BLENDS:
+        raise expected("blend", f"one that VTK has: {', '.join(VTK_BLENDS)}", settings.blend)
     plotter = pyvista.Plotter(**{"window_size": list(camera.size), "lighting": "none", **options})
     light = Light.of(settings.light, settings.light_from)
     plotter.add_light(_light(pyvista, light))
@@ -78,7 +78,7 @@ def _volume(pyvista: Any, layer: Layer, light: Light, settings: Settings, planes
     if volume.color is not None:
         _set_colors(data, volume, layer.seen, prop)
     mapper.SetInputData(data)
-    mapper.SetBlendMode(BLENDS[settings.blend])
+    mapper.SetBlendMode(VTK_BLENDS[settings.blend])
     for plane in planes:
         mapper.AddClippingPlane(vtk_plane(plane))
     matrix = np.eye(4)

@@ -19,7 +19,7 @@ from splatgl.integrations.vtk.properties import clip_planes, matrix_of, transfer
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.scene import Layer, Scene
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 
 # VTK's light types: at the eye, and positioned in camera axes
@@ -272,9 +272,9 @@ def _colored(parts: list[Volume]) -> Volume:
 
 def blend_of(mapper: Any) -> str:
     """Blend of a volume mapper. Raises InputError for modes without a counterpart."""
-    names = ("composite", "mip", "minip", "mean")
+    names = {mode.vtk: mode.name for mode in BLENDS.values()}
     mode = int(mapper.GetBlendMode())
-    if not 0 <= mode < len(names):
+    if mode not in names:
         got = {4: "additive", 5: "isosurface", 6: "slice"}.get(mode, str(mode))
         raise expected("blend mode", "composite, maximum, minimum or average", got, "set another")
     return names[mode]
