@@ -1,4 +1,4 @@
-"""Passes mouse events to the first tool that handles them, and finds the commands of keys."""
+"""Passes mouse events to the first tool that handles them, and names the keys of GLFW."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 from splatgl.viewer.clip_tool import ClipTool
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
-from splatgl.viewer.key_bindings import keymap
+from splatgl.viewer.key_bindings import chord, keymap
 from splatgl.viewer.measure_tool import MeasureTool, set_pivot
 from splatgl.viewer.slice_views import SliceTool
 from splatgl.viewer.state import State
@@ -75,3 +75,52 @@ class InputHandler:
                 return result
             state = result or state
         return state
+
+
+# GLFW key codes (glfw3.h): ASCII for printable keys; function keys and the number pad follow
+FIRST_FUNCTION, FIRST_PAD = 290, 320
+CODES = {
+    256: "escape",
+    257: "enter",
+    258: "tab",
+    32: "space",
+    259: "backspace",
+    260: "insert",
+    261: "delete",
+    262: "right",
+    263: "left",
+    264: "down",
+    265: "up",
+    266: "page_up",
+    267: "page_down",
+    268: "home",
+    269: "end",
+    335: "enter",
+    **{FIRST_FUNCTION + n: f"f{n + 1}" for n in range(12)},
+    **{FIRST_PAD + n: str(n) for n in range(10)},
+    **{ord("0") + n: str(n) for n in range(10)},
+}
+SHIFT, CONTROL, ALT = 1, 2, 4
+
+
+def modifiers(bits: int) -> tuple[str, ...]:
+    """Names of GLFW's modifier bits."""
+    return tuple(name for name, bit in (("ctrl", CONTROL), ("alt", ALT), ("shift", SHIFT)) if bits & bit)
+
+
+def from_key(code: int, label: str | None, bits: int) -> str | None:
+    """The chord of a key event; None for symbols, which arrive as characters. label: the key's name in GLFW."""
+    held = modifiers(bits)
+    if code in CODES:
+        return chord(CODES[code], held)
+    if label and len(label) == 1 and label.isalpha():
+        return chord(label.lower(), held)
+    # with ctrl or alt, a symbol key produces no character event
+    if label and len(label) == 1 and {"ctrl", "alt"} & set(held):
+        return chord(label, held)
+    return None
+
+
+def from_character(character: str) -> str | None:
+    """The chord of a typed symbol; None for letters, digits and blanks, which arrive as key events."""
+    return None if character.isalnum() or character.isspace() else character

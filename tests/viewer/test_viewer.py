@@ -28,6 +28,7 @@ from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.file_watch import Watch, watched_files
 from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, plane_section, share_beyond, tint_splats
+from splatgl.viewer.input import from_character, from_key
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.key_bindings import keymap, list_bindings, load_bindings, normalize_key, rebind
 from splatgl.viewer.measure_tool import find_matter
@@ -35,7 +36,6 @@ from splatgl.viewer.reference_view import resize_bilinear
 from splatgl.viewer.saving import free_path, render_scene, save_picture, save_scene, scene_of
 from splatgl.viewer.state import History, LayerStyle, State, scale_opacity
 from splatgl.viewer.trackball import Mouse, Pose, zoom_by_wheel
-from splatgl.viewer.window import from_character, from_key
 from tests.helpers.blobs import LONGEST, SIZE, blob
 from tests.helpers.commands import acted
 
