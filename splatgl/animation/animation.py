@@ -519,7 +519,7 @@ def draw_frames(
     from splatgl.distributed.cluster import spread
 
     work = animation.work(frames)
-    work = replace(work, scenes=[scene.anywhere() for scene in work.scenes])
+    work = replace(work, scenes=[scene.with_absolute_paths() for scene in work.scenes])
     if animation.unbounded:
         ((_, top),) = spread(client, _brightest, [("the brightest frame", (work, drawing, animation.probes))])
         work = replace(work, top=top)

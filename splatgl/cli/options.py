@@ -141,7 +141,7 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
     named = {} if array is None else {"array": array}
     transfer = {**scene.transfer, **({} if "transfer" not in given else Transfer.load(given["transfer"]).fields)}
     scene = replace(scene, settings=settings, transfer=transfer).with_options(**{**named, **given})
-    return scene.blended() if "blend" in vars(args) and args.blend is None else scene
+    return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
 
 
 def _refuse_many(args: argparse.Namespace) -> None:

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     output = Path(args.output or "presets.png")
     check_output(output, (".png",))
     scene = scene_from(args)
-    scene.refuse_more()
+    scene.require_one_volume()
     check_source(output, args.source, *scene.files)
     scene = replace(scene, view=replace(scene.view, size=args.size or (SIDE, SIDE)))
     volume = scene.open()

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Writes the store, or nothing."""
     scene, output = scene_from(args), Path(args.output)
     _check(output)
-    scene.refuse_more()
+    scene.require_one_volume()
     volume = scene.open()
     print_notes(volume, args.quiet, is_alone=True)
     if scene.threshold:

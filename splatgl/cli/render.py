@@ -179,7 +179,9 @@ def _draw_on_workers(args: argparse.Namespace, scene: OpenScene) -> Image:
         if value:
             raise expected(name, "none, with --workers or --scheduler", value)
     camera = file.view.camera(scene.volume, Opaque(scene.volume, scene.transfer))
-    job = Job(uuid4().hex, file.anywhere().open, scene.transfer, settings, drawing_of(args), camera, args.memory)
+    job = Job(
+        uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, drawing_of(args), camera, args.memory
+    )
     notify = None if args.quiet else print
     with connected(args.workers, args.scheduler, notify) as client, progress_bar("part", args.quiet) as progress:
         image = draw_parts(client, job, None, progress, args.check is None)

@@ -232,7 +232,7 @@ def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
 def subject(source: str, level: Level) -> Subject:
     """Scene of a source, downsampled to at most the level's number of splats."""
     scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
-    scene.refuse_more()
+    scene.require_one_volume()
     volume = scene.open()
     transfer, scene = scene.transfer_for(volume), scene.cut(volume)
     # keep the unit length of opacities when voxels are merged

@@ -146,7 +146,7 @@ def scene_of(
     if annotate is not None:
         scene = replace(scene, annotate=parsed(annotate) if isinstance(annotate, str) else check(annotate))
     scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**given)
-    scene = scene if "blend" in given else scene.blended()
+    scene = scene if "blend" in given else scene.with_preset_blend()
     return scene, parse_bytes(memory) if isinstance(memory, str) else memory
 
 

@@ -104,26 +104,21 @@ class MeshFile:
         return color_mesh(made, self.linear or self.color or None)
 
     @classmethod
-    def of_table(cls, folder: Path, what: str, table: Any) -> MeshFile:
-        """Of a scene file in a folder. Raises InputError for other keys and values."""
+    def of_table(cls, what: str, table: Any) -> MeshFile:
+        """The entry of a table of a scene file. Raises InputError for other keys and values."""
         if not isinstance(table, Mapping):
             raise expected(what, "a table", repr(table)[:80])
         refuse_unknown(what, table, declared(cls))
         if "file" not in table:
             raise expected(what, "the key file", ", ".join(table) or "none")
         with error_prefix(what):
-            mesh = cls(**table)
-            return replace(mesh, file=str(folder / mesh.file))
+            return cls(**table)
 
-    def lines(self, file: str) -> list[str]:
-        """Lines of the table; file: its path there. Raises InputError for a mesh in memory."""
+    def lines(self) -> list[str]:
+        """Lines of the table of a scene file. Raises InputError for a mesh in memory."""
         if self.held is not None:
             raise expected("scene", "meshes in files, which a scene file can name", "one in memory")
-        return [
-            "",
-            "[[mesh]]",
-            *(f"{key} = {toml_value(key, value)}" for key, value in non_default(replace(self, file=file)).items()),
-        ]
+        return ["", "[[mesh]]", *(f"{key} = {toml_value(key, value)}" for key, value in non_default(self).items())]
 
 
 # a preset or a colour map behind a file's name

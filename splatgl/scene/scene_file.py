@@ -1,8 +1,8 @@
-"""`Scene`: a scene.toml, or the same from arguments; masks and transfer functions by name.
+"""`SceneFile`: description of a picture, as in a scene.toml or of a command's options.
 
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
-clip = ["x>0.3", "z>=30mm"]     # what is kept; crop = "10:90,:,:" in voxels; mask = "brain.nii.gz", or several
+clip = ["x>0.3", "z>=30mm"]     # parts to keep; crop = "10:90,:,:" in voxels; mask = "brain.nii.gz", or several
 annotate = ["scale", "title=A"] # as --annotate
 [load]                          # as LoadOptions
 [transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
@@ -10,13 +10,13 @@ annotate = ["scale", "title=A"] # as --annotate
 [settings]                      # as Settings
 [[mesh]]                        # file, color, opacity, radius, visible
 [vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
-surfaces = 0.5                  # segmentations as surfaces, smoothed by that
-[[layer]]                       # more: volume, threshold, opacity, visible, clip, crop, mask, surfaces, [layer.load], …
+surfaces = 0.5                  # segmentations as surfaces, with this strength of smoothing
+[[layer]]                       # volume, threshold, opacity, visible, clip, crop, mask, surfaces, [layer.load], …
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Container, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,7 +49,7 @@ from splatgl.readers import load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
-from splatgl.scene.view import ViewOptions, seen_along_z
+from splatgl.scene.view import ViewOptions, orient_flat_stack
 from splatgl.splat.colormaps import base_name
 from splatgl.splat.label_detection import MASK, mark_kind
 from splatgl.splat.presets import (
@@ -69,22 +69,8 @@ if TYPE_CHECKING:
     from splatgl.splat.splats import Splats
 
 
-def mask_anywhere(mask: Any) -> Any:
-    """A mask by its absolute path; one in memory, or at an address, as it is."""
-    if not isinstance(mask, str) or is_address(mask):
-        return mask
-    return mask_moved(mask, lambda file: str(Path(file).resolve()))
-
-
-def mask_moved(mask: str, move: Callable[[str], str]) -> str:
-    """A mask with another name of its file."""
-    file, labels, outside = parse_mask(mask)
-    parts = [move(file), ",".join(map(str, labels)), OUTSIDE * outside]
-    return ":".join(part for part in parts if part)
-
-
 def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
-    """InputError for masks that keep nothing that can be seen."""
+    """InputError for masks that keep only transparent voxels."""
     from splatgl.splat.opaque_bounds import Opaque
 
     if volume.masks and Opaque(volume, transfer).nothing:
@@ -92,18 +78,16 @@ def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
         raise expected(source, "voxels with an opacity that its masks keep", "none", fix)
 
 
-# extraction and cameras are imported once there is a volume: bad input is told at once
-
 # types of the keys of a scene file that are no options
 TABLES: dict[str, type] = {
     **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors")},
     **{name: list for name in ("layer", "mesh", "annotate")},
     "volume": str,
 }
-# keys of a transfer function that are of channels: pairs of a channel and a colour, or a window
-OF_CHANNELS = ("color_of", "window_of")
-# keys of a transfer function that say nothing of labels
-OF_AMOUNTS = frozenset(("points", "colormap", "window", "scale", "gradient"))
+# keys of a transfer function for channels: pairs of a channel and a colour, or a window
+CHANNEL_KEYS = ("color_of", "window_of")
+# keys of a transfer function that labels do not have
+AMOUNT_KEYS = frozenset(("points", "colormap", "window", "scale", "gradient"))
 # keys of a layer that are no options; options of a scene and its layers with values that TOML holds
 LAYER = ("volume", "load", "transfer")
 PLAIN = ("threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces", "annotate")
@@ -257,31 +241,32 @@ class SceneFile:
     def from_toml(cls, path: Path) -> SceneFile:
         """Reads a scene file. Raises InputError for a missing file, bad TOML, and unknown keys."""
         table = load_table(path, "a scene")
-        scene = cls._of_table(path, str(path), table, TABLES)
-        camera = table.get("camera", {})
+        scene = cls._of_table(str(path), table, TABLES)
+        camera, lines = table.get("camera", {}), table.get("vectors", {})
         refuse_unknown(f"{path} [camera]", camera, names_of(ViewOptions))
         with error_prefix(f"{path} [camera]"):
             view = ViewOptions(**camera)
         with error_prefix(f"{path} [settings]"):
             settings = Settings().but(**table.get("settings", {}))
-        layers = []
+        layers, meshes = [], []
         for place, layer in enumerate(table.get("layer", []), 1):
             what = f"{path} [[layer]] {place}"
             if not isinstance(layer, dict):
                 raise expected(what, "a table", repr(layer))
-            layers.append(cls._of_table(path, what, layer, LAYER))
-        tables = enumerate(table.get("mesh", []), 1)
-        meshes = [MeshFile.of_table(path.parent, f"{path} [[mesh]] {place}", mesh) for place, mesh in tables]
+            layers.append(cls._of_table(what, layer, LAYER))
+        for place, mesh in enumerate(table.get("mesh", []), 1):
+            meshes.append(MeshFile.of_table(f"{path} [[mesh]] {place}", mesh))
         with error_prefix(str(path)):
             annotate = check(table.get("annotate", []))
         with error_prefix(f"{path} [vectors]"):
-            refuse_unknown("vectors", lines := table.get("vectors", {}), declared(Vectors))
+            refuse_unknown("vectors", lines, declared(Vectors))
             vectors = Vectors(**lines)
         scene = replace(scene, view=view, settings=settings, annotate=annotate, vectors=vectors)
-        return replace(scene, layers=tuple(layers), meshes=tuple(meshes))
+        scene = replace(scene, layers=tuple(layers), meshes=tuple(meshes))
+        return scene.with_paths(lambda file: str(path.parent / file))
 
     @classmethod
-    def _of_table(cls, path: Path, what: str, table: Mapping[str, Any], tables: Collection[str]) -> SceneFile:
+    def _of_table(cls, what: str, table: Mapping[str, Any], tables: Collection[str]) -> SceneFile:
         """The scene of the options in a table, or one of its layers. tables: further keys."""
         plain = [name for name in PLAIN if name != "annotate"]
         refuse_unknown(what, table, sorted([*plain, *tables]))
@@ -290,26 +275,41 @@ class SceneFile:
                 raise expected(f"{what}: {key}", TABLES[key].__name__, repr(table[key]))
         if "volume" not in table:
             raise expected(what, "the key volume", ", ".join(table) or "an empty file")
-        source, reading = table["volume"], dict(table.get("load", {}))
-        if source not in SCENES and not is_address(source):
-            source = str(path.parent / source)
-        if isinstance(reading.get("color"), str):
-            reading["color"] = str(path.parent / reading["color"])
         with error_prefix(f"{what} [load]"):
-            refuse_unknown("load", reading, declared(LoadOptions))
-            LoadOptions(**reading)
+            refuse_unknown("load", table.get("load", {}), declared(LoadOptions))
+            LoadOptions(**table.get("load", {}))
         for key, this in (("clip", "conditions"), ("mask", "FILE[:N,N…][:outside], or several")):
             if not all(isinstance(text, str) and text for text in _several(table.get(key, ()))):
                 raise expected(f"{what}: {key}", f"{this}, each in quotes", repr(table[key])[:80])
         with error_prefix(what):
-            scene = cls(
-                source, reading, table.get("transfer", {}), **{key: table[key] for key in plain if key in table}
-            )
-        if scene.mask is None:
-            return scene
-        folder = path.parent
-        masks = [mask if is_address(mask) else mask_moved(mask, lambda file: str(folder / file)) for mask in scene.mask]
-        return replace(scene, mask=tuple(masks))
+            options = {name: table[name] for name in plain if name in table}
+            return cls(table["volume"], table.get("load", {}), table.get("transfer", {}), **options)
+
+    def with_paths(self, move: Callable[[str], str]) -> SceneFile:
+        """The scene with moved files; addresses, built-in scenes and values in memory stay."""
+
+        def place(name: str) -> str:
+            return name if is_address(name) else move(name)
+
+        def place_mask(mask: Any) -> Any:
+            if not isinstance(mask, str) or is_address(mask):
+                return mask
+            file, labels, outside = parse_mask(mask)
+            return ":".join(filter(None, (move(file), ",".join(map(str, labels)), OUTSIDE * outside)))
+
+        reading = {name: place(str(value)) if name == "color" else value for name, value in self.load.items()}
+        return replace(
+            self,
+            volume=self.volume if self.volume in SCENES and not self.load else place(self.volume),
+            load=reading,
+            mask=None if self.mask is None else tuple(map(place_mask, self.mask)),
+            layers=tuple(layer.with_paths(move) for layer in self.layers),
+            meshes=tuple(mesh if mesh.held else replace(mesh, file=place(mesh.file)) for mesh in self.meshes),
+        )
+
+    def with_absolute_paths(self) -> SceneFile:
+        """The scene for processes in other folders."""
+        return self.with_paths(lambda file: str(Path(file).resolve()))
 
     def with_options(self, **given: Any) -> SceneFile:
         """The scene with options of the command line or keywords: of reading, transfer function, view, settings and of
@@ -338,177 +338,148 @@ class SceneFile:
         )
 
     def to_toml(self, folder: Path) -> str:
-        """TOML text which `from_toml`, reading it from a file in `folder`, parses to the same scene.
+        """TOML text of the scene for a file in `folder`; paths below `folder` are relative, others absolute.
 
-        Paths are relative if below `folder`, else absolute. Raises InputError for values that TOML cannot represent.
+        Raises InputError for values that TOML cannot hold.
         """
-        if self.held is not None:
-            raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
+        root = folder.resolve()
+
+        def relative(file: str) -> str:
+            path = Path(file).resolve()
+            near = path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
+            # a file may have the name of a built-in scene
+            return f"./{near}" if near in SCENES else near
+
+        scene = self.with_paths(relative)
         camera = {name: getattr(self.view, name) for name in declared(self.view) if name in non_default(self.view)}
         tables = {"camera": {**camera, "size": self.view.size}, "settings": self.settings.given}
-        lines = self._lines(folder, "", {**tables, "vectors": non_default(self.vectors)})
-        for layer in self.layers:
-            lines += ["", "[[layer]]", *layer._lines(folder, "layer.", {})]
-        for mesh in self.meshes:
-            lines += mesh.lines(_relative(mesh.file, folder))
+        lines = scene._lines("", {**tables, "vectors": non_default(self.vectors)})
+        for layer in scene.layers:
+            lines += ["", "[[layer]]", *layer._lines("layer.", {})]
+        for mesh in scene.meshes:
+            lines += mesh.lines()
         return "\n".join(lines) + "\n"
 
-    def _lines(self, folder: Path, prefix: str, more: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Lines of what `_of_table` reads, and of more tables."""
-        known = self.volume in SCENES and not self.load
-        reading = dict(self.load)
-        if isinstance(reading.get("color"), str):
-            reading["color"] = _relative(reading["color"], folder)
-        lines = [f"volume = {toml_value('volume', self.volume if known else _relative(self.volume, folder))}"]
-        given = {name: value for name, value in non_default(self).items() if name in PLAIN}
-        if self.mask is not None:
-            given["mask"] = [_mask_in(mask, folder) for mask in self.mask]
-        lines += [f"{name} = {toml_value(name, value)}" for name, value in given.items()]
-        for name, table in {"load": reading, "transfer": self.transfer, **more}.items():
-            rows = [
-                f"{key} = {toml_value(f'{name} {key}', value)}" for key, value in table.items() if value is not None
-            ]
-            lines += ["", f"[{prefix}{name}]", *rows] if rows else []
+    def _lines(self, prefix: str, more: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Lines that `_of_table` reads, and lines of more tables."""
+        if self.held is not None:
+            raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
+        if not all(isinstance(mask, str) for mask in self.mask or ()):
+            raise expected("scene", "masks in files, which a scene file can name", "one in memory")
+        values = {"volume": self.volume, **{key: value for key, value in non_default(self).items() if key in PLAIN}}
+        lines = [f"{name} = {toml_value(name, value)}" for name, value in values.items()]
+        for name, table in {"load": self.load, "transfer": self.transfer, **more}.items():
+            rows = {key: toml_value(f"{name} {key}", value) for key, value in table.items() if value is not None}
+            lines += ["", f"[{prefix}{name}]"] if rows else []
+            lines += [f"{key} = {text}" for key, text in rows.items()]
         return lines
 
-    def anywhere(self) -> SceneFile:
-        """The same scene with absolute paths, for processes in other folders."""
-        reading = {name: _absolute(value) if name == "color" else value for name, value in self.load.items()}
-        known = self.volume in SCENES and not self.load
-        volume = self.volume if known else _absolute(self.volume)
-        layers = tuple(each.anywhere() for each in self.layers)
-        meshes = tuple(mesh if mesh.held else replace(mesh, file=_absolute(mesh.file)) for mesh in self.meshes)
-        mask = None if self.mask is None else tuple(map(mask_anywhere, self.mask))
-        return replace(self, volume=volume, load=reading, layers=layers, meshes=meshes, mask=mask)
-
-    def refuse_more(self, drawn: Container[str] = ()) -> None:
-        """InputError for what a command leaves out that draws the volume and, beside it, the options `drawn` alone."""
-        more = [
-            ("layers", "layers", len(self.layers) or None),
-            ("meshes", "meshes", len(self.meshes) or None),
-            ("surfaces", "surfaces", None if self.surfaces is None else f"{self.surfaces:g}"),
-            ("streamlines", "vectors", "streamlines or arrows" if self.vectors.drawn else None),
-        ]
-        for name, what, got in more:
-            if got is not None and name not in drawn:
-                raise expected(what, "none", got, "splatgl render draws them")
+    def require_one_volume(self) -> None:
+        """InputError for layers, meshes and vectors, which only some commands draw."""
+        others = {
+            "layers": len(self.layers) or None,
+            "meshes": len(self.meshes) or None,
+            "surfaces": None if self.surfaces is None else f"{self.surfaces:g}",
+            "vectors": "streamlines or arrows" if self.vectors.drawn else None,
+        }
+        for name, value in others.items():
+            if value is not None:
+                raise expected(name, "none", value, "splatgl render draws them")
 
     @property
     def files(self) -> tuple[str, ...]:
-        """What it names: its volume, colours, masks and meshes, and those of its layers."""
+        """Names of all files: volume, colours, masks, meshes, and files of layers."""
         color = self.load.get("color")
-        masks = [parse_mask(each)[0] for each in self.mask or () if isinstance(each, str)]
+        masks = [parse_mask(mask)[0] for mask in self.mask or () if isinstance(mask, str)]
         meshes = [mesh.file for mesh in self.meshes if mesh.held is None]
         below = [file for layer in self.layers for file in layer.files]
         return (self.volume, *([color] if color else []), *masks, *meshes, *below)
 
     def open(self) -> Volume:
-        """The volume: a built-in scene, or a file through its reader; masked; a flat stack with the view of it."""
+        """The volume, masked: a built-in scene, a file, or the volume in memory; a flat stack gets its view."""
         if self.held is not None:
-            return self._placed(self.held)
+            return self._prepare(self.held)
         if self.volume in SCENES and not self.load:
-            return self._masked(SCENES[self.volume]())
+            return self._mask(SCENES[self.volume]())
         if is_mesh(self.volume):
             if self.load:
                 raise expected("options", "none of volumes for a mesh", ", ".join(self.load), "leave them out")
             return stage(self.volume)
-        return self._placed(load(self.volume, **self.load))
+        return self._prepare(load(self.volume, **self.load))
 
-    def _masked(self, volume: Volume) -> Volume:
+    def _mask(self, volume: Volume) -> Volume:
         for mask in self.mask or ():
             volume = volume.masked(mask)
         return volume
 
-    def _placed(self, volume: Volume) -> Volume:
-        """What is drawn of a volume; a flat stack with the view of it, unless the view says what is up."""
-        volume, view = self._masked(self.vectors.values(volume)), self.view
-        volume = self._decided(volume)
+    def _prepare(self, volume: Volume) -> Volume:
+        """The volume with its vectors and masks; a flat stack is seen along z, unless the view says otherwise."""
+        volume, view = self._mask(self.vectors.values(volume)), self.view
+        volume = self._with_kind(volume)
         if view.eye is not None or view.up is not None:
             return volume
-        return seen_along_z(volume, told=view.azimuth is None and view.elevation is None)
+        return orient_flat_stack(volume, has_note=view.azimuth is None and view.elevation is None)
 
-    def _decided(self, volume: Volume) -> Volume:
-        """The volume as labels or amounts; what is given of the transfer function decides, too."""
+    def _with_kind(self, volume: Volume) -> Volume:
+        """The volume as labels or amounts; options of the transfer function decide, too."""
         if self.transfer.keys() & {"preset", "only_labels"}:
             return volume
-        found = mark_kind(volume)
-        if self.surfaces is not None and found.hints.values == MASK:
-            # of two values, of which one is a segment
-            return found.of_values("labels")
-        if self.transfer.keys() & OF_AMOUNTS and volume.labels is None:
-            return replace(found.of_values("amounts") if found.labels is not None else found, notes=volume.notes)
-        return found
+        marked = mark_kind(volume)
+        if self.surfaces is not None and marked.hints.values == MASK:
+            # two values, one of them a segment
+            return marked.of_values("labels")
+        if self.transfer.keys() & AMOUNT_KEYS and volume.labels is None:
+            return replace(marked.of_values("amounts") if marked.labels is not None else marked, notes=volume.notes)
+        return marked
 
     def cut(self, volume: Volume) -> SceneFile:
-        """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to what crop leaves."""
+        """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to the cropped part."""
         if not (self.clip or self.crop):
             return self
         from splatgl.splat.clipping import Box, Part, clip_corners, crop_planes, parse_planes
 
         around = crop_planes(self.crop, volume) if self.crop else ()
-        found = parse_planes(self.clip or (), Box.of([volume]))
-        settings = self.settings.but(clip=(*self.settings.clip, *found, *around))
+        planes = parse_planes(self.clip or (), Box.of([volume]))
+        settings = self.settings.but(clip=(*self.settings.clip, *planes, *around))
         view = self.view.fitted(Part(clip_corners(around, volume.corners), volume.frame)) if around else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
 
     def splats(
         self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
     ) -> Splats:
-        """The splats of the scene, classified as its settings say. moving: whether pictures are motion-blurred."""
+        """Splats of the scene, classified by its settings. moving: whether pictures are motion-blurred."""
         from splatgl.splat.resolve import extract_for_settings
 
         return extract_for_settings(volume, transfer, self.settings, self.threshold, progress, moving)
 
-    def blended(self) -> SceneFile:
-        """The scene with the blend of its preset, where its settings have none."""
+    def with_preset_blend(self) -> SceneFile:
+        """The scene with the blend of its preset, unless its settings have one."""
         name = self.transfer.get("preset")
         blend = preset_named(name).blend if isinstance(name, str) and "blend" not in self.settings.given else None
         return self if blend is None else replace(self, settings=self.settings.but(blend=blend))
 
     def transfer_for(self, volume: Volume) -> Transfer:
-        """The transfer function: the data's own or a preset's, overridden by what is given; faint around lines."""
+        """The transfer function: the default or a preset, overridden by options; faint around lines."""
         if self.vectors.drawn and not self.transfer.keys() & {"preset", "points", "only_labels"}:
             plain = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
             return plain.transfer_for(volume)
-        asked = {key: value for key, value in self.transfer.items() if key not in OF_CHANNELS}
-        name = asked.pop("preset", None)
-        if "only_labels" in asked:
-            refuse_unknown("transfer of labels", asked, ("only_labels", "unit", "shading"))
-            base = label_transfer(volume, [(int(n), float(f)) for n, f in asked.pop("only_labels")] or None)
-            return replace(base, **asked).weakened(self.opacity)
-        if "points" in asked and name is None:
-            found = Transfer.from_table(asked)
+        keys = {key: value for key, value in self.transfer.items() if key not in CHANNEL_KEYS}
+        name = keys.pop("preset", None)
+        if "only_labels" in keys:
+            refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
+            base = label_transfer(volume, [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None)
+            return replace(base, **keys).weakened(self.opacity)
+        if "points" in keys and name is None:
+            transfer = Transfer.from_table(keys)
         else:
             base = preset(name, volume) if name else default_transfer(volume)
-            refuse_unknown("transfer", asked, declared(Transfer))
-            if base.labels and asked.keys() & OF_AMOUNTS:
-                given = ", ".join(sorted(asked.keys() & OF_AMOUNTS))
+            refuse_unknown("transfer", keys, declared(Transfer))
+            if base.labels and keys.keys() & AMOUNT_KEYS:
+                given = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
                 raise expected("labels", "none of the options of amounts", given, "--values amounts draws amounts")
-            if asked.get("scale") == "log" and "points" not in asked:
+            if keys.get("scale") == "log" and "points" not in keys:
                 base = logarithmic_transfer(base, volume)
-            # a surface's colours are the light part of a map over its own window; over another, they are the whole map
-            colors = base_name(base.colormap) if "window" in asked else base.colormap
-            found = replace(base, **{"colormap": colors, **asked})
-        return found.weakened(self.opacity)
-
-
-def _absolute(name: str) -> str:
-    """A file's absolute path; an address as it is."""
-    return name if is_address(name) else str(Path(name).resolve())
-
-
-def _relative(path: str, folder: Path) -> str:
-    """A file's path in a scene in `folder`: relative if below it, else absolute; an address as it is."""
-    if is_address(path):
-        return path
-    place = Path(path).resolve()
-    near = place.relative_to(folder.resolve()).as_posix() if place.is_relative_to(folder.resolve()) else str(place)
-    # a file may have the name of a built-in scene
-    return f"./{near}" if near in SCENES else near
-
-
-def _mask_in(mask: Any, folder: Path) -> str:
-    """A mask in a scene in `folder`. Raises InputError for one in memory."""
-    if not isinstance(mask, str):
-        raise expected("scene", "masks in files, which a scene file can name", "one in memory")
-    return mask if is_address(mask) else mask_moved(mask, lambda file: _relative(file, folder))
+            # a surface has the light part of a map over its own window; over another window, the whole map
+            colors = base_name(base.colormap) if "window" in keys else base.colormap
+            transfer = replace(base, **{"colormap": colors, **keys})
+        return transfer.weakened(self.opacity)

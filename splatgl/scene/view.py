@@ -1,4 +1,4 @@
-"""`View`: the camera from angles and sizes; flat stacks of microscopes."""
+"""`ViewOptions`: cameras from angles and sizes; flat stacks of microscopes."""
 
 from __future__ import annotations
 
@@ -20,23 +20,21 @@ if TYPE_CHECKING:
 
 # units of length of microscopes
 UNITS = ("um", "µm", "nm", "Å")
-# a stack is flat whose depth is less than this share of its width and height
+# a flat stack is less deep than this share of its width and height
 FLAT = 0.5
-TOLD = "a flat stack is seen along z, x to the right and y down: --elevation 45 tilts it"
+NOTE = "a flat stack is seen along z, x to the right and y down: --elevation 45 tilts it"
 
 
-def seen_along_z(volume: Volume, told: bool = True) -> Volume:
-    """The volume, a flat stack of a microscope with the view of it: along z, and turning about y. told: with a note."""
+def orient_flat_stack(volume: Volume, has_note: bool = True) -> Volume:
+    """The volume; a flat stack of a microscope is seen along z and turns about y. has_note: whether a note says so."""
     if not is_flat_stack(volume):
         return volume
     hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=(0.0, -1.0, 0.0))
-    return replace(volume, hints=hints, notes=(*volume.notes, *[TOLD] * told))
+    return replace(volume, hints=hints, notes=(*volume.notes, *[NOTE] * has_note))
 
 
 def is_flat_stack(volume: Volume) -> bool:
-    """Whether it is a plane, or much thinner along z than along x and y, and a microscope's by its file, its unit or
-    its values.
-    """
+    """Whether a volume is much thinner along z than along x and y, and from a microscope by file, unit or values."""
     hints = volume.hints
     placed = any(x is not None for x in (hints.azimuth, hints.elevation, hints.eye, hints.up, hints.points))
     depth, height, width = ((n - 1) * step for n, step in zip(volume.shape, reversed(volume.spacing), strict=True))
@@ -46,8 +44,7 @@ def is_flat_stack(volume: Volume) -> bool:
     return np.allclose(volume.direction, np.eye(3)) and (known or is_microscopy(volume))
 
 
-# cameras are imported once there is a volume: bad input is told at once
-
+# degrees
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
 
 
@@ -56,10 +53,10 @@ _option = partial(option, group=VIEW)
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Camera parameters; those that are None come from the volume's hints, anatomy or shape.
+    """Camera parameters; None: from the hints, anatomy or shape of the volume.
 
-    part: what the view is fitted to, instead of the visible part of the volume. fixed: a camera, instead of all others
-    but the size.
+    part: the view is fitted to it, instead of the visible part of the volume. fixed: camera that replaces all
+    parameters but the size.
     """
 
     size: tuple[int, int] = _option((512, 512), picture_size(), "pixels, such as 800x600 or 512", level=BASIC)
@@ -88,7 +85,7 @@ class ViewOptions:
         return replace(self, part=part) if self.part is None and self.fixed is None else self
 
     def orbit(self, volume: Volume | Splats) -> tuple[float, float] | None:
-        """Azimuth and elevation about the middle of what is visible; None if the view is that from an eye."""
+        """Azimuth and elevation around the centre of the visible part; None for a view from an eye."""
         hints = volume.hints if isinstance(volume, Volume) else Hints()
         orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
         if self.eye is not None or (hints.eye is not None and not orbits):

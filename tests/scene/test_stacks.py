@@ -13,7 +13,7 @@ from splatgl.animation.camera_track import turning
 from splatgl.cli.main import main
 from splatgl.data.volume import Hints, Volume
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.view import ViewOptions, is_flat_stack, seen_along_z
+from splatgl.scene.view import ViewOptions, is_flat_stack, orient_flat_stack
 
 
 def stack(depth: int = 6) -> Volume:
@@ -48,13 +48,13 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_what_is_a_flat_stack(name: str) -> None:
     changes, flat = CASES[name]
-    volume = seen_along_z(replace(stack(), **changes))
+    volume = orient_flat_stack(replace(stack(), **changes))
     assert is_flat_stack(replace(stack(), **changes)) == flat == (len(volume.notes) == 1)
     assert (abs(ViewOptions().camera(volume, volume).forward[2]) > 0.999) == flat
 
 
 def test_x_is_to_the_right_and_y_down(renderer: sg.Renderer) -> None:
-    volume = seen_along_z(stack())
+    volume = orient_flat_stack(stack())
     splats = sg.extract(volume, sg.default_transfer(volume))
     camera = ViewOptions(size=(60, 40)).camera(volume, volume)
     assert np.allclose(camera.forward, [0, 0, 1]) and np.allclose(camera.right, [1, 0, 0])
@@ -76,7 +76,7 @@ def test_a_view_that_says_what_is_up_is_taken(asked: dict[str, object], tmp_path
 
 def test_azimuth_and_elevation_turn_what_is_seen() -> None:
     """About the picture's columns, as a projection in Fiji, and towards its lower edge."""
-    volume = seen_along_z(stack())
+    volume = orient_flat_stack(stack())
     track = turning(ViewOptions(), volume, volume, 90.0)
     assert np.allclose(np.abs(track.camera(1).forward), [1, 0, 0])
     for camera in (track.camera(1), ViewOptions(azimuth=50.0).camera(volume, volume)):
