@@ -162,12 +162,29 @@ def compare() -> None:
     Pillow.fromarray(np.concatenate(pictures, axis=1)).quantize(COLORS).save(FOLDER / "compare.png", optimize=True)
 
 
-def window(source: str = str(MALE)) -> None:
-    """The viewer with its panel and slices, showing a volume or a scene at full quality."""
+# the window's scene: bones of the Visible Male
+BONES = f"""volume = "{MALE}"
+[load]
+spacing = [1.57774, 0.995861, 1.00797]
+[transfer]
+preset = "ct-bone"
+[camera]
+up = [0, 0, -1]
+azimuth = 110
+elevation = 5
+"""
+
+
+def window(source: str = "") -> None:
+    """The viewer with its panel and slices, showing a scene file or the bones of a CT at full quality."""
     from splatgl.viewer.document import Document
     from splatgl.viewer.viewer import Options, Viewer
 
-    scene = SceneFile.from_toml(Path(source)) if source.endswith(".toml") else SceneFile(source)
+    with TemporaryDirectory() as folder:
+        file = Path(source or f"{folder}/bones.toml")
+        if not source:
+            file.write_text(BONES, encoding="utf-8")
+        scene = SceneFile.from_toml(file)
     with sg.Renderer("window") as renderer:
         viewer = Viewer(Document.open(scene), renderer, Options(size=WINDOW))
         try:
