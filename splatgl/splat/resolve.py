@@ -27,16 +27,16 @@ from splatgl.splat.view import GridView, widening
 
 # kinds of antialiasing whose pixels are means of samples
 AVERAGED = ("auto", "supersample")
-# samples along each axis from these tolerances on; and at most: beyond, voxels are widened besides
+# tolerances, and samples along each axis for them; beyond the most samples voxels are widened too
 SAMPLES = ((0.05, 1), (1e-3, 2), (0.0, 3))
 MOST_SAMPLES = 4
-# most samples along a side of the picture, which OpenGL can draw into, and in all of it, 1 GiB
+# most samples along a side of the picture (OpenGL's limit), and in the whole picture (1 GiB)
 MOST_SIDE, MOST_AREA = 16384, 2**26
-# kernel of splats that are classified before
+# kernel of splats that are classified before reconstruction
 PRE_KERNEL = "crawfis-max"
-# sheets that share a splat, and parts of a sheet, from these tolerances on
+# tolerances, sheets that share a splat, and parts of a sheet for them
 SHEETS = ((0.03, 2, 1), (0.005, 2, 2), (3e-3, 3, 2), (0.0, 3, 3))
-# such parts in blends of one value, at whose ends and middles extremes are looked for
+# parts of a sheet in blends of one value, which sample extremes at the ends and middles of parts
 ONE_VALUE_STEPS = 2
 # weight of the differences across a pixel's edges in its mean (Euler–Maclaurin)
 END_CORRECTION = 1 / 24
@@ -44,12 +44,12 @@ END_CORRECTION = 1 / 24
 
 @dataclass(frozen=True)
 class Appearance:
-    """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether lit from the eye.
+    """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether splats are lit.
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
-    once; 0: splats are classified before. weighted: whether gradients weigh opacities classified there. clipped:
-    whether planes cut rays. masked: whether a mask does. light: of what is shaded. sky, shadows: whether matter keeps
-    ambient and direct light off.
+    once; 0: splats are classified before reconstruction. weighted: whether gradients weigh opacities of steps.
+    clipped, masked: whether planes or a mask clip rays. light: of shaded splats. sky, shadows: whether matter occludes
+    ambient and direct light.
     """
 
     blend: BlendMode
@@ -69,12 +69,11 @@ class Appearance:
 class Resolved:
     """The settings resolved for one picture, without `auto`. Depths are in world units.
 
-    averaged: whether pixels are means of samples with the end correction of resolve.frag.
-    view: at samples × samples a pixel; whether any splat is widened, and beyond which depths. camera: likewise.
-    z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: of the box of all splats, nearest and
-    farthest. unsure: see view.py. background: linear RGB, None: transparent. notes: omitted steps with reasons, a
-    line each. sheets: None: splats composite one by one. clip: the planes that cut rays; None: no ray is cut.
-    mask: what cuts them besides; None: nothing. cues: what light reaches matter; None: all of it.
+    averaged: whether pixels are means of samples with the end correction of resolve.frag. camera, view: at samples ×
+    samples a pixel. z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: nearest and farthest
+    depth of the box of all splats. unsure: see view.py. background: linear RGB; None: transparent. notes: omitted steps
+    with reasons, a line each. sheets: None: splats composite one by one. clip, mask: planes and mask that clip rays.
+    cues: light that reaches matter; None: all light.
     """
 
     look: Appearance
@@ -100,7 +99,7 @@ class Resolved:
 
     @property
     def boxes(self) -> bool:
-        """Whether splats are boxes of voxels, which rays cross one by one, in the order of cells."""
+        """Whether splats are boxes of voxels, composited one by one in the order of cells."""
         return self.kernel is BOX
 
     @classmethod
@@ -168,7 +167,9 @@ def kernel_name(splats: Splats, settings: Settings) -> str:
 
 
 def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool) -> tuple[Sheets | None, tuple[str, ...]]:
-    """The sheets of a picture, None if splats composite one by one; with notes. InputError for what can't be drawn."""
+    """The sheets of a picture, or None if splats composite one by one; and notes. Raises InputError for settings that
+    sheets do not support.
+    """
     _check_classification(splats, settings, moving)
     post = splats.post is not None
     if view.kernel is BOX:
@@ -193,7 +194,7 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool) ->
 
 
 def _check_classification(splats: Splats, settings: Settings, moving: bool) -> None:
-    """InputError for what splats that are classified before or after reconstruction can't draw."""
+    """Raises InputError for settings that the classification of the splats does not support."""
     post, blend = splats.post, BLENDS[settings.blend]
     if settings.classification not in ("auto", "post" if post else "pre"):
         raise InputError(
@@ -232,7 +233,7 @@ def _samples(settings: Settings, pixel: float, size: tuple[int, int]) -> tuple[i
 
 
 def _antialias(settings: Settings, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
-    """Whether voxels are widened beyond z_k, and one lies there; with notes."""
+    """Whether any voxel is widened, as one lies beyond z_k; and notes."""
     if settings.antialias == "off" or farthest >= z_k:
         return settings.antialias != "off", ()
     why = f"every splat is nearer than z_k = {z_k:.6g}; the picture is the same"
@@ -240,7 +241,7 @@ def _antialias(settings: Settings, z_k: float, farthest: float) -> tuple[bool, t
 
 
 def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]:
-    """Whether splats are shaded, by the settings, else by the transfer function; with notes."""
+    """Whether splats are shaded, by the settings or the transfer function; and notes."""
     if settings.shading != "auto":
         return settings.shading == "on", ()
     if not splats.shaded or BLENDS[settings.blend].ordered:
@@ -251,25 +252,27 @@ def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]
 def _cues(
     splats: Splats, camera: Camera, settings: Settings, light: Light
 ) -> tuple[LightVolume | None, tuple[str, ...]]:
-    """What light reaches matter, None if all; with notes."""
-    asked = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
-    if not asked or not len(splats):
+    """The light that reaches matter, or None for all light; and notes."""
+    names = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
+    if not names or not len(splats):
         return None, ()
     if not BLENDS[settings.blend].ordered:
         why = f"{settings.blend} shows values, not surfaces; the picture would be another"
-        return None, (f"{' and '.join(asked).replace('_', ' ')} left out: {why}",)
-    shines = light.within(camera) if settings.shadows > 0 else None
-    notes = ("shadows left out: those of a light at the eye are not seen",) * (settings.shadows > 0 and shines is None)
-    if not settings.ambient_occlusion and shines is None:
+        return None, (f"{' and '.join(names).replace('_', ' ')} left out: {why}",)
+    direction = light.within(camera) if settings.shadows > 0 else None
+    notes = ("shadows left out: those of a light at the eye are not seen",) * (
+        settings.shadows > 0 and direction is None
+    )
+    if not settings.ambient_occlusion and direction is None:
         return None, notes
     casters = ((splats, settings.clip),)
-    toward = None if shines is None else -shines
+    toward = None if direction is None else -direction
     return LightVolume(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward), notes
 
 
 def _attenuation(settings: Settings, weakened: bool) -> str:
-    """The attenuation form. Forms differ only in composite, and before z_k only under motion. Measured over walls,
-    edges, threads, dots, fog and real volumes, fill is the nearest to supersampling.
+    """The form of attenuation. Forms differ only in composite, and before z_k only under motion. fill is the closest to
+    supersampling, measured on walls, edges, threads, dots, fog and real volumes.
     """
     if not BLENDS[settings.blend].ordered or not weakened:
         return "optical-depth"
@@ -281,13 +284,13 @@ RADIAL_BITS = 32
 
 
 def has_radial_footprints(settings: Settings) -> bool:
-    """Whether footprints depend on the distance alone."""
+    """Whether footprints depend only on the distance of a ray from the voxel."""
     exact = settings.align in ("auto", "exact")
     return exact and settings.footprint != "table" and settings.table_bits == RADIAL_BITS
 
 
 def why_not_front_to_back(settings: Settings) -> str | None:
-    """Why a picture can't be drawn in float32, nearest first, with footprints by the distance; None if it can."""
+    """The setting that prevents float32, front-to-back order or radial footprints; None if there is none."""
     if settings.target not in ("auto", "rgba32f"):
         return f"target {settings.target}"
     if BLENDS[settings.blend].ordered and settings.order == "back-to-front":
@@ -296,28 +299,28 @@ def why_not_front_to_back(settings: Settings) -> str | None:
 
 
 def has_streaks(settings: Settings) -> bool:
-    """Whether the settings ask for streaks, where there are any: extreme values along a ray have none."""
+    """Whether the settings request streaks; blends of one value have none."""
     return settings.motion in MOTIONS and not BLENDS[settings.blend].one_value
 
 
 def draws_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
-    """Whether splats are voxels of labels that are drawn as boxes: unless the settings ask for footprints of a kernel.
+    """Whether splats are voxels of labels, drawn as boxes unless the settings request footprints of a kernel.
 
-    moving: whether the picture is of streaks.
+    moving: whether the picture has streaks.
     """
     plain = settings.kernel == "auto" and settings.attenuation != "opacity" and settings.antialias != "paper"
     return splats.labels is not None and plain and has_radial_footprints(settings) and not moving
 
 
 def blur_form(splats: Splats, settings: Settings) -> str:
-    """How a moving picture of these splats is blurred: moments, off or a form of streaks.
+    """The form of motion blur: moments, off or a form of streaks.
 
-    For sums streaks are exact; where matter hides matter, the mean of moments has less error in the same time, and
-    values classified after reconstruction, and boxes of labels, have no streaks.
+    Streaks are exact for sums; in other blends the mean of moments has a smaller error in the same time. Values
+    classified after reconstruction, and boxes of labels, have no streaks.
     """
     if settings.motion == "auto":
-        before = select_splats(splats, settings, moving=True)
-        sums = BLENDS[settings.blend].unbounded and before.post is None and not draws_boxes(before, settings, False)
+        selected = select_splats(splats, settings, moving=True)
+        sums = BLENDS[settings.blend].unbounded and selected.post is None and not draws_boxes(selected, settings, False)
         return "exact" if sums else "moments"
     if settings.motion == "off":
         return "moments" if (settings.moments or 1) > 1 else "off"
@@ -325,7 +328,7 @@ def blur_form(splats: Splats, settings: Settings) -> str:
 
 
 def why_per_splat(settings: Settings, moving: bool) -> str | None:
-    """What takes splats that composite one by one, classified before; None if sheets serve.
+    """The setting that needs splats classified before reconstruction and composited one by one; None: sheets do.
 
     moving: whether the picture is motion-blurred.
     """
@@ -340,12 +343,12 @@ def why_per_splat(settings: Settings, moving: bool) -> str | None:
 def extraction_kind(settings: Settings, moving: bool, why: str | None, voxels: int) -> tuple[str, str]:
     """Classification and kernel of `extract` for a picture with these settings.
 
-    why: what takes splats classified before, see `why_only_pre`. voxels: of the volume.
+    why: reason for `pre`, see `why_only_pre`. voxels: number of voxels of the volume.
     """
     blend, how = BLENDS[settings.blend], settings.classification
     if how == "auto":
-        hindered = why or why_per_splat(settings, moving) or (blend.one_value and voxels > MOST_KEPT)
-        how = "pre" if hindered and not blend.post_only else "post"
+        is_pre = why or why_per_splat(settings, moving) or (blend.one_value and voxels > MOST_KEPT)
+        how = "pre" if is_pre and not blend.post_only else "post"
     if how == "pre":
         return how, ""
     return "post-all" if blend.one_value else how, settings.kernel if settings.kernel != "auto" else POST_KERNEL
@@ -359,28 +362,29 @@ def extract_for_settings(
     progress: Progress | None = None,
     moving: bool = False,
 ) -> Splats:
-    """The splats of a volume for a picture with these settings; for others too, unless they are for motion blur.
+    """Extracts the splats of a volume for a picture with these settings; other settings re-extract on demand, except
+    after motion blur.
 
     Raises InputError as `extract`.
     """
     how, kernel = extraction_kind(settings, moving, why_only_pre(volume, transfer, threshold), volume.count)
     if settings.classification == "auto" and how == "post":
-        # or voxels, if values are too many
+        # extract() falls back to voxels if there are too many values
         return extract(volume, transfer, threshold, progress=progress, kernel=kernel)
-    found = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
+    splats = extract(volume, transfer, threshold, progress=progress, classification=how, kernel=kernel)
     if settings.classification != "auto" or moving:
-        return found
-    return replace(found, source=Source(volume, transfer, threshold))
+        return splats
+    return replace(splats, source=Source(volume, transfer, threshold))
 
 
 def select_splats(splats: Splats, settings: Settings, moving: bool) -> Splats:
-    """The splats of the same volume that a picture with these settings takes; these, if they serve or know no volume.
-    Voxels that planes cut off are left out.
+    """Selects the splats for a picture with these settings, without clipped voxels: the given ones if they fit or have
+    no source, else splats that are extracted from their source.
 
     moving: whether the picture is motion-blurred.
     """
-    found = _classified(splats, settings, moving)
-    return clip_splats(found, settings.clip, draws_boxes(found, settings, moving))
+    selected = _classified(splats, settings, moving)
+    return clip_splats(selected, settings.clip, draws_boxes(selected, settings, moving))
 
 
 def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
@@ -416,9 +420,7 @@ def classification_notes(source: Source | None, selected: Splats, settings: Sett
 
 
 def check_blur_supported(what: str, settings: Settings, flow: bool) -> None:
-    """InputError for motion blur that is no mean of moments of one camera: neither layers nor bricks have streaks, or
-    a flow. what: names them.
-    """
+    """Raises InputError for streaks and flows, which layers and bricks do not support. what: names them."""
     if has_streaks(settings):
         raise expected(f"motion {what}", "the mean of moments", f"motion {settings.motion}")
     if flow:
