@@ -1,7 +1,7 @@
-"""Chooses levels of detail, and draws volumes that exceed memory in slabs.
+"""Chooses levels of detail, and draws volumes that exceed memory.
 
-Means of values lose what is thinner than their voxels, and are classified as something else. So a coarser level is
-drawn only if it is right in boxes of this volume, under this transfer function and camera.
+Means of values lose structures thinner than a voxel, and are classified differently. So a coarser level is drawn only
+if it is accurate in boxes of this volume, with this transfer function and camera.
 """
 
 from __future__ import annotations
@@ -28,23 +28,22 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 
-# boxes that are compared; places, and bytes of the finest level, that are looked at for them, as many are empty, and
-# matter that means lose is rare
+# boxes to compare; places, and bytes of the finest level, to search for them, as many are empty and losses are rare
 BOXES, PLACES, MOST_READ = 8, 128, 1 << 28
-# coarse voxels along a box's sides, and finest ones at least and at most
+# coarse voxels along a side of a box, and the least and most fine voxels
 COARSE_SIDE, FINE_SIDES = 8, (32, 128)
-# samples along a pixel of what both are compared with, and pixels beyond a box
+# samples along a pixel of the reference, and pixels around a box
 SAMPLES, MARGIN = 8, 4
-# how much further a coarser level may be: that few boxes tell no better
+# factor by which the error of a coarser level may be larger: few boxes do not measure it better
 SLACK = 1.05
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A level for a picture. number: 0 is the finest. transfer: its opacities stated per length of the finest.
+    """The level for a picture. number: 0 is the finest. transfer: opacities refer to the spacing of the finest level.
 
-    off: RMSE of that level and of those that were tried before it, by number, in `boxes` boxes from the finest level,
-    supersampled. allowed: the most that a coarser one may be off.
+    off: RMSE of the levels that were tried, by number, to the finest level, supersampled, in `boxes` boxes. allowed:
+    largest RMSE of a coarser level.
     """
 
     number: int
@@ -56,13 +55,11 @@ class Level:
 
     @property
     def info(self) -> dict[str, object]:
-        """For a picture's provenance: the number, the RMSE from the finest level, None if it was not measured, and in
-        how many boxes it was.
-        """
+        """Provenance: the number, the RMSE to the finest level (None: not measured), and the number of boxes."""
         return {"level": self.number, "level_rmse": self.off.get(self.number), "level_boxes": self.boxes}
 
     def __str__(self) -> str:
-        """What was measured, in one line."""
+        """The measurement in one line."""
         tried = ", ".join(f"level {number} by {off:.2g}" for number, off in sorted(self.off.items()))
         size = "×".join(map(str, self.volume.shape[::-1]))
         if not self.boxes:
@@ -73,9 +70,9 @@ class Level:
 def choose_level(
     volume: Volume, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer | None = None
 ) -> Level:
-    """The coarsest level whose voxels are finer than a pixel wherever they are [M98 Eq. 3], and which in boxes of this
-    volume is no further from the finest level, supersampled, than that is, drawn with these settings, or than their
-    tolerance. renderer: one that is open.
+    """Chooses the coarsest level whose voxels are finer than a pixel everywhere [M98 Eq. 3], and whose error in boxes
+    is at most that of the finest level with these settings, or the tolerance. Errors are to the finest level,
+    supersampled. renderer: an open one; None: opens one.
     """
     finest = Level(0, single_level(volume, 0), transfer, {}, 0.0, 0)
     coarsest = coarsest_fine_level(volume, camera)
@@ -84,14 +81,14 @@ def choose_level(
     if renderer is None:
         with Renderer() as opened:
             return choose_level(volume, transfer, camera, settings, opened)
-    # opacities stay those of the finest voxels
+    # opacities refer to the finest voxels
     spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
     transfer = replace(transfer, unit=transfer.unit or spacing)
     boxes = list(_boxes(volume, coarsest, transfer, camera, settings, renderer))
     if not boxes:
         return finest
     fine = replace(finest, transfer=transfer, boxes=len(boxes))
-    # of a sum, the tolerance is relative to the brightest
+    # the tolerance of sums is relative to the brightest pixel
     one = max(float(box.right.pixels.max()) for box in boxes) if BLENDS[settings.blend].unbounded else 1.0
     own = _rmse([(box.image, box.right) for box in boxes])
     off, allowed = {0: own}, max(SLACK * own, settings.tolerance * one)
@@ -105,14 +102,14 @@ def choose_level(
 
 
 def single_level(volume: Volume, number: int) -> Volume:
-    """A level of a multiscale image by itself."""
+    """One level of a multiscale volume."""
     if number == 0:
         return replace(volume, coarser=())
     return replace(volume.coarser[number - 1], name=volume.name, hints=volume.hints, frame=volume.frame)
 
 
 def coarsest_fine_level(volume: Volume, camera: Camera) -> int:
-    """The coarsest level whose voxels' sides are at most a pixel at the volume's nearest depth; 0: the finest."""
+    """The coarsest level whose voxels are at most a pixel wide at the nearest depth of the volume; 0: the finest."""
     nearest = float(camera.eye_from_points(volume.corners)[:, 2].min())
     pixel = float(camera.pixel_pitch(max(nearest, 0.0)))
     fine = [max(level.spacing) <= pixel for level in volume.coarser]
@@ -121,7 +118,7 @@ def coarsest_fine_level(volume: Volume, camera: Camera) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Box:
-    """A box of the volume seen by a camera: its ends in the world, drawn with the settings, and supersampled."""
+    """A box of the volume: its ends in world units, a camera, and pictures with the settings and supersampled."""
 
     ends: tuple[np.ndarray, np.ndarray]
     camera: Camera
@@ -132,8 +129,8 @@ class _Box:
 def _boxes(
     volume: Volume, coarsest: int, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer
 ) -> Iterator[_Box]:
-    """Up to BOXES boxes in which something is drawn, cut between coarse voxels: of places spread over the volume those
-    whose opacity means over coarse voxels lose most of.
+    """Up to BOXES boxes of whole coarse voxels that are not empty: of places distributed over the volume, those whose
+    opacity the means over coarse voxels lose most of.
     """
     size, sides = np.array(volume.shape[::-1]), np.array(volume.coarser[coarsest - 1].spacing) / volume.spacing
     step = np.maximum(np.rint(sides).astype(np.int64), 1)
@@ -157,7 +154,7 @@ def _boxes(
 
 
 def _lost(part: Volume, step: np.ndarray, transfer: Transfer) -> float:
-    """How far the opacity of means over `step` voxels (x, y, z) is from the mean opacity, RMS; below 0 for nothing."""
+    """RMS difference of the opacity of means over `step` voxels (x, y, z) to the mean opacity; -1 if all is clear."""
     samples = np.nan_to_num(np.asarray(part.samples, np.float64))
     opacity = transfer.opacity(samples)
     if not opacity.any():
@@ -167,7 +164,7 @@ def _lost(part: Volume, step: np.ndarray, transfer: Transfer) -> float:
 
 
 def _means(samples: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Means of samples [D, H, W] over boxes of `step` (x, y, z); the last ones may be smaller."""
+    """Means of samples [D, H, W] over boxes of `step` (x, y, z); the last boxes may be smaller."""
     for axis, size in enumerate(step[::-1].tolist()):
         starts = np.arange(0, samples.shape[axis], size)
         count = np.diff(np.append(starts, samples.shape[axis]))
@@ -177,7 +174,7 @@ def _means(samples: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def _toward(camera: Camera, part: Volume) -> Camera | None:
-    """A small picture of a part, with pixels as large as the camera's; None if it is not all before the eye."""
+    """The camera of a small picture of a part, with the same pixel size; None if a corner lies behind the eye."""
     pitch, away = camera.extent / camera.size[1], part.center - camera.eye
     middle = camera.eye_from_points(part.center)
     if middle[2] <= 0:
@@ -199,7 +196,7 @@ def _toward(camera: Camera, part: Volume) -> Camera | None:
 
 
 def _cut(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
-    """The voxels of a volume between two places of the world."""
+    """The voxels of a volume between two points, world units."""
     ends = (np.stack([low, high]) - volume.origin) @ np.linalg.inv(volume.world_from_index).T + 0.5
     first, last = np.clip(np.rint(np.sort(ends, axis=0)), 0, volume.shape[::-1]).astype(np.int64)
     first = np.minimum(first, np.array(volume.shape[::-1]) - 1)
@@ -214,12 +211,12 @@ def _drawn(part: Volume, transfer: Transfer, camera: Camera, settings: Settings,
 
 
 def _rmse(pairs: list[tuple[Image, Image]]) -> float:
-    """Over the pixels that either of a pair shows."""
+    """RMSE over the pixels that are not empty in one of a pair."""
     off = [(a.pixels - b.pixels)[(a.pixels.any(axis=2)) | (b.pixels.any(axis=2))] for a, b in pairs]
     return float(np.sqrt((np.concatenate(off) ** 2).mean()))
 
 
-# given how many bricks are done, and their number
+# called with the number of bricks done, and of all
 Progress = Callable[[int, int], None]
 
 
@@ -232,27 +229,27 @@ def render_slabs(
     progress: Progress | None = None,
     renderer: Renderer | None = None,
 ) -> Image:
-    """`splatgl.distributed.render.render_slabs` without workers; renderer: one that is open."""
+    """Like `splatgl.distributed.render.render_slabs`, without workers. renderer: an open one; None: opens one."""
     settings = settings or Settings()
     volume = source if isinstance(source, Volume) else load(source)
     most = budget() if memory is None else memory
     with nullcontext(renderer) if renderer else Renderer() as drawing:
         level = choose_level(volume, transfer, camera, settings, drawing)
         bricks = bricks_of(level.volume, level.transfer, settings)
-        many = excess_need(bricks, camera.size, most) if bricks else None
-        told = {**level.info, "bricks": 0}
-        if bricks is None or many is None:
+        need = excess_need(bricks, camera.size, most) if bricks else None
+        info = {**level.info, "bricks": 0}
+        if bricks is None or need is None:
             image = drawing.render(extract_for_settings(level.volume, level.transfer, settings), camera, settings)
-            return Image(image.pixels, {**image.info, **told})
-        image = drawing.render_bricks(bricks, camera, settings, progress, bands=many.bands(most))
-        return Image(image.pixels, {**told, **image.info})
+            return Image(image.pixels, {**image.info, **info})
+        image = drawing.render_bricks(bricks, camera, settings, progress, bands=need.bands(most))
+        return Image(image.pixels, {**info, **image.info})
 
 
 def render_moving_bricks(
     renderer: Renderer, bricks: Bricks, camera: Camera, settings: Settings, motion: Motion | None, bands: int = 1
 ) -> Image:
-    """The picture of a volume in bricks while the camera, or all of it, moves: the mean of its moments, as
-    `Renderer.render` of moving splats; without motion a sharp one. Raises InputError for streaks and for a flow.
+    """Draws a volume in bricks while the camera or the volume moves: the mean of moments, as `Renderer.render` draws
+    moving splats; without motion a sharp picture. Raises InputError for streaks and for a flow.
     """
     if motion is None:
         return renderer.render_bricks(bricks, camera, settings, bands=bands)

@@ -1,4 +1,4 @@
-"""`Renderer`: owns a context and all its GL objects; renders splats through a camera into an `Image`."""
+"""`Renderer`: owns an OpenGL context and its objects; draws splats and scenes into an `Image`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from splatgl.splat.scene import Scene, ScenePlan, join_pictures, plan_scene
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats
 
-# the finest form, table and target, against which coarser ones are measured
+# the finest form, table and target, to which coarser ones are compared
 FINER: dict[str, Any] = {
     "align": "exact",
     "footprint": "auto",
@@ -47,8 +47,8 @@ COMPUTE = 430
 class Renderer:
     """Headless renderer. Use it in a `with` block, or call `close()`.
 
-    backend: egl | osmesa | window | auto. device: index of the EGL device. require_gpu: fail if a
-    software renderer answers. Raises InputError if no context can be opened.
+    backend: egl, osmesa, window or auto. device: index of the EGL device. require_gpu: fail with a software renderer.
+    Raises InputError if no context can be opened.
     """
 
     def __init__(self, backend: str = "auto", device: int | None = None, require_gpu: bool = False) -> None:
@@ -75,23 +75,21 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Releases every GL object and the context; further calls do nothing, nor does one in a forked process."""
+        """Releases all GL objects and the context; further calls, and calls in a forked process, do nothing."""
         if inherited(self.ctx):
             return
         with current(self.ctx):
             self.owned.close()
 
     def free(self) -> None:
-        """Frees what is kept on the device for the next picture: splats, tables and lists of tiles; it is made again
-        on demand.
-        """
+        """Frees splats, tables and lists of tiles that are cached on the device for the next picture."""
         with current(self.ctx):
             self.passes.release()
 
     def plan(
         self, splats: Splats, camera: Camera, settings: Settings | None = None, motion: Motion | None = None
     ) -> Plan:
-        """The plan that `render` would draw; tiles depend on the driver."""
+        """The plan of the picture of splats that `render` draws; tiles depend on the driver."""
         return plan(splats, camera, settings, motion, self.tiles)
 
     def render(
@@ -103,19 +101,17 @@ class Renderer:
         verify_bound: bool = True,
         interrupted: Callable[[], bool] | None = None,
     ) -> Image:
-        """The picture, linear premultiplied float32 [H, W, 4], row 0 on top.
-
-        In `xray` A is Σ τ and RGB Σ τ·colour, unclamped.
+        """Draws a picture of splats or of the visible layers of a scene: linear premultiplied float32 [H, W, 4], row 0
+        on top; in `xray` A is Σ τ and RGB Σ τ·colour, unclamped.
 
         motion: of the scene since the previous frame; blurred as `settings.motion` says, while the shutter is open, up
-        to now. The error bound of a mean of moments is to the mean of their float64 references; that of streaks to
-        straight ones, and None near the eye and for long voxels beyond z_k. verify_bound: if the bound exceeds the
-        tolerance, render again with the finest form and measure. `info["tolerance_met"]`: whether the error bound is
-        known and within the tolerance, which for X-rays is relative to the brightest component. interrupted: called
-        between portions of the drawing; if it returns True, Interrupted is raised, and later pictures are unaffected.
-        Raises InputError for a size beyond OpenGL's, for the flow of other splats, and in a process that was forked
-        after the renderer was opened; and for a scene of several layers: for streaks, a flow, and settings that
-        composite splat by splat. Of these no bound is known.
+        to now. verify_bound: if the error bound exceeds the tolerance, draw again with the finest form and measure the
+        difference. interrupted: called between portions of the drawing; if it returns True, Interrupted is raised, and
+        later pictures are unaffected. `info["tolerance_met"]`: whether the error bound is known and within the
+        tolerance, which for X-rays is relative to the brightest component. The bound of a mean of moments refers to the
+        mean of their float64 references; the bound of streaks to straight streaks, None near the eye and for long
+        voxels beyond z_k; several layers and meshes have none. Raises InputError for a size beyond OpenGL's limit, for
+        the flow of other splats, in a process that was forked after the renderer was opened, and as `plan_scene`.
         """
         check_process(self.ctx)
         settings, started = settings or Settings(), time.perf_counter()
@@ -125,7 +121,7 @@ class Renderer:
             sharp = settings.but(moments=None, **({} if chosen.exposure else {"motion": "off"}))
             draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
             mean = (Shorter if chosen.exposure else Moments)(draw, motion, sharp.shutter, chosen.moments)
-            # layers have no flow, and are handed to `draw` as they are
+            # a scene has no flow, and is passed to `draw` unchanged
             image = mean(splats, camera, sharp)  # type: ignore[arg-type]
             info = self._scene_info(scene, camera, started)
             return Image(image.pixels.astype(np.float32), {**image.info, **info})
@@ -138,39 +134,39 @@ class Renderer:
     def plans(
         self, subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion | None = None
     ) -> ScenePlan:
-        """The plans that `render` would draw. Raises InputError as `render` for several layers and meshes."""
+        """The plans of the picture that `render` draws. Raises InputError as `render` for several layers and meshes."""
         scene = plan_scene(subject, camera, settings, motion, self.tiles)
         if scene.first.program.look.blend.ordered and not scene.is_single:
-            for each in scene.layers:
-                if len(each.splats):
-                    self.require_tiles("meshes" if scene.meshes else "layers", each)
+            for layer in scene.layers:
+                if len(layer.splats):
+                    self.require_tiles("meshes" if scene.meshes else "layers", layer)
         return scene
 
     def _draw_scene(self, scene: ScenePlan, interrupted: Callable[[], bool] | None) -> np.ndarray:
-        """The pixels of all layers and meshes. In `composite` extinctions and emissions of layers add up at every
-        depth, and meshes end rays, or weaken them; in other blends pictures of layers add up.
+        """Draws all layers and meshes. In `composite` extinctions and emissions of layers add up at every depth, and
+        meshes end or weaken rays; in other blends pictures of layers are joined.
         """
         chosen = scene.first
         if scene.is_single:
             return self._draw(chosen, interrupted=interrupted)
         if not chosen.program.look.blend.ordered:
-            pictures = [self._draw(each, interrupted=interrupted) for each in scene.layers]
+            pictures = [self._draw(layer, interrupted=interrupted) for layer in scene.layers]
             return join_pictures(pictures, chosen.settings.but(background=scene.background))
-        layers = [(each.splats, each) for each in scene.layers]
+        layers = [(layer.splats, layer) for layer in scene.layers]
         if not scene.meshes:
             return self._guarded(chosen, partial(self.passes.draw_layers, layers, interrupted))
         is_lit = chosen.settings.shading != "off"
         return self._guarded(chosen, partial(self.passes.draw_surfaces, scene.meshes, is_lit, layers, interrupted))
 
     def _scene_info(self, scene: ScenePlan, camera: Camera, started: float) -> dict[str, object]:
-        """Provenance of a picture of splats or layers. started: as of `time.perf_counter`."""
+        """Provenance of a picture of splats or layers. started: value of `time.perf_counter`."""
         info = self.provenance(scene.first, camera, time.perf_counter() - started)
         if scene.is_single:
             return info
-        splats = [each.splats for each in scene.layers]
+        splats = [layer.splats for layer in scene.layers]
         return info | {
-            "scene": " + ".join(each.name for each in splats),
-            "layers": [each.name for each in splats],
+            "scene": " + ".join(layer.name for layer in splats),
+            "layers": [layer.name for layer in splats],
             "splats": sum(map(len, splats)),
             "triangles": sum(map(len, scene.meshes)),
             "background": None if scene.background is None else list(scene.background),
@@ -178,9 +174,9 @@ class Renderer:
         }
 
     def _error(self, scene: ScenePlan, camera: Camera, pixels: np.ndarray, verify: bool) -> dict[str, object]:
-        """The error bound, and whether the tolerance is met; of several layers and of meshes no bound is known.
+        """The error bound, and whether the tolerance is met; several layers and meshes have no bound.
 
-        verify: whether a picture whose bound exceeds the tolerance is compared with the one of the finest form.
+        verify: whether a picture whose bound exceeds the tolerance is compared with that of the finest form.
         """
         chosen = scene.first
         brightest = _brightest(pixels, chosen)
@@ -201,12 +197,11 @@ class Renderer:
         interrupted: Callable[[], bool] | None = None,
         bands: int = 1,
     ) -> Image:
-        """The picture of `render`, of values classified after reconstruction, extracted while it is drawn: only some
-        bricks are in memory at a time.
+        """Draws a volume while its values are extracted, with only some bricks in memory at a time.
 
-        progress: called with the bricks that are done, and their number. bands: of rows, drawn one after another, each
-        of which has fewer splats waiting. Raises InputError for what takes other splats than values in sheets, or
-        quads, and for a parallel view from within the volume.
+        progress: called with the number of bricks done, and of all. bands: number of bands of rows, drawn one after
+        another, as each needs memory for fewer splats. Raises InputError for settings that need quads or splats other
+        than values in sheets, and for a parallel view from inside the volume.
         """
         started = time.perf_counter()
         chosen = self.plan_bricks(bricks, camera, settings)
@@ -216,8 +211,8 @@ class Renderer:
     def render_part(
         self, bricks: Bricks, camera: Camera, settings: Settings | None = None, bands: int = 1
     ) -> np.ndarray:
-        """The samples, float32 [H, W, 4], of what lies in the shell of `Bricks.within`; of blends of one value, that
-        and the length over which it is known. Raises InputError as `render_bricks`.
+        """Draws the samples, float32 [H, W, 4], of the shell of `Bricks.within`; in blends of one value, the value and
+        the length over which it is known. Raises InputError as `render_bricks`.
         """
         return self._draw_bricks(bricks, self.plan_bricks(bricks, camera, settings), bands=bands)
 
@@ -229,7 +224,7 @@ class Renderer:
         samples: np.ndarray,
         splats: int,
     ) -> Image:
-        """The picture whose parts' samples were joined; bricks: all, splats: of all parts."""
+        """The picture of joined samples of parts. bricks: of all parts. splats: number of splats of all parts."""
         started = time.perf_counter()
         chosen = self.plan_bricks(bricks, camera, settings)
         with current(self.ctx):
@@ -238,17 +233,17 @@ class Renderer:
         return self._of_bricks(bricks, camera, chosen, pixels, splats, started)
 
     def plan_bricks(self, bricks: Bricks, camera: Camera, settings: Settings | None) -> Plan:
-        """The plan of a volume in bricks, and of all of its parts. Raises InputError as `render_bricks`."""
+        """Plans a volume in bricks, or a part of one. Raises InputError as `render_bricks`."""
         check_process(self.ctx)
         whole = bricks.whole
         check_bricks_supported(whole, camera, settings or Settings())
-        # the splats that stand for all are not clipped: bricks are
+        # bricks are clipped, not the splats that stand for them
         chosen = replace(self.plan(whole, camera, settings), splats=whole)
         self.require_tiles("a volume in bricks", chosen, "or give more --memory, to draw it whole")
         return chosen.with_choices(half_line=True) if bricks.surround_eye(chosen.view) else chosen
 
     def require_tiles(self, what: str, chosen: Plan, fix: str = "") -> None:
-        """InputError, which says what the driver or the plan lacks, for a plan of what only tiles draw."""
+        """Raises InputError for a plan without tiles. what: needs tiles."""
         if chosen.program.technique != "tiles":
             got = chosen.program.technique if self.tiles is not None else f"OpenGL {self.info.version}"
             raise expected(what, "OpenGL 4.3 or newer with compute shaders, technique auto or tiles", got, fix)
@@ -283,13 +278,13 @@ class Renderer:
     def _of_bricks(
         self, bricks: Bricks, camera: Camera, chosen: Plan, pixels: np.ndarray, splats: int, started: float
     ) -> Image:
-        told = self.provenance(chosen, camera, time.perf_counter() - started)
-        told |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
-        told["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
-        return Image(pixels, told)
+        info = self.provenance(chosen, camera, time.perf_counter() - started)
+        info |= {"splats": splats, "bricks": len(bricks.low), "error_bound": None, "tolerance_met": False}
+        info["unmasked"] = bricks.whole.unmasked + sum(bricks.gaps.values())
+        return Image(pixels, info)
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
-        """Difference to the picture of the finest form, table and target, plus its bound; inf if it is the same."""
+        """The difference to the picture of the finest form, table and target, plus its bound; inf for that form."""
         finer = self.plan(chosen.splats, camera, chosen.settings.but(motion="off", **FINER))
         if _kind(finer) == _kind(chosen):
             return float("inf")
@@ -308,7 +303,7 @@ class Renderer:
         return self._guarded(chosen, partial(self.passes.draw, chosen.splats, chosen, role, interrupted, batches))
 
     def _guarded(self, chosen: Plan, draw: Callable[[], np.ndarray]) -> np.ndarray:
-        """The pixels; InputError if OpenGL ran out of memory or lost its context."""
+        """The pixels. Raises InputError if OpenGL ran out of memory or lost its context."""
         try:
             pixels = draw()
         except moderngl.Error as error:
@@ -319,7 +314,7 @@ class Renderer:
         return pixels
 
     def _failure(self, chosen: Plan, problem: str) -> InputError:
-        # cached objects may be incomplete: the next picture recreates them
+        # cached objects may be incomplete; the next picture recreates them
         self.passes.release()
         width, height = (side // chosen.samples for side in chosen.view.size)
         return InputError(
@@ -328,7 +323,7 @@ class Renderer:
         )
 
     def provenance(self, chosen: Plan, camera: Camera, seconds: float) -> dict[str, object]:
-        """Scene, plan and driver as plain values that fit into a PNG's text."""
+        """Scene, plan and driver as plain values that the text of a PNG can store."""
         program, splats = chosen.program, chosen.splats
         return {
             "scene": splats.name,
@@ -368,20 +363,20 @@ class Renderer:
 
 
 def _kind(chosen: Plan) -> tuple[object, ...]:
-    """The choices that decide how coarse a picture is."""
+    """The choices that decide how accurate a picture is."""
     program = chosen.program
     return program.align, program.footprint, chosen.target, chosen.lookup.size, chosen.lookup.bits
 
 
 def _blur(chosen: Plan) -> dict[str, object]:
-    """How a moving picture is blurred; empty for others."""
+    """The motion blur of a picture; empty for a sharp one."""
     if chosen.exposure is not None:
         return {"motion": chosen.program.motion, "shutter": chosen.exposure.frames * FULL_SHUTTER}
     return {"motion": "moments"} if chosen.moments else {}
 
 
 def _brightest(pixels: np.ndarray, chosen: Plan) -> float:
-    """The largest component of an X-ray, to which its errors are relative; 1 for other pictures."""
+    """The largest component of an X-ray, to which errors are relative; 1 for other blends."""
     return float(pixels.max()) if chosen.program.look.blend.unbounded else 1.0
 
 
@@ -390,7 +385,7 @@ def _finite(x: float) -> float | None:
 
 
 def _light_info(chosen: Plan) -> dict[str, object]:
-    """The cells of ambient occlusion and shadows, and the seconds that they took; empty without."""
+    """Number of cells, and seconds, of ambient occlusion and shadows; empty without them."""
     if chosen.resolved.cues is None:
         return {}
     fields = chosen.resolved.cues.fields
@@ -399,7 +394,7 @@ def _light_info(chosen: Plan) -> dict[str, object]:
 
 
 def check_bricks_supported(whole: Splats, camera: Camera, settings: Settings) -> None:
-    """InputError for a picture that can't be drawn while its splats are extracted; whole: stands for them."""
+    """Raises InputError for settings that pictures in bricks do not support. whole: splats that stand for all."""
     why = why_per_splat(settings, moving=False)
     if settings.classification == "pre" or why:
         raise expected("a volume in bricks", "values classified after reconstruction", why or "classification pre")

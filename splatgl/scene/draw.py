@@ -59,13 +59,13 @@ class DrawOptions:
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> DrawOptions:
-        """The options of a command."""
+        """The drawing options of a command."""
         names = [each.name for each in fields(cls) if getattr(args, each.name, None) is not None]
         return cls(**{name: getattr(args, name) for name in names})
 
     @contextmanager
     def renderer(self) -> Iterator[Renderer]:
-        """A renderer for one picture."""
+        """The renderer for one picture."""
         from splatgl.gl.renderer import Renderer
         from splatgl.scene.shared_renderer import shared_renderer
 
@@ -74,13 +74,13 @@ class DrawOptions:
             yield renderer
 
     def check_supported(self, kind: str, need: str, got: str, fix: str = "") -> None:
-        """InputError for options that a kind of picture does not support. need: the kind that supports them."""
+        """Raises InputError for options that a kind of picture does not support. need: the kind that does."""
         for name in UNSUPPORTED[kind]:
             if getattr(self, name):
                 raise expected(f"--{name}", need, got, fix)
 
 
-# options that are not supported by pictures of layers, in bricks, and by workers
+# options that pictures of layers, in bricks, and on workers do not support
 UNSUPPORTED = {
     "layers": ("field", "savings"),
     "bricks": ("check", "field", "savings"),
@@ -89,7 +89,7 @@ UNSUPPORTED = {
 
 
 def draw(scene: OpenScene, how: DrawOptions) -> Image:
-    """The picture of a scene, drawn by this process, without annotations; see `finish`."""
+    """Draws a scene in this process, without annotations; `finish` adds them."""
     if not scene.is_single:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits(how.memory)
@@ -101,13 +101,13 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
 
 
 def finish(image: Image, scene: OpenScene) -> Image:
-    """A drawn picture with the provenance of its scene, and under its annotations."""
+    """Adds the provenance and the annotations of its scene to a picture."""
     image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer)})
     return annotate(image, scene) if scene.annotate else image
 
 
 def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[str, object]]:
-    """The scene of the level of a multiscale volume that the camera takes, and what is stored of that level."""
+    """Chooses the level of a multiscale volume; returns the scene of that level, and its provenance."""
     from splatgl.gl.large_volumes import choose_level, coarsest_fine_level
 
     camera, arguments = scene.camera, (scene.volume, scene.transfer, scene.camera, scene.settings)
@@ -122,7 +122,7 @@ def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[s
 
 
 def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
-    """The picture, drawn brick by brick, if it needs more than --memory; else None."""
+    """Draws brick by brick a picture that needs more than --memory; None for others."""
     from splatgl.reference.check import check_bricks
     from splatgl.splat.bricks import bricks_of, excess_need
 
@@ -149,7 +149,7 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
 
 
 def _draw_whole(scene: OpenScene, how: DrawOptions) -> Image:
-    """The picture, compared with float64; prints what --explain and --savings ask for."""
+    """Draws all splats and meshes. Raises InputError if nothing is visible."""
     if scene.is_single and not len(scene.splats):
         raise scene.nothing_visible()
     image = draw_subject(scene.subject, scene.camera, scene.settings, how)
@@ -159,7 +159,7 @@ def _draw_whole(scene: OpenScene, how: DrawOptions) -> Image:
 
 
 def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
-    """The picture of splats or layers, compared with float64; prints what --explain and --savings ask for."""
+    """Draws splats or layers, and compares the picture with float64; prints the output of --explain and --savings."""
     from splatgl.reference.check import check as compare_rows
     from splatgl.reference.check import check_input
     from splatgl.scene.shared_renderer import measure_savings
@@ -179,7 +179,7 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
 
 
 def annotate(image: Image, scene: OpenScene) -> Image:
-    """A picture under the annotations of its scene, on its background; prints why some are left out."""
+    """Draws the annotations of its scene over a picture, on the background; prints why some are left out."""
     from splatgl.annotations.annotate import annotated, left_out, on_ground
 
     color = scene.file.settings.background
@@ -241,31 +241,31 @@ def progress_bar(unit: str, is_quiet: bool) -> Iterator[Callable[[int, int], Non
 
 
 def accuracy(image: Image) -> str:
-    """Text of the error bound and whether it meets the tolerance, and of what was compared."""
+    """Text on the error bound, the tolerance, and the comparison with float64."""
     info = image.info
     error, tolerance = info["error_bound"], info["tolerance"]
     known = f"error bound {error:.3g}" if isinstance(error, float) else "no error bound"
     missed = "not " if isinstance(error, float) else "not known to be "
-    told = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
-    return f"{told}\n{compared(image)}" if isinstance(info.get("checked"), dict) else told
+    text = f"{known}: the tolerance {tolerance:.3g} is {'' if info['tolerance_met'] else missed}met"
+    return f"{text}\n{compared(image)}" if isinstance(info.get("checked"), dict) else text
 
 
 def compared(image: Image) -> str:
-    """How far the compared pixels are off, and off the field, in a line each."""
+    """Text on the errors of compared pixels, to the reference and to the field, a line each."""
     info = image.info
     checked = info["checked"]
     assert isinstance(checked, dict)
-    # sums have no largest value of their own
-    of = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
-    every = image.pixels.shape[0] * image.pixels.shape[1]
-    told = f"off by up to {checked['largest']:.2g}{of}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} of {every} "
-    told += "pixels drawn in float64"
+    # sums have no largest possible value
+    relative = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
+    count = image.pixels.shape[0] * image.pixels.shape[1]
+    text = f"off by up to {checked['largest']:.2g}{relative}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} of {count} "
+    text += "pixels drawn in float64"
     if info.get("level"):
-        told += f", of level {info['level']}'s voxels"
-    if int(checked["pixels"]) < every:
-        told += "; the others were not compared"
+        text += f", of level {info['level']}'s voxels"
+    if int(checked["pixels"]) < count:
+        text += "; the others were not compared"
     field = checked.get("field")
     if field is None:
-        return told
-    far = f"off the field itself by up to {field['largest']:.2g}{of}, RMSE {field['rmse']:.2g}"
-    return f"{told}\n{far}, in {field['pixels']} of these pixels"
+        return text
+    field_text = f"off the field itself by up to {field['largest']:.2g}{relative}, RMSE {field['rmse']:.2g}"
+    return f"{text}\n{field_text}, in {field['pixels']} of these pixels"

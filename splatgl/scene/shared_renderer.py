@@ -1,4 +1,4 @@
-"""The renderer that calls share, and the measurement of the time that skipped steps save."""
+"""The shared renderer of a process, and the time that skipped steps save."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from splatgl.gl.renderer import Renderer
 from splatgl.splat.plan import Plan
 from splatgl.splat.technique import Hiding
 
-# one picture at a time, in any thread
+# one picture at a time in all threads
 _LOCK = RLock()
 _kept: list[Renderer] = []
 
 
 @contextmanager
 def shared_renderer() -> Iterator[Renderer]:
-    """The shared renderer, for the calling thread alone. InputError as `Renderer` raises, and in a forked process."""
+    """The shared renderer, locked for the calling thread. Raises InputError as `Renderer`."""
     with _LOCK, restored():
         if _kept and inherited(_kept[0].ctx):
-            # a forked process can't close it either
+            # a forked process cannot close it
             _kept.clear()
         if _kept and not _usable(_kept[0]):
             _kept.clear()
@@ -39,17 +39,17 @@ def shared_renderer() -> Iterator[Renderer]:
         except InputError:
             raise
         except BackendError as error:
-            # another library switched OpenGL's context behind ours
+            # another library switched OpenGL's context
             close_shared_renderer()
             raise InputError(f"OpenGL: {error}; draw in a process of its own") from error
         except BaseException:
-            # whatever was interrupted is not used again
+            # an interrupted renderer is not used again
             close_shared_renderer()
             raise
 
 
 def _usable(renderer: Renderer) -> bool:
-    """Whether its context is still there: VTK ends the display that it shares with others of the process."""
+    """Whether the context still exists: VTK ends the display that it shares with other libraries of the process."""
     try:
         with current(renderer.ctx):
             return True
@@ -58,11 +58,11 @@ def _usable(renderer: Renderer) -> bool:
 
 
 def close_shared_renderer() -> None:
-    """Closes the shared renderer; the next call opens another."""
+    """Closes the shared renderer; the next call opens a new one."""
     with _LOCK:
         while _kept:
             last = _kept.pop()
-            # what is gone has freed itself
+            # a lost context has freed itself
             if inherited(last.ctx) or _usable(last):
                 last.close()
 
@@ -70,12 +70,14 @@ def close_shared_renderer() -> None:
 atexit.register(close_shared_renderer)
 
 
-# frames per variant, interleaved, after a warm-up frame that compiles and uploads; the fastest counts
+# interleaved frames per variant, after a warm-up frame that compiles and uploads; the fastest counts
 ROUNDS = 3
 
 
 def measure_savings(renderer: Renderer, plan: Plan) -> list[str]:
-    """A line for the planned frame, and one per undone omission: its time, and the largest change of the image."""
+    """A line of text for the planned frame, and one for each omission that is undone: its time, and the largest change
+    of the picture.
+    """
     ways = {"as planned": plan, **undo_omissions(plan)}
     pictures: dict[str, np.ndarray] = {}
     times: dict[str, float] = {}
@@ -87,15 +89,15 @@ def measure_savings(renderer: Renderer, plan: Plan) -> list[str]:
                 if turn:
                     times[name] = min(times.get(name, np.inf), time.perf_counter() - started)
     right, base = pictures.pop("as planned"), times.pop("as planned")
-    lines = [f"a frame takes {base * 1e3:.3g} ms; drawn with what is left out:"]
+    lines = [f"a frame takes {base * 1e3:.3g} ms; without an omission:"]
     for name, seconds in times.items():
         change = float(np.abs(pictures[name] - right).max())
         lines.append(f"  {name}: {seconds / base:.2f} times as long, changes the picture by {change:.2g} at most")
-    return lines if times else [f"a frame takes {base * 1e3:.3g} ms; nothing that is left out can be drawn besides"]
+    return lines if times else [f"a frame takes {base * 1e3:.3g} ms; no omission can be undone"]
 
 
 def undo_omissions(plan: Plan) -> dict[str, Plan]:
-    """Plans that undo each omission, by name, and one that undoes all."""
+    """Plans that undo each omission, by name, and a plan that undoes all."""
     program = plan.program
     if program.align != "exact" or plan.exposure is not None:
         return {}

@@ -210,7 +210,7 @@ class Scene:
         )
         if key not in self.made:
             self.made[key] = tuple(
-                extract_for_settings(each.volume, each.seen, key, each.threshold) for each in self.shown
+                extract_for_settings(layer.volume, layer.seen, key, layer.threshold) for layer in self.shown
             )
         return self.made[key]
 
