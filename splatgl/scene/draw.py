@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawOptions:
-    """How this process draws. kept: with the renderer that calls share. memory: bytes."""
+    """Drawing options of one process. kept: use the shared renderer. memory: bytes."""
 
     backend: str = "auto"
     device: int | None = None
@@ -255,11 +255,12 @@ def compared(image: Image) -> str:
     info = image.info
     checked = info["checked"]
     assert isinstance(checked, dict)
-    # sums have no largest possible value
-    relative = f" of {image.pixels.max():.3g}" if BLENDS[str(info["blend"])].unbounded else ""
+    # sums have no largest possible value; annotations scale them
+    blend, scale = str(info["blend"]).partition(" ")[0], float(str(info.get("scale", 1.0)))
+    relative = f" of {image.pixels.max() / scale:.3g}" if BLENDS[blend].unbounded else ""
     count = image.pixels.shape[0] * image.pixels.shape[1]
-    text = f"off by up to {checked['largest']:.2g}{relative}, RMSE {checked['rmse']:.2g}, in {checked['pixels']} of {count} "
-    text += "pixels drawn in float64"
+    text = f"off by up to {checked['largest']:.2g}{relative}, RMSE {checked['rmse']:.2g}, "
+    text += f"in {checked['pixels']} of {count} pixels drawn in float64"
     if info.get("level"):
         text += f", of level {info['level']}'s voxels"
     if int(checked["pixels"]) < count:

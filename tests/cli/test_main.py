@@ -247,14 +247,14 @@ def test_savings(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each thing left out is drawn, timed and compared; where nothing can be, that is said."""
     assert main(["render", "noise.npy", "--size", "200", "--savings", "--like", "0.1"]) == 0
     first, *others = [line for line in capsys.readouterr().out.splitlines() if "takes" in line or "times" in line]
-    assert re.match(r"a frame takes [\d.e+]+ ms; drawn with what is left out:", first)
+    assert re.match(r"a frame takes [\d.e+]+ ms; without an omission:", first)
     names = ["quads for tiles", "antialiasing", "voxels of any shape", "what is hidden", "all of that, and half lines"]
     assert [line.split(":")[0].strip() for line in others] == names
     for line in others:
         found = re.search(r": ([\d.]+) times as long, changes the picture by ([\d.e+-]+) at most", line)
         assert found and float(found[1]) > 0 and float(found[2]) < 5e-4
     assert main(["render", "noise.npy", "--size", "16", "--savings", "--align", "grid"]) == 0
-    assert "nothing that is left out can be drawn besides" in capsys.readouterr().out
+    assert "no omission can be undone" in capsys.readouterr().out
 
 
 def test_help_shows_basic_options_in_a_line_each_and_help_all_shows_all(
@@ -365,3 +365,13 @@ def test_what_cannot_be_checked_is_refused_before_drawing(
     monkeypatch.setattr("splatgl.gl.renderer.Renderer.render", draw)
     assert main(["render", "noise.npy", "--size", "24", "-o", "x.png", *options]) == 2
     assert why in said(capsys) and not Path("x.png").exists()
+
+
+def test_an_annotated_xray_is_summed_up(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Errors are relative to the brightest sum, not to the scale of the annotated picture."""
+    arguments = ("--blend", "xray", "--size", "64", "--check", "1", "-o", "x.png")
+    assert main(["render", "balls", *arguments]) == 0
+    plain = capsys.readouterr().out
+    assert main(["render", "balls", *arguments, "--annotate", "scale"]) == 0
+    error = re.compile(r"off by up to [^,]* of [^,]*")
+    assert error.search(capsys.readouterr().out)[0] == error.search(plain)[0]  # type: ignore[index]
