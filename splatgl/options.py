@@ -6,19 +6,36 @@ from argparse import ArgumentTypeError
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
+from enum import StrEnum
 from inspect import isfunction
 from math import inf, isfinite
 from numbers import Real
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from splatgl.errors import InputError, expected
 
-# options of `--help`; further options of `--help-all`; its last options
-BASIC, MORE, EXPERT = "basic", "more", "expert"
-# groups of `--help-all` that options of several files share
-VIEW, PICTURE, TRANSFER = "view", "picture and light", "transfer function"
-CLIPPING, LAYERS = "clipping and masks", "layers and meshes"
-READING, ACCURACY, SPEED, PAPER = "reading files", "accuracy", "performance", "the paper's method, and experts"
+
+class Group(StrEnum):
+    """Groups of options, in the order of `--help-all`."""
+
+    VIEW = "view"
+    PICTURE = "picture and light"
+    TRANSFER = "transfer function"
+    CLIPPING = "clipping and masks"
+    LAYERS = "layers and meshes"
+    READING = "reading files"
+    OUTPUT = "output"
+    ACCURACY = "accuracy"
+    SPEED = "performance"
+    WORKERS = "several processes or machines (extra scale)"
+    OPENGL = "OpenGL"
+    PAPER = "the paper's method, and experts"
+    ANIMATION = "animation"
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a real number, and not a bool."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 @dataclass(frozen=True)
@@ -49,19 +66,136 @@ class Kind:
         """Description of the value in messages."""
         return self.this or " or ".join(self.choices() if self.choices else ())
 
+    @staticmethod
+    def choice(names: Any, this: str = "") -> Kind:
+        """One of some names: a Literal or iterable of them, or a function that lists those known at the time."""
+        fixed = get_args(names) or (() if isfunction(names) else tuple(names))
+
+        def known() -> tuple[str, ...]:
+            return fixed or tuple(names())
+
+        def check(value: Any) -> Any:
+            if value not in known():
+                raise ValueError
+            return value
+
+        return Kind(this, check, choices=known)
+
+    @staticmethod
+    def number(
+        this: str = "one finite number", low: float = -inf, high: float = inf, above: bool = False, metavar: str = "N"
+    ) -> Kind:
+        """A finite number from `low`, or above it, to `high`."""
+
+        def check(value: Any) -> float:
+            if not (is_number(value) and isfinite(value) and low <= value <= high) or (above and value == low):
+                raise ValueError
+            return float(value)
+
+        return Kind(this, check, float, metavar, span=(low, high))
+
+    @staticmethod
+    def whole(low: int, high: float = inf, this: str = "", metavar: str = "N") -> Kind:
+        """A whole number from `low` to `high`."""
+
+        def check(value: Any) -> int:
+            if not (is_number(value) and isfinite(value) and low <= value <= high and value == int(value)):
+                raise ValueError
+            return int(value)
+
+        this = this or f"a whole number {f'from {low} to {high}' if high < inf else f'of at least {low}'}"
+        return Kind(this, check, int, metavar, span=(low, high))
+
+    @staticmethod
+    def one_of(*values: int) -> Kind:
+        """One of some whole numbers."""
+        names = tuple(map(str, values))
+
+        def check(value: Any) -> int:
+            if isinstance(value, bool) or value not in values:
+                raise ValueError
+            return int(value)
+
+        return Kind(f"{', '.join(names[:-1])} or {names[-1]}", check, int, "|".join(names))
+
+    @staticmethod
+    def instance(this: str, *types: type, metavar: str = "NAME") -> Kind:
+        """A value of some types; a bool is no number."""
+
+        def check(value: Any) -> Any:
+            if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
+                raise ValueError
+            return value
+
+        return Kind(this, check, str, metavar)
+
+    @staticmethod
+    def numbers(count: int, metavar: str, this: str = "", integers: bool = False, positive: bool = False) -> Kind:
+        """A tuple of so many finite numbers: a sequence of them, or text in which commas or × separate them."""
+        kind: Any = int if integers else float
+
+        def check(value: Any) -> tuple[Any, ...]:
+            plain = tuple(value.tolist() if hasattr(value, "tolist") else value)
+            fine = len(plain) == count and all(is_number(n) and isfinite(n) and n == kind(n) for n in plain)
+            if not fine or (positive and min(plain) <= 0):
+                raise ValueError
+            return tuple(map(kind, plain))
+
+        def read(text: str) -> tuple[Any, ...]:
+            parts = text.replace("×", ",").replace("x", "," if integers else "x").split(",")
+            if len(parts) != count:
+                raise ValueError
+            return tuple(map(kind, parts))
+
+        return Kind(this or f"{count} {'whole' if integers else 'finite'} numbers", check, read, metavar)
+
+    @staticmethod
+    def interval() -> Kind:
+        """Two numbers, of which the first is below the second."""
+        pair = Kind.numbers(2, "LOW,HIGH", "finite low < high, as two numbers")
+
+        def check(value: Any) -> tuple[float, float]:
+            low, high = pair.check(value)
+            if not low < high:
+                raise ValueError
+            return low, high
+
+        return replace(pair, check=check)
+
+    @staticmethod
+    def picture_size() -> Kind:
+        """Width and height in pixels: two whole numbers, or text WIDTHxHEIGHT or of one number for a square."""
+        pair = Kind.numbers(2, "W×H", "a width and a height in whole pixels, such as 800x600", integers=True)
+
+        def read(text: str) -> tuple[int, int]:
+            sides = [int(part) for part in text.lower().replace("×", "x").split("x")]
+            width, height = sides * 2 if len(sides) == 1 else sides
+            return width, height
+
+        def check(value: Any) -> tuple[int, int]:
+            plain = isinstance(value, str | int) and not isinstance(value, bool)
+            width, height = read(str(value)) if plain else pair.check(value)
+            return width, height
+
+        return replace(pair, check=check, read=read)
+
+    @staticmethod
+    def flag() -> Kind:
+        """True or false; the flag of the command line takes no value."""
+        return Kind.instance("true or false", bool, metavar="")
+
 
 @dataclass(frozen=True)
 class Option:
-    """An option. help: its meaning; `--help` shows the first sentence. group: title of its group in `--help-all`, "" of
-    an option that only files and records have.
-    label: its name in the panel. flag: its name on the command line, unless the field's. bare: the value of the flag
-    alone; without a metavar the flag takes no other. repeat: whether the flag may come repeatedly.
+    """An option. help: `--help` shows the first sentence. group: "" for options of files and records alone. level:
+    `--help` shows basic options, `--help-all` all. label: name in the panel. flag: name on the command line, if not the
+    field's. bare: value of the flag alone. repeat: whether the flag may be repeated.
     """
 
     kind: Kind
     help: str = ""
     group: str = ""
-    level: str = MORE
+    level: Literal["basic", "more", "expert"] = "more"
     label: str = ""
     flag: str = ""
     metavar: str = ""
@@ -131,131 +265,6 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """`did you mean …?`, or "" if no known word is similar."""
     similar = get_close_matches(word, list(known), n=1)
     return f"did you mean {similar[0]}?" if similar else ""
-
-
-# --- kinds -----------------------------------------------------------------------------------------------------------
-
-
-def is_number(value: object) -> bool:
-    """Whether a value is a real number, and not a bool."""
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
-def choice(names: Any, this: str = "") -> Kind:
-    """One of some names: a Literal or iterable of them, or a function that lists those known at the time."""
-    fixed = get_args(names) or (() if isfunction(names) else tuple(names))
-
-    def known() -> tuple[str, ...]:
-        return fixed or tuple(names())
-
-    def check(value: Any) -> Any:
-        if value not in known():
-            raise ValueError
-        return value
-
-    return Kind(this, check, choices=known)
-
-
-def number(
-    this: str = "one finite number", low: float = -inf, high: float = inf, above: bool = False, metavar: str = "N"
-) -> Kind:
-    """A finite number from `low`, or above it, to `high`."""
-
-    def check(value: Any) -> float:
-        if not (is_number(value) and isfinite(value) and low <= value <= high) or (above and value == low):
-            raise ValueError
-        return float(value)
-
-    return Kind(this, check, float, metavar, span=(low, high))
-
-
-def whole(low: int, high: float = inf, this: str = "", metavar: str = "N") -> Kind:
-    """A whole number from `low` to `high`."""
-
-    def check(value: Any) -> int:
-        if not (is_number(value) and isfinite(value) and low <= value <= high and value == int(value)):
-            raise ValueError
-        return int(value)
-
-    this = this or f"a whole number {f'from {low} to {high}' if high < inf else f'of at least {low}'}"
-    return Kind(this, check, int, metavar, span=(low, high))
-
-
-def one_of(*values: int) -> Kind:
-    """One of some whole numbers."""
-    names = tuple(map(str, values))
-
-    def check(value: Any) -> int:
-        if isinstance(value, bool) or value not in values:
-            raise ValueError
-        return int(value)
-
-    return Kind(f"{', '.join(names[:-1])} or {names[-1]}", check, int, "|".join(names))
-
-
-def instance(this: str, *types: type, metavar: str = "NAME") -> Kind:
-    """A value of some types; a bool is no number."""
-
-    def check(value: Any) -> Any:
-        if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
-            raise ValueError
-        return value
-
-    return Kind(this, check, str, metavar)
-
-
-# true or false; the flag of the command line takes no value
-FLAG = instance("true or false", bool, metavar="")
-
-
-def numbers(count: int, metavar: str, this: str = "", integers: bool = False, positive: bool = False) -> Kind:
-    """A tuple of so many finite numbers: a sequence of them, or text in which commas or × separate them."""
-    kind: Any = int if integers else float
-
-    def check(value: Any) -> tuple[Any, ...]:
-        plain = tuple(value.tolist() if hasattr(value, "tolist") else value)
-        fine = len(plain) == count and all(is_number(n) and isfinite(n) and n == kind(n) for n in plain)
-        if not fine or (positive and min(plain) <= 0):
-            raise ValueError
-        return tuple(map(kind, plain))
-
-    def read(text: str) -> tuple[Any, ...]:
-        parts = text.replace("×", ",").replace("x", "," if integers else "x").split(",")
-        if len(parts) != count:
-            raise ValueError
-        return tuple(map(kind, parts))
-
-    return Kind(this or f"{count} {'whole' if integers else 'finite'} numbers", check, read, metavar)
-
-
-def interval() -> Kind:
-    """Two numbers, of which the first is below the second."""
-    pair = numbers(2, "LOW,HIGH", "finite low < high, as two numbers")
-
-    def check(value: Any) -> tuple[float, float]:
-        low, high = pair.check(value)
-        if not low < high:
-            raise ValueError
-        return low, high
-
-    return replace(pair, check=check)
-
-
-def picture_size() -> Kind:
-    """Width and height in pixels: two whole numbers, or text WIDTHxHEIGHT or of one number for a square."""
-    pair = numbers(2, "W×H", "a width and a height in whole pixels, such as 800x600", integers=True)
-
-    def read(text: str) -> tuple[int, int]:
-        sides = [int(part) for part in text.lower().replace("×", "x").split("x")]
-        width, height = sides * 2 if len(sides) == 1 else sides
-        return width, height
-
-    def check(value: Any) -> tuple[int, int]:
-        plain = isinstance(value, str | int) and not isinstance(value, bool)
-        width, height = read(str(value)) if plain else pair.check(value)
-        return width, height
-
-    return replace(pair, check=check, read=read)
 
 
 def read_pairs(text: str) -> tuple[tuple[float, float], ...]:

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from splatgl.options import picture_size
+from splatgl.options import Kind
 
 # seconds after which something will not come; pixels along a side of the square that is watched; of a drag
 PATIENCE, SIDE, DRAGGED = 120.0, 400, 4.0
@@ -183,7 +183,7 @@ def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
-    parser.add_argument("--size", type=picture_size().parse, default=(1024, 768))
+    parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--times", type=int, default=20, help="presses of each key; 0: opens only (20)")
     args = parser.parse_args()
     print("window, first, refined | key to pixels: median, worst | drag")

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from splatgl.gl.renderer import Renderer
-from splatgl.options import picture_size
+from splatgl.options import Kind
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.document import Document
@@ -112,7 +112,7 @@ def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
-    parser.add_argument("--size", type=picture_size().parse, default=(1024, 768))
+    parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
     parser.add_argument("--seconds", type=float, default=4.0)
     args = parser.parse_args()
     for file in args.files:

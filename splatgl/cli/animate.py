@@ -9,7 +9,7 @@ from splatgl.animation.movie import need, write_movie
 from splatgl.cli.options import add_drawing, add_source, add_workers, drawing_of, scene_from, uses_workers
 from splatgl.errors import expected
 from splatgl.fileio import check_source
-from splatgl.options import numbers
+from splatgl.options import Kind
 from splatgl.scene.draw import DrawOptions
 
 FPS = 30.0
@@ -38,7 +38,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--spin", type=float, metavar="DEG", help="the volume turns by this each frame")
     group.add_argument(
-        "--axis", type=numbers(3, "X,Y,Z").parse, metavar="X,Y,Z", help="the axis of both, through the middle (up)"
+        "--axis", type=Kind.numbers(3, "X,Y,Z").parse, metavar="X,Y,Z", help="the axis of both, through the middle (up)"
     )
     group.add_argument("--keyframes", metavar="FILE.toml", help="where the camera is in some frames; between, it goes")
     group.add_argument("--hold", type=int, default=1, metavar="N", help="frames for each volume of a series (1)")

@@ -7,10 +7,9 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.cli.parser import OPENGL, WORKERS
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
-from splatgl.options import BASIC, LAYERS, PAPER, PICTURE, TRANSFER, Option, declared, instance, names_of
+from splatgl.options import Group, Kind, Option, declared, names_of
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import VECTORS, Vectors, is_mesh
@@ -24,10 +23,10 @@ if TYPE_CHECKING:
 
 
 ANNOTATE = Option(
-    instance("names", str, metavar="NAMES"),
+    Kind.instance("names", str, metavar="NAMES"),
     "scale, colorbar, axes, directions, box, title=TEXT. Or time=TEXT; several are separated by commas",
-    PICTURE,
-    BASIC,
+    Group.PICTURE,
+    "basic",
 )
 
 
@@ -41,7 +40,7 @@ def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
 def add_transfer(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the transfer function of one volume."""
     add_options(parser, TransferChoice, "preset")
-    group_of(parser, TRANSFER).add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
+    group_of(parser, Group.TRANSFER).add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
     add_options(parser, Transfer)
     add_options(parser, SceneFile, "threshold")
     add_options(parser, TransferChoice, "only_labels")
@@ -49,7 +48,7 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
 
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
     """Adds the OpenGL backend options."""
-    group = group_of(parser, OPENGL)
+    group = group_of(parser, Group.OPENGL)
     about = f"auto, egl, osmesa or window (default {default})"
     group.add_argument("--backend", default=default, metavar="NAME", help=about)
     about = "number of the EGL device, from 0; splatgl doctor lists them"
@@ -71,7 +70,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
     add_transfer(parser)
     add_options(parser, TransferChoice, "color_of", "window_of")
     add_options(parser, SceneFile, "clip", "crop", "mask", "layers", "meshes", "surfaces")
-    group = group_of(parser, LAYERS)
+    group = group_of(parser, Group.LAYERS)
     labels: Any = group.add_argument("--labels", metavar="FILE", help="segmentation that is drawn over the volume")
     labels.summary = labels.help
     group.add_argument("--clip-meshes", action="store_true", default=None, help="--clip and --crop clip meshes, too")
@@ -83,7 +82,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Adds the options of Settings, and their presets of earlier versions."""
     add_options(parser, Settings, *(name for name in names_of(Settings) if name not in ("moments", "shutter")))
-    group = group_of(parser, PAPER)
+    group = group_of(parser, Group.PAPER)
     group.add_argument("--like", metavar="VERSION", help=f"defaults of an earlier version: {', '.join(LIKE)}")
     group.add_argument("--paper", action="store_true", help="hardware path of 1998: hybrid, 8-bit table and target")
 
@@ -96,7 +95,7 @@ def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> No
 
 
 def add_option(parser: argparse.ArgumentParser, name: str, option: Option, default: Any = None) -> None:
-    """Adds an option. A BASIC one gets the attribute `summary`: its line of `--help`."""
+    """Adds an option. A "basic" one gets the attribute `summary`: its line of `--help`."""
     kind, rest = option.kind, option.help.removeprefix(option.summary)
     summary = option.summary + (f": {', '.join(option.choices)}" if option.choices and kind.metavar else "")
     if isinstance(default, int | float) and default and "default" not in option.help:
@@ -111,7 +110,7 @@ def add_option(parser: argparse.ArgumentParser, name: str, option: Option, defau
         arguments |= {"action": "append"} if option.repeat else {}
     flag = option.flag or f"--{name.replace('_', '-')}"
     action: Any = group_of(parser, option.group).add_argument(flag, **arguments)
-    action.summary = summary if option.level == BASIC else ""
+    action.summary = summary if option.level == "basic" else ""
 
 
 def group_of(parser: argparse.ArgumentParser, title: str) -> argparse._ArgumentGroup:
@@ -156,7 +155,7 @@ def _refuse_many(args: argparse.Namespace) -> None:
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Adds the options of worker processes."""
-    group = group_of(parser, WORKERS)
+    group = group_of(parser, Group.WORKERS)
     group.add_argument("--workers", type=int, metavar="N", help="draw in N processes of this machine")
     group.add_argument("--scheduler", metavar="ADDRESS", help="draw with the workers of a Dask scheduler, tcp://…:8786")
     group.add_argument("--devices", type=_devices, metavar="N,…", help="EGL devices of the workers, in turn")

@@ -6,7 +6,7 @@ import argparse
 import re
 from typing import Any, NoReturn
 
-from splatgl.options import ACCURACY, CLIPPING, LAYERS, PAPER, PICTURE, READING, SPEED, TRANSFER, VIEW
+from splatgl.options import Group
 
 # names in messages that stand for other options; --target is checked by argparse
 OTHER_NAMES = {"target": "look_at"}
@@ -14,9 +14,8 @@ EXPECTED = ": expected "
 BAD_INPUT = 2
 # a value that begins with a minus: -30, -160,240, -.5:0,1:1, -inf
 NEGATIVE = re.compile(r"-([0-9.]|inf\b|nan\b)")
-WORKERS, OPENGL = "several processes or machines (extra scale)", "OpenGL"
-# groups of `--help-all` in their order; others stand before them
-GROUPS = (VIEW, PICTURE, TRANSFER, CLIPPING, LAYERS, READING, "output", ACCURACY, SPEED, WORKERS, OPENGL, PAPER)
+# groups that commands share
+SHARED = [group for group in Group if group != Group.ANIMATION]
 COMMON = "basic options of the picture (the first of several values is the default)"
 # options of a command that `--help` lists in whole, at most
 MANY = 40
@@ -55,7 +54,7 @@ class Parser(argparse.ArgumentParser):
         if not separator:
             return message
         flags, before, colon, name = self.flags, *head.rpartition(": ")
-        reading = [a.dest for g in self._action_groups if g.title == READING for a in g._group_actions]
+        reading = [a.dest for g in self._action_groups if g.title == Group.READING for a in g._group_actions]
         plain = name.removeprefix("transfer ")
         of_file = bool(colon) or plain != name or str(getattr(args, "source", "")).endswith(".toml")
         plain = plain if colon else OTHER_NAMES.get(plain, plain)
@@ -78,7 +77,7 @@ class Parser(argparse.ArgumentParser):
 
     def format_help(self, everything: bool = False) -> str:
         """Help on all options in groups, or on the basic options."""
-        places = {title: place for place, title in enumerate(GROUPS)}
+        places = {str(title): place for place, title in enumerate(SHARED)}
         self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
             return super().format_help()

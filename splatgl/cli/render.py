@@ -28,6 +28,7 @@ from splatgl.data.image import MAPS, SAVED, Image, save_map
 from splatgl.data.image_files import require_library
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
+from splatgl.options import Group
 from splatgl.scene.background import requested_background
 from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, annotations_of, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
@@ -94,7 +95,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", help=".png, .jpg, .npy, .tif or .exr (default SOURCE.png)")
     add_option(parser, "annotate", ANNOTATE)
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
-    output = group_of(parser, "output")
+    output = group_of(parser, Group.OUTPUT)
     output.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (default 8)"
     )

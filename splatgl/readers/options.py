@@ -12,20 +12,7 @@ import numpy as np
 
 from splatgl.data.volume import Triple
 from splatgl.errors import InputError, expected
-from splatgl.options import (
-    BASIC,
-    FLAG,
-    READING,
-    Kind,
-    check_options,
-    choice,
-    instance,
-    non_default,
-    number,
-    numbers,
-    option,
-    whole,
-)
+from splatgl.options import Group, Kind, check_options, non_default, option
 
 HDF5 = (".h5", ".hdf5", ".he5", ".nc")
 """Endings of files that hold named datasets."""
@@ -114,7 +101,7 @@ def _text(value: Any) -> str:
 def _channel(value: Any) -> int | str:
     if isinstance(value, str) and not re.fullmatch("[0-9]{1,6}", value):
         return value
-    return whole(0, this="zero or more").check(int(value) if isinstance(value, str) else value)
+    return Kind.whole(0, this="zero or more").check(int(value) if isinstance(value, str) else value)
 
 
 def read_time(text: str) -> int | slice:
@@ -127,7 +114,7 @@ def read_time(text: str) -> int | slice:
     return slice(*parts)
 
 
-_option = partial(option, group=READING)
+_option = partial(option, group=Group.READING)
 
 
 @dataclass(frozen=True)
@@ -141,7 +128,7 @@ class LoadOptions:
 
     shape: tuple[int, int, int] | None = _option(
         None,
-        numbers(3, "X,Y,Z", "three positive whole numbers (x, y, z)", integers=True, positive=True),
+        Kind.numbers(3, "X,Y,Z", "three positive whole numbers (x, y, z)", integers=True, positive=True),
         "voxels along x, y, z of a headerless file",
     )
     dtype: str | None = _option(
@@ -151,12 +138,15 @@ class LoadOptions:
     )
     spacing: Triple | None = _option(
         None,
-        numbers(3, "X,Y,Z", "three positive numbers (x, y, z)", positive=True),
+        Kind.numbers(3, "X,Y,Z", "three positive numbers (x, y, z)", positive=True),
         "voxel spacing, instead of the file's, in its unit",
-        level=BASIC,
+        level="basic",
     )
     header_offset: int = _option(
-        0, whole(0, this="zero or more bytes", metavar="BYTES"), "bytes to skip in a headerless file", flag="--offset"
+        0,
+        Kind.whole(0, this="zero or more bytes", metavar="BYTES"),
+        "bytes to skip in a headerless file",
+        flag="--offset",
     )
     array: str | int | None = _option(
         None, Kind("a name or a number", _text), "array, block or step of a file that holds several"
@@ -165,16 +155,16 @@ class LoadOptions:
         None,
         Kind("a number of zero or more, a name, several of them, or all", _channel, metavar="N|NAME,…"),
         "number of a channel, from 0. Of TIFF, Zarr and Imaris also its name, several, or all",
-        level=BASIC,
+        level="basic",
     )
     time: int | None = _option(
         None,
-        Kind("zero or more", whole(0).check, read_time, "N", written="a number, or FIRST:END:STEP"),
+        Kind("zero or more", Kind.whole(0).check, read_time, "N", written="a number, or FIRST:END:STEP"),
         "time point of a file, from 0. animate draws several, FIRST:END:STEP",
     )
     level: int | None = _option(
         None,
-        whole(0, this="zero or more"),
+        Kind.whole(0, this="zero or more"),
         "level of a multiscale OME-Zarr or TIFF image, 0 is the finest (by the view)",
     )
     series: str | int | None = _option(
@@ -184,22 +174,25 @@ class LoadOptions:
     )
     color: str | Path | None = _option(
         None,
-        instance("the path of a picture", str, Path, metavar="PICTURE"),
+        Kind.instance("the path of a picture", str, Path, metavar="PICTURE"),
         "colour picture laid over a height map",
     )
     relief: float | None = _option(
         None,
-        number("a positive height in world units", 0, above=True, metavar="L"),
+        Kind.number("a positive height in world units", 0, above=True, metavar="L"),
         "height of a height map's relief, world units",
     )
-    levels: int = option(DEFAULT_LEVELS, whole(2, this="two or more voxel levels"))
+    levels: int = option(DEFAULT_LEVELS, Kind.whole(2, this="two or more voxel levels"))
     values: str | None = _option(
         None,
-        choice(VALUES, "labels, amounts or heights"),
+        Kind.choice(VALUES, "labels, amounts or heights"),
         "meaning of samples. Default: as the file says, else labels if equal samples lie in flat areas",
     )
     anywhere: bool = _option(
-        False, FLAG, "read the data of a detached header outside its folder, too. For trusted files only", bare=True
+        False,
+        Kind.flag(),
+        "read the data of a detached header outside its folder, too. For trusted files only",
+        bare=True,
     )
 
     def __post_init__(self) -> None:

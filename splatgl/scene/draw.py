@@ -15,7 +15,7 @@ from splatgl.annotations.annotate import check, check_size, check_time, parsed
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
-from splatgl.options import ACCURACY, FLAG, SPEED, Kind, option, whole
+from splatgl.options import Group, Kind, option
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS, Settings
@@ -39,23 +39,27 @@ class DrawOptions:
         None,
         Kind("a number of bytes, such as 4GiB or 500MB", int, parse_bytes, "SIZE"),
         "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)",
-        group=SPEED,
+        group=Group.SPEED,
     )
     check: int | None = option(
         None,
-        whole(0, metavar="ROWS"),
+        Kind.whole(0, metavar="ROWS"),
         "number of rows to compare with float64 (0: none; default: some squares, with --field or without a bound)",
-        group=ACCURACY,
+        group=Group.ACCURACY,
     )
     field: bool = option(
         False,
-        FLAG,
+        Kind.flag(),
         "also compare some pixels with the field that the picture shows",
-        group=ACCURACY,
+        group=Group.ACCURACY,
         bare=True,
     )
-    explain: bool = option(False, FLAG, "print what is drawn, what is left out, and why", group=ACCURACY, bare=True)
-    savings: bool = option(False, FLAG, "also measure the time saved by each skipped step", group=SPEED, bare=True)
+    explain: bool = option(
+        False, Kind.flag(), "print what is drawn, what is left out, and why", group=Group.ACCURACY, bare=True
+    )
+    savings: bool = option(
+        False, Kind.flag(), "also measure the time saved by each skipped step", group=Group.SPEED, bare=True
+    )
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> DrawOptions:

@@ -15,22 +15,7 @@ import numpy as np
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.fileio import toml_value
-from splatgl.options import (
-    FLAG,
-    LAYERS,
-    Kind,
-    Option,
-    check_options,
-    choice,
-    declared,
-    instance,
-    interval,
-    non_default,
-    number,
-    option,
-    refuse_unknown,
-    whole,
-)
+from splatgl.options import Group, Kind, Option, check_options, declared, non_default, option, refuse_unknown
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
@@ -44,14 +29,14 @@ class MeshFile:
     the scene's planes cut it. visible: whether it is drawn.
     """
 
-    file: str = field(metadata={"option": Option(instance("the name of a file", str))})
-    color: str = option("", instance("the name of a colour", str))
-    opacity: float = option(1.0, number("a factor from 0 to 1", 0, 1))
-    radius: float | None = option(None, number())
-    array: str = option("", instance("the name of an array", str))
-    window: tuple[float, float] | None = option(None, interval())
-    clip: bool = option(False, FLAG)
-    visible: bool = option(True, FLAG)
+    file: str = field(metadata={"option": Option(Kind.instance("the name of a file", str))})
+    color: str = option("", Kind.instance("the name of a colour", str))
+    opacity: float = option(1.0, Kind.number("a factor from 0 to 1", 0, 1))
+    radius: float | None = option(None, Kind.number())
+    array: str = option("", Kind.instance("the name of an array", str))
+    window: tuple[float, float] | None = option(None, Kind.interval())
+    clip: bool = option(False, Kind.flag())
+    visible: bool = option(True, Kind.flag())
     held: Mesh | None = None
 
     def __post_init__(self) -> None:
@@ -199,11 +184,11 @@ FAINT = 0.15
 
 def _count(usual: int) -> Kind:
     """A number of lines or arrows; True: the usual one."""
-    count = whole(0, MOST, f"a whole number up to {MOST}")
+    count = Kind.whole(0, MOST, f"a whole number up to {MOST}")
     return replace(count, check=lambda value: usual if value is True else count.check(value or 0))
 
 
-_option = partial(option, group=LAYERS)
+_option = partial(option, group=Group.LAYERS)
 
 
 @dataclass(frozen=True)
@@ -214,7 +199,7 @@ class Vectors:
 
     show: str = _option(
         "",
-        choice(SHOWN),
+        Kind.choice(SHOWN),
         "draw the vectors' lengths instead of values, coloured by direction or not",
         flag="--vectors",
     )
@@ -224,7 +209,7 @@ class Vectors:
     arrows: int = _option(
         0, _count(ARROWS), f"arrows along the vectors, coloured by speed (default {ARROWS})", bare=ARROWS
     )
-    colormap: str = option("viridis", instance("a name", str))
+    colormap: str = option("viridis", Kind.instance("a name", str))
 
     def __post_init__(self) -> None:
         check_options(self)

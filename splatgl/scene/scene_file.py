@@ -28,23 +28,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_value
-from splatgl.options import (
-    BASIC,
-    CLIPPING,
-    FLAG,
-    LAYERS,
-    TRANSFER,
-    Kind,
-    check_options,
-    declared,
-    instance,
-    interval,
-    names_of,
-    non_default,
-    number,
-    option,
-    refuse_unknown,
-)
+from splatgl.options import Group, Kind, check_options, declared, names_of, non_default, option, refuse_unknown
 from splatgl.readers import load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
@@ -106,7 +90,7 @@ def read_channel_window(text: str) -> tuple[str, tuple[float, float]]:
     name, _, window = text.rpartition("=")
     if not name:
         raise ValueError
-    low, high = interval().check(interval().read(window))
+    low, high = Kind.interval().check(Kind.interval().read(window))
     return name, (low, high)
 
 
@@ -121,26 +105,30 @@ class TransferChoice:
     """Options of a transfer function beside its fields: what it is made from."""
 
     preset: str = option(
-        "", instance("a name", str), "ct-bone, mr-angio, mip, …: splatgl presets lists all", group=TRANSFER, level=BASIC
+        "",
+        Kind.instance("a name", str),
+        "ct-bone, mr-angio, mip, …: splatgl presets lists all",
+        group=Group.TRANSFER,
+        level="basic",
     )
     only_labels: tuple[tuple[int, float], ...] = option(
         (),
         Kind("labels N or N:A, separated by commas, or all", tuple, read_labels, "N[:A],N…"),
         "labels of a segmentation to show, or all. A: a factor of their opacity",
-        group=TRANSFER,
+        group=Group.TRANSFER,
     )
     color_of: tuple[tuple[str, str], ...] = option(
         (),
         Kind("a colour #rrggbb, #rgb or of a name in CSS", tuple, read_channel_color, "CHANNEL=COLOR"),
         "colour of a channel, #rrggbb or a CSS name (repeatable)",
-        group=TRANSFER,
+        group=Group.TRANSFER,
         repeat=True,
     )
     window_of: tuple[tuple[str, tuple[float, float]], ...] = option(
         (),
         Kind("LOW below HIGH", tuple, read_channel_window, "CHANNEL=LOW,HIGH"),
         "values of a channel that its colours span, from clear to opaque (repeatable)",
-        group=TRANSFER,
+        group=Group.TRANSFER,
         repeat=True,
     )
 
@@ -170,46 +158,46 @@ class SceneFile:
     view: ViewOptions = field(default_factory=ViewOptions)
     settings: Settings = field(default_factory=Settings)
     threshold: float = option(
-        0.0, number(metavar="T"), "draw voxels of a higher opacity only (default 0)", group=TRANSFER
+        0.0, Kind.number(metavar="T"), "draw voxels of a higher opacity only (default 0)", group=Group.TRANSFER
     )
-    opacity: float = option(1.0, number("a factor from 0 to 1", 0, 1))
-    visible: bool = option(True, FLAG)
+    opacity: float = option(1.0, Kind.number("a factor from 0 to 1", 0, 1))
+    visible: bool = option(True, Kind.flag())
     clip: tuple[Any, ...] | None = option(
         None,
         Kind("conditions", _clip, metavar="CONDITION"),
         "keep a part, such as x>0.3, z<=30mm or x+y>1. By shares of the volume's box, by lengths, or by a point and a "
         "normal; repeatable",
-        group=CLIPPING,
-        level=BASIC,
+        group=Group.CLIPPING,
+        level="basic",
         repeat=True,
     )
     crop: str = option(
         "",
-        instance("A:B,C:D,E:F, voxels along x, y and z", str, metavar="A:B,C:D,E:F"),
+        Kind.instance("A:B,C:D,E:F, voxels along x, y and z", str, metavar="A:B,C:D,E:F"),
         "keep these voxels along x, y, z, and fit the view to them",
-        group=CLIPPING,
+        group=Group.CLIPPING,
     )
     mask: tuple[Any, ...] | None = option(
         None,
         Kind("FILE[:N,N…][:outside], or several", _several, metavar="FILE[:N,N…][:outside]"),
         "keep voxels inside a mask file. N,N…: inside these labels of it; outside: outside of them; repeatable",
-        group=CLIPPING,
-        level=BASIC,
+        group=Group.CLIPPING,
+        level="basic",
         repeat=True,
     )
     surfaces: float | None = option(
         None,
         Kind("a strength of smoothing from 0 to 1", check_strength, float, "S"),
         f"draw segmentations as smooth closed surfaces, smoothed by 0 to 1 (default {SMOOTHING:g})",
-        group=LAYERS,
+        group=Group.LAYERS,
         bare=SMOOTHING,
     )
     layers: tuple[SceneFile, ...] = option(
         (),
         Kind("an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]"),
         "another volume. LOOK: a preset or a colour map; OPACITY: a factor from 0 to 1; repeatable",
-        group=LAYERS,
-        level=BASIC,
+        group=Group.LAYERS,
+        level="basic",
         flag="--layer",
         repeat=True,
     )
@@ -217,8 +205,8 @@ class SceneFile:
         (),
         Kind("an opacity from 0 to 1", tuple, MeshFile.read, "FILE[:COLOUR[:OPACITY]]"),
         "a surface (.stl, .vtp, .obj, …) or lines (.trk, .tck). COLOUR: or MAP=ARRAY for values; repeatable",
-        group=LAYERS,
-        level=BASIC,
+        group=Group.LAYERS,
+        level="basic",
         flag="--mesh",
         repeat=True,
     )

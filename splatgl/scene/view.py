@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.data.volume import Hints, Triple, Volume
 from splatgl.errors import expected
-from splatgl.options import BASIC, FLAG, VIEW, check_options, number, numbers, option, picture_size
+from splatgl.options import Group, Kind, check_options, option
 from splatgl.splat.presets import is_microscopy
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def is_flat_stack(volume: Volume) -> bool:
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
 
 
-_option = partial(option, group=VIEW)
+_option = partial(option, group=Group.VIEW)
 
 
 @dataclass(frozen=True)
@@ -59,21 +59,23 @@ class ViewOptions:
     parameters but the size.
     """
 
-    size: tuple[int, int] = _option((512, 512), picture_size(), "pixels, such as 800x600 or 512", level=BASIC)
+    size: tuple[int, int] = _option((512, 512), Kind.picture_size(), "pixels, such as 800x600 or 512", level="basic")
     azimuth: float | None = _option(
         None,
-        number(metavar="A"),
+        Kind.number(metavar="A"),
         "degrees around the up axis (default 30). Counter-clockwise from above; 0 is the front",
-        level=BASIC,
+        level="basic",
     )
-    elevation: float | None = _option(None, number(metavar="A"), "degrees above the horizon (default 20)", level=BASIC)
-    fov: float | None = _option(None, number(metavar="A"), "full vertical angle of view in degrees (default 40)")
-    zoom: float | None = _option(None, number(metavar="F"), "magnification, above 1 is nearer", level=BASIC)
-    eye: Triple | None = _option(None, numbers(3, "X,Y,Z"), "position of the eye, world units")
-    look_at: Triple | None = _option(None, numbers(3, "X,Y,Z"), "point that --eye looks at (default: the centre)")
-    up: Triple | None = _option(None, numbers(3, "X,Y,Z"), "direction drawn upwards (default 0,0,1)")
-    orthographic: bool = _option(False, FLAG, "parallel rays", bare=True)
-    height: float | None = _option(None, number(metavar="L"), "height of an orthographic picture, world units")
+    elevation: float | None = _option(
+        None, Kind.number(metavar="A"), "degrees above the horizon (default 20)", level="basic"
+    )
+    fov: float | None = _option(None, Kind.number(metavar="A"), "full vertical angle of view in degrees (default 40)")
+    zoom: float | None = _option(None, Kind.number(metavar="F"), "magnification, above 1 is nearer", level="basic")
+    eye: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "position of the eye, world units")
+    look_at: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "point that --eye looks at (default: the centre)")
+    up: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "direction drawn upwards (default 0,0,1)")
+    orthographic: bool = _option(False, Kind.flag(), "parallel rays", bare=True)
+    height: float | None = _option(None, Kind.number(metavar="L"), "height of an orthographic picture, world units")
     part: Bounded | None = None
     fixed: Camera | None = None
 

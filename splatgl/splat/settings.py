@@ -11,26 +11,7 @@ import numpy as np
 
 from splatgl.data.color import BACKGROUNDS, CLEAR, Color, read_background
 from splatgl.errors import expected
-from splatgl.options import (
-    ACCURACY,
-    BASIC,
-    EXPERT,
-    PAPER,
-    PICTURE,
-    SPEED,
-    Kind,
-    check_options,
-    choice,
-    declared,
-    is_number,
-    non_default,
-    number,
-    numbers,
-    one_of,
-    option,
-    refuse_unknown,
-    whole,
-)
+from splatgl.options import Group, Kind, check_options, declared, is_number, non_default, option, refuse_unknown
 from splatgl.splat.clipping import Plane, check_planes
 from splatgl.splat.kernels import KERNELS
 from splatgl.splat.lighting import check_place
@@ -122,12 +103,12 @@ LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 LIKE: dict[str, dict[str, Any]] = {"0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"}}
 
 
-_picture = partial(option, group=PICTURE)
-_accuracy = partial(option, group=ACCURACY)
-_speed = partial(option, group=SPEED)
-_animation = partial(option, group="animation")
-_paper = partial(option, group=PAPER, level=EXPERT)
-_STRENGTH = number("a strength from 0 to 1", 0, 1, metavar="S")
+_picture = partial(option, group=Group.PICTURE)
+_accuracy = partial(option, group=Group.ACCURACY)
+_speed = partial(option, group=Group.SPEED)
+_animation = partial(option, group=Group.ANIMATION)
+_paper = partial(option, group=Group.PAPER, level="expert")
+_STRENGTH = Kind.number("a strength from 0 to 1", 0, 1, metavar="S")
 
 
 def _background(color: Any) -> Color | None:
@@ -151,113 +132,121 @@ class Settings:
 
     blend: str = _picture(
         "composite",
-        choice(BLENDS),
+        Kind.choice(BLENDS),
         "how a ray blends. One splat over the next, sums (X-ray), or maximum, minimum or mean of values",
-        level=BASIC,
+        level="basic",
     )
     kernel: str = _accuracy(
         "auto",
-        choice(lambda: ("auto", *KERNELS)),
+        Kind.choice(lambda: ("auto", *KERNELS)),
         "radial kernel of each voxel. auto: b-spline where values are classified, else crawfis-max",
     )
     classification: Classification = _accuracy(
         "auto",
-        choice(Classification),
+        Kind.choice(Classification),
         "what is classified. post: reconstructed values; pre: voxels, whose colours are then reconstructed",
     )
     compositing: Compositing = _accuracy(
         "auto",
-        choice(Compositing),
+        Kind.choice(Compositing),
         "what is composited. sheets of equal distance from the eye, within which splats add up, or each of the splats",
     )
     sheets: int | None = _accuracy(
-        None, whole(LEAST_SHEETS, MOST_SHEETS), "sheets that share a splat, 2 to 4 (default: by --tolerance)"
+        None, Kind.whole(LEAST_SHEETS, MOST_SHEETS), "sheets that share a splat, 2 to 4 (default: by --tolerance)"
     )
     steps: int | None = _accuracy(
-        None, whole(1, MOST_STEPS), "parts of a sheet, each classified once, 1 to 8 (default: by --tolerance)"
+        None, Kind.whole(1, MOST_STEPS), "parts of a sheet, each classified once, 1 to 8 (default: by --tolerance)"
     )
     antialias: Antialias = _accuracy(
         "auto",
-        choice(Antialias),
+        Kind.choice(Antialias),
         "antialiasing. auto: as many samples a pixel as --tolerance needs; supersample: --samples along each axis; "
         "paper: splats beyond z_k are stretched [Eq. 4] and attenuated by (z_k/z_v)^2 [Eq. 6]",
     )
-    samples: int = _accuracy(4, whole(1, MAX_SAMPLES), "samples along each axis of a pixel to supersample, 1 to 64")
+    samples: int = _accuracy(
+        4, Kind.whole(1, MAX_SAMPLES), "samples along each axis of a pixel to supersample, 1 to 64"
+    )
     align: Align = _paper(
         "auto",
-        choice(Align),
+        Kind.choice(Align),
         "orientation of splats. exact: line integral [row 1]; ray: quads across the ray [row 4]; grid: quads along "
         "the grid [row 5]; hybrid: ray up to --z-s, then grid [4.2]; auto: exact",
     )
     z_s: float | None = _paper(
         None,
-        number("a depth of at least 0", 0, metavar="Z"),
+        Kind.number("a depth of at least 0", 0, metavar="Z"),
         "depth from which hybrid splats align with the grid, world units (default: by --tolerance)",
     )
     attenuation: Attenuation = _paper(
         "auto",
-        choice(Attenuation),
+        Kind.choice(Attenuation),
         "what (z_k/z_v)^2 weakens beyond z_k. The opacity (the paper's), the optical depth, or by how far splats fill "
         "a pixel (auto)",
     )
     footprint: Footprint = _paper(
         "auto",
-        choice(Footprint),
+        Kind.choice(Footprint),
         "footprint of a splat. auto: a table over the squared distance, or polynomials; table: the paper's texture",
     )
     table_size: int | None = _paper(
         None,
-        whole(2, MAX_TABLE_SIZE),
+        Kind.whole(2, MAX_TABLE_SIZE),
         "texels along each axis of the footprint table, up to 4096 (default 256, or 1024 over the squared distance)",
     )
-    table_bits: int = _paper(32, one_of(8, 16, 32), "bits a texel of the footprint table")
-    target: Target = _paper("rgba32f", choice(Target), "number format of the framebuffer. The paper's has 8 bits")
+    table_bits: int = _paper(32, Kind.one_of(8, 16, 32), "bits a texel of the footprint table")
+    target: Target = _paper("rgba32f", Kind.choice(Target), "number format of the framebuffer. The paper's has 8 bits")
     technique: Technique = _speed(
         "auto",
-        choice(Technique),
+        Kind.choice(Technique),
         "how splats are drawn. quads: a quad each; tiles: gathered by tiles of pixels in compute shaders",
     )
     shading: Shading = _picture(
-        "auto", choice(Shading), "shading of surfaces, C = c (0.3 + 0.7 |n l|). auto: as the transfer function says"
+        "auto",
+        Kind.choice(Shading),
+        "shading of surfaces, C = c (0.3 + 0.7 |n l|). auto: as the transfer function says",
     )
     light: Lights = _picture(
         "head",
-        choice(Lights),
+        Kind.choice(Lights),
         "light. At the eye, from above left without or with highlights, or one that shows colours more than shapes",
-        level=BASIC,
+        level="basic",
     )
     light_from: tuple[float, float] | None = _picture(
         None,
-        Kind("degrees", check_place, numbers(2, "").read, "SIDE,ABOVE"),
+        Kind("degrees", check_place, Kind.numbers(2, "").read, "SIDE,ABOVE"),
         "place of the light, degrees to the right of the eye and above it",
     )
     ambient_occlusion: float = _picture(
         0.0, _STRENGTH, "darkens hollows, 0 (off) to 1. Most visible with --light flat", label="ambient occl."
     )
     shadows: float = _picture(
-        0.0, _STRENGTH, "darkness of shadows, 0 (off) to 1. A light at the eye moves to above left", level=BASIC
+        0.0, _STRENGTH, "darkness of shadows, 0 (off) to 1. A light at the eye moves to above left", level="basic"
     )
     motion: Motions = _paper(
         "auto",
-        choice(Motions),
+        Kind.choice(Motions),
         "motion blur. moments: mean of pictures; exact: mean of the footprint along its path; energy: half discs and "
         "a rectangle of equal energy; paper: Eq. 11; auto: moments, but exact for X-rays of voxels",
     )
     moments: int | None = _animation(
-        None, whole(1, MAX_MOMENTS), "pictures that a frame is the mean of, up to 4096 (default: by the motion)"
+        None, Kind.whole(1, MAX_MOMENTS), "pictures that a frame is the mean of, up to 4096 (default: by the motion)"
     )
     shutter: float = _animation(
         180.0,
-        number("an angle from 0 to 360 degrees", 0, FULL_SHUTTER, metavar="DEG"),
+        Kind.number("an angle from 0 to 360 degrees", 0, FULL_SHUTTER, metavar="DEG"),
         "exposure in degrees, 360 being a whole frame",
     )
-    order: Order = _paper("auto", choice(Order), "drawing order of splats. It follows from their rows, without a sort")
+    order: Order = _paper(
+        "auto", Kind.choice(Order), "drawing order of splats. It follows from their rows, without a sort"
+    )
     occlusion: Occlusion = _speed(
-        "auto", choice(Occlusion), "occlusion culling. auto: skips splats behind pixels that hardly any light passes"
+        "auto",
+        Kind.choice(Occlusion),
+        "occlusion culling. auto: skips splats behind pixels that hardly any light passes",
     )
     tolerance: float = _accuracy(
         1 / 255,
-        number("a number in (0, 1]", 0, 1, above=True, metavar="E"),
+        Kind.number("a number in (0, 1]", 0, 1, above=True, metavar="E"),
         "largest allowed error of a colour in linear light, up to 1 (default 1/255)",
     )
     background: Color | None = _picture(
@@ -270,7 +259,7 @@ class Settings:
             written=BACKGROUNDS,
         ),
         "auto, transparent, #rrggbb or a CSS name. auto: white behind surfaces, else black",
-        level=BASIC,
+        level="basic",
     )
     clip: tuple[Plane, ...] = option(
         (), Kind("planes", check_planes), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)"

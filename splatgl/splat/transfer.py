@@ -14,17 +14,12 @@ from numpy.typing import ArrayLike
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table, parse_table, toml_value, write_file
 from splatgl.options import (
-    BASIC,
-    FLAG,
-    TRANSFER,
+    Group,
     Kind,
     Option,
     check_options,
-    choice,
     declared,
-    interval,
     non_default,
-    number,
     option,
     read_pairs,
     refuse_unknown,
@@ -71,7 +66,7 @@ def _colormap(name: Any) -> str:
     return name
 
 
-_option = partial(option, group=TRANSFER)
+_option = partial(option, group=Group.TRANSFER)
 
 
 @dataclass(frozen=True)
@@ -91,7 +86,10 @@ class Transfer:
     points: Nodes = field(
         metadata={
             "option": Option(
-                Kind("pairs", _points, read_pairs, "V:A,V:A…"), "opacity A at value V, linear between", TRANSFER, BASIC
+                Kind("pairs", _points, read_pairs, "V:A,V:A…"),
+                "opacity A at value V, linear between",
+                Group.TRANSFER,
+                "basic",
             )
         }
     )
@@ -99,12 +97,12 @@ class Transfer:
         "gray",
         Kind("a name", _colormap, str, "NAME"),
         "gray, bone, hot, viridis, …. Or any map of cmap or Matplotlib",
-        level=BASIC,
+        level="basic",
     )
-    window: Sequence[float] | None = _option(None, interval(), "values that the colours span", level=BASIC)
+    window: Sequence[float] | None = _option(None, Kind.interval(), "values that the colours span", level="basic")
     unit: float | None = _option(
         None,
-        number("a positive, finite length in world units", 0, above=True, metavar="L"),
+        Kind.number("a positive, finite length in world units", 0, above=True, metavar="L"),
         "world length that opacities refer to (default: mean spacing)",
     )
     gradient: Nodes = _option(
@@ -112,11 +110,11 @@ class Transfer:
         Kind("pairs", partial(_nodes, "transfer gradient", "weight"), read_pairs, "G:W,G:W…"),
         "factor W of the opacity at gradient G, linear between",
     )
-    shading: bool = option(True, FLAG)
+    shading: bool = option(True, Kind.flag())
     labels: Sequence[tuple[int, str, float]] = option((), Kind("labels", check_labels))
     scale: str = _option(
         "linear",
-        replace(choice(SCALES), metavar=""),
+        replace(Kind.choice(SCALES), metavar=""),
         "opacities and colours over logarithms of values",
         flag="--log",
         bare="log",

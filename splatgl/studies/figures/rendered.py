@@ -21,7 +21,7 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source, write_file
-from splatgl.options import picture_size
+from splatgl.options import Kind
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
@@ -159,7 +159,7 @@ def add_pictures(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", nargs="?", metavar="SOURCE", help=f"{names}: a volume or scene.toml for the paper's")
     group = parser.add_argument_group(f"rendered figures ({names})")
     group.add_argument("--color", metavar="PICTURE", help="colour picture laid over a height map")
-    group.add_argument("--size", type=picture_size().parse, metavar="W×H", help="pixels of each picture")
+    group.add_argument("--size", type=Kind.picture_size().parse, metavar="W×H", help="pixels of each picture")
     group.add_argument("--spin", type=float, metavar="DEG", help="12, 13, 14: degrees a frame")
     group.add_argument("--frames", type=int, metavar="N", help="14: how many frames")
     group.add_argument("--motion", choices=MOTIONS, metavar="|".join(MOTIONS), help="12, 13, 14: blur by streaks")
