@@ -1,5 +1,5 @@
-// Quads beyond Table 1: the footprint at the true distance before z_k (form c), and beyond it the ellipse of
-// perspective space with the trapezoid's first-order term (b′).
+// Computes quads more exactly than Table 1: before z_k with the true distance from the ray (form c), beyond it with the
+// ellipse of perspective space and the trapezoid's first-order term (b′).
 // Twin of splatgl/splat/footprint.py. All lengths in mean voxel spacings, in eye axes; g and τ in index axes.
 #include "quads.glsl"
 #include "optics.glsl"
@@ -101,7 +101,7 @@ Quad far_quad(vec3 v) {
     return Quad(step_1, step_2, reach, gain, f.x * f.y, vec4(-1.0, 0.0, sloped), cubic, mixed);
 }
 
-// Whether antialiasing widens the voxel; the depth is chosen so that float32 decides correctly for every splat.
+// Returns whether antialiasing widens the voxel. float32 decides correctly for every splat.
 bool is_widened(vec3 v) {
     return ANTIALIAS == 1 && v.z > frame.beyond.y;
 }

@@ -1,5 +1,5 @@
-// Attenuation by the share of its pixel that a splat's matter fills, for pixels wider than a voxel: distinguishes
-// walls, edges, threads and dots. Twin of splatgl/splat/footprint.py, which explains it.
+// Attenuates a splat by the share of a pixel that its matter fills, for pixels wider than a voxel: walls, edges, threads
+// and dots differ. Twin of splatgl/splat/footprint.py, which explains the formula.
 #include "ellipse.glsl"
 #include "optics.glsl"
 #constant RUN_OCTAVES    // runs are coded as 2^(code · RUN_OCTAVES)
@@ -45,7 +45,7 @@ float filled_depth(float depth, vec3 i, float coverage, float pixel, int runs) {
     float hidden = one_minus_exp(column) * wider.x * wider.y * wider.z / max(wider.x, max(wider.y, wider.z));
     float left = column > 0.0 ? column * pow(min(hidden / column, 1.0), 1.0 - filled) : 0.0;
 
-    // matter behind opaque matter must not widen the matter in front
+    // matter behind opaque matter must not widen matter in front of it
     float stretch = inversesqrt(coverage);
     left = min(left, LARGEST_DEPTH * stretch / max(stretch - 1.0, 1e-6));
     return left / layers;

@@ -1,7 +1,7 @@
 // Composites tiles of boxes of voxels: each invocation blends its tile's list into one pixel, front to back.
 // version 430
-// switch CARRIED 0
-// switch LAYERED 0
+// switch CARRIED 0  tiles continue what an earlier dispatch drew
+// switch LAYERED 0  the matter is kept for layers_over.comp
 #constant LANES  // invocations of a group, along x,
 #constant ROWS   // and along y
 layout(local_size_x = LANES, local_size_y = ROWS) in;

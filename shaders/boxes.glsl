@@ -1,8 +1,9 @@
-// Boxes of voxels, which labels fill evenly: what a pixel's ray passes of them, and their light.
-// Depths are those in eye axes, mean spacings; places are in grid steps from frame.base. Twin of splatgl/reference/label_boxes.py.
-// switch SHADING 0
-// switch CLIPPED 0
-// switch LIMITED 0
+// Intersects a pixel's ray with the boxes of voxels, which labels fill evenly, and lights them.
+// Depths are along the eye's axis, in mean spacings; places are in grid steps from frame.base.
+// Twin of splatgl/reference/label_boxes.py.
+// switch SHADING 0  normals are lit
+// switch CLIPPED 0  planes clip rays
+// switch LIMITED 0  meshes limit rays
 #include "ellipse.glsl"
 #include "light.glsl"
 #include "mask_normal.glsl"

@@ -1,4 +1,4 @@
-// Shares of the sky and of the light that reach a place: ambient occlusion and shadows.
+// Looks up the shares of ambient and of direct light that reach a place: ambient occlusion and shadows.
 // Twin of splatgl/splat/ambient_occlusion.py.
 // switch SKY 0      ambient occlusion
 // switch SHADOWS 0  shadows

@@ -1,8 +1,8 @@
-// A voxel's projection on a plane, and antialiasing's smallest width. Twin of splatgl/splat/view.py.
-// switch ALIGN ALIGN_RAY
-// switch PERSPECTIVE 1
-// switch ANTIALIAS 1
-// switch CUBIC 1
+// Projects a voxel's kernel on a plane, and computes the smallest width of antialiasing. Twin of splatgl/splat/view.py.
+// switch ALIGN ALIGN_RAY  plane of a quad  [M98 Table 1]
+// switch PERSPECTIVE 1    0: a parallel view
+// switch ANTIALIAS 1      splats are widened beyond z_k  [M98 Eq. 4]
+// switch CUBIC 1          voxels are cubes
 #include "frame.glsl"
 #define ALIGN_GRID 0
 #define ALIGN_RAY 1
@@ -63,7 +63,7 @@ Ellipse voxel_ellipse(vec3 e1, vec3 e2) {
     return Ellipse(e1 * major.x + e2 * major.y, e2 * major.x - e1 * major.y, vec2(width_1, area / width_1));
 }
 
-// How far below and above x/z the slopes s are at which planes through the eye touch the kernel's ellipsoid:
+// Distances below and above x/z of the slopes s at which planes through the eye touch the kernel's ellipsoid:
 // (x − s z)² = R² |e − s f|², e and f the rows of eye_from_index along x and depth. Perspective views.
 vec2 tangents(float x, float z, vec3 e, vec3 f) {
     float r2 = style.radius * style.radius;

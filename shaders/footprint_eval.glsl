@@ -1,7 +1,7 @@
-// A still splat's contribution to one pixel: its footprint from a table or polynomial, then the blend mode's value.
-// switch FOOTPRINT FOOTPRINT_TABLE
-// switch TILED 0
-// switch POLYNOMIALS_0 0
+// Evaluates a still splat at one pixel: its footprint by a table or a polynomial, then the blend mode's value.
+// switch FOOTPRINT FOOTPRINT_TABLE  source of a footprint's values
+// switch TILED 0                    drawn by tile_draw.comp: depths are scaled by QUICK_SCALE
+// switch POLYNOMIALS_0 0            coefficients of a polynomial footprint, vec4s
 // switch POLYNOMIALS_1 0
 // switch POLYNOMIALS_2 0
 // switch POLYNOMIALS_3 0

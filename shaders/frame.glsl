@@ -1,4 +1,4 @@
-// The two uniform blocks: Frame changes with the view, Style with the scene.
+// Declares the two uniform blocks: Frame changes with the view, Style with the scene.
 // Lengths are in mean voxel spacings; eye axes are right, down, forward.
 
 layout(std140) uniform Frame {

@@ -1,5 +1,5 @@
-// What layers hold along each pixel's ray: lists of pages, each of PAGE − 1 pieces of matter and the number of the next.
-// A piece: where it begins, in sheets from the first; red and green; its optical depth; blue and its length.
+// Stores the matter of layers along each pixel's ray: a list of pages, each of PAGE − 1 pieces and the number of the next
+// page. A piece holds its begin, in sheets from the first; red and green; its optical depth; blue and its length.
 #constant LANES
 #constant ROWS
 #constant PAGE

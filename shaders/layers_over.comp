@@ -1,7 +1,7 @@
 // Composites the matter of several layers along each ray, nearest first: where layers overlap, extinctions and emissions
 // add up. Each invocation composites one column of its tile. Twin of splatgl/reference/layers.py.
-// switch LAYERS 2
-// switch PERSPECTIVE 1
+// switch LAYERS 2       number of layers
+// switch PERSPECTIVE 1  0: a parallel view
 // version 430
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;

@@ -1,12 +1,10 @@
-// Light of surfaces: of voxels, of matter by its gradients, of cuts, and of meshes. Twin of
-// splatgl/splat/lighting.py.
-// switch LIGHT 0
+// Lights surfaces: voxels, matter by its gradients, faces of clip planes, and meshes. Twin of splatgl/splat/lighting.py.
+// switch LIGHT 0  another light than the plain one at the eye
 #include "frame.glsl"
 #include "cues.glsl" if SKY or SHADOWS else "cues_off.glsl"
 
-// The factor of colours, and the highlight, of a surface with that normal, of any length; 1 and 0 without one. light:
-// where it shines, or 0: along the ray. share: of ambient and of other light that reaches it. Normals are turned to the
-// side that is seen.
+// The factor of colours and the highlight of a surface; 1 and 0 for normal 0. normal: of any length, turned to the
+// visible side; light: direction to the light, or 0: along the ray; share: of ambient and of direct light.
 vec2 surface_light(vec3 normal, vec3 toward, vec3 light, vec2 share) {
     float size2 = dot(normal, normal), inverse_size = inversesqrt(max(size2, 1e-37));
     float seen = dot(normal, toward) * inverse_size, cosine = min(abs(seen), 1.0), power = cosine;

@@ -1,7 +1,7 @@
-// A splat's path across the view while the shutter is open, as a straight line, and the quad around its streak.
+// Computes a splat's path across the view while the shutter is open, as a straight line, and the quad of its streak.
 // Twin of splatgl/splat/motion.py. All lengths in mean voxel spacings, in eye axes.
-// switch MOTION MOTION_OFF
-// switch FLOW 0
+// switch MOTION MOTION_OFF  form of motion blur
+// switch FLOW 0             splats have velocities of their own
 #include "approximations.glsl"
 #define MOTION_OFF 0
 #define MOTION_EXACT 1

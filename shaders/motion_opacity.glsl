@@ -1,11 +1,11 @@
-// Opacity of a splat that covers a pixel for part of the exposure. Twin of splatgl/splat/motion_blur.py.
+// Computes the opacity of a splat that covers a pixel for a part of the exposure. Twin of splatgl/splat/motion_blur.py.
 #include "optics.glsl"
 // dense splats hide for longer than the share p of the exposure: 1 − (1 − p)^κ, κ = 1 + DENSE x/(1 + DENSEST x)
 #constant DENSE
 #constant DENSEST
 #constant LEAST
 
-// 1 for a lone splat, 0 for one whose matter continues along its path of that length.
+// 1 for a lone splat, 0 for a splat whose matter continues along its path. size: of the path; through: run of matter.
 float isolation(float size, float through) {
     float follows = max(through - 1.0, 0.0) / (size + 1.0);
     return 1.0 / (1.0 + follows * follows);

@@ -1,6 +1,6 @@
-// The sheets around the eye, from the one behind it on, on the rays of a grid of pixels: one block of rows below the
-// other. Twin of near_sums in splatgl/reference/sheets.py.
-// switch SIDE 4
+// Draws the sheets around the eye, the first of which is behind it, on the rays of a grid of pixels: a block of rows a
+// sheet. Twin of near_sums in splatgl/reference/sheets.py.
+// switch SIDE 4  voxels around the eye along an axis
 #define VARYING
 #define FLAT
 #include "footprint_eval.glsl"

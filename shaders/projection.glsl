@@ -1,5 +1,5 @@
-// A splat's projection: its centre, its reach and the map from pixels to footprint coordinates, so that each pixel
-// computes its own footprint coordinates without interpolation.
+// Projects a splat: its centre, its reach and the map from pixels to footprint coordinates, by which each pixel computes
+// its coordinates without interpolation.
 #include "approximations.glsl"
 #constant PIXEL_MARGIN  // pixels around a splat: rasterisers snap places to 1/256 of a pixel or finer, and float32 rounds
 
@@ -50,14 +50,15 @@ Projected projected(vec3 v, Quad quad) {
     return planar_projection(v, quad.axis_1, quad.axis_2, quad.reach);
 }
 
-// Whether a splat, widened or not, may reach pixels between slopes, or lengths: left, upper, right and lower ones.
+// Returns whether a splat, widened or not, may reach pixels between edges: left, upper, right and lower slopes, or
+// lengths.
 bool reaches(vec3 v, vec4 edges) {
     float z = PERSPECTIVE == 1 ? v.z : 1.0;
     vec2 reach = max(frame.support, frame.stretch * z);
     return all(lessThanEqual(edges.xy * z - v.xy, reach)) && all(lessThanEqual(v.xy - edges.zw * z, reach));
 }
 
-// Whether it may be visible; twin of splatgl/splat/culling.py.
+// Returns whether a splat may be visible; twin of splatgl/splat/culling.py.
 bool reached(vec3 v) {
     return reaches(v, vec4(-frame.edge, frame.edge));
 }

@@ -1,4 +1,4 @@
-// The quad of one splat: its plane and its two axes, with antialiasing.
+// Computes the quad of one splat: its plane and its two axes, with antialiasing.
 // Twin of splatgl/splat/footprint.py.  [M98 Table 1 row 4] [M98 Table 1 row 5]
 #include "ellipse.glsl"
 

@@ -1,6 +1,6 @@
-// A splat's record, and its words: see splatgl/splat/splats.py
-// switch POINTS 0
-// switch STEPS 0
+// Decodes the words of a splat's record, see splatgl/splat/splats.py.
+// switch POINTS 0  records are of points, not of voxels
+// switch STEPS 0   parts of a sheet that are classified; 0: splats are classified before
 #constant COLOR_SCALE
 
 vec3 in_position;        // grid indices

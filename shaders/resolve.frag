@@ -1,4 +1,4 @@
-// Means of pixels from samples × samples of the target, in linear premultiplied light, over the background.
+// Averages samples × samples of the target into pixels, in linear premultiplied light, over the background.
 // Euler–Maclaurin: the mean over a pixel is that of its samples and (f_k − f_k₋₁ − f_0 + f_₋₁)/24, the end correction, along
 // each axis; samples beyond the edges repeat. All weights are positive. Twin of splatgl/reference/blend.py.
 

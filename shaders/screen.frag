@@ -1,12 +1,10 @@
 // Composites a linear premultiplied picture over the window's ground, encodes sRGB, and composites the overlay.
 
-// comparison mode
-// switch COMPARE COMPARE_NONE
+// switch COMPARE COMPARE_NONE  comparison mode
 #define COMPARE_NONE 0
 #define COMPARE_SPLIT 1       // `other` right of the middle
 #define COMPARE_DIFFERENCE 2  // |picture − other| × gain
-// overlay on or off: in software renderers every texture read costs time
-// switch OVERLAY 1
+// switch OVERLAY 1             an overlay is drawn; every texture read takes time in software
 
 uniform sampler2D picture;   // linear premultiplied, row 0 on top
 uniform sampler2D other;     // the picture to compare with, likewise

@@ -1,4 +1,4 @@
-// Composites a sheet that is complete behind the light of nearer ones, or joins its values to theirs.
+// Composites a complete sheet behind the light of nearer sheets, or joins its values to theirs.
 #define VARYING
 #define FLAT
 #define ROWS 1

@@ -51,13 +51,13 @@ vec3 around[ROWS];
 vec4 light[ROWS];
 
 // Centre of a pixel in the band.
-vec2 pixel_of(int row) {
+vec2 center_of(int row) {
     return first + vec2(0.0, float(row));
 }
 
 // Sets the variables of a pixel's ray.
 void set_ray(int row) {
-    vec2 pixel = pixel_of(row);
+    vec2 pixel = center_of(row);
     vec3 ray = ray_at(pixel);
     vec3 along = PERSPECTIVE == 1 ? ray : vec3(0.0, 0.0, 1.0);
     vec3 start = PERSPECTIVE == 1 ? vec3(0.0) : index_from_eye() * vec3(ray.xy, 0.0);
@@ -155,7 +155,7 @@ bool take_sheet(int row, int current) {
     bool seen = true;
     if (STEPS == 0) start[row] = sum0[row];
     else {
-        take_plane(pixel_of(row), current, sum0[row], masses[row].x);
+        take_plane(center_of(row), current, sum0[row], masses[row].x);
         start[row] = 0.5 * (middle[row] + before[row]);
         middle[row] = before[row];
         float further;

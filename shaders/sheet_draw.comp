@@ -1,6 +1,5 @@
 // Composites sheets tile by tile: each invocation adds its tile's list, which is in the order of first sheets, to the
 // open sheets of one column of pixels, and composites each sheet once the list has passed it.
-// Classified before (STEPS 0), a sheet holds extinction · colour and extinction; after, gradient and value by mass.
 // Twin of splatgl/reference/sheets.py.
 // switch CARRIED 0    lists continue in other dispatches
 // version 430
@@ -27,7 +26,7 @@ vec4 term_of(Joined it) {
     return STEPS == 0 ? vec4(it.splat.rgb, 1.0) : it.splat;
 }
 
-// Four splats at once, as sums are stored under a mask, which takes longer than to add them up.
+// Adds four splats at once: sums are stored under a mask, which takes longer than to add them up.
 void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
     vec4 v = vec4(valued(four[0], ray, row), valued(four[1], ray, row), valued(four[2], ray, row),
                   valued(four[3], ray, row));
@@ -71,7 +70,7 @@ int next_base(uint at, uint end, out uvec4 names) {
 #define KEEP_MATTER(row) end_matter(row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
 
-// Whether it is so in any column of the subgroup, which stay together then; without votes, each goes on by itself.
+// Returns whether a condition holds in any column of the subgroup, which then stays together; without votes, in this one.
 bool any_column(bool so) {
 #ifdef GL_ARB_shader_group_vote
     return anyInvocationARB(so);

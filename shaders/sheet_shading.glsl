@@ -1,4 +1,4 @@
-// Light of the matter between two places of a pixel's ray: by its gradient, by the face of a mask, and by the face that a
+// Lights the matter between two places of a pixel's ray: by its gradient, by the face of a mask, and by the face that a
 // clip plane leaves.
 #include "light.glsl"
 // of a pixel's ray: normal of the plane at which it begins, world axes, or 0; and the end of the face there

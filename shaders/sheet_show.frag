@@ -1,4 +1,4 @@
-// What a pixel shows of the value that all its sheets were joined to.
+// Classifies the value that all sheets of a pixel were joined to.
 #define VARYING
 #define FLAT
 #define ROWS 1

@@ -1,6 +1,6 @@
 // Sorts splats by their first sheet: counts those of each run by sheet, or writes their numbers in order. Splats beyond
 // the picture's edges come last. Each invocation processes one run of splats.
-// switch COUNTING 0
+// switch COUNTING 0  only counts
 // version 430
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;

@@ -1,6 +1,6 @@
-// Sheets of equal distance from the eye in index space; twin of splatgl/splat/sheets.py.
-// switch SHEETS 0
-// switch STEPS 0
+// Divides index space into sheets of equal distance from the eye. Twin of splatgl/splat/sheets.py.
+// switch SHEETS 0  sheets that share a splat; 0: splats composite one by one
+// switch STEPS 0   parts of a sheet that are classified; 0: splats are classified before
 #include "ellipse.glsl"
 
 uniform vec3 sheet_eye;        // the eye from frame.base, index axes
@@ -69,7 +69,8 @@ vec3 layer_wave(vec3 place) {
     return x * (0.775 + 0.225 * abs(x));
 }
 
-// How far a ray passes even matter of a sphere, number `sheet` from the eye, before the sphere's own place, in sheets.
+// Distance from the mean place of even matter on a ray in a sheet, a sphere around the eye, to the sheet's place, in
+// sheets. sheet: its number from the eye.
 float bulge(float sheet) {
     return kernel_variance / (thickness * thickness * max(sheet, 1.0));
 }

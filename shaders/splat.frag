@@ -1,7 +1,7 @@
-// One splat's contribution to one pixel: its footprint, then the blend mode's value, or what it adds to sheets.
-// switch SHEETS 0
-// switch STEPS 0
-// switch BOXES 0
+// Draws one splat in one pixel: its footprint, then the blend mode's value, or the sums that it adds to sheets.
+// switch SHEETS 0  sheets that share a splat; 0: splats composite one by one
+// switch STEPS 0   parts of a sheet that are classified; 0: splats are classified before
+// switch BOXES 0   splats are boxes of voxels, see boxes.glsl
 #define VARYING in
 #define FLAT flat
 #include "footprint_eval.glsl"
@@ -11,7 +11,7 @@
 #endif
 
 #if SHEETS
-// of the sheets that share it: extinction · colour and extinction; classified after: gradient and value, by mass
+// of the sheets that share the splat: emission and extinction; with STEPS gradient and value, by mass
 layout(location = 0) out vec4 sums[SHEETS];
 #if STEPS
 layout(location = SHEETS) out float masses[SHEETS];

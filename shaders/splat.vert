@@ -1,5 +1,5 @@
-// One corner of a splat's quad, placed relative to the eye, rotated, stretched, shaded: instances are splats in drawing
-// order, and a triangle strip has four vertices.
+// Places one corner of a splat's quad relative to the eye: rotated, stretched and shaded. Instances are splats in drawing
+// order, each a triangle strip of four vertices.
 #define VARYING out
 #define FLAT flat
 #include "splat_setup.glsl"

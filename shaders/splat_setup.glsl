@@ -1,7 +1,7 @@
-// Setup of one splat relative to the eye: its colour and optical depth, for a quad's vertex or the tile lists.
+// Sets up one splat relative to the eye: its colour and optical depth, for a quad's vertex or the tile lists.
 // VARYING is defined as `out` in the vertex shader, FLAT as `flat`; elsewhere as nothing.
-// switch SHADING 0
-// switch BOXES 0
+// switch SHADING 0  normals are lit
+// switch BOXES 0    splats are boxes of voxels, see boxes.glsl
 #include "approximations.glsl"
 #include "attenuation.glsl"
 #include "light.glsl"

@@ -1,4 +1,4 @@
-// A rectangle of the window, in pixels, that a texture fills.
+// Draws a rectangle of the window, in pixels, that a texture fills.
 
 uniform vec2 size;   // the window's, pixels
 uniform vec4 place;  // left, top, right, bottom, pixels, (0, 0) at the upper left corner

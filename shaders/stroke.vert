@@ -1,4 +1,4 @@
-// Instanced rectangle around a straight stroke with round ends, in window pixels.
+// Draws an instanced rectangle around a straight stroke with round ends, in window pixels.
 
 in vec2 start;   // pixels, (0, 0) at the upper left corner
 in vec2 stop;

@@ -1,5 +1,5 @@
-// The nearest surfaces behind a depth, and before another: light and depth.
-// switch PERSPECTIVE 1
+// Draws the light and depth of the nearest surfaces between two depths.
+// switch PERSPECTIVE 1  0: a parallel view
 #include "light.glsl"
 #include "mesh_maps.glsl"
 uniform sampler2D nearest_depth;
@@ -11,7 +11,7 @@ in vec3 normal;
 in vec4 color;
 in vec2 value;
 layout(location = 0) out vec4 light;  // linear, premultiplied
-layout(location = 1) out vec4 depth;
+layout(location = 1) out vec4 depth;  // eye axis, mean spacings
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);

@@ -1,7 +1,7 @@
-// Triangles of meshes, in lengths of the frame from the eye, eye axes.
-// switch PERSPECTIVE 1
+// Places the triangles of meshes: mean spacings from the eye, eye axes.
+// switch PERSPECTIVE 1  0: a parallel view
 #include "frame.glsl"
-uniform vec2 depths;  // of all of them, for the depth buffer
+uniform vec2 depths;  // nearest and farthest of all triangles, for the depth buffer
 
 in vec3 in_place;
 in vec3 in_normal;
@@ -9,7 +9,7 @@ in vec4 in_color;     // linear RGB, and opacity
 out vec3 place;
 out vec3 normal;
 out vec4 color;
-in vec2 in_value;     // the place of its value in a colour map, and which; below 0: none
+in vec2 in_value;     // place of the value in a colour map, and the map's row; below 0: none
 out vec2 value;
 
 void main() {

@@ -1,4 +1,4 @@
-// Where no surface is drawn yet: no light, at a depth behind all that will be.
+// Clears a target of surfaces: no light, at the depth of the surface behind.
 uniform sampler2D farthest_depth;
 layout(location = 0) out vec4 light;
 layout(location = 1) out vec4 depth;

@@ -1,4 +1,4 @@
-// Matter before a surface, and the surface: blended behind what is nearer.
+// Blends matter and the surface behind it behind nearer light.
 uniform sampler2D matter;
 uniform sampler2D surface;
 out vec4 fragment;

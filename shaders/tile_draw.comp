@@ -1,5 +1,5 @@
 // Composites tiles: each invocation blends its tile's list into one column of pixels, front to back.
-// switch CARRIED 0
+// switch CARRIED 0  tiles continue what an earlier dispatch drew
 // version 430
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;

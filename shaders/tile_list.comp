@@ -1,6 +1,6 @@
 // Counts the splats of each run that touch each tile, or lists them by tile in drawing order. Each invocation processes
 // one run of splats; within a tile's list, runs follow each other.
-// switch COUNTING 0
+// switch COUNTING 0  only counts
 // version 430
 #constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;

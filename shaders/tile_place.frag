@@ -1,6 +1,6 @@
-// Places splats in drawing order, one per texel of the output textures: the counterpart of a vertex shader's varyings.
-// switch ORDERED 1
-// switch CULLED 0
+// Places splats in drawing order, one per texel of the output textures, which hold what a quad's varyings hold.
+// switch ORDERED 1  records are read in the order of a texture
+// switch CULLED 0   only visible blocks are placed
 // version 430
 #define VARYING
 #define FLAT

@@ -1,4 +1,4 @@
-// A placed splat, and its share of a pixel: the counterpart of a quad's varyings and of its fragment.
+// Reads a placed splat and evaluates its share of a pixel, as a quad's varyings and fragment do.
 #define VARYING
 #define FLAT
 #include "footprint_eval.glsl"

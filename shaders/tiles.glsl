@@ -1,10 +1,10 @@
-// Tiles of pixels and placed splats, shared by the passes that list splats by tile and draw the tiles.
+// Describes tiles of pixels and placed splats, for the passes that list splats by tile and that draw tiles.
 // A splat is one texel in each of several textures: bounds: its centre and its ellipse's extent, if visible; heads: its
 // centre, optical depth, and half of its colour or half its side; shapes: the triangular root of its quadratic form and
 // the rest of its colour, or to_local. If full also matters: its colour, or gradient, and coverage, or place in sheets;
 // if bent, further textures of footprint terms. If packed, its gradient and place in sheets are where the colour was.
-// switch SHEETS 0
-// switch PACKED 0
+// switch SHEETS 0  sheets that share a splat; 0: splats composite one by one
+// switch PACKED 0  gradients of 17 bits a component
 #include "varyings.glsl"
 #constant COLUMNS  // pixels of a tile
 #constant ROWS

@@ -1,5 +1,5 @@
-// Fields on cells, linear between their centres; twin of splatgl/splat/grid.py.
-// In float32, where a sampler's weights may have 8 bits.
+// Interpolates fields on cells linearly between centres, in float32: a sampler's weights may have 8 bits only.
+// Twin of splatgl/splat/grid.py.
 vec4 trilinear(sampler3D field, vec3 place) {
     ivec3 last = textureSize(field, 0) - 1;
     vec3 inside = clamp(place, vec3(0.0), vec3(last));

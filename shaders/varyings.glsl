@@ -1,8 +1,8 @@
-// Varyings of a quad: few and packed, since a software rasteriser sets up each for each triangle. VARYING is defined as
+// Declares the varyings of a quad: few and packed, as a software rasteriser sets up each for each triangle. VARYING is defined as
 // `out` in the vertex shader and `in` in the fragment shader, FLAT as `flat`; both are empty in shaders without
 // varyings. Varyings that a program does not need become plain variables that are never read.
-// switch HALF_LINE 0
-// switch SHEETS 0
+// switch HALF_LINE 0  the eye may be inside a kernel
+// switch SHEETS 0     sheets that share a splat; 0: splats composite one by one
 #include "motion.glsl"
 
 #if ALIGN == ALIGN_EXACT

@@ -32,6 +32,7 @@ from splatgl.splat import (
 
 # a file; or one where any of the switches is on, and a twin of no effect else
 INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"(?: if (\w+(?: or \w+)*) else "([^"]+)")?\s*$')
+COMMENT = re.compile(r"\s*//.*$")
 CONSTANT = re.compile(r"^#constant (\w+)")
 SWITCH = re.compile(r"^// switch (\w+) (\w+)(?:\s.*)?$")
 # line numbers of llvmpipe/Mesa ("0:12(3): error"), NVIDIA ("0(12) : error") and AMD/Intel ("ERROR: 0:12:")
@@ -80,7 +81,9 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
     used = [f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text))]
     head = [f"#version {version} core", *used, *(f"#define {switch} {value}" for switch, value in values.items())]
     places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
-    return ShaderText("\n".join([*head, *(text for _, text in lines)]) + "\n", tuple(places))
+    # a driver caches programs by their text: a comment compiles nothing anew
+    code = (COMMENT.sub("", text) for _, text in lines)
+    return ShaderText("\n".join([*head, *code]) + "\n", tuple(places))
 
 
 def declared_switches(name: str) -> frozenset[str]:

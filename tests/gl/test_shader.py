@@ -25,11 +25,26 @@ def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def test_switches_and_includes(shaders: Path) -> None:
     (shaders / "a.vert").write_text('// one\n// switch DEEP 3\n#include "b.glsl"\nvoid main() {}\n')
-    (shaders / "b.glsl").write_text("// two\n// switch WIDE 0\n")
+    (shaders / "b.glsl").write_text("int two;  // two\n// switch WIDE 0  both\n")
     text = compose("a.vert", {"WIDE": True})
     assert text.source.splitlines()[:3] == ["#version 330 core", "#define DEEP 3", "#define WIDE 1"]
-    place = text.source.splitlines().index("// two")
+    place = text.source.splitlines().index("int two;")
     assert text.lines[place] == "b.glsl:1"
+
+
+def test_a_feature_that_is_off_has_a_twin(shaders: Path) -> None:
+    """Switches of either file are declared, whichever is included."""
+    (shaders / "a.vert").write_text(
+        '// switch NEAR 0\n// switch FAR 0\n#include "b.glsl" if NEAR or FAR else "c.glsl"\n'
+    )
+    (shaders / "b.glsl").write_text("// switch WIDE 0\nint on;\n")
+    (shaders / "c.glsl").write_text("int off;\n")
+    for switches in ({"NEAR": True}, {"FAR": True, "WIDE": 1}, {"FAR": False}, {}):
+        lines = compose("a.vert", switches).source.splitlines()
+        assert ("int on;" in lines) == any(map(bool, switches.values())) != ("int off;" in lines)
+    (shaders / "d.vert").write_text('#include "b.glsl" if MISSING else "c.glsl"\n')
+    with pytest.raises(ShaderError, match=r"d\.vert:1: no such switch: MISSING"):
+        compose("d.vert", {})
 
 
 @pytest.mark.parametrize(
