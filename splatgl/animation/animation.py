@@ -1,4 +1,4 @@
-"""`Animation`: the frames of a turntable, of keyframes or of a series in time, drawn here or by workers of Dask."""
+"""`Animation`: frames of a turntable, of keyframes or of a time series, drawn here or on workers of Dask."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ FULL_TURN = 360.0
 FRAMES = 120
 # probe cameras for the maximum of X-ray sums
 PROBES = 6
-# share by which a frame may show things larger than another without a word
+# relative difference in scale of two frames that is not reported
 ALIKE = 0.005
 # frames sampled to determine the sort axes
 LOOKS = 64
@@ -61,10 +61,10 @@ LOOKS = 64
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """scenes: one per volume, with a common transfer function. numbers: the frames to render, of `count`; each volume
-    of a series is shown for `hold` frames. flow: displacement of splats along the volume's vectors per frame, for
-    motion blur only. only: what frames of a single volume show. bands: of rows, in which volumes are drawn in bricks;
-    0: whole.
+    """Frames of one volume or of a series. scenes: one for each volume, with a common transfer function. numbers: the
+    frames to render, of `count`; each volume is shown for `hold` frames. flow: displacement of splats along vectors per
+    frame, for motion blur only. only: the subject of a single volume. bands: number of bands of rows of volumes that
+    are drawn in bricks; 0: whole. over: annotations.
     """
 
     scenes: list[SceneFile]
@@ -82,7 +82,7 @@ class Animation:
     @classmethod
     def of(cls, file: SceneFile, args: argparse.Namespace) -> Animation:
         """The animation of a scene and of the files in `args.more`. Reads the first volume, whose transfer function and
-        placement apply to all.
+        view apply to all volumes.
         """
         scenes = volumes(file, args.more)
         if len(scenes) > 1 and isinstance(args.time, slice):
@@ -98,7 +98,7 @@ class Animation:
         settings, view = scene.file.settings, scene.file.view
         if args.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        scenes = [replace(each, settings=settings, view=view, clip=None, crop="") for each in scenes]
+        scenes = [replace(scene, settings=settings, view=view, clip=None, crop="") for scene in scenes]
         scene = replace(scene, file=scenes[0], is_quiet=args.quiet, is_moving=settings.shutter > 0)
         series = len(scenes) if len(scenes) > 1 else 0
         bands = _bands(scene, args.flow) if scene.is_single else 0
@@ -120,7 +120,7 @@ class Animation:
 
     @property
     def mark(self) -> str:
-        """Digest that identifies the animation's frames: sources, rendering options and cameras."""
+        """Digest of sources, rendering options and cameras, which identifies the frames of this animation."""
         sizes = [Path(s.volume).stat().st_size if Path(s.volume).is_file() else 0 for s in self.scenes]
         files = [(s.volume, size, s.load) for s, size in zip(self.scenes, sizes, strict=True)]
         cameras = [self.track.camera(n) for n in {0, self.count // 2, self.count - 1}]
@@ -136,8 +136,8 @@ class Animation:
             *([] if first.surfaces is None else [first.surfaces]),
             *(first.mask or ()),
         )
-        told = self.over.names if self.over else ()
-        return digest_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *told)
+        names = self.over.names if self.over else ()
+        return digest_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *names)
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Renders and saves the frames; the next volume of a series is read in parallel."""
@@ -155,7 +155,7 @@ class Animation:
                     progress(next(done), len(todo))
 
     def work(self, frames: Frames) -> Work:
-        """What all frames have in common, but for the scale of X-ray frames."""
+        """The data that all frames share, without the scale of X-ray frames."""
         settings = self.scenes[0].settings
         settings = settings.but(moments=settings.moments or self.steady)
         return Work(
@@ -163,7 +163,7 @@ class Animation:
         )
 
     def view(self, frame: int) -> FrameView:
-        """Where a frame is seen from."""
+        """The number, volume, camera and motion of a frame."""
         return FrameView(frame, self.shown(frame), self.track.camera(frame), self.track.motion(frame))
 
     @property
@@ -173,14 +173,12 @@ class Animation:
 
     @property
     def probes(self) -> list[tuple[int, Camera]]:
-        """Volumes and cameras that stand for all frames, independent of which are rendered now."""
+        """Volumes and cameras that represent all frames, whichever frames are rendered now."""
         cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, PROBES)]
-        return [(n, each) for n in sorted({0, len(self.scenes) // 2, len(self.scenes) - 1}) for each in cameras]
+        return [(n, camera) for n in sorted({0, len(self.scenes) // 2, len(self.scenes) - 1}) for camera in cameras]
 
     def _sort(self, todo: Sequence[int]) -> None:
-        """Sorts a single volume's splats along every axis needed by any frame, before the first frame, so that memory
-        use does not grow afterwards.
-        """
+        """Sorts the splats of a single volume along all axes that frames need: memory use does not grow later."""
         splats = self.only.subject if self.only is not None else None
         if not isinstance(splats, Splats) or not BLENDS[self.scenes[0].settings.blend].ordered:
             return
@@ -189,13 +187,13 @@ class Animation:
             splats.lattice(axis)
 
     def _read(self, work: Work, number: int) -> Matter:
-        """What frames of one volume show."""
+        """Reads the subject of frames of one volume."""
         return self.only if self.only is not None and self.flow is None else work.matter(number)
 
     @property
     def steady(self) -> int | None:
-        """Moments per frame of a rotation: those of the fastest frame. None where more than the angle changes, and for
-        other kinds of motion blur.
+        """Number of moments per frame of a rotation: that of the fastest frame. None if more than the angle changes,
+        and for other kinds of motion blur.
         """
         if self.only is None or self.flow is not None or not isinstance(self.track, Turning):
             return None
@@ -206,7 +204,7 @@ class Animation:
 
 
 def _matter(scene: OpenScene, args: argparse.Namespace) -> Matter:
-    """What frames of one volume show. InputError where that is nothing."""
+    """The subject of frames of one volume. Raises InputError if nothing is visible."""
     if not scene.is_single:
         if args.flow is not None:
             raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
@@ -217,7 +215,7 @@ def _matter(scene: OpenScene, args: argparse.Namespace) -> Matter:
 
 
 def _visible_part(scene: OpenScene, bands: int, only: Matter | None) -> Bounded:
-    """What the camera is fitted to: what is visible of one volume, or the whole of each volume of a series."""
+    """The part that the camera is fitted to: the visible part of one volume, or whole volumes of a series."""
     if only is None and not bands:
         return scene.volume
     if only is None or (isinstance(only.subject, Splats) and only.subject.post is not None):
@@ -242,7 +240,7 @@ def _track(scene: OpenScene, subject: Bounded, args: argparse.Namespace, series:
 
 
 def _annotations(text: str | None, scenes: Sequence[SceneFile]) -> tuple[str, ...]:
-    """The annotations of a movie: of --annotate, else of its scene; `time` is the time of each volume of a series.
+    """The annotations of a movie: of --annotate, else of its scene file; `time` shows the time of each volume.
 
     Raises InputError for unsupported annotations, and for a time of one volume.
     """
@@ -254,17 +252,17 @@ def _annotations(text: str | None, scenes: Sequence[SceneFile]) -> tuple[str, ..
 
 
 def _tell_size(camera: Camera, still: Camera, subject: Bounded, series: bool) -> None:
-    """Prints how large frame 0 shows things if `render` shows them larger or smaller, and why."""
-    there, here = (one.pixel_pitch(one.eye_from_points(subject.corners)[:, 2].mean()) for one in (still, camera))
+    """Prints the scale of frame 0 if it differs from that of `render`, and the reason."""
+    there, here = (view.pixel_pitch(view.eye_from_points(subject.corners)[:, 2].mean()) for view in (still, camera))
     ratio = float(there) / float(here) if here > 0 else 1.0
     if abs(ratio - 1) > ALIKE:
         whole = "the whole of each volume of the series" if series else "the whole turn"
-        told = f"the camera fits {whole}: frame 0 shows all {ratio:.3g} times as large as render does"
-        print(f"splatgl: {told}; --zoom changes it", file=sys.stderr)
+        note = f"the camera fits {whole}: frame 0 is {ratio:.3g} times as large as the picture of render"
+        print(f"splatgl: {note}; --zoom changes it", file=sys.stderr)
 
 
 def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
-    """Rotation of the volume per frame in degrees; an orbiting camera is a volume that rotates the other way."""
+    """Rotation of the volume per frame in degrees; --turntable rotates it the other way."""
     if args.spin is not None:
         return float(args.spin)
     if args.turntable is None and series:
@@ -273,7 +271,7 @@ def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
 
 
 def _bands(scene: OpenScene, flow: float | None) -> int:
-    """Number of bands of rows in which a volume is drawn in bricks that does not fit into memory; 0: it fits.
+    """Number of bands of rows for a volume that is drawn in bricks, as it does not fit into memory; 0: it fits.
 
     Raises InputError for motion blur that needs all splats at once.
     """
@@ -290,14 +288,14 @@ def _bands(scene: OpenScene, flow: float | None) -> int:
     return need.bands(most)
 
 
-# room above the brightest of some X-rays
+# factor of the brightest pixel of some X-rays, for brighter frames between them
 HEADROOM = 1.05
 
 
 @dataclass(frozen=True, eq=False)
 class Matter:
-    """What frames of a volume show: splats, layers, or a volume in bricks. clip: planes of the settings; layers have
-    their own. flow: velocities of splats.
+    """The subject of frames of one volume: splats, layers, or a volume in bricks. clip: planes of the settings; layers
+    have their own planes. flow: velocities of splats.
     """
 
     subject: Splats | Scene | Bricks
@@ -307,7 +305,7 @@ class Matter:
 
 @dataclass(frozen=True, eq=False)
 class FrameView:
-    """A frame's number, that of its volume, its camera, and the motion since the frame before."""
+    """Number, volume and camera of a frame, and its motion since the previous frame."""
 
     frame: int
     volume: int
@@ -317,23 +315,23 @@ class FrameView:
 
 @dataclass(frozen=True, eq=False)
 class Over:
-    """What is laid over each frame: annotations, what they need to know, and seconds between two time points."""
+    """Annotations of all frames. names, subject: as of `annotated`. step: seconds between two time points."""
 
     names: tuple[str, ...]
     subject: Subject
     step: float | None
 
     def at(self, point: int) -> tuple[str, ...]:
-        """The annotations of a frame that shows a time point."""
+        """The annotations of a frame of a time point."""
         time = f"time={point * self.step:g} s" if self.step else f"time={point}"
         return tuple(time if name == "time" else name for name in self.names)
 
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """scenes: one per volume. settings: with the moments of all frames. flow: displacement along the volume's vectors
-    per frame. top: common scale of X-ray frames. bands: of rows, in which a volume is drawn in bricks; 0: whole. It
-    holds no splats: they are extracted where they are drawn. over: annotations.
+    """Data that all frames share, without splats: each process extracts them. scenes: one for each volume. settings:
+    with the moments of all frames. flow: displacement along vectors per frame. top: common scale of X-ray frames.
+    bands: as of Animation. over: annotations.
     """
 
     scenes: list[SceneFile]
@@ -347,7 +345,7 @@ class Work:
     over: Over | None = None
 
     def matter(self, number: int) -> Matter:
-        """Reads what frames of one volume show."""
+        """Reads the subject of frames of one volume."""
         file = self.scenes[number]
         volume = file.open()
         if self.bands:
@@ -387,7 +385,7 @@ class Work:
     def brightest(
         self, renderer: Renderer, probes: Sequence[tuple[int, Camera]], read: Callable[[int], Matter]
     ) -> float:
-        """Common scale of all X-ray frames, from still pictures of those volumes, which `read` gives, and cameras."""
+        """Common scale of all X-ray frames, from still pictures of probes. read: returns a volume's subject."""
         top, still, latest = 0.0, self.scenes[0].settings, -1
         for number, camera in probes:
             if number != latest:
@@ -397,7 +395,7 @@ class Work:
 
 
 def scale_xray(image: Image, top: float) -> Image:
-    """An X-ray scaled for display, so that saving does not normalize it by its own maximum."""
+    """Scales an X-ray for display, so that saving does not normalize it by its maximum."""
     info = {**image.info, "blend": "xray over scale", "scale": 1 / top}
     if isinstance(error := info.get("error_bound"), float):
         info["error_bound"] = error / top
@@ -408,7 +406,7 @@ MOVIES = (".mp4", ".webm", ".gif")
 PICTURES = (".png", ".npy")
 # hexadecimal digits of the digest that identifies an animation
 DIGITS = 16
-# format of a frame number: a number of digits, or none
+# format of a frame number: with or without a number of digits
 DIGITED = re.compile("(0?[1-9][0-9]?)?d?")
 
 
@@ -425,9 +423,9 @@ class Frames:
 
     @classmethod
     def at(cls, output: str, mark: str) -> Frames:
-        """For an --output: a template, or a movie name, whose frames are stored in a folder beside it.
+        """Paths for an --output: a template, or the name of a movie, whose frames are stored in a folder beside it.
 
-        Raises InputError for any other name, and if the frames cannot be written. Their folder is made with the first.
+        Raises InputError for other names, and if frames cannot be written. The first frame creates the folder.
         """
         path = Path(output)
         if path.suffix.lower() in MOVIES:
@@ -457,7 +455,7 @@ class Frames:
         write_file(self.path(frame), data)
 
     def done(self, frame: int) -> bool:
-        """Whether the frame exists. InputError if the file belongs to another animation."""
+        """Whether the frame exists. Raises InputError for a frame of another animation."""
         path = self.path(frame)
         if not path.exists():
             return False
@@ -468,7 +466,7 @@ class Frames:
         return True
 
     def sweep(self, numbers: Sequence[int]) -> None:
-        """Removes temporary files of these frames left by a killed run."""
+        """Removes temporary files of these frames that a killed run left."""
         names = {f".{shorten_name(self.path(n).name)}" for n in numbers}
         # a temporary file is named .<frame file>.<random letters>
         for path in self.path(0).parent.glob(".*"):
@@ -490,7 +488,7 @@ def digest_of(*parts: object) -> str:
 
 
 def _check_template(text: str) -> None:
-    """InputError for a template that does not name each frame uniquely."""
+    """Raises InputError for a template that does not name each frame uniquely."""
     try:
         fields = [tuple(rest) for _, *rest in Formatter().parse(text) if rest[0] is not None]
     except ValueError:
@@ -515,7 +513,7 @@ def _mark(path: Path) -> str | None:
 def draw_frames(
     client: Client, animation: Animation, frames: Frames, todo: Sequence[int], drawing: Drawing, quiet: bool
 ) -> None:
-    """Draws frames on workers, each of which opens the files itself, and writes them here, whole."""
+    """Draws frames on workers, which open the files, and writes them in this process."""
     from splatgl.distributed.cluster import spread
 
     work = animation.work(frames)

@@ -31,7 +31,7 @@ MILLISECONDS = 1000
 
 
 def need(path: Path) -> None:
-    """InputError, before any work, if the libraries for this movie format are missing."""
+    """Raises InputError if the libraries for this movie format are missing."""
     if path.suffix.lower() in CODECS:
         _library()
 
@@ -104,21 +104,21 @@ def volumes(scene: SceneFile, more: Sequence[str]) -> list[SceneFile]:
 
     Raises InputError for a pattern without matches.
     """
-    found: list[str] = []
+    sources: list[str] = []
     for source in (scene.volume, *more):
-        found += [source] if source in SCENES or Path(source).exists() else _matching(source)
-    return [replace(scene, volume=source) for source in found]
+        sources += [source] if source in SCENES or Path(source).exists() else _matching(source)
+    return [replace(scene, volume=source) for source in sources]
 
 
-def time_points(scene: SceneFile, volume: Volume, asked: int | slice | None) -> list[SceneFile]:
-    """The scene of each time point of a file; the scene alone, if one is asked for or there is one only."""
-    # a number of an array is one of a time point, its name is not
+def time_points(scene: SceneFile, volume: Volume, requested: int | slice | None) -> list[SceneFile]:
+    """The scene of each time point of a file; one scene for a single point. requested: --time."""
+    # the number of an array picks a time point, its name does not
     picked = "time" in scene.load or str(scene.load.get("array", "")).isdecimal()
-    if volume.times < 2 or isinstance(asked, int) or picked:
-        if isinstance(asked, slice):
+    if volume.times < 2 or isinstance(requested, int) or picked:
+        if isinstance(requested, slice):
             raise expected("--time", "a file of several time points", volume.times)
         return [scene]
-    numbers = range(volume.times)[asked or slice(None)]
+    numbers = range(volume.times)[requested or slice(None)]
     if not numbers:
         raise expected("--time", f"some of 0 to {volume.times - 1}", "none")
     return [replace(scene, load={**scene.load, "time": number}) for number in numbers]
@@ -131,10 +131,10 @@ def _matching(source: str) -> list[str]:
     path = Path(source)
     if WILDCARDS.search(str(path.parent)):
         raise expected(source, "a pattern in the file's name alone", "one in its folder's name")
-    found = sorted((str(p) for p in path.parent.glob(path.name)), key=by_numbers)
-    if not found:
+    files = sorted((str(p) for p in path.parent.glob(path.name)), key=by_numbers)
+    if not files:
         raise expected(source, "a pattern that files fit", "none", "quote it, and check the folder")
-    return found
+    return files
 
 
 def by_numbers(name: str) -> list[tuple[bool, int, str]]:
@@ -150,5 +150,5 @@ def read_ahead(read: Callable[[int], T], wanted: Sequence[int]) -> Iterator[tupl
             result = coming.pop().result()
             coming += [pool.submit(read, following) for following in wanted[place + 1 : place + 2]]
             yield n, result
-            # leave the only reference to the caller
+            # the caller has the only reference
             del result

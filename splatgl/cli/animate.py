@@ -13,12 +13,12 @@ from splatgl.options import Kind
 from splatgl.scene.draw import DrawOptions
 
 FPS = 30.0
-# seconds that a series lasts at least
+# shortest movie of a series, seconds
 SHORTEST = 2.0
 MAX_FRAMES = 1_000_000
 # a GIF frame lasts at most 655 s
 MIN_FPS, MAX_FPS = 0.01, 1000.0
-# maximum degrees or time units per frame: beyond it sines lose all precision
+# most degrees or time units per frame; beyond it sines lose all precision
 MAX_PACE = 1e9
 BLACK = (0.0, 0.0, 0.0)
 
@@ -31,26 +31,50 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="FILE", required=True, help="frames/{frame:04d}.png or .npy, movie.mp4, .webm or .gif"
     )
     group = parser.add_argument_group("animation")
-    group.add_argument("--frames", type=int, metavar="N", help=f"how many frames there are in all ({FRAMES})")
-    group.add_argument("--only", type=_span, metavar="A-B", help="draw these of them, from 0 on")
     group.add_argument(
-        "--turntable", type=float, metavar="DEG", help=f"the camera goes around by this in all ({FULL_TURN:g})"
+        "--frames", type=int, metavar="N", help=f"number of frames of the whole animation (default {FRAMES})"
     )
-    group.add_argument("--spin", type=float, metavar="DEG", help="the volume turns by this each frame")
+    group.add_argument("--only", type=_span, metavar="A-B", help="draw only frames A to B, counted from 0")
     group.add_argument(
-        "--axis", type=Kind.numbers(3, "X,Y,Z").parse, metavar="X,Y,Z", help="the axis of both, through the middle (up)"
+        "--turntable",
+        type=float,
+        metavar="DEG",
+        help=f"total angle of a camera that orbits the volume (default {FULL_TURN:g})",
     )
-    group.add_argument("--keyframes", metavar="FILE.toml", help="where the camera is in some frames; between, it goes")
-    group.add_argument("--hold", type=int, default=1, metavar="N", help="frames for each volume of a series (1)")
-    group.add_argument("--moments", type=int, metavar="N", help="each frame is the mean of N, of parts of its time")
-    group.add_argument("--shutter", type=float, metavar="DEG", help="how long it is open (180: half of a frame)")
-    group.add_argument("--flow", type=float, metavar="F", help="blur along the volume's vectors, times F, a frame")
-    about = f"frames a second of a movie ({FPS:g}; fewer for a short series, which lasts {SHORTEST:g} s)"
+    group.add_argument("--spin", type=float, metavar="DEG", help="rotation of the volume per frame")
+    group.add_argument(
+        "--axis",
+        type=Kind.numbers(3, "X,Y,Z").parse,
+        metavar="X,Y,Z",
+        help="axis of rotation through the centre (default: up)",
+    )
+    group.add_argument(
+        "--keyframes", metavar="FILE.toml", help="views of some frames; the frames between are interpolated"
+    )
+    group.add_argument(
+        "--hold", type=int, default=1, metavar="N", help="frames for each volume of a series (default 1)"
+    )
+    group.add_argument("--moments", type=int, metavar="N", help="number of pictures whose mean is a frame")
+    group.add_argument(
+        "--shutter",
+        type=float,
+        metavar="DEG",
+        help="time that the shutter is open, 360 for a whole frame (default 180)",
+    )
+    group.add_argument(
+        "--flow",
+        type=float,
+        metavar="F",
+        help="motion blur along the vectors of the volume, F times their length per frame",
+    )
+    about = f"frames per second of a movie (default {FPS:g}, fewer for a short series: at least {SHORTEST:g} s)"
     group.add_argument("--fps", type=float, metavar="N", help=about)
-    group.add_argument("--resume", action="store_true", help="keep the frames that are there already")
-    about = "scale,colorbar,axes,directions,box,title=TEXT,time: that of each volume of a series, or time=TEXT"
+    group.add_argument("--resume", action="store_true", help="keep frames that exist")
+    about = "scale,colorbar,axes,directions,box,title=TEXT,time=TEXT; time: of each volume of a series"
     parser.add_argument("--annotate", metavar="NAMES", help=about)
-    parser.add_argument("--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (8)")
+    parser.add_argument(
+        "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (default 8)"
+    )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     add_workers(parser)
     add_drawing(parser)
@@ -85,14 +109,14 @@ def run(args: argparse.Namespace) -> int:
         write_movie(frames.movie, [frames.path(n) for n in wanted], fps, ground)
         frames.clear(wanted)
     if not args.quiet:
-        kept = f", {len(wanted) - len(todo)} of them there before" if len(todo) < len(wanted) else ""
+        resumed = f", {len(wanted) - len(todo)} of them existed" if len(todo) < len(wanted) else ""
         names = dict.fromkeys(str(frames.movie or frames.path(n)) for n in (wanted[0], wanted[-1]))
-        print(f"{' to '.join(names)}: {len(wanted)} frames{kept}")
+        print(f"{' to '.join(names)}: {len(wanted)} frames{resumed}")
     return 0
 
 
 def _check(args: argparse.Namespace) -> None:
-    """InputError for invalid numbers and for conflicting motions."""
+    """Raises InputError for invalid numbers and for conflicting motions."""
     given = [f"--{name}" for name in ("turntable", "spin", "keyframes") if getattr(args, name) is not None]
     if len(given) > 1:
         raise expected("animate", "one of --turntable, --spin and --keyframes", " and ".join(given))
@@ -109,7 +133,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _fps(animation: Animation) -> float:
-    """Frames a second, unless given: so few of a short series that it can be followed."""
+    """Default frames per second: fewer for a short series, so that it can be followed."""
     return min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
 
 

@@ -41,13 +41,21 @@ SPACE_RAYS = 41
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl explain-splat`."""
-    # a position may start with a minus
+    # a position may start with a minus sign
     parser._negative_number_matcher = re.compile(r"^-\.?\d")
-    parser.add_argument("voxel", type=_position, metavar="X,Y,Z", help="its centre: right, down, forward of the eye")
-    parser.add_argument("--size", type=int, default=512, metavar="N", help="pixels along the picture's side (512)")
-    parser.add_argument("--fov", type=float, default=60.0, metavar="A", help="full angle of view, degrees (60)")
+    parser.add_argument(
+        "voxel", type=_position, metavar="X,Y,Z", help="centre of the voxel: right, down and forward of the eye"
+    )
+    parser.add_argument(
+        "--size", type=int, default=512, metavar="N", help="width and height of the picture in pixels (default 512)"
+    )
+    parser.add_argument(
+        "--fov", type=float, default=60.0, metavar="A", help="full angle of view in degrees (default 60)"
+    )
     parser.add_argument("--kernel", default="crawfis-max", metavar="NAME", help="crawfis-max or gaussian")
-    parser.add_argument("--spacing", type=float, default=1.0, metavar="S", help="of the voxels, in units of X,Y,Z (1)")
+    parser.add_argument(
+        "--spacing", type=float, default=1.0, metavar="S", help="voxel spacing, in units of X,Y,Z (default 1)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -60,7 +68,7 @@ def _position(text: str) -> tuple[float, ...]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints the page; 0."""
+    """Prints the page; returns 0."""
     if not 1 / FAR <= args.spacing <= FAR:
         raise expected("spacing", f"a positive length from {1 / FAR:g} to {FAR:g}", args.spacing)
     if not (np.abs(args.voxel) <= FAR * min(args.spacing, 1.0)).all():
@@ -68,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     camera = straight_ahead(args.size, args.fov)
     sight = Sight(kernel(args.kernel), camera, np.array(args.voxel) / args.spacing)
     if sight.voxel[2] <= -sight.kernel.radius:
-        raise expected("X,Y,Z", "a voxel that reaches before the eye", f"Z = {args.voxel[2]:g}", "give a larger Z")
+        raise expected("X,Y,Z", "a voxel in front of the eye", f"Z = {args.voxel[2]:g}", "give a larger Z")
     print("\n".join([*_place(sight, args), "", *_table(sight)]))
     return 0
 
@@ -124,8 +132,8 @@ class Sight:
             return np.asarray(np.abs(np.where(np.isnan(value), 0.0, value) - self.right(seen)))
 
         with np.errstate(divide="ignore", invalid="ignore"):
-            found: Peak = maximum(error, 1, 2, points)
-        return float(found.value[0]) / self.level, splat(found.place[:, None]).slope[0, 0]
+            peak: Peak = maximum(error, 1, 2, points)
+        return float(peak.value[0]) / self.level, splat(peak.place[:, None]).slope[0, 0]
 
     def centre(self, form: Form) -> float:
         """Error in levels on the ray through the voxel's centre; NaN if there is none."""

@@ -1,4 +1,4 @@
-"""The summary that `splatgl render` prints, and the text of `--explain`."""
+"""The summary that `splatgl render` prints."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV
 from splatgl.splat.transfer import Transfer
 
+# points of a transfer function that fit in a line; of more, the first and the last are listed
 SHOWN = 3
-"""Points of a transfer function that fit a line; of more, the first and the last are told."""
 
 
 def summary(output: Path, image: Image, scene: OpenScene) -> str:
@@ -36,22 +36,22 @@ def summary(output: Path, image: Image, scene: OpenScene) -> str:
 
 
 def _drawn(image: Image) -> str:
-    """Numbers of splats and triangles; of triangles alone where there are no splats."""
+    """Text on the number of splats and triangles."""
     splats, triangles = (int(str(image.info.get(name, 0))) for name in ("splats", "triangles"))
-    told = [f"{splats:,} splats"] if splats or not triangles else []
-    return " and ".join([*told, *([f"{triangles:,} triangles"] if triangles else [])])
+    text = [f"{splats:,} splats"] if splats or not triangles else []
+    return " and ".join([*text, *([f"{triangles:,} triangles"] if triangles else [])])
 
 
 def _cues(image: Image) -> str:
-    """What ambient occlusion and shadows took."""
-    found = image.info.get("depth_cues")
-    if not isinstance(found, dict):
+    """Text on the time of ambient occlusion and shadows."""
+    cues = image.info.get("depth_cues")
+    if not isinstance(cues, dict):
         return ""
-    return f"; occlusion in {'×'.join(map(str, found['cells']))} cells took {found['seconds']:.2f} s"
+    return f"; occlusion in {'×'.join(map(str, cues['cells']))} cells took {cues['seconds']:.2f} s"
 
 
 def _behind(image: Image, output: Path) -> str:
-    """The background, where any is seen."""
+    """Text on the background, if it is visible."""
     color = image.info["background"]
     if isinstance(color, list):
         rgb = "#" + "".join(f"{round(c * 255):02x}" for c in srgb_from_linear(color))
@@ -62,15 +62,15 @@ def _behind(image: Image, output: Path) -> str:
 
 
 def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
-    """The opacities, the colours and what they span, and the threshold."""
+    """Text on opacities, colours, their range, and the threshold."""
     if len(volume.channels) > 1:
-        return f"channels {', '.join(each.name for each in volume.channels)}"
+        return f"channels {', '.join(channel.name for channel in volume.channels)}"
     if transfer.labels:
         names = {label.number: label.name for label in volume.labels or ()}
         labels = [f"{number} {names.get(number, '')}".strip() + f" {color}" for number, color, _ in transfer.labels]
         return f"labels {', '.join(labels[:SHOWN])}" + (f", … ({len(labels)})" if len(labels) > SHOWN else "")
     points = [f"{opacity:g} at {value:g}" for value, opacity in transfer.points]
-    told = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
+    text = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
     name = scene.transfer.get("preset")
     scaled = "logarithmic " if transfer.logarithmic else ""
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
@@ -78,29 +78,29 @@ def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     colours = f"{of} over {low:g} … {high:g}" if volume.color is None else "those of the volume"
     return (
         (f"preset {name}, " if name else "")
-        + f"opacity {told}; {scaled}colours {colours}"
+        + f"opacity {text}; {scaled}colours {colours}"
         + ("; weighted by the gradient" if transfer.gradient else "")
         + (f"; threshold {scene.threshold:g}" if scene.threshold else "")
     )
 
 
 def _view(scene: SceneFile, volume: Volume, image: Image) -> str:
-    """Azimuth and elevation, or the eye; and what of it is not the default."""
+    """Text on azimuth and elevation, or the eye, and on other options of the view."""
     view, orbit = scene.view, scene.view.orbit(volume)
     if orbit is not None:
-        told = f"azimuth {orbit[0]:g}°, elevation {orbit[1]:g}°"
-        told += f", zoom {view.zoom:g}" if view.zoom is not None else ""
+        text = f"azimuth {orbit[0]:g}°, elevation {orbit[1]:g}°"
+        text += f", zoom {view.zoom:g}" if view.zoom is not None else ""
     else:
         eye = image.info["eye"]
-        told = "from the eye " + (", ".join(f"{x:g}" for x in eye) if isinstance(eye, list) else "")
+        text = "from the eye " + (", ".join(f"{x:g}" for x in eye) if isinstance(eye, list) else "")
     if image.info["projection"] == "orthographic":
-        return told + ", parallel rays"
-    fov = next(found for found in (view.fov, volume.hints.fov, FOV) if found is not None)
-    return f"{told}, fov {fov:g}°"
+        return text + ", parallel rays"
+    fov = next(fov for fov in (view.fov, volume.hints.fov, FOV) if fov is not None)
+    return f"{text}, fov {fov:g}°"
 
 
 def _error(image: Image) -> str:
-    """The error bound, or how far off it is where it was compared."""
+    """Text on the error bound, or on the compared pixels."""
     info = image.info
     error, checked = info["error_bound"], info.get("checked")
     if isinstance(checked, dict):

@@ -25,7 +25,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl pick`."""
     add_source(parser)
     parser.add_argument("pixel", type=_pixel, metavar="X,Y", help="column and row, from 0 at the upper left")
-    about = "what is looked for: where half of the light is absorbed (first), or the largest value (max; of mip)"
+    about = "first: where half of the light is absorbed; max: the largest value (default first, with mip max)"
     parser.add_argument("--mode", choices=("first", "max"), metavar="first|max", help=about)
     parser.add_argument("--json", action="store_true", help="print one line of JSON")
     parser.add_argument("--quiet", action="store_true", help="no notes about the file")
@@ -34,7 +34,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints what is found; returns 0, or NOTHING."""
+    """Prints the value and the place; returns 0, or NOTHING."""
     from splatgl.reference.pick import pick
 
     file = scene_from(args)
@@ -53,32 +53,34 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def as_text(found: Picked, source: Volume | None, unit: str) -> str:
-    """Lines of what is found. source: the volume that it lies in, None for a mesh."""
-    lines = [f"place: {_numbers(found.place)} {unit}".rstrip(), f"distance: {found.distance:.6g} {unit}".rstrip()]
+def as_text(picked: Picked, source: Volume | None, unit: str) -> str:
+    """Lines of text on the picked point. source: its volume; None: on a mesh."""
+    lines = [f"place: {_numbers(picked.place)} {unit}".rstrip(), f"distance: {picked.distance:.6g} {unit}".rstrip()]
     if source is None:
-        return "\n".join([f"mesh: {found.name or found.mesh}", *lines])
-    value = f"value: {found.value:.6g} {source.value_unit}".rstrip()
-    label = _label(found, source)
+        return "\n".join([f"mesh: {picked.name or picked.mesh}", *lines])
+    value = f"value: {picked.value:.6g} {source.value_unit}".rstrip()
+    label = _label(picked, source)
     named = [f"label: {label}"] if label else []
-    return "\n".join([f"layer: {found.name or found.layer}", value, *named, f"voxel: {_numbers(found.index)}", *lines])
+    return "\n".join(
+        [f"layer: {picked.name or picked.layer}", value, *named, f"voxel: {_numbers(picked.index)}", *lines]
+    )
 
 
-def as_json(found: Picked, source: Volume | None, unit: str) -> str:
-    """One line of JSON with the same."""
-    told: dict[str, object] = {"place": found.place, "unit": unit, "distance": found.distance, "name": found.name}
+def as_json(picked: Picked, source: Volume | None, unit: str) -> str:
+    """One line of JSON on the picked point."""
+    record: dict[str, object] = {"place": picked.place, "unit": unit, "distance": picked.distance, "name": picked.name}
     if source is None:
-        return json.dumps({**told, "mesh": found.mesh}, allow_nan=False, ensure_ascii=False)
-    told |= {"voxel": found.index, "value": found.value, "value_unit": source.value_unit, "layer": found.layer}
-    label = _label(found, source)
-    told |= {"label": label} if label else {}
-    return json.dumps(told, allow_nan=False, ensure_ascii=False)
+        return json.dumps({**record, "mesh": picked.mesh}, allow_nan=False, ensure_ascii=False)
+    record |= {"voxel": picked.index, "value": picked.value, "value_unit": source.value_unit, "layer": picked.layer}
+    label = _label(picked, source)
+    record |= {"label": label} if label else {}
+    return json.dumps(record, allow_nan=False, ensure_ascii=False)
 
 
-def _label(found: Picked, source: Volume) -> str:
-    """The name of the segment, "" if samples number none."""
-    number = round(found.value) if math.isfinite(found.value) else 0
-    named = next((each.name for each in source.labels or () if each.number == number), "")
+def _label(picked: Picked, source: Volume) -> str:
+    """The name of the segment; "" if the samples are not labels."""
+    number = round(picked.value) if math.isfinite(picked.value) else 0
+    named = next((label.name for label in source.labels or () if label.number == number), "")
     return "" if source.labels is None else named or str(number)
 
 

@@ -1,6 +1,6 @@
 """`splatgl pyramid`: writes a volume with coarser levels, or with voxels already classified.
 
-A coarser voxel of classified ones has the mean opacity of the rays through its eight voxels along each axis, as
+A coarser classified voxel has the mean opacity of the rays through its eight voxels along each axis, as
 extinction. The mean of extinctions would make an opaque thread in it as wide as the voxel (RMSE .15; this .08), and
 the mean of values would lose the thread.
 """
@@ -29,7 +29,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.grid import Grid
 from splatgl.splat.transfer import Transfer
 
-# voxels along the sides of a chunk, and chunks along those of a box that is made at once; the coarsest level is a chunk
+# voxels along the sides of a chunk, and chunks along those of a box in memory; the coarsest level is one chunk
 CHUNK, BOX = 64, 2
 UNITS = {"mm": "millimeter", "um": "micrometer", "nm": "nanometer", "m": "meter", "cm": "centimeter"}
 
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     volume = scene.open()
     print_notes(volume, args.quiet, is_alone=True)
     if scene.threshold:
-        raise expected("--threshold", "none: of a pyramid all voxels are kept", scene.threshold)
+        raise expected("--threshold", "none: a pyramid has all voxels", scene.threshold)
     part = output.with_name(f".{shorten_name(output.name)}.{os.getpid()}.part")
     try:
         with new_folder(output.parent):
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(output: Path) -> None:
-    """InputError, before any work, if the store cannot be written."""
+    """Raises InputError, before any work, if the store cannot be written."""
     try:
         import zarr  # noqa: F401
     except ImportError:
@@ -120,13 +120,13 @@ def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:
     ]
     image: dict[str, Any] = {"version": "0.4", "name": volume.name, "axes": axes, "datasets": datasets}
     group.attrs["multiscales"] = [image]
-    told: dict[str, Any] = {"color": "color", "unit": unit, "shading": transfer.shading, "frame": volume.frame}
-    group.attrs["splatgl"] = {**told, "direction": volume.direction.tolist()}
+    attributes: dict[str, Any] = {"color": "color", "unit": unit, "shading": transfer.shading, "frame": volume.frame}
+    group.attrs["splatgl"] = {**attributes, "direction": volume.direction.tolist()}
     return shapes
 
 
 def _arrays(group: Any, number: int, shape: Places) -> tuple[Any, Any]:
-    """Opacity and colour of a level; chunks of nothing are not stored."""
+    """Creates the arrays of opacity and colour of a level; empty chunks are not stored."""
     chunks = (CHUNK,) * 3
     opacity = group.create_array(str(number), shape=shape, chunks=chunks, dtype="f4", fill_value=0)
     name, all_of = f"color/{number}", (*shape, 3)
@@ -140,7 +140,7 @@ def _set(opacity: Any, color: Any, low: Places, high: Places, found: tuple[np.nd
 
 
 def _boxes(shape: Places) -> Iterator[tuple[Places, Places]]:
-    """Boxes from low to high (z, y, x) of whole chunks, which make up all of it."""
+    """Yields boxes (low, high) of whole chunks, (z, y, x), that cover a level."""
     side = BOX * CHUNK
     for at in product(*(range(0, count, side) for count in shape)):
         z, y, x = (min(a + side, count) for a, count in zip(at, shape, strict=True))
@@ -152,9 +152,9 @@ def _divided(shape: Places, steps: Places) -> Places:
     return z, y, x
 
 
-# voxels around a box on which its gradients depend
+# voxels around a box that its gradients need
 HALO = 1
-# largest opacity of a voxel, of which means are taken
+# largest opacity of a voxel in means
 OPAQUE = 1 - 2.0**-24
 
 Classified = tuple[np.ndarray, np.ndarray]
@@ -175,7 +175,7 @@ def classified(volume: Volume, transfer: Transfer, low: Places, high: Places) ->
 
 
 def steps_of(shape: Places) -> Places:
-    """By how much each axis (z, y, x) of a level is halved: short ones stay."""
+    """Reduction factor, 2 or 1, of each axis (z, y, x) of a level; short axes stay."""
     z, y, x = (2 if count >= FEWEST else 1 for count in shape)
     return z, y, x
 

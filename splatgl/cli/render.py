@@ -50,7 +50,7 @@ def depth_at(text: str) -> float | str:
 
 
 def check_depth(args: argparse.Namespace, scene: SceneFile) -> None:
-    """InputError, before any work, for a map that can't be written."""
+    """Raises InputError, before any work, for a depth map that cannot be written."""
     if args.depth is None:
         if args.depth_at is not None:
             raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
@@ -79,7 +79,7 @@ def write_depths(args: argparse.Namespace, scene: OpenScene) -> None:
         print(f"{args.depth}: depths {span} in {known.size / depth.size:.1%} of the pixels ({seconds:.2g} s)")
 
 
-# what draws and compares is imported once there is something to draw: bad input is told at once
+# modules that draw and compare are imported after the options are checked: bad input is reported at once
 
 
 EXAMPLES = """examples:
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_outputs(args: argparse.Namespace, output: Path, file: SceneFile) -> None:
-    """InputError, before any work, for files that can't be written."""
+    """Raises InputError, before any work, for files that cannot be written."""
     check_output(output, SAVED)
     require_library(output.suffix.lower())
     check_source(output, args.source, *file.files)
@@ -148,7 +148,7 @@ def _check_outputs(args: argparse.Namespace, output: Path, file: SceneFile) -> N
 
 
 def _compare(args: argparse.Namespace, image: Image, reference: Picture, output: Path, background: Color | None) -> int:
-    """Prints the verdict; returns 0 for the picture of --ref, or 1."""
+    """Compares with --ref, and prints the verdict; returns 0, or 1 for a different picture."""
     from splatgl.cli.compare import DIFFERENT, SAME, check_against
 
     verdict = check_against(image, reference, output, background)
@@ -158,7 +158,7 @@ def _compare(args: argparse.Namespace, image: Image, reference: Picture, output:
 
 
 def _draw_on_workers(args: argparse.Namespace, scene: OpenScene) -> Image:
-    """The image, drawn in parts by workers of Dask."""
+    """Draws the picture in parts on workers of Dask."""
     from splatgl.cli.options import drawing_of
     from splatgl.distributed.cluster import connected
     from splatgl.distributed.render import Job, draw_parts
@@ -192,10 +192,10 @@ def _draw_on_workers(args: argparse.Namespace, scene: OpenScene) -> Image:
 
 
 def _reference(name: str, output: Path) -> Picture:
-    """The picture to compare with; InputError if it is missing, or would be overwritten."""
+    """Reads the picture of --ref. Raises InputError if it is missing, or would be overwritten."""
     from splatgl.cli.compare import check_apart
     from splatgl.comparison.compare import read
 
-    found = read(name)
+    reference = read(name)
     check_apart(output, Path(name))
-    return found
+    return reference

@@ -1,4 +1,4 @@
-"""Workers of Dask: those of this machine, or of a scheduler elsewhere; and work spread over them.
+"""Workers of Dask, of this machine or of a scheduler, and the distribution of work to them.
 
 Scheduling, transport and retries are Dask's. A worker does one thing at a time, in one thread, which owns its OpenGL
 context; it opens files itself.
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 # seconds within which a scheduler and its workers must answer
 TIMEOUT = 8.0
-# deaths of workers that one piece of work may cause
+# number of workers that may die of one task
 DEATHS = 3
-# where the dashboard listens, unless Dask's configuration has splatgl.dashboard: to this machine alone
+# address of the dashboard, unless Dask's configuration has splatgl.dashboard: this machine only
 DASHBOARD = "127.0.0.1:0"
-# most workers that are started on one machine
+# most workers on one machine
 MOST = 1024
 
 Found = TypeVar("Found")
@@ -36,7 +36,7 @@ Found = TypeVar("Found")
 def connected(
     workers: int | None, scheduler: str | None, tell: Callable[[str], None] | None = print
 ) -> Iterator[Client]:
-    """A client of that scheduler, or of as many workers on this machine, which end with it.
+    """A client of a scheduler, or of a number of workers on this machine, which end with it.
 
     tell: called with the dashboard's address. Raises InputError if nothing answers in TIMEOUT seconds, and for workers
     without splatgl, or with another version of it.
@@ -48,7 +48,7 @@ def connected(
         import distributed
     except ImportError:
         raise missing_extra("workers", "distributed", "scale") from None
-    # what is wrong is told in one line
+    # errors are one line
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         if scheduler is None:
@@ -83,38 +83,38 @@ def _client(scheduler: str | LocalCluster) -> Client:
 
     client = Client.__new__(Client)
     try:
-        # not what Dask computes with elsewhere: one that finds no scheduler could become that again when it is freed
+        # not Dask's default client: a failed client could become the default again when it is freed
         client.__init__(scheduler, timeout=TIMEOUT, set_as_default=False)
         return client
     except Exception as error:
-        # at once: freed while the next one starts, it would wait for that without end
+        # close now: freed while the next client starts, it would wait forever
         with suppress(Exception):
             client.close()
         raise InputError(f"{scheduler}: no Dask scheduler of this version answers: {_line(error)}") from None
 
 
 def check_workers(client: Client, name: str = "the scheduler") -> None:
-    """InputError without workers, and for those without splatgl, or with another version of it or of Python."""
+    """Raises InputError without workers, and for workers with another version of splatgl or Python, or without."""
     try:
         client.wait_for_workers(1, timeout=TIMEOUT)
     except TimeoutError:
         raise expected(name, "at least one worker", "none", "start some with: dask worker") from None
     right = about()
-    asked = {
+    futures = {
         address: client.submit(about, workers=[address], allow_other_workers=False, pure=False)
         for address in addresses(client)
     }
-    for address, future in asked.items():
+    for address, future in futures.items():
         try:
-            found = future.result(timeout=TIMEOUT)
+            versions = future.result(timeout=TIMEOUT)
         except Exception as error:
             raise InputError(f"worker {address}: cannot run splatgl: {_line(error)}") from None
-        if found != right:
-            raise expected(f"worker {address}", " and ".join(right), " and ".join(found), "install the same there")
+        if versions != right:
+            raise expected(f"worker {address}", " and ".join(right), " and ".join(versions), "install the same there")
 
 
 def about() -> tuple[str, str]:
-    """What workers and their client must have in common."""
+    """Versions that workers and their client must share."""
     return f"splatgl {_version()}", f"Python {'.'.join(platform.python_version_tuple()[:2])}"
 
 
@@ -123,9 +123,9 @@ def _version() -> str:
 
 
 def addresses(client: Client) -> list[str]:
-    """Addresses of all workers, by their names."""
-    found: dict[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
-    return sorted(found, key=lambda address: str(found[address].get("name", "")))
+    """Addresses of all workers, sorted by name."""
+    workers: dict[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
+    return sorted(workers, key=lambda address: str(workers[address].get("name", "")))
 
 
 def spread(
@@ -142,7 +142,7 @@ def spread(
     running = as_completed(loop=client.loop)
 
     def more() -> None:
-        # what waits on a worker that dies would be blamed, too
+        # a dying worker would fail waiting tasks, too
         while len(waiting) < max(len(addresses(client)), 1):
             item = next(todo, None)
             if item is None:
@@ -156,11 +156,11 @@ def spread(
         for future in running:
             name = waiting.pop(future)
             try:
-                found = outcome(future, name)
+                result = outcome(future, name)
             except WorkerDied as error:
                 lost.append(error)
             else:
-                yield name, found
+                yield name, result
             more()
     finally:
         client.cancel(list(waiting))
@@ -169,11 +169,11 @@ def spread(
 
 
 class WorkerDied(InputError):
-    """Work that no worker survived."""
+    """A task that no worker survived."""
 
 
 def outcome(future: Any, name: str) -> Any:
-    """What a future found. name: of the work, for an InputError."""
+    """The result of a future. name: of the task, for an InputError."""
     from distributed import KilledWorker
 
     try:
@@ -184,5 +184,5 @@ def outcome(future: Any, name: str) -> Any:
 
 
 def _line(error: Exception) -> str:
-    """What went wrong, on one line."""
+    """The message of an error, in one line."""
     return " ".join(f"{error}".split())[:200] or type(error).__name__

@@ -1,4 +1,4 @@
-"""Draws frames, or parts of one image, on workers of Dask, and joins parts."""
+"""Draws frames, or parts of one picture, on workers of Dask, and joins parts."""
 
 from __future__ import annotations
 
@@ -41,21 +41,22 @@ def render_frames(
     motions: Sequence[Motion] | None = None,
     drawing: Drawing | None = None,
 ) -> Iterator[tuple[int, Image]]:
-    """(n, the image of camera n), as they are done. Each worker opens the file itself, and extracts its splats once.
+    """Yields (n, image of camera n) as they are done. Each worker opens the file, and extracts its splats once.
 
-    motions: of the scene since the previous frame, of each camera. drawing: how workers open OpenGL. Raises InputError
-    for what a worker can't read or draw, and of a frame whose worker died three times, once all others are done.
+    motions: of the scene since the previous frame, for each camera. drawing: OpenGL options of workers. Raises
+    InputError for a file that workers cannot read or draw, and, after all other frames, for a frame of which three
+    workers died.
     """
     path = Path(source).resolve() if Path(source).exists() else source
     subject = Subject(uuid.uuid4().hex, partial(load, path), transfer, settings or Settings(), drawing or Drawing())
     moved = motions if motions is not None else [None] * len(cameras)
     items = ((f"frame {n}", (subject, n, *both)) for n, both in enumerate(zip(cameras, moved, strict=True)))
-    for _, found in spread(client, _frame, items):
-        yield found
+    for _, frame in spread(client, _frame, items):
+        yield frame
 
 
 def _frame(subject: Subject, number: int, camera: Camera, motion: Motion | None) -> tuple[int, Image]:
-    """On a worker: one picture."""
+    """Draws one picture, on a worker."""
     splats = keep_latest(
         subject.key,
         lambda: extract_for_settings(subject.open(), subject.transfer, subject.settings, moving=motion is not None),
@@ -65,7 +66,7 @@ def _frame(subject: Subject, number: int, camera: Camera, motion: Motion | None)
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Samples of a picture of `size` (width, height), float32 [h, w, 4], from x, y on; beyond them nothing is seen.
+    """Window of samples, float32 [h, w, 4], at x, y of a picture of `size` (width, height) that is empty elsewhere.
 
     splats: whose first sheet is in the part.
     """
@@ -78,7 +79,7 @@ class Part:
 
     @classmethod
     def of(cls, pixels: np.ndarray, splats: int) -> Part:
-        """The window in which something is seen."""
+        """The window around samples that are not empty."""
         height, width, _ = pixels.shape
         some = (pixels != 0).any(axis=-1)
         rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
@@ -89,24 +90,24 @@ class Part:
         return cls(window, x, y, (width, height), splats)
 
     def within(self, x: int, y: int, width: int, height: int) -> np.ndarray:
-        """The samples of a window that holds this one's."""
-        found = np.zeros((height, width, 4), np.float32)
+        """The samples of a larger window."""
+        samples = np.zeros((height, width, 4), np.float32)
         h, w, _ = self.pixels.shape
-        found[self.y - y : self.y - y + h, self.x - x : self.x - x + w] = self.pixels
-        return found
+        samples[self.y - y : self.y - y + h, self.x - x : self.x - x + w] = self.pixels
+        return samples
 
     @property
     def whole(self) -> np.ndarray:
-        """The samples of the picture."""
+        """The samples of the whole picture."""
         return self.within(0, 0, *self.size)
 
 
 def join_parts(how: str, near: Part, far: Part) -> Part:
-    """Both parts. how: a blend's `join`."""
+    """Joins two parts. how: `join` of a blend."""
     splats = near.splats + far.splats
     if not near.pixels.size or not far.pixels.size:
-        found = near if near.pixels.size else far
-        return Part(found.pixels, found.x, found.y, found.size, splats)
+        part = near if near.pixels.size else far
+        return Part(part.pixels, part.x, part.y, part.size, splats)
     left, top = min(near.x, far.x), min(near.y, far.y)
     right = max(part.x + part.pixels.shape[1] for part in (near, far))
     bottom = max(part.y + part.pixels.shape[0] for part in (near, far))
@@ -115,7 +116,7 @@ def join_parts(how: str, near: Part, far: Part) -> Part:
 
 
 def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-    """Samples [h, w, 4] of both parts.
+    """Joins samples [h, w, 4] of two parts.
 
     over, sum: light, premultiplied. max, min, mean: a value, its sum by length if mean, and the length.
     """
@@ -130,7 +131,7 @@ def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
 
 
 def over(near: Image, far: Image) -> Image:
-    """The image `near` in front of `far`, both linear and premultiplied; with the info of `near`.
+    """Composites `near` over `far`, both linear and premultiplied; keeps the info of `near`.
 
     Raises InputError for images of different sizes.
     """
@@ -139,7 +140,7 @@ def over(near: Image, far: Image) -> Image:
     return Image(join_samples("over", near.pixels, far.pixels), near.info)
 
 
-# parts for each worker: those behind others end early, and wait for none
+# parts for each worker; hidden parts are done early
 PARTS = 2
 
 Progress = Callable[[int, int], None]
@@ -147,8 +148,8 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Job(Subject):
-    """A picture that is drawn in parts. level: of a multiscale image. memory: of a worker, in bytes; None: half of what
-    is free there.
+    """A picture to draw in parts. level: of a multiscale volume. memory: of a worker in bytes; None: half of the free
+    memory.
     """
 
     camera: Camera
@@ -196,9 +197,7 @@ def _none() -> Volume:
 def draw_parts(
     client: Client, job: Job, volume: Any = None, progress: Progress | None = None, check: bool = False
 ) -> Image:
-    """The picture of a job. volume: a future of one that is sent to the workers. check: compare some squares with
-    float64.
-    """
+    """Draws the picture of a job. volume: a future, if it is sent to workers. check: compare squares with float64."""
     from distributed import as_completed
 
     from splatgl.distributed.cluster import addresses, outcome
@@ -207,14 +206,14 @@ def draw_parts(
     futures = []
     try:
         futures.append(submit(_level, job, volume))
-        number, transfer, told = outcome(futures[-1], "the picture")
+        number, transfer, info = outcome(futures[-1], "the picture")
         job = replace(job, level=number, transfer=transfer)
         futures.append(submit(_shells, job, volume, PARTS * max(len(addresses(client)), 1)))
         how, shells = outcome(futures[-1], "the picture")
         parts = [submit(_part, job, volume, shell) for shell in shells]
         names = {part.key: f"part {n} of {len(parts)}" for n, part in enumerate(parts, 1)}
         futures += parts
-        # as a tree, so that none holds many
+        # as a tree, so that no worker holds many
         joined = parts
         while len(joined) > 1:
             pairs = [submit(join_parts, how, *joined[n : n + 2]) for n in range(0, len(joined) - 1, 2)]
@@ -228,27 +227,27 @@ def draw_parts(
         image: Image = outcome(futures[-1], "the picture")
     finally:
         client.cancel(futures)
-    told |= {"parts": len(shells), "seconds": round(time.perf_counter() - started, 6)}
-    return Image(image.pixels, {**image.info, **told})
+    info |= {"parts": len(shells), "seconds": round(time.perf_counter() - started, 6)}
+    return Image(image.pixels, {**image.info, **info})
 
 
 def _level(job: Job, sent: Volume | None) -> tuple[int, Transfer, dict[str, object]]:
-    """On a worker: the level that the picture takes, its transfer function, and what is told of it."""
+    """Chooses the level, on a worker; returns its number, transfer function and provenance."""
     from splatgl.gl.large_volumes import choose_level
 
-    found = choose_level(_volume(job, sent), job.transfer, job.camera, job.settings, renderer(job.drawing))
-    return found.number, found.transfer, found.info
+    level = choose_level(_volume(job, sent), job.transfer, job.camera, job.settings, renderer(job.drawing))
+    return level.number, level.transfer, level.info
 
 
 def _shells(job: Job, sent: Volume | None, count: int) -> tuple[str, list[Shell]]:
-    """On a worker: how the parts are joined, and what they are."""
+    """Plans the parts, on a worker; returns the `join` of the blend, and their shells."""
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
     return chosen.program.look.blend.join, bricks.shells(chosen.resolved.sheets, chosen.view, count)
 
 
 def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
-    """On a worker: a part of the picture."""
+    """Draws a part of the picture, on a worker."""
     from splatgl.fileio import budget
     from splatgl.splat.bricks import estimate_need
 
@@ -262,7 +261,7 @@ def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
 
 
 def _finished(job: Job, sent: Volume | None, part: Part, check: bool) -> Image:
-    """On a worker: the picture of all parts together."""
+    """The picture of joined parts, on a worker."""
     from splatgl.reference.check import check_bricks
 
     bricks, _ = _planned(job, sent)
@@ -271,7 +270,7 @@ def _finished(job: Job, sent: Volume | None, part: Part, check: bool) -> Image:
 
 
 def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:
-    """The volume in bricks, and the plan of the picture. InputError for what takes other splats than values."""
+    """The volume in bricks, and the plan of the picture. Raises InputError for settings that need other splats."""
     from splatgl.gl.large_volumes import single_level
 
     def make() -> tuple[Bricks, Plan]:

@@ -1,4 +1,4 @@
-"""What a worker keeps between its tasks: one thread, one renderer, and what it opened last."""
+"""State of a worker between tasks: one thread, one renderer, and the latest volume."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from splatgl.splat.transfer import Transfer
 if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
 
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """How workers open OpenGL. devices: EGL devices, one a worker in turn; empty: each its own, if there are several
-    graphics cards.
+    """OpenGL options of workers. devices: EGL devices, assigned in turn; empty: one graphics card each, if there are
+    several.
     """
 
     backend: str = "auto"
@@ -32,7 +32,7 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What is drawn: workers open it themselves. key: names it among those that a worker keeps."""
+    """A volume that workers open. key: identifies it in their cache."""
 
     key: str
     open: Callable[[], Volume]
@@ -41,13 +41,13 @@ class Subject:
     drawing: Drawing
 
 
-class _Kept:
-    """The renderer, and the last thing that was made for a key."""
+class _Cache:
+    """The cached renderer, and the cached value of one key."""
 
     drawing: Drawing | None = None
     renderer: Renderer | None = None
     key: Hashable = None
-    made: object = None
+    value: object = None
 
 
 @cache
@@ -55,8 +55,8 @@ def _thread() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1, "splatgl")
 
 
-def call(work: Callable[..., Found], *arguments: Any) -> Found:
-    """work(*arguments), in the one thread of this process that draws. An InputError names the worker."""
+def call(work: Callable[..., Result], *arguments: Any) -> Result:
+    """Calls work(*arguments) in the drawing thread of this process. An InputError names the worker."""
     try:
         return _thread().submit(work, *arguments).result()
     except InputError as error:
@@ -73,38 +73,38 @@ def _address() -> str:
 
 
 def renderer(drawing: Drawing) -> Renderer:
-    """This process's renderer; another one is closed."""
+    """The renderer of this process; closes one with other options."""
     from splatgl.gl.renderer import Renderer
 
-    if _Kept.renderer is None or _Kept.drawing != drawing:
+    if _Cache.renderer is None or _Cache.drawing != drawing:
         _release()
-        _Kept.renderer = Renderer(drawing.backend, device_of(drawing, index()), drawing.gpu)
-        _Kept.drawing = drawing
-    return _Kept.renderer
+        _Cache.renderer = Renderer(drawing.backend, device_of(drawing, index()), drawing.gpu)
+        _Cache.drawing = drawing
+    return _Cache.renderer
 
 
-def keep_latest(key: Hashable, make: Callable[[], Found]) -> Found:
-    """What `make` returns, made once for a key; what was made for another is let go before."""
-    if _Kept.key != key:
-        _Kept.key, _Kept.made = None, None
-        _Kept.made = make()
-        _Kept.key = key
-    return _Kept.made  # type: ignore[return-value]
+def keep_latest(key: Hashable, make: Callable[[], Result]) -> Result:
+    """The cached result of `make` for a key; frees the result of another key first."""
+    if _Cache.key != key:
+        _Cache.key, _Cache.value = None, None
+        _Cache.value = make()
+        _Cache.key = key
+    return _Cache.value  # type: ignore[return-value]
 
 
 def release() -> None:
-    """Closes what this process keeps."""
+    """Closes the renderer and frees the cache of this process."""
     call(_release)
 
 
 def _release() -> None:
-    if _Kept.renderer is not None:
-        _Kept.renderer.close()
-    _Kept.renderer, _Kept.drawing, _Kept.key, _Kept.made = None, None, None, None
+    if _Cache.renderer is not None:
+        _Cache.renderer.close()
+    _Cache.renderer, _Cache.drawing, _Cache.key, _Cache.value = None, None, None, None
 
 
 def index() -> int:
-    """The worker's number, as Dask names those that it starts; 0 for other names, and outside of workers."""
+    """The number of the worker, which is its name in local clusters of Dask; else 0."""
     try:
         from distributed import get_worker
 
@@ -124,15 +124,15 @@ def device_of(drawing: Drawing, number: int) -> int | None:
 
 
 def graphics_cards() -> tuple[int, ...]:
-    """EGL devices that are graphics cards; empty with fewer than two devices, none of which need be chosen."""
+    """EGL devices that are graphics cards; empty if there are fewer than two devices."""
     from splatgl.gl.context import context_info, egl_devices, open_context
 
-    found, devices = [], egl_devices()
+    cards, devices = [], egl_devices()
     for device in devices if len(devices) > 1 else ():
         try:
             ctx = open_context("egl", device, require_gpu=True)
         except InputError:
             continue
-        found += [] if context_info(ctx).software else [device]
+        cards += [] if context_info(ctx).software else [device]
         ctx.release()
-    return tuple(found)
+    return tuple(cards)

@@ -1,4 +1,4 @@
-"""Loaded by workers that end with their client: Ctrl-C is the client's, which then ends them."""
+"""Preloaded by local workers, which ignore Ctrl-C: their client ends them."""
 
 from __future__ import annotations
 

@@ -224,7 +224,7 @@ def test_resume_keeps_what_is_there(here: Path, capsys: pytest.CaptureFixture[st
     Path("r/.01.png.abcdefgh").write_bytes(b"half")
     Path("r/.other").write_bytes(b"mine")
     assert main(["animate", *command, "--resume", "--size", "24"]) == 0
-    assert "r/00.png to r/03.png: 4 frames, 2 of them there before" in capsys.readouterr().out
+    assert "r/00.png to r/03.png: 4 frames, 2 of them existed" in capsys.readouterr().out
     assert sorted(p.name for p in Path("r").iterdir()) == [".other", "00.png", "01.png", "02.png", "03.png"]
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     # another animation's frames are not taken for these

@@ -485,7 +485,7 @@ def test_frames_that_are_smaller_than_a_still_say_so(tmp_path: Path, capsys: pyt
         still = np.load(tmp_path / "still.npy")
         capsys.readouterr()
         assert main(["animate", *frames]) == 0
-        assert "times as large as render does; --zoom" in capsys.readouterr().err
+        assert "times as large as the picture of render; --zoom" in capsys.readouterr().err
         assert np.abs(np.load(tmp_path / "0.npy") - still).max() > 0.05
         assert main(["animate", *frames, "--turntable", "0"]) == 0
         assert "as large" not in capsys.readouterr().err

@@ -79,7 +79,7 @@ def test_reaching_the_eyes_plane(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["1,2"], "expected 3 numbers"),
         (["1,2,nan"], "X,Y,Z: expected finite numbers"),
-        (["0,0,-2"], "X,Y,Z: expected a voxel that reaches before the eye"),
+        (["0,0,-2"], "X,Y,Z: expected a voxel in front of the eye"),
         (["1,2,3", "--size", "0"], "size: expected"),
         (["1,2,3", "--fov", "180"], "fov: expected"),
         (["1,2,3", "--kernel", "box"], "kernel: expected crawfis-max or gaussian"),

@@ -210,7 +210,7 @@ def test_resumed_frames_are_of_the_same_times(tmp_path: Path, capsys: pytest.Cap
     tifffile.imwrite(tmp_path / "a.ome.tif", np.array(balls, np.uint8), ome=True, metadata={"axes": "TZYX"})
     line = ["animate", str(tmp_path / "a.ome.tif"), "--size", "16", "-o", str(tmp_path / "{frame}.png"), "--resume"]
     assert main([*line, "--time", "0:3"]) == main([*line, "--time", "0:3"]) == 0
-    assert "3 of them there before" in capsys.readouterr().out
+    assert "3 of them existed" in capsys.readouterr().out
     assert main([*line, "--time", "0:6:2"]) == 2
     assert "expected a frame of this animation" in capsys.readouterr().err
 
