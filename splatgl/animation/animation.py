@@ -19,7 +19,7 @@ import numpy as np
 
 from splatgl.animation.camera_track import Track, Turning, keyframes, turning
 from splatgl.animation.movie import read_ahead, time_points, volumes
-from splatgl.annotations.annotate import annotated, check, check_size, check_time, on_ground, parsed
+from splatgl.annotations.annotate import annotated, check, check_size, check_time, on_ground, parse_annotations
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
@@ -244,7 +244,7 @@ def _annotations(text: str | None, scenes: Sequence[SceneFile]) -> tuple[str, ..
 
     Raises InputError for unsupported annotations, and for a time of one volume.
     """
-    names = check(scenes[0].annotate) if text is None else parsed(text)
+    names = check(scenes[0].annotate) if text is None else parse_annotations(text)
     check_size(names, scenes[0].view.size)
     if len(scenes) == 1:
         check_time(names)

@@ -70,7 +70,7 @@ def on_ground(image: Image, ground: Color | None) -> Image:
     return Image(pixels, {**image.info, "background": list(ground)})
 
 
-def left_out(image: Image) -> list[str]:
+def omission_notes(image: Image) -> list[str]:
     """Reasons for the missing annotations of an annotated image."""
     notes = image.info["not_annotated"]
     return [str(note) for note in notes] if isinstance(notes, list) else []
@@ -108,7 +108,7 @@ def default_names(subject: Subject) -> tuple[str, ...]:
     return tuple(row.name for row in ANNOTATIONS.values() if row.default and (subject.frame or not row.needs_frame))
 
 
-def parsed(text: str) -> tuple[str, ...]:
+def parse_annotations(text: str) -> tuple[str, ...]:
     """Annotations from a list with commas; a comma before a space is part of a title. Raises InputError as `check`."""
     return check(tuple(part.strip() for part in re.split(r",(?! )", text)))
 

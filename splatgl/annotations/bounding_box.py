@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View, clipped, dashes
+from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View, clip_segments, split_into_dashes
 from splatgl.annotations.scale_bar import in_digits, ticks
 from splatgl.splat.camera import Camera
 
@@ -57,14 +57,14 @@ def edges(corners: np.ndarray, camera: Camera) -> list[Edge]:
     return result
 
 
-def projected(points: np.ndarray, camera: Camera) -> np.ndarray:
+def project_points(points: np.ndarray, camera: Camera) -> np.ndarray:
     """Pixel places [N, 2] of world points [N, 3] in front of the eye."""
     eye_points = camera.eye_from_points(points)
     scale = np.asarray(camera.pixel_pitch(eye_points[:, 2]))[:, None]
     return np.asarray(eye_points[:, :2] / scale + np.array(camera.size) / 2)
 
 
-def parts_ahead(ends: np.ndarray, camera: Camera) -> np.ndarray:
+def clip_to_front(ends: np.ndarray, camera: Camera) -> np.ndarray:
     """Parts [M, 2, 3] of segments [N, 2, 3] in front of the eye."""
     near = NEAREST * float(np.ptp(ends.reshape(-1, 3), axis=0).max())
     depth = camera.eye_from_points(ends)[..., 2]
@@ -81,8 +81,10 @@ def draw_behind(layer: Canvas, view: View) -> None:
     hidden = [edge for edge in edges(subject.corners, camera) if edge.hidden]
     em = layer.em
     # a close view would have many dashes beyond the image
-    inside = clipped(_in_image(hidden, subject, camera), (-em, -em, layer.size[0] + em, layer.size[1] + em))
-    layer.segments(dashes(inside, DASH * em, max(GAP * em, 2 * layer.edge + 2)), alpha=BEHIND, width=_width(layer))
+    inside = clip_segments(_in_image(hidden, subject, camera), (-em, -em, layer.size[0] + em, layer.size[1] + em))
+    layer.segments(
+        split_into_dashes(inside, DASH * em, max(GAP * em, 2 * layer.edge + 2)), alpha=BEHIND, width=_width(layer)
+    )
 
 
 def draw_edges(layer: Canvas, view: View) -> None:
@@ -90,8 +92,11 @@ def draw_edges(layer: Canvas, view: View) -> None:
     subject, camera = view.subject, view.camera
     box = edges(subject.corners, camera)
     drawn = [_in_image([edge for edge in box if not edge.hidden], subject, camera)]
-    for edge in numbered(box, subject, camera):
-        start, out = projected(marks(subject, edge, camera, layer.em)[0], camera), outwards(edge, subject, camera)
+    for edge in select_numbered_edges(box, subject, camera):
+        start, out = (
+            project_points(marks(subject, edge, camera, layer.em)[0], camera),
+            outward_direction(edge, subject, camera),
+        )
         drawn.append(np.concatenate([start, start + out * TICK * layer.em], axis=1))
     layer.segments(np.concatenate(drawn), alpha=ALPHA, width=_width(layer))
 
@@ -102,7 +107,7 @@ def draw_numbers(layer: Canvas, view: View) -> None:
     box = edges(subject.corners, camera)
     if not any(edge.outer for edge in box):
         layer.notes.append("no numbers of the box: the eye is in it")
-    left_out = sum(_number(layer, subject, edge, camera) for edge in numbered(box, subject, camera))
+    left_out = sum(_number(layer, subject, edge, camera) for edge in select_numbered_edges(box, subject, camera))
     if left_out:
         layer.notes.append(f"no room for {left_out} numbers of the box")
 
@@ -110,15 +115,15 @@ def draw_numbers(layer: Canvas, view: View) -> None:
 def _in_image(box: list[Edge], subject: Subject, camera: Camera) -> np.ndarray:
     """Parts of edges in front of the eye, in pixels [S, 4]."""
     ends = np.array([subject.corners[list(edge.corners)] for edge in box]).reshape(-1, 2, 3)
-    ahead = parts_ahead(ends, camera) if len(ends) else ends
-    return projected(ahead.reshape(-1, 3), camera).reshape(-1, 4)
+    ahead = clip_to_front(ends, camera) if len(ends) else ends
+    return project_points(ahead.reshape(-1, 3), camera).reshape(-1, 4)
 
 
 def _width(layer: Canvas) -> float:
     return max(1.0, WIDTH * layer.em)
 
 
-def numbered(box: list[Edge], subject: Subject, camera: Camera) -> list[Edge]:
+def select_numbered_edges(box: list[Edge], subject: Subject, camera: Camera) -> list[Edge]:
     """An outer edge of each axis in front of the eye, if any: the lower one, or the one farther left."""
     depth = camera.eye_from_points(subject.corners)[:, 2]
     result = []
@@ -126,17 +131,17 @@ def numbered(box: list[Edge], subject: Subject, camera: Camera) -> list[Edge]:
         outer = [edge for edge in box if edge.axis == axis and edge.outer]
         outer = [edge for edge in outer if (depth[list(edge.corners)] > 0).all() or not camera.perspective]
         if outer:
-            result.append(max(outer, key=lambda edge: float(outwards(edge, subject, camera) @ TOWARDS)))
+            result.append(max(outer, key=lambda edge: float(outward_direction(edge, subject, camera) @ TOWARDS)))
     return result
 
 
-def outwards(edge: Edge, subject: Subject, camera: Camera) -> np.ndarray:
+def outward_direction(edge: Edge, subject: Subject, camera: Camera) -> np.ndarray:
     """Unit vector [2] in the image, across an edge and away from the box."""
-    a, b = projected(subject.corners[list(edge.corners)], camera)
+    a, b = project_points(subject.corners[list(edge.corners)], camera)
     along = (b - a) / (float(np.hypot(*(b - a))) or 1.0)
     across = np.array([-along[1], along[0]])
     depth = camera.eye_from_points(subject.corners)[:, 2]
-    corners = projected(subject.corners[depth > 0] if camera.perspective else subject.corners, camera)
+    corners = project_points(subject.corners[depth > 0] if camera.perspective else subject.corners, camera)
     return across if float((corners - a).mean(axis=0) @ across) < 0 else -across
 
 
@@ -153,7 +158,9 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
     start, sign = (float(first[world]), float(np.sign(unit[world]))) if straight else (0.0, 1.0)
     low, high = sorted((start, start + sign * length))
     factor, name = in_digits(max(abs(low), abs(high)), subject.unit)
-    most = min(MOST_TICKS, int(np.hypot(*np.subtract(*projected(np.array([first, second]), camera))) / (APART * em)))
+    most = min(
+        MOST_TICKS, int(np.hypot(*np.subtract(*project_points(np.array([first, second]), camera))) / (APART * em))
+    )
     values = ticks(low * factor, high * factor, most) if most > 1 else []
     places = first + unit * ((np.array(values).reshape(-1, 1) / factor - start) * sign)
     letter = "xyz"[world] if straight else "ijk"[edge.axis]
@@ -162,14 +169,14 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
 
 def _number(layer: Canvas, subject: Subject, edge: Edge, camera: Camera) -> int:
     """Draws an edge's numbers and name; returns how many have no room."""
-    a, b = projected(subject.corners[list(edge.corners)], camera)
+    a, b = project_points(subject.corners[list(edge.corners)], camera)
     places, texts, name = marks(subject, edge, camera, layer.em)
     if not texts:
         return 1
-    out = outwards(edge, subject, camera)
+    out = outward_direction(edge, subject, camera)
     start = TICK * layer.em + layer.edge
     missing, reach = 0, start
-    for place, text in zip(projected(places, camera), texts, strict=True):
+    for place, text in zip(project_points(places, camera), texts, strict=True):
         half = float(np.abs(out) @ layer.text_size(text)) / 2
         reach = max(reach, start + 2 * half)
         missing += not _write(layer, text, [place + out * (start + half)])

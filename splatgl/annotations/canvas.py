@@ -160,7 +160,7 @@ class Canvas:
         half = (self.stroke if width is None else width) / 2
         if not self.scratch:
             self.scratch.append(np.full(self.size[0] * self.size[1], np.inf, np.float32))
-        number = near(segments, half + self.edge + 0.5, self.size, self.scratch[0])
+        number = pixels_near(segments, half + self.edge + 0.5, self.size, self.scratch[0])
         apart = self.scratch[0][number]
         self.scratch[0][number] = np.inf
         flat = self.pixels.reshape(-1, 4)
@@ -263,13 +263,13 @@ def _canvas(width: int, height: int) -> tuple[Any, Any]:
     return mask, ImageDraw.Draw(mask)
 
 
-def near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.ndarray) -> np.ndarray:
+def pixels_near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.ndarray) -> np.ndarray:
     """Indices [N] of pixels whose centres are within `reach` pixels of segments [S, 4], (x, y, x, y).
 
     scratch [H · W]: infinite; receives the distances at these indices. A pixel equally near to two is listed twice.
     """
     width, height = size
-    inside = clipped(segments, (-reach, -reach, width + reach, height + reach))
+    inside = clip_segments(segments, (-reach, -reach, width + reach, height + reach))
     if not len(inside):
         return np.zeros(0, np.intp)
     start, along = inside[:, :2], inside[:, 2:] - inside[:, :2]
@@ -311,7 +311,7 @@ def near(segments: np.ndarray, reach: float, size: tuple[int, int], scratch: np.
     return np.asarray(number[scratch[number] == apart])
 
 
-def clipped(segments: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
+def clip_segments(segments: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
     """Parts [M, 4] of segments [S, 4] within a box (left, top, right, bottom); Liang and Barsky 1984."""
     start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
     enter, leave = np.zeros(len(segments)), np.ones(len(segments))
@@ -328,7 +328,7 @@ def clipped(segments: np.ndarray, box: tuple[float, float, float, float]) -> np.
     return np.asarray(parts[meets])
 
 
-def dashes(segments: np.ndarray, dash: float, gap: float) -> np.ndarray:
+def split_into_dashes(segments: np.ndarray, dash: float, gap: float) -> np.ndarray:
     """Dashes [D, 4] of segments [S, 4], from their first points on; the last dash may be shorter."""
     length = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
     count = np.ceil(length / (dash + gap)).astype(np.intp)

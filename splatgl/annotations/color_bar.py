@@ -81,7 +81,7 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
 def draw(layer: Canvas, view: View) -> None:
     """Draws the colour bars at the right, or at the left where the image is empty only there."""
     for bar in _bars(layer, view):
-        patch = _drawn(bar, layer.em, layer.ink)
+        patch = _draw_bar(bar, layer.em, layer.ink)
         (tall, wide), pad = patch.shape[:2], layer.pad
         top = (layer.size[1] - tall) // 2
         places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
@@ -117,7 +117,7 @@ ROWS = (Annotation("colorbar", "colour bar", ABOUT, draw, 2, "shift+j", needs_va
 
 
 @lru_cache(maxsize=4)
-def _drawn(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
+def _draw_bar(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
     """Bar with numbers and curve [h, w, 4], linear, premultiplied; a row of the bar is a pixel high."""
     sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
     rows, edge = len(bar.colors), sizes.edge

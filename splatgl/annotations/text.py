@@ -31,7 +31,7 @@ def label(lines: tuple[str, ...], scale: float = 1.0) -> np.ndarray:
     return np.asarray(picture)
 
 
-def beside(place: tuple[float, float], size: tuple[int, int], window: tuple[int, int], gap: float) -> Box:
+def place_label(place: tuple[float, float], size: tuple[int, int], window: tuple[int, int], gap: float) -> Box:
     """Left, top, right, bottom of a label of `size` beside a place, on the side where the window has room."""
     corner = []
     for at, long, room in zip(place, size, window, strict=True):
@@ -85,7 +85,7 @@ class Overlay:
     paths: tuple[Path, ...] = ()
 
 
-def drawn(overlay: Overlay) -> np.ndarray:
+def draw_overlay(overlay: Overlay) -> np.ndarray:
     """uint8 [H, W, 4], sRGB with straight alpha."""
     from PIL import Image, ImageDraw
 
@@ -109,9 +109,9 @@ def legible(text: str) -> str:
     return text.encode(errors="replace").decode()
 
 
-def box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int, int, int]:
+def text_box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int, int, int]:
     """Left, top, right, bottom of a text in an image of `size`, pixels."""
-    block = _fitted(text, size, scale)
+    block = _fit_block(text, size, scale)
     left, top = _corner(text.corner, size, block.size, block.pad)
     return left, top, left + block.size[0], top + block.size[1]
 
@@ -126,7 +126,7 @@ class Block(NamedTuple):
 
 
 def _write(picture: Any, text: Text, overlay: Overlay) -> None:
-    block = _fitted(text, overlay.size, overlay.scale)
+    block = _fit_block(text, overlay.size, overlay.scale)
     left, top = _corner(text.corner, overlay.size, block.size, block.pad)
     picture.paste(PAPER, (left, top, left + block.size[0], top + block.size[1]))
     for cell, x, y in block.cells:
@@ -134,7 +134,7 @@ def _write(picture: Any, text: Text, overlay: Overlay) -> None:
         picture.paste(NOTE if text.note else TEXT, (left + round(x), top + y), letters)
 
 
-def _fitted(text: Text, size: tuple[int, int], scale: float) -> Block:
+def _fit_block(text: Text, size: tuple[int, int], scale: float) -> Block:
     """The text in one column, or, if it has to fit, in as many columns and as small as needed."""
     if not text.fit:
         return _block(text.lines, FONT * scale, 1)

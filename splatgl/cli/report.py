@@ -70,7 +70,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measures and writes the report; returns 0, or 130 after Ctrl-C, with a report of the completed part."""
     if args.list:
-        print(listed())
+        print(list_methods())
         return 0
     uses_workers(args)
     level = _level(args)
@@ -90,7 +90,7 @@ def _measure(args: argparse.Namespace, level: Level, sources: list[str], folder:
     from splatgl.gl.renderer import Renderer
     from splatgl.gl.target import check_size
     from splatgl.studies.accuracy.html import publish
-    from splatgl.studies.accuracy.sweep import NAME, Results, Store, Task, work
+    from splatgl.studies.accuracy.sweep import NAME, Results, Store, Task, run_task
 
     ended = 0
     with Renderer(args.backend, args.device, args.gpu) as renderer:
@@ -115,7 +115,7 @@ def _measure(args: argparse.Namespace, level: Level, sources: list[str], folder:
             _prepare(args, renderer, sources, scenes, task)
         try:
             with _progress(task.steps(len(scenes)), args.quiet) as tick:
-                work(renderer, scenes, task, store, tick)
+                run_task(renderer, scenes, task, store, tick)
         except KeyboardInterrupt:
             print("splatgl: interrupted; the pages show what is done, --resume goes on", file=sys.stderr)
             ended = INTERRUPTED
@@ -189,7 +189,7 @@ def _has_flip() -> bool:
     return True
 
 
-def listed() -> str:
+def list_methods() -> str:
     """List of methods as text."""
     lines = []
     for axis in AXES.values():
@@ -240,7 +240,7 @@ def subject(source: str, level: Level) -> Subject:
     splats = extract(volume, transfer, scene.threshold, classification="pre")
     if not len(splats):
         raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")
-    camera = replace(scene.view, size=_fitted(scene.view.size, level.size)).camera(volume, splats)
+    camera = replace(scene.view, size=_fit_size(scene.view.size, level.size)).camera(volume, splats)
     formula = FORMULAS.get(scene.volume) if not scene.load else None
     halvings = 0
     # averaged voxels would not be samples of the formula
@@ -267,7 +267,7 @@ def _volume_of_voxel(volume: Volume) -> float:
     return float(np.linalg.det(volume.world_from_index))
 
 
-def _fitted(size: tuple[int, int], longest: int) -> tuple[int, int]:
+def _fit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:
     """The size scaled to `longest` pixels on its longer side."""
     scale = longest / max(size)
     return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))

@@ -21,7 +21,7 @@ _SOURCES = {
     "SimpleITK": "splatgl.data.arrays.of_simpleitk",
     "nibabel": "splatgl.data.arrays.of_nibabel",
     "napari": "splatgl.data.arrays.of_napari",
-    "vtkmodules": "splatgl.integrations.vtk.image_data.of_vtk",
+    "vtkmodules": "splatgl.integrations.vtk.image_data.volume_from_vtk",
 }
 
 

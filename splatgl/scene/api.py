@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.annotations.annotate import check, parsed
+from splatgl.annotations.annotate import check, parse_annotations
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import AUTO
 from splatgl.data.image import Image
@@ -144,7 +144,7 @@ def scene_of(
         viewing = [name for name in names_of(ViewOptions) if name in given]
         scene = replace(scene, view=_fixed(camera, viewing))
     if annotate is not None:
-        scene = replace(scene, annotate=parsed(annotate) if isinstance(annotate, str) else check(annotate))
+        scene = replace(scene, annotate=parse_annotations(annotate) if isinstance(annotate, str) else check(annotate))
     scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**given)
     scene = scene if "blend" in given else scene.with_preset_blend()
     return scene, parse_bytes(memory) if isinstance(memory, str) else memory
@@ -226,6 +226,6 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
         image = renderer.render(scene, view, how.but(**drawing))
     if layers:
         return image
-    from splatgl.integrations.vtk.scene import left_out
+    from splatgl.integrations.vtk.scene import list_differences
 
-    return Image(image.pixels, {**image.info, "notes": tuple(left_out(x))})
+    return Image(image.pixels, {**image.info, "notes": tuple(list_differences(x))})

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.annotate import check, check_size, check_time, parsed
+from splatgl.annotations.annotate import check, check_size, check_time, parse_annotations
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
@@ -184,13 +184,13 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
 
 def annotate(image: Image, scene: OpenScene) -> Image:
     """Draws the annotations of its scene over a picture, on the background; prints why some are left out."""
-    from splatgl.annotations.annotate import annotated, left_out, on_ground
+    from splatgl.annotations.annotate import annotated, omission_notes, on_ground
 
     color = scene.file.settings.background
     image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.annotate, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
     if not scene.is_quiet:
-        for note in left_out(image):
+        for note in omission_notes(image):
             print(f"splatgl: {note}", file=sys.stderr)
     return image
 
@@ -202,7 +202,7 @@ def annotations_of(text: str | None, file: SceneFile, reference: str | None = No
     """
     if text is not None and reference is not None:
         raise expected("annotate", "no --ref, which compares pictures without annotations", reference)
-    names = () if reference is not None else check(file.annotate) if text is None else parsed(text)
+    names = () if reference is not None else check(file.annotate) if text is None else parse_annotations(text)
     check_size(names, file.view.size)
     check_time(names)
     return names

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from splatgl.annotations.text import Overlay, Path, Text, box, drawn
+from splatgl.annotations.text import Overlay, Path, Text, draw_overlay, text_box
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen, ScreenStyle
 from splatgl.splat.camera import Camera
@@ -209,14 +209,14 @@ class FrameRenderer:
         if wanted == self.overlay:
             return False
         self.overlay = wanted
-        self.screen.put("overlay", drawn(wanted))
+        self.screen.put("overlay", draw_overlay(wanted))
         return True
 
     def _free(self, text: Text, size: tuple[int, int], scale: float) -> str:
         """A corner where a text covers no visible pixels; "" if there is none."""
         down, across = self.pixels.shape[0] / size[1], self.pixels.shape[1] / size[0]
         for corner in ("top left", "bottom left"):
-            left, top, right, bottom = box(replace(text, corner=corner), size, scale)
+            left, top, right, bottom = text_box(replace(text, corner=corner), size, scale)
             part = self.pixels[
                 int(top * down) : int(bottom * down) + 1, int(left * across) : int(right * across) + 1, 3
             ]

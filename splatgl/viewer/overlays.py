@@ -10,7 +10,7 @@ import numpy as np
 from splatgl.annotations.annotate import LEAST_SIDE
 from splatgl.annotations.canvas import BLACK, WHITE, Color, Subject
 from splatgl.annotations.live import LiveOverlay
-from splatgl.annotations.text import beside, label
+from splatgl.annotations.text import label, place_label
 from splatgl.data.volume import Volume
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
@@ -145,7 +145,7 @@ def ruler_marks(ruler: Ruler, document: Document, camera: Camera, scale: float) 
     text = label((distance_text(ruler, document),), scale)
     # beside the right end, outside the line
     end = max(line)
-    place = beside(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
+    place = place_label(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
     return [Stroke(*line, RULER, LINE * scale, scale), *strokes], [Sprite(text, place)]
 
 
@@ -155,7 +155,7 @@ def _value_label(state: State, document: Document, cursor: Place, scale: float) 
     if not (0 <= cursor[0] < size[0] and 0 <= cursor[1] < size[1]):
         return []
     text = label(describe_pick(under_cursor(state, document, cursor), document), scale)
-    return [Sprite(text, beside(cursor, (text.shape[1], text.shape[0]), size, 1.5 * DOT * scale))]
+    return [Sprite(text, place_label(cursor, (text.shape[1], text.shape[0]), size, 1.5 * DOT * scale))]
 
 
 def handle_strokes(cuts: Cuts, volume: Volume, camera: Camera, scale: float) -> list[Stroke]:

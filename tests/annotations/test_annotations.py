@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.annotations import bounding_box
-from splatgl.annotations.annotate import ANNOTATIONS, annotated, compose, default_names, parsed
+from splatgl.annotations.annotate import ANNOTATIONS, annotated, compose, default_names, parse_annotations
 from splatgl.annotations.axes import COLORS, LONG, letters
 from splatgl.annotations.canvas import WHITE, Canvas, Subject, View
 from splatgl.annotations.color_bar import of_values
@@ -104,7 +104,7 @@ def test_bar_colors_and_untouched_pixels(size: tuple[int, int], light: float) ->
 def test_bad_names(text: str) -> None:
     """One line that lists what is known."""
     with pytest.raises(sg.InputError, match="annotate: expected"):
-        parsed(text)
+        parse_annotations(text)
 
 
 @pytest.mark.long
@@ -186,7 +186,7 @@ def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
         subject, every = Subject.of(volume), bounding_box.edges(volume.corners, camera)
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
         bounding_box.draw_edges(layer, View(subject, TRANSFER, camera))
-        chosen = bounding_box.numbered(every, subject, camera)
+        chosen = bounding_box.select_numbered_edges(every, subject, camera)
         assert [each.axis for each in chosen] == [0, 1, 2]
         for edge in chosen:
             places, texts, name = bounding_box.marks(subject, edge, camera, layer.em)
@@ -201,7 +201,7 @@ def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
                 assert np.allclose(np.cross(places - first, second - first), 0, atol=1e-8)
             else:
                 assert np.allclose(np.linalg.norm(places - first, axis=1), numbers)
-            out = bounding_box.outwards(edge, subject, camera)
+            out = bounding_box.outward_direction(edge, subject, camera)
             tips = np.floor(at(places, camera) + out * bounding_box.TICK * layer.em * 0.8).astype(int)
             assert layer.pixels[tips[:, 1], tips[:, 0], 0].min() > 0.25
 

@@ -15,7 +15,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.cli.report import listed
+from splatgl.cli.report import list_methods
 from splatgl.data.scenes import SCENES
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral
@@ -25,7 +25,7 @@ from splatgl.studies.accuracy.content import verdict
 from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
 from splatgl.studies.accuracy.html import publish
 from splatgl.studies.accuracy.pareto import Point, Timing, cheapest, dominance, front, stairs
-from splatgl.studies.accuracy.sweep import Results, Store, Sweep, chosen, errors
+from splatgl.studies.accuracy.sweep import Results, Store, Sweep, errors, select_methods
 from splatgl.studies.accuracy.vtk_peers import MAPPERS, Peer
 from splatgl.studies.stress import CASES, run_case
 from tests.helpers.splatting import SPLATS
@@ -149,9 +149,14 @@ def test_the_registry_holds_what_trades_accuracy_for_time() -> None:
     assert {"2×2", "8×8", "target rgba8", "tolerance 0.0001", "threshold 0.1", "quads", "preview 1/2"} <= names
     for axis in methods.AXES.values():
         assert axis.about and axis.methods and set(axis.truths) <= set(methods.TRUTHS)
-    quick = chosen(LEVELS["quick"])
+    quick = select_methods(LEVELS["quick"])
     assert {*methods.AXES} - {"peers"} == {methods.axis_of(m.name).name for m in quick}
-    assert len(chosen(LEVELS["full"], peers=True)) == len(names) > len(chosen(LEVELS["quick"], peers=True)) > len(quick)
+    assert (
+        len(select_methods(LEVELS["full"], peers=True))
+        == len(names)
+        > len(select_methods(LEVELS["quick"], peers=True))
+        > len(quick)
+    )
 
 
 @pytest.fixture
@@ -180,7 +185,7 @@ def test_a_new_method_is_one_entry(
         methods.register(methods.Axis("other", "taken", (methods.Method(mine),)))
     store = Store(tmp_path / "runs.jsonl", HEAD)
     store.add("scene", scene="ball", mark="", splats=1, size=[16, 16], note="")
-    made, wanted = sweep(renderer, subject, store), chosen(LEVEL, ("mine",))
+    made, wanted = sweep(renderer, subject, store), select_methods(LEVEL, ("mine",))
     made.pictures(wanted, lambda text: None)
     made.times(wanted, 2, lambda text: None)
     (line,) = store.of("picture")
@@ -189,7 +194,7 @@ def test_a_new_method_is_one_entry(
     for name in ("report.md", "report.html", "report.csv", "report.json"):
         assert mine in (tmp_path / name).read_text()
 
-    assert mine in content.registry().markdown() and mine in listed()
+    assert mine in content.registry().markdown() and mine in list_methods()
     # that case draws all there are; two axes are enough here
     monkeypatch.setattr(methods, "AXES", {name: methods.AXES[name] for name in ("settings", "mine")})
     found = run_case(CASES["methods"], renderer)
@@ -229,7 +234,7 @@ def test_truths_are_four_and_kept(renderer: sg.Renderer, subject: Subject, tmp_p
 def test_a_sweep_and_its_repetition(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
     # so near that nothing is antialiased
     subject = replace(subject, camera=subject.camera.resized((48, 48)))
-    wanted = chosen(LEVEL, ("settings", "attenuation", "radial"))
+    wanted = select_methods(LEVEL, ("settings", "attenuation", "radial"))
     found = []
     for name in ("one", "two"):
         store = Store(tmp_path / name, HEAD)
@@ -256,7 +261,7 @@ def test_a_sweep_and_its_repetition(renderer: sg.Renderer, subject: Subject, tmp
 
 def test_what_was_cut_short_goes_on(renderer: sg.Renderer, subject: Subject, tmp_path: Path) -> None:
     path = tmp_path / "runs.jsonl"
-    wanted = chosen(LEVEL, ("settings",))
+    wanted = select_methods(LEVEL, ("settings",))
     ticks = []
 
     def stop(text: str) -> None:

@@ -19,7 +19,7 @@ from splatgl.studies.accuracy import convergence, sweep
 from splatgl.studies.accuracy.content import conclusion, rivals
 from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
 from splatgl.studies.accuracy.methods import axis_of, methods
-from splatgl.studies.accuracy.sweep import Results, Store, Sweep, chosen
+from splatgl.studies.accuracy.sweep import Results, Store, Sweep, select_methods
 
 LEVEL = replace(LEVELS["quick"], size=16, rounds=1)
 
@@ -74,7 +74,10 @@ def swept(renderer: sg.Renderer, subject: Subject, folder: Path, *names: str) ->
     store = Store(folder / "runs.jsonl", head)
     about = {"no_field": subject.no_field, "formula": subject.formula is not None}
     store.add("scene", scene=subject.name, mark="", splats=1, size=[16, 16], note="", **about)
-    made, wanted = Sweep(renderer, subject, Truths(renderer, subject, LEVEL), store, flip=False), chosen(LEVEL, names)
+    made, wanted = (
+        Sweep(renderer, subject, Truths(renderer, subject, LEVEL), store, flip=False),
+        select_methods(LEVEL, names),
+    )
     made.pictures(wanted, lambda text: None)
     made.times(wanted, 1, lambda text: None)
     return store, Results.of(store)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatgl.annotations.text import FONT, Text, _fitted
+from splatgl.annotations.text import FONT, Text, _fit_block
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer import loading
@@ -53,7 +53,7 @@ def test_the_help_fits_small_windows(scale: float) -> None:
     """All keys in 640 × 480 pixels, in letters of 10 pixels at least."""
     text = Text(tuple("\t".join(row) for row in help_rows(COMMANDS)), "middle", fit=True)
     size = round(640 * scale), round(480 * scale)
-    block = _fitted(text, size, scale)
+    block = _fit_block(text, size, scale)
     assert block.size[0] <= size[0] and block.size[1] <= size[1] and block.height >= 0.75 * FONT * scale
     assert len([cell for cell in block.cells if cell[1] >= 0]) == 2 * len(text.lines)
 

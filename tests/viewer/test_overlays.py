@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.annotations.text import beside, label
+from splatgl.annotations.text import label, place_label
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.scene.scene_file import SceneFile
@@ -97,8 +97,8 @@ def test_a_distance_is_saved(document: Document, blend: str) -> None:
 
 
 def test_labels_stay_in_the_window() -> None:
-    assert beside((10.0, 10.0), (50, 20), (100, 100), 5.0) == (15, 15, 65, 35)
-    assert beside((90.0, 95.0), (50, 20), (100, 100), 5.0) == (35, 70, 85, 90)
+    assert place_label((10.0, 10.0), (50, 20), (100, 100), 5.0) == (15, 15, 65, 35)
+    assert place_label((90.0, 95.0), (50, 20), (100, 100), 5.0) == (35, 70, 85, 90)
     assert label(("a",)) is label(("a",)) and label(("a", "b")).shape[0] > label(("a",)).shape[0]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.annotations.text import Overlay, Text, drawn, plain
+from splatgl.annotations.text import Overlay, Text, draw_overlay, plain
 from splatgl.cli.main import main
 from splatgl.data.volume import halve_volume
 from splatgl.gl.screen import Screen
@@ -547,13 +547,13 @@ def test_picking(pose: Pose, orthographic: bool) -> None:
 
 
 def test_overlay_says_what_it_should() -> None:
-    empty = drawn(Overlay((90, 60)))
+    empty = draw_overlay(Overlay((90, 60)))
     assert empty.shape == (60, 90, 4) and not empty.any()
-    text = drawn(Overlay((90, 60), 1.0, (Text(("z_k",)),)))
+    text = draw_overlay(Overlay((90, 60), 1.0, (Text(("z_k",)),)))
     assert text[:36, :45].any() and not text[36:].any()
-    assert drawn(Overlay((90, 60), 2.0, (Text(("z_k",)),)))[..., 3].sum() > 2 * text[..., 3].sum()
+    assert draw_overlay(Overlay((90, 60), 2.0, (Text(("z_k",)),)))[..., 3].sum() > 2 * text[..., 3].sum()
     assert plain("16×16 ≥ τ…") == "16x16 >= tau..."
-    assert drawn(Overlay((90, 60), 1.0, (), (((10, 10), (50, 10), (30, 40)),)))[10, 30, 3] == 255
+    assert draw_overlay(Overlay((90, 60), 1.0, (), (((10, 10), (50, 10), (30, 40)),)))[10, 30, 3] == 255
 
 
 # --- the curve of the panel ---------------------------------------------------------------------------------------

@@ -95,7 +95,7 @@ def picture(viewer: Any, blend: str | None = None, size: tuple[int, int] | None 
     """
     is_flat = viewer.dims.ndisplay == 2 and blend is None
     layers = visible_layers(viewer, 2 if is_flat else 3)
-    notes = tuple(_left_out(viewer, layers, blend))
+    notes = tuple(_list_differences(viewer, layers, blend))
     if blend is not None:
         image = _draw(viewer, scene_of(viewer, layers, blend), blend, size, BLACK)
         return Image(image.pixels, {**image.info, "notes": notes})
@@ -210,7 +210,7 @@ def _is_labels(layer: Any) -> bool:
     return type(layer).__name__ == "Labels"
 
 
-def _left_out(viewer: Any, layers: Sequence[Any], blend: str | None) -> Iterator[str]:
+def _list_differences(viewer: Any, layers: Sequence[Any], blend: str | None) -> Iterator[str]:
     """A line for each thing that napari shows and the image does not."""
     is_flat = viewer.dims.ndisplay == 2
     for layer in viewer.layers:
@@ -222,7 +222,7 @@ def _left_out(viewer: Any, layers: Sequence[Any], blend: str | None) -> Iterator
         yield "not drawn: the grid, its layers are in one place"
     for layer in layers:
         yield from (f"not drawn: {layer.name}'s {name}" for name in _visible(layer, LAYER_EXTRAS))
-        lines = _flat_left_out(layer, viewer) if is_flat and blend is None else _solid_left_out(layer, blend)
+        lines = _flat_differences(layer, viewer) if is_flat and blend is None else _solid_differences(layer, blend)
         yield from (f"{layer.name}: {line}" for line in lines)
     if is_flat and blend is not None:
         yield "all voxels are drawn: the 2-D view shows a slice"
@@ -237,7 +237,7 @@ def _visible(holder: Any, names: dict[str, str]) -> Iterator[str]:
             yield name
 
 
-def _solid_left_out(layer: Any, blend: str | None) -> Iterator[str]:
+def _solid_differences(layer: Any, blend: str | None) -> Iterator[str]:
     """Differences of a layer in 3-D."""
     rendering = str(getattr(layer, "rendering", ""))
     if blend is None and rendering == "attenuated_mip":
@@ -253,7 +253,7 @@ def _solid_left_out(layer: Any, blend: str | None) -> Iterator[str]:
         yield "drawn between voxels, not by the nearest"
 
 
-def _flat_left_out(layer: Any, viewer: Any) -> Iterator[str]:
+def _flat_differences(layer: Any, viewer: Any) -> Iterator[str]:
     """Differences of a layer in 2-D."""
     interpolation = str(getattr(layer, "interpolation2d", "nearest"))
     if interpolation not in ("nearest", "linear", "bilinear") and not _is_labels(layer):
@@ -284,7 +284,7 @@ def _clip_planes(layer: Any, volume: Volume, viewer: Any) -> tuple[Plane, ...] |
     napari keeps the side that the normals point to. Positions of clipping planes are in the world, of voxels drawn half
     a voxel farther along each axis; positions of the plane of depiction are in voxels.
     """
-    axes, planes = _displayed(viewer), list[Plane]()
+    axes, planes = _displayed_axes(viewer), list[Plane]()
     for plane in getattr(layer, "experimental_clipping_planes", ()):
         if plane.enabled:
             normal, place = _world(plane.normal, axes), _world(plane.position, axes)
@@ -304,16 +304,16 @@ def _across_plane(layer: Any, volume: Volume, viewer: Any) -> Volume:
     if str(getattr(layer, "depiction", "volume")) != "plane" or join is None:
         return volume
     count = max(int(float(layer.plane.thickness) / STEP + 0.5), 1)
-    normal = _world(layer.plane.normal, _displayed(viewer))[::-1]
+    normal = _world(layer.plane.normal, _displayed_axes(viewer))[::-1]
     normal = normal / np.linalg.norm(normal)
     samples = np.asarray(volume.samples[:]).astype(np.float32)
-    joined = _shifted(samples, normal * (-count / 2))
+    joined = _shift(samples, normal * (-count / 2))
     for number in range(1, count):
-        joined = join(joined, _shifted(samples, normal * (number - count / 2)))
+        joined = join(joined, _shift(samples, normal * (number - count / 2)))
     return replace(volume, samples=joined / count if join is np.add else joined)
 
 
-def _shifted(samples: np.ndarray, by: np.ndarray) -> np.ndarray:
+def _shift(samples: np.ndarray, by: np.ndarray) -> np.ndarray:
     """Samples [D, H, W] interpolated linearly that many voxels farther along each axis; ends repeat."""
     for axis, (step, count) in enumerate(zip(by.tolist(), samples.shape, strict=True)):
         first = np.arange(count) + int(np.floor(step))
@@ -423,8 +423,8 @@ def _slice(layer: Any, viewer: Any, size: tuple[int, int] | None) -> LayerImage 
     samples = np.asarray(data[tuple(selection)])
     is_linear = not _is_labels(layer) and str(getattr(layer, "interpolation2d", "nearest")) != "nearest"
     first, second = ((at[k] + 0.5) * scale[k] - 0.5 for k in sorted(at))
-    values, inside = _sampled(samples, first, second, is_linear)
-    rgba = _painted(layer, values)
+    values, inside = _sample(samples, first, second, is_linear)
+    rgba = _colorize(layer, values)
     return LayerImage(rgba[..., :3], np.where(inside, rgba[..., 3], 0.0))
 
 
@@ -448,7 +448,7 @@ def _level(layer: Any) -> Any:
     return layer.data[int(getattr(layer, "data_level", 0))] if layer.multiscale else layer.data
 
 
-def _sampled(
+def _sample(
     samples: np.ndarray, first: np.ndarray, second: np.ndarray, is_linear: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nearest or linear samples [N, M, …] at places [H, W] along two axes, and whether each place is inside."""
@@ -471,7 +471,7 @@ def _nearest(at: np.ndarray, count: int) -> np.ndarray:
     return np.clip(np.floor(at + 0.5), 0, count - 1).astype(np.intp)
 
 
-def _painted(layer: Any, values: np.ndarray) -> np.ndarray:
+def _colorize(layer: Any, values: np.ndarray) -> np.ndarray:
     """sRGB and alpha [H, W, 4] of values by the layer's colours; NaN is transparent."""
     if _is_labels(layer):
         numbers, places = np.unique(values, return_inverse=True)
@@ -496,7 +496,7 @@ def camera_of(viewer: Any, corners: np.ndarray, size: tuple[int, int] | None = N
     corners [N, 3]: world (x, y, z), of the scene that parallel rays start before. size: (width, height); None: the
     canvas' size.
     """
-    camera, axes = viewer.camera, _displayed(viewer)
+    camera, axes = viewer.camera, _displayed_axes(viewer)
     center, ahead, up = list(camera.center), camera.view_direction, camera.up_direction
     if viewer.dims.ndisplay == 2:
         # along the slider's axis; the depth of its plane does not matter to parallel rays
@@ -530,7 +530,7 @@ def _pixels(viewer: Any) -> tuple[int, int]:
     return round(wide), round(high)
 
 
-def _displayed(viewer: Any) -> list[int]:
+def _displayed_axes(viewer: Any) -> list[int]:
     """The displayed order of the last three axes, 0 to 2; in 2-D the slider's axis is first."""
     count = viewer.dims.ndim
     axes = [axis - (count - 3) for axis in viewer.dims.order[-3:]]

@@ -20,22 +20,22 @@ if TYPE_CHECKING:
 VALUES, COLORS, VECTORS = "values", "colors", "vectors"
 
 
-def of_vtk(x: Any, options: ArrayOptions) -> Volume:
+def volume_from_vtk(x: Any, options: ArrayOptions) -> Volume:
     """Volume of a vtkImageData or pyvista.ImageData, a view of its memory: the active scalars, or the array named
     by `array`. Samples of cells lie at the cells' centres.
     """
     if not hasattr(x, "IsA") or not x.IsA("vtkImageData"):
         fix = "resample it: pyvista.ImageData(dimensions=…, spacing=…, origin=…).sample(x)"
         raise expected("array", "image data", f"a {type(x).__name__}", fix)
-    array, in_cells = chosen(x, options)
+    array, in_cells = select_array(x, options)
     count = array.GetNumberOfComponents()
     if count > 1:
         fix = "add one component as a separate array"
         raise expected("array", "one number per voxel", f"{count} components in {array.GetName()!r}", fix)
-    return of_components(x, array, in_cells)[0]
+    return volumes_from_components(x, array, in_cells)[0]
 
 
-def of_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
+def volumes_from_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
     """A volume for each component of an array of a vtkImageData, views of its memory."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
@@ -60,7 +60,7 @@ def image_data(volume: Volume) -> Any:
 
     Raises InputError without PyVista.
     """
-    pyvista = library("pyvista.ImageData")
+    pyvista = import_pyvista("pyvista.ImageData")
     place = {"spacing": volume.spacing, "origin": volume.origin, "direction_matrix": volume.direction}
     data = pyvista.ImageData(dimensions=volume.shape[::-1], **place)
     for name, array in ((COLORS, volume.color), (VECTORS, volume.vectors)):
@@ -74,7 +74,7 @@ def image_data(volume: Volume) -> Any:
 
 def poly_data(mesh: Mesh) -> Any:
     """pyvista.PolyData of a mesh with its colours, uint8, and values."""
-    pyvista = library("Mesh.to_pyvista")
+    pyvista = import_pyvista("Mesh.to_pyvista")
     data = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
     if mesh.colors is not None:
         data.point_data[COLORS] = mesh.colors
@@ -83,7 +83,7 @@ def poly_data(mesh: Mesh) -> Any:
     return data
 
 
-def library(what: str) -> Any:
+def import_pyvista(what: str) -> Any:
     """The module pyvista. Raises InputError, naming the function that needs it, without."""
     try:
         import pyvista
@@ -103,7 +103,7 @@ def _vtk_array(array: Any) -> np.ndarray:
     return np.ascontiguousarray(samples, kind)
 
 
-def chosen(x: Any, options: ArrayOptions) -> tuple[Any, bool]:
+def select_array(x: Any, options: ArrayOptions) -> tuple[Any, bool]:
     """The array, and whether it is of cells: the one named, the active scalars, or the only one."""
     sides = [(x.GetPointData(), False), (x.GetCellData(), True)]
     named = [(data.GetArray(i), in_cells) for data, in_cells in sides for i in range(data.GetNumberOfArrays())]

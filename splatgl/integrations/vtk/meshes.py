@@ -52,7 +52,7 @@ def meshes_of(actor: Any, camera: Camera) -> Iterator[Mesh]:
     mapper.GetInputAlgorithm().Update()
     style, matrix = prop.GetRepresentation(), matrix_of(actor)
     for data in _leaves(mapper.GetInputDataObject(0, 0)):
-        surface = _clipped(_surface(_colored(data, mapper)), mapper, matrix)
+        surface = _clip(_surface(_map_scalars(data, mapper)), mapper, matrix)
         shape = _shape(surface, matrix)
         wire = style == WIREFRAME or prop.GetEdgeVisibility()
         if wire and len(shape.faces):
@@ -78,12 +78,12 @@ def _shape_meshes(shape: Shape, prop: Any, color: Any, camera: Camera) -> Iterat
         colors, opacity = _opacity(shape.colors_of(shape.balls, 0), full)
         places = shape.points[np.concatenate(shape.balls)]
         ball = Mesh.of_points(places, _radius(places, prop.GetPointSize(), camera), color=code, opacity=opacity)
-        yield _recolored(ball, colors, len(ball.vertices) // len(places))
+        yield _recolor(ball, colors, len(ball.vertices) // len(places))
     if shape.lines:
         colors, opacity = _opacity(shape.colors_of(shape.lines, len(shape.balls)), full)
         lines = [shape.points[line] for line in shape.lines]
         radius = _radius(np.concatenate(lines), prop.GetLineWidth(), camera)
-        yield _recolored(Mesh.of_lines(lines, radius, color=code, opacity=opacity), colors, SIDES)
+        yield _recolor(Mesh.of_lines(lines, radius, color=code, opacity=opacity), colors, SIDES)
     if len(shape.faces):
         corners, first = list(shape.faces), len(shape.balls) + len(shape.lines)
         if shape.of_cells and shape.colors is not None:
@@ -96,7 +96,7 @@ def _shape_meshes(shape: Shape, prop: Any, color: Any, camera: Camera) -> Iterat
             yield Mesh(shape.points, shape.faces, code, opacity, colors)
 
 
-def _recolored(mesh: Mesh, colors: np.ndarray | None, times: int) -> Mesh:
+def _recolor(mesh: Mesh, colors: np.ndarray | None, times: int) -> Mesh:
     """The mesh with colours, each for that many vertices."""
     if colors is None:
         return mesh
@@ -131,7 +131,7 @@ def _leaves(data: Any) -> Iterator[Any]:
         steps.GoToNextItem()
 
 
-def _colored(data: Any, mapper: Any) -> Any:
+def _map_scalars(data: Any, mapper: Any) -> Any:
     """The data with the mapped colours of its scalars, if the mapper shows them."""
     from vtkmodules.vtkCommonCore import reference
     from vtkmodules.vtkRenderingCore import vtkAbstractMapper
@@ -162,7 +162,7 @@ def _surface(data: Any) -> Any:
     return data if data.IsA("vtkPolyData") else _apply(vtkGeometryFilter(), data)
 
 
-def _clipped(data: Any, mapper: Any, matrix: np.ndarray) -> Any:
+def _clip(data: Any, mapper: Any, matrix: np.ndarray) -> Any:
     """The data clipped by the mapper's planes. matrix: world-from-data."""
     from vtkmodules.vtkFiltersCore import vtkClipPolyData
 

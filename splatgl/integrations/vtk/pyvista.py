@@ -9,7 +9,7 @@ import numpy as np
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.integrations.vtk.image_data import image_data, library, poly_data
+from splatgl.integrations.vtk.image_data import image_data, import_pyvista, poly_data
 from splatgl.integrations.vtk.properties import property_of, vtk_plane
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
@@ -27,7 +27,7 @@ VTK_BLENDS = {mode.name: mode.vtk for mode in BLENDS.values() if mode.vtk is not
 
 def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, options: dict[str, Any]) -> Any:
     """pyvista.Plotter of a scene; see `Scene.to_pyvista`."""
-    pyvista = library("Scene.to_pyvista")
+    pyvista = import_pyvista("Scene.to_pyvista")
     camera = camera or Camera.orbit(scene, AZIMUTH, ELEVATION)
     settings = settings or Settings()
     if settings.blend not in VTK_BLENDS:
@@ -52,7 +52,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
 
 def camera_of(camera: Camera, corners: np.ndarray) -> Any:
     """pyvista.Camera of a camera. corners [N, 3]: box whose middle sets the depth of the focal point."""
-    converted = library("Camera.to_pyvista").Camera()
+    converted = import_pyvista("Camera.to_pyvista").Camera()
     middle = camera.eye_from_points((corners.min(axis=0) + corners.max(axis=0)) / 2)[2]
     away = float(middle) if middle > 0 else 1.0
     converted.position = camera.eye.tolist()

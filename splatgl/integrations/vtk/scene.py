@@ -13,7 +13,7 @@ from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
-from splatgl.integrations.vtk.image_data import chosen, of_components, of_vtk
+from splatgl.integrations.vtk.image_data import select_array, volume_from_vtk, volumes_from_components
 from splatgl.integrations.vtk.meshes import meshes_of
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, transfer_of
 from splatgl.splat.camera import Camera
@@ -83,12 +83,12 @@ def settings_of(x: Any) -> Settings:
     return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer, surfaces))
 
 
-def left_out(x: Any) -> Iterator[str]:
+def list_differences(x: Any) -> Iterator[str]:
     """A line for each thing that a plotter shows, but not its scene and settings."""
     renderer = renderer_of(x)
     several = len(_items(renderer.GetRenderWindow().GetRenderers())) if renderer.GetRenderWindow() else 1
     visible = [prop for prop in _items(renderer.GetViewProps()) if prop.GetVisibility()]
-    kinds = [name for prop in visible for name in _prop_left_out(prop)]
+    kinds = [name for prop in visible for name in _prop_differences(prop)]
     for name in dict.fromkeys(kinds):
         yield f"not drawn: {name}" + (f", {kinds.count(name)} times" if kinds.count(name) > 1 else "")
     lights = _lights(renderer)
@@ -110,7 +110,7 @@ def _overlays(renderer: Any) -> int:
     return sum(not other.GetViewProps().GetNumberOfItems() for other in others)
 
 
-def _prop_left_out(prop: Any) -> Iterator[str]:
+def _prop_differences(prop: Any) -> Iterator[str]:
     """Names of a visible prop, or of its parts, that are not drawn."""
     if prop.IsA("vtkVolume"):
         if prop.GetProperty().GetInterpolationType() == NEAREST:
@@ -198,25 +198,25 @@ def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
     data = mapper.GetInputDataObject(port, 0)
     options = ArrayOptions(array=mapper.GetArrayName() or None) if mapper.GetScalarMode() in BY_NAME else ArrayOptions()
     if not data.IsA("vtkImageData"):
-        of_vtk(data, options)
-    array, in_cells = chosen(data, options)
+        volume_from_vtk(data, options)
+    array, in_cells = select_array(data, options)
     matrix = matrix_of(prop)
     planes = (*clip_planes(mapper), *_cropping(mapper, matrix))
-    parts = [_masked(_placed(part, matrix), mapper) for part in of_components(data, array, in_cells)]
+    parts = [_apply_mask(_transform(part, matrix), mapper) for part in volumes_from_components(data, array, in_cells)]
     if len(parts) > 1 and not looks.GetIndependentComponents():
-        parts = [_colored(parts)]
+        parts = [_combine_colors(parts)]
     is_mean = blend_of(mapper) == "mean"
     for number, part in enumerate(parts):
         transfer = transfer_of(looks, number, float(np.mean(part.spacing)), is_mean)
         if part.color is not None:
             transfer = replace(transfer, colormap="gray", window=None)
         if is_mean:
-            part, transfer = _averaged(part, transfer)
+            part, transfer = _average(part, transfer)
         weight = float(looks.GetComponentWeight(number)) if len(parts) > 1 else 1.0
         yield Layer(part, transfer, float(np.clip(weight, 0.0, 1.0)), clip=planes)
 
 
-def _averaged(volume: Volume, transfer: Transfer) -> tuple[Volume, Transfer]:
+def _average(volume: Volume, transfer: Transfer) -> tuple[Volume, Transfer]:
     """Volume and transfer function of VTK's average along rays: of values times their opacities."""
     values = np.asarray(volume.samples[:])
     samples = (values * transfer.opacity(values)).astype(np.float32)
@@ -225,13 +225,13 @@ def _averaged(volume: Volume, transfer: Transfer) -> tuple[Volume, Transfer]:
     return replace(volume, samples=samples), mean
 
 
-def _masked(volume: Volume, mapper: Any) -> Volume:
+def _apply_mask(volume: Volume, mapper: Any) -> Volume:
     """The volume with the mapper's mask, if any. Raises InputError for a mask of labels, or of another size."""
     mask = mapper.GetMaskInput() if mapper.IsA("vtkGPUVolumeRayCastMapper") else None
     if mask is None:
         return volume
-    array, in_cells = chosen(mask, ArrayOptions())
-    (part,) = of_components(mask, array, in_cells)
+    array, in_cells = select_array(mask, ArrayOptions())
+    (part,) = volumes_from_components(mask, array, in_cells)
     if mapper.GetMaskType() != BINARY or part.shape != volume.shape:
         got = "one of labels" if mapper.GetMaskType() != BINARY else f"one of {part.shape}"
         fix = "SetMaskInput(None), and mask the volume"
@@ -253,7 +253,7 @@ def _cropping(mapper: Any, matrix: np.ndarray) -> list[Plane]:
     return planes
 
 
-def _placed(volume: Volume, matrix: np.ndarray) -> Volume:
+def _transform(volume: Volume, matrix: np.ndarray) -> Volume:
     """The volume moved by its actor's matrix."""
     if np.array_equal(matrix, np.eye(4)):
         return volume
@@ -262,7 +262,7 @@ def _placed(volume: Volume, matrix: np.ndarray) -> Volume:
     return replace(volume, spacing=spacing, origin=origin, direction=direction)
 
 
-def _colored(parts: list[Volume]) -> Volume:
+def _combine_colors(parts: list[Volume]) -> Volume:
     """Volume of colours and opacities. Raises InputError for other dependent components."""
     if len(parts) != COMPONENTS or parts[0].samples.dtype != np.uint8:
         got = f"{len(parts)} of {parts[0].samples.dtype}"

@@ -100,7 +100,7 @@ def _summaries(results: Results) -> Table:
         drawing = (number(summary.old), number(summary.new), f"÷ {times(summary.gain)}" if summary.gain else "")
         cost = f"{summary.cost:.2g}" if summary.cost else ""
         width, height = scene.about["size"]
-        size = f"{grouped(scene.about['splats'])}, {width}×{height}"
+        size = f"{group_digits(scene.about['splats'])}, {width}×{height}"
         nearest = f"{number(summary.nearest.error)}, {summary.nearest.name}" if summary.nearest else ""
         errors = map(number, (*summary.filtered, summary.least, *summary.field))
         rows.append((scene.name, size, *drawing, cost, *errors, nearest))
@@ -112,7 +112,7 @@ def _scene(scene: Scene) -> Iterator[Block]:
     width, height = about["size"]
     note = f" ({about['note']})" if about["note"] else ""
     yield Heading(scene.name)
-    yield Text((f"{grouped(about['splats'])} splats{note}, {width}×{height} pixels.",))
+    yield Text((f"{group_digits(about['splats'])} splats{note}, {width}×{height} pixels.",))
     yield Text(tuple(conclusion(scene)), bullets=True)
     yield Diagram(scene.name)
     yield Pictures(scene.name)
@@ -127,7 +127,7 @@ def _scene(scene: Scene) -> Iterator[Block]:
                 yield _table(f"Peers: {TRUTHS[truth]}", [(*_cells(scene, row, truth), "") for row in peers])
         yield Text((PEERS,))
     yield _all(scene)
-    omitted = _omitted(scene)
+    omitted = _omissions(scene)
     if omitted.rows:
         yield omitted
 
@@ -233,7 +233,7 @@ def _all(scene: Scene) -> Table:
     return Table(head, tuple(rows), f"All {len(rows)} methods", folded=True)
 
 
-def _omitted(scene: Scene) -> Table:
+def _omissions(scene: Scene) -> Table:
     rows = [(row.method, row.omitted) for row in scene.rows if row.omitted]
     rows += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
     rows += [(row.method, "not timed: interrupted") for row in scene.rows if row.timing is None and not row.omitted]
@@ -298,14 +298,14 @@ def number(value: float | None) -> str:
     return f"{mantissa}e{int(exponent)}".replace("-", "−")
 
 
-def grouped(count: float) -> str:
+def group_digits(count: float) -> str:
     """A whole number, in groups of three digits: 960 970."""
     return f"{count:,.0f}".replace(",", " ")
 
 
 def times(factor: float) -> str:
     """A ratio to two digits: 27 000, 12, 1.4."""
-    return grouped(float(f"{factor:.2g}")) if factor >= 100 else f"{factor:.2g}"
+    return group_digits(float(f"{factor:.2g}")) if factor >= 100 else f"{factor:.2g}"
 
 
 def milliseconds(timing: Timing | None) -> str:

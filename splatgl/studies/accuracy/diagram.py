@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.studies.accuracy.content import caption, grouped, rivals
+from splatgl.studies.accuracy.content import caption, group_digits, rivals
 from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
 from splatgl.studies.accuracy.pareto import Point, stairs
 from splatgl.studies.accuracy.sweep import Scene
@@ -67,7 +67,7 @@ def plot_styles() -> dict[str, PlotStyle]:
 def picture(scene: Scene, head: Mapping[str, Any]) -> dict[str, bytes]:
     """The diagram as .png and .svg. Raises InputError if matplotlib is not installed."""
     with style():
-        return _encoded(_figure(scene, head), f"Error against run time: {scene.name}", head)
+        return _encode(_figure(scene, head), f"Error against run time: {scene.name}", head)
 
 
 def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> dict[str, bytes]:
@@ -87,10 +87,10 @@ def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> 
         plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
         plot.legend(frameon=False, fontsize=6.5, loc="upper right")
         _ticks(plot)
-        return _encoded(figure, "Convergence", head)
+        return _encode(figure, "Convergence", head)
 
 
-def _encoded(figure: Figure, title: str, head: Mapping[str, Any]) -> dict[str, bytes]:
+def _encode(figure: Figure, title: str, head: Mapping[str, Any]) -> dict[str, bytes]:
     about = {"Title": title, "Description": head["machine"]["renderer"]}
     maker = f"splatgl {head['version']}"
     buffer = io.BytesIO()
@@ -106,7 +106,9 @@ def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
     width, height = scene.about["size"]
     machine = head["machine"]
     by = machine["renderer"].split(" (")[0]
-    figure.suptitle(f"{scene.name}: {grouped(scene.about['splats'])} splats, {width}×{height} pixels, {by}", fontsize=9)
+    figure.suptitle(
+        f"{scene.name}: {group_digits(scene.about['splats'])} splats, {width}×{height} pixels, {by}", fontsize=9
+    )
     if not truths:
         return figure
     wide = {"width_ratios": [FIRST, *(1 for _ in truths[1:])]}

@@ -118,7 +118,7 @@ def _variants(name: str, key: str, values: tuple[Any, ...], quick: tuple[Any, ..
     return tuple(variants)
 
 
-def _sampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) -> Methods:
+def _supersampled(name: str, counts: tuple[int, ...], peer: str = "", **others: Any) -> Methods:
     """A method per number of samples along an axis of a pixel."""
     variants = []
     for k in counts:
@@ -247,7 +247,7 @@ for _axis in (
         Axis(
             f"post {kernel}",
             "classified after reconstruction, in sheets; at one and at k×k samples a pixel",
-            _sampled(f"post {kernel}", SAMPLES, classification="post", kernel=kernel),
+            _supersampled(f"post {kernel}", SAMPLES, classification="post", kernel=kernel),
             ("field",),
             apart=True,
         )
@@ -256,7 +256,7 @@ for _axis in (
     Axis(
         "peers",
         "VTK's ray casters, two samples a voxel; they classify what they interpolate (with --peers)",
-        (*_sampled("VTK, CPU", SAMPLES, peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
+        (*_supersampled("VTK, CPU", SAMPLES, peer="cpu"), Method("VTK, OpenGL", label="VTK, OpenGL", peer="gpu")),
         FILTERING,
         connected=False,
         fronts=("field",),

@@ -120,6 +120,6 @@ def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[
     return [(limit, fastest(limit)) for limit in limits]
 
 
-def finite(points: Iterable[Point]) -> list[Point]:
+def finite_points(points: Iterable[Point]) -> list[Point]:
     """The points with finite errors."""
     return [point for point in points if math.isfinite(point.error)]

@@ -22,7 +22,7 @@ from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.convergence import STUDIES
 from splatgl.studies.accuracy.ground_truth import Level, Request, Subject, Truths
 from splatgl.studies.accuracy.methods import EXACT, TRUTHS, Method, axis_of, methods
-from splatgl.studies.accuracy.pareto import Point, Timing, finite
+from splatgl.studies.accuracy.pareto import Point, Timing, finite_points
 from splatgl.studies.accuracy.vtk_peers import Peer
 
 # pixels above `p999`, per cent
@@ -111,7 +111,7 @@ class Scene:
             error = row.error(truth, name)
             if row.timing is not None and error is not None and (same or not row.same_as):
                 points.append(Point(row.method, error, row.timing))
-        return finite(points)
+        return finite_points(points)
 
     @property
     def truths(self) -> list[str]:
@@ -251,7 +251,7 @@ DRAWN = ("align", "antialias", "footprint", "samples", "attenuation", "target")
 Tick = Callable[[str], None]
 
 
-def chosen(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> list[Method]:
+def select_methods(level: Level, only: tuple[str, ...] = (), peers: bool = False) -> list[Method]:
     """Methods of a report at a level. only: names of methods or axes, all if empty; peers: with VTK."""
     known = [method for method in methods().values() if method.quick or level.all_methods or only]
     named = [m for m in known if not only or m.name in only or axis_of(m.name).name in only]
@@ -408,14 +408,14 @@ class Task:
 
     def steps(self, scenes: int) -> int:
         """Number of progress steps of `work`."""
-        count = len(chosen(self.level, self.only, self.peers))
+        count = len(select_methods(self.level, self.only, self.peers))
         return scenes * count * (1 + self.level.rounds) + len(STUDIES)
 
 
 def truths_of(truths: Truths, task: Task) -> list[Request]:
     """Distinct truths of a scene that a report needs."""
     subject, requests = truths.subject, dict[str, Request]()
-    for method in chosen(task.level, task.only, task.peers):
+    for method in select_methods(task.level, task.only, task.peers):
         for kind in axis_of(method.name).measured:
             # a missing truth is recorded when the method is measured
             with suppress(InputError):
@@ -425,9 +425,9 @@ def truths_of(truths: Truths, task: Task) -> list[Request]:
     return list(requests.values())
 
 
-def work(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
+def run_task(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
     """Measures everything that is not in the store."""
-    requested = chosen(task.level, task.only, task.peers)
+    requested = select_methods(task.level, task.only, task.peers)
     for subject in subjects:
         known = store.of("scene", scene=subject.name)
         if known and known[0]["mark"] != subject.mark():

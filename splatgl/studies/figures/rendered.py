@@ -68,13 +68,13 @@ def metrics(shown: RenderedFigure) -> Table:
     """Metrics of the figure."""
     rows = [("beyond z_k", f"{100 * share_beyond(shown.splats, shown.camera):.1f} % of {len(shown.splats)} splats", "")]
     if shown.figure.number != 14:
-        rows += _still(shown)
+        rows += _measure_still(shown)
     if shown.figure.spin:
-        rows += _moving(shown)
+        rows += _measure_motion(shown)
     return Table(("what", "value", "against standard"), tuple(rows))
 
 
-def _still(shown: RenderedFigure) -> Rows:
+def _measure_still(shown: RenderedFigure) -> Rows:
     """Aliasing beyond z_k, error against the supersampled image, and pixels that are unchanged."""
     draw, splats, camera = shown.draw, shown.splats, shown.camera
     reach = Reach.of(draw, splats, camera)
@@ -105,9 +105,9 @@ def _still(shown: RenderedFigure) -> Rows:
     return rows
 
 
-def _moving(shown: RenderedFigure) -> Rows:
+def _measure_motion(shown: RenderedFigure) -> Rows:
     """Figs. 12 to 14: energy and errors of motion blur, flicker over the rotation, popping."""
-    rows = _blurred(shown) if shown.blur is not None else []
+    rows = _measure_blur(shown) if shown.blur is not None else []
     for spin in dict.fromkeys((*PACES, shown.figure.spin)):
         frames = shown.figure.frames if shown.figure.number == 14 else FRAMES
         variances = [flicker(strip) for strip in shown.strips(spin, frames)]
@@ -121,7 +121,7 @@ def _moving(shown: RenderedFigure) -> Rows:
     return rows
 
 
-def _blurred(shown: RenderedFigure) -> Rows:
+def _measure_blur(shown: RenderedFigure) -> Rows:
     """Energy of X-rays and errors of the four variants at 4×4 samples a pixel, against the mean of many moments."""
     splats, camera, turn = shown.splats, shown.track.camera(1), shown.track.turn
     paths = streaks(splats, camera, turn, SHUTTER)
@@ -409,7 +409,7 @@ def picture(shown: RenderedFigure) -> np.ndarray:
     ]
     lines = [panels[:2], panels[2:]] if len(panels) > 2 else [panels]
     if figure.detail:
-        part = _most_changed(pictures[0], pictures[1], figure.detail)
+        part = _find_largest_change(pictures[0], pictures[1], figure.detail)
         lines.append([Panel.of(p[part], "", figure.detail) for p in pictures])
     return sheet(lines)
 
@@ -423,7 +423,7 @@ def _content_rows(pictures: list[np.ndarray], ground: tuple[float, float, float]
     return slice(max(int(used[0]) - EMPTY, 0), min(int(used[-1]) + EMPTY + 1, height))
 
 
-def _most_changed(first: np.ndarray, second: np.ndarray, times: int) -> tuple[slice, slice]:
+def _find_largest_change(first: np.ndarray, second: np.ndarray, times: int) -> tuple[slice, slice]:
     """The region, 1/`times` of the image's sides, in which two images differ most."""
     changed = ((first - second)[..., :3] ** 2).sum(axis=-1).cumsum(axis=0).cumsum(axis=1)
     sums = np.pad(changed, ((1, 0), (1, 0)))

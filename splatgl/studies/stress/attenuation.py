@@ -66,7 +66,7 @@ class Edge:
         return float(PLACES[inside] + share * (PLACES[inside + 1] - PLACES[inside]))
 
 
-def drawn_edge(m: float, draw: Draw) -> Edge:
+def draw_edge(m: float, draw: Draw) -> Edge:
     """The edge in images of `draw`, at m voxels a pixel; parallel rays."""
     splats, width, half = edge_scene(m)
     rows = []
@@ -76,7 +76,7 @@ def drawn_edge(m: float, draw: Draw) -> Edge:
     return Edge(np.stack(rows, axis=1).ravel())
 
 
-def summed_edge(m: float, form: str) -> Edge:
+def sum_edge(m: float, form: str) -> Edge:
     """The edge by the definition of `opacity`, `optical-depth` or the paper's `a F`, in float64, without drawing."""
     _, width, half = edge_scene(m)
     shape = kernel("crawfis-max")
@@ -111,13 +111,13 @@ def edge_scene(m: float) -> tuple[Splats, int, int]:
 )
 def _thick_edge(bench: Bench) -> list[Check]:
     checks = []
-    paper = [summed_edge(m, "paper") for m in EDGE_ZOOMS]
+    paper = [sum_edge(m, "paper") for m in EDGE_ZOOMS]
     for form in FORMS:
-        drawn = [drawn_edge(m, partial(bench.draw, attenuation=form)) for m in EDGE_ZOOMS]
+        drawn = [draw_edge(m, partial(bench.draw, attenuation=form)) for m in EDGE_ZOOMS]
         if form in ("opacity", "optical-depth"):
-            right = [summed_edge(m, form) for m in EDGE_ZOOMS]
+            right = [sum_edge(m, form) for m in EDGE_ZOOMS]
         else:
-            right = [drawn_edge(m, partial(bench.truth, attenuation=form)) for m in EDGE_ZOOMS]
+            right = [draw_edge(m, partial(bench.truth, attenuation=form)) for m in EDGE_ZOOMS]
         edges = list(zip(drawn, right, paper, strict=True))
         alphas = [(a.outside, b.outside, c.outside) for a, b, c in edges]
         halves = [(a.crossing, b.crossing, c.crossing) for a, b, c in edges]

@@ -169,9 +169,9 @@ def thick_edge(bench: Bench) -> str:
     columns = (*attenuation.FORMS, "a F/m²", "supersampled")
     alphas, halves = [], []
     for m in attenuation.EDGE_ZOOMS:
-        edges = [attenuation.drawn_edge(m, partial(bench.draw, attenuation=form)) for form in attenuation.FORMS]
-        edges.append(attenuation.summed_edge(m, "paper"))
-        edges.append(attenuation.drawn_edge(m, partial(bench.draw, antialias="supersample", samples=2 * int(m))))
+        edges = [attenuation.draw_edge(m, partial(bench.draw, attenuation=form)) for form in attenuation.FORMS]
+        edges.append(attenuation.sum_edge(m, "paper"))
+        edges.append(attenuation.draw_edge(m, partial(bench.draw, antialias="supersample", samples=2 * int(m))))
         alphas.append((m, *(e.outside for e in edges)))
         halves.append((m, *(e.crossing for e in edges)))
     return _page(
