@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from splatgl.splat.vector_field import streamlines as streamlines
     from splatgl.viewer.show import show as show
 
-# public name → where it lives; loaded on first use, so that a command imports only what it needs
+# public name → module, imported on first use, so that a command imports only what it needs
 _PUBLIC = {
     "Camera": "splatgl.splat.camera",
     "Image": "splatgl.data.image",
@@ -107,13 +107,13 @@ __all__ = ["__version__", *sorted([*_PUBLIC, *_MODULES])]
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        found = import_module(_MODULES[name])
+        value = import_module(_MODULES[name])
     elif name in _PUBLIC:
-        found = getattr(import_module(_PUBLIC[name]), name)
+        value = getattr(import_module(_PUBLIC[name]), name)
     else:
         raise AttributeError(f"module 'splatgl' has no attribute {name!r}")
-    globals()[name] = found
-    return found
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

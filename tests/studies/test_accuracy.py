@@ -81,12 +81,12 @@ def test_errors_of_known_pictures() -> None:
     drawn[0, 0] += 0.1
     drawn[:, 1] -= 0.002
     found = errors(sg.Image(drawn), sg.Image(right))
-    assert found.maximum == pytest.approx(0.1)
-    assert found.rmse == pytest.approx(np.sqrt((0.01 + 10 * 4e-6) / 1000) / 0.5)
+    assert found["maximum"] == pytest.approx(0.1)
+    assert found["rmse"] == pytest.approx(np.sqrt((0.01 + 10 * 4e-6) / 1000) / 0.5)
     # one pixel of a thousand is far off, ten by less than a step
-    assert found.share_over == pytest.approx(1 / 1000)
-    assert found.p999 == pytest.approx(0.002, rel=0.1)
-    assert found.energy == pytest.approx((0.1 - 10 * 0.002) / 500)
+    assert found["share_over"] == pytest.approx(1 / 1000)
+    assert found["p999"] == pytest.approx(0.002, rel=0.1)
+    assert found["energy"] == pytest.approx((0.1 - 10 * 0.002) / 500)
 
 
 def test_the_front_and_what_it_beats() -> None:

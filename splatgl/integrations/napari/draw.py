@@ -107,15 +107,10 @@ def picture(viewer: Any, blend: str | None = None, size: tuple[int, int] | None 
         if drawn is not None:
             ground = drawn.over(ground, group[0].blending, float(group[0].opacity), number == 0)
     pixels = np.dstack([linear_from_srgb(ground), np.ones((height, width))]).astype(np.float32)
-    return Image(pixels, {**_join_infos(infos), "notes": notes})
-
-
-def _join_infos(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Info of several images; slices have none."""
-    if not infos:
-        return {"blend": "slices"}
-    counts = {key: sum(info[key] for info in infos) for key in ("splats", "seconds")}
-    return {**infos[0], **counts, "blend": ", ".join(dict.fromkeys(str(info["blend"]) for info in infos))}
+    # slices have no info
+    blends = ", ".join(dict.fromkeys(str(info["blend"]) for info in infos)) or "slices"
+    counts = {key: sum(info[key] for info in infos) for key in ("splats", "seconds") if infos}
+    return Image(pixels, {**(infos[0] if infos else {}), **counts, "blend": blends, "notes": notes})
 
 
 def summary(image: Image) -> str:
@@ -260,12 +255,9 @@ def _flat_differences(layer: Any, viewer: Any) -> Iterator[str]:
         yield f"interpolated linearly, not by {interpolation}"
     if int(getattr(layer, "contour", 0)):
         yield "its labels are filled, not outlined"
-    if str(getattr(layer, "projection_mode", "none")) != "none" and any(map(any, _margins(viewer))):
+    margins = (*getattr(viewer.dims, "margin_left", ()), *getattr(viewer.dims, "margin_right", ()))
+    if str(getattr(layer, "projection_mode", "none")) != "none" and any(margins):
         yield f"one slice is drawn, not the {layer.projection_mode} of several"
-
-
-def _margins(viewer: Any) -> tuple[Sequence[float], ...]:
-    return getattr(viewer.dims, "margin_left", ()), getattr(viewer.dims, "margin_right", ())
 
 
 def _ground(viewer: Any) -> np.ndarray:
@@ -413,7 +405,7 @@ def _slice(layer: Any, viewer: Any, size: tuple[int, int] | None) -> LayerImage 
     start, *steps = places
     by_row, by_column = (step - start for step in steps)
     at = {k: start[k] + rows[:, None] * by_row[k] + columns * by_column[k] for k in (down, across)}
-    data = _level(layer)
+    data = layer.data[int(getattr(layer, "data_level", 0))] if layer.multiscale else layer.data
     scale = np.array(data.shape[: layer.ndim]) / np.array(_finest(layer).shape[: layer.ndim])
     selection: list[Any] = [slice(None)] * layer.ndim
     for k in set(range(layer.ndim)) - set(at):
@@ -441,11 +433,6 @@ def _screen(viewer: Any, size: tuple[int, int] | None) -> tuple[np.ndarray, np.n
 
 def _finest(layer: Any) -> Any:
     return layer.data[0] if layer.multiscale else layer.data
-
-
-def _level(layer: Any) -> Any:
-    """Data of a layer at the level that napari shows."""
-    return layer.data[int(getattr(layer, "data_level", 0))] if layer.multiscale else layer.data
 
 
 def _sample(

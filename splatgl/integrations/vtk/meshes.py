@@ -46,17 +46,22 @@ def meshes_of(actor: Any, camera: Camera) -> Iterator[Mesh]:
 
     Raises InputError for surfaces whose points differ in opacity.
     """
+    from vtkmodules.vtkFiltersCore import vtkExtractEdges
+    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+
     mapper, prop = actor.GetMapper(), actor.GetProperty()
     if mapper is None or not hasattr(mapper, "GetLookupTable") or mapper.GetInputAlgorithm() is None:
         return
     mapper.GetInputAlgorithm().Update()
     style, matrix = prop.GetRepresentation(), matrix_of(actor)
     for data in _leaves(mapper.GetInputDataObject(0, 0)):
-        surface = _clip(_surface(_map_scalars(data, mapper)), mapper, matrix)
+        data = _map_scalars(data, mapper)
+        surface = data if data.IsA("vtkPolyData") else _apply(vtkGeometryFilter(), data)
+        surface = _clip(surface, mapper, matrix)
         shape = _shape(surface, matrix)
         wire = style == WIREFRAME or prop.GetEdgeVisibility()
         if wire and len(shape.faces):
-            edges = _shape(_edges(surface), matrix)
+            edges = _shape(_apply(vtkExtractEdges(), surface), matrix)
             color = prop.GetColor() if style == WIREFRAME else prop.GetEdgeColor()
             colors = edges.colors if style == WIREFRAME else None
             edges = replace(edges, balls=[], faces=edges.faces[:0], colors=colors)
@@ -155,13 +160,6 @@ def _map_scalars(data: Any, mapper: Any) -> Any:
     return copy
 
 
-def _surface(data: Any) -> Any:
-    """The data as polygons, lines and points."""
-    from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
-
-    return data if data.IsA("vtkPolyData") else _apply(vtkGeometryFilter(), data)
-
-
 def _clip(data: Any, mapper: Any, matrix: np.ndarray) -> Any:
     """The data clipped by the mapper's planes. matrix: world-from-data."""
     from vtkmodules.vtkFiltersCore import vtkClipPolyData
@@ -172,13 +170,6 @@ def _clip(data: Any, mapper: Any, matrix: np.ndarray) -> Any:
         clip.SetClipFunction(vtk_plane((x, y, z, -w)))
         data = _apply(clip, data)
     return data
-
-
-def _edges(data: Any) -> Any:
-    """Edges of polygons as lines."""
-    from vtkmodules.vtkFiltersCore import vtkExtractEdges
-
-    return _apply(vtkExtractEdges(), data)
 
 
 def _apply(filter: Any, data: Any) -> Any:

@@ -86,7 +86,6 @@ def settings_of(x: Any) -> Settings:
 def list_differences(x: Any) -> Iterator[str]:
     """A line for each thing that a plotter shows, but not its scene and settings."""
     renderer = renderer_of(x)
-    several = len(_items(renderer.GetRenderWindow().GetRenderers())) if renderer.GetRenderWindow() else 1
     visible = [prop for prop in _items(renderer.GetViewProps()) if prop.GetVisibility()]
     kinds = [name for prop in visible for name in _prop_differences(prop)]
     for name in dict.fromkeys(kinds):
@@ -100,14 +99,11 @@ def list_differences(x: Any) -> Iterator[str]:
         yield "not drawn: the background's texture"
     if renderer.GetPass() is not None:
         yield "not drawn: effects of render passes"
-    if several - (renderer.GetRenderWindow() is not None and _overlays(renderer)) > 1:
+    window = renderer.GetRenderWindow()
+    # PyVista adds an empty renderer for its background
+    others = [] if window is None else [other for other in _items(window.GetRenderers()) if other is not renderer]
+    if any(other.GetViewProps().GetNumberOfItems() for other in others):
         yield "not drawn: other renderers of the window"
-
-
-def _overlays(renderer: Any) -> int:
-    """Number of empty renderers of the window: PyVista adds one for its background."""
-    others = [other for other in _items(renderer.GetRenderWindow().GetRenderers()) if other is not renderer]
-    return sum(not other.GetViewProps().GetNumberOfItems() for other in others)
 
 
 def _prop_differences(prop: Any) -> Iterator[str]:

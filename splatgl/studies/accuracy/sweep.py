@@ -8,7 +8,7 @@ import statistics
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -29,39 +29,25 @@ from splatgl.studies.accuracy.vtk_peers import Peer
 WORST = 0.1
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Errors of an image. rmse: of the differences, over the root mean square of the truth. maximum: of any
-    channel; p999: exceeded by one pixel in a thousand; both relative to an X-ray's peak. share_over: of pixels off
-    by more than 1/255. energy: (Σ − Σ_truth)/Σ_truth over all channels. flip: mean FLIP, None if not requested.
+def errors(image: Image, truth: Image, flip: bool = False) -> dict[str, float | None]:
+    """Errors of `image` against `truth`, both [H, W, 4], by name. Raises InputError as `compare`.
+
+    rmse: of the differences, over the root mean square of the truth. maximum: of any channel; p999: exceeded by one
+    pixel in a thousand; both relative to an X-ray's peak. share_over: of pixels off by more than 1/255. energy:
+    (Σ − Σ_truth)/Σ_truth over all channels. flip: mean FLIP, None if not requested.
     """
-
-    rmse: float
-    maximum: float
-    p999: float
-    share_over: float
-    energy: float
-    flip: float | None = None
-
-    def as_dict(self) -> dict[str, float | None]:
-        """All errors by name, for JSON."""
-        return asdict(self)
-
-
-def errors(image: Image, truth: Image, flip: bool = False) -> Errors:
-    """Errors of `image` against `truth`, both [H, W, 4]. Raises InputError as `compare`."""
     comparison = compare(image, truth, extra=("flip",) if flip else ())
     drawn, right = (np.asarray(part.pixels, np.float64) for part in (image, truth))
     worst = np.abs(drawn - right).max(axis=-1)
     scale = float(np.sqrt((right * right).mean()))
-    return Errors(
-        rmse=comparison.rmse / scale if scale else comparison.rmse,
-        maximum=comparison.maximum / comparison.peak,
-        p999=float(np.percentile(worst, 100 - WORST)) / comparison.peak,
-        share_over=comparison.share_over,
-        energy=comparison.sum_error,
-        flip=comparison.flip,
-    )
+    return {
+        "rmse": comparison.rmse / scale if scale else comparison.rmse,
+        "maximum": comparison.maximum / comparison.peak,
+        "p999": float(np.percentile(worst, 100 - WORST)) / comparison.peak,
+        "share_over": comparison.share_over,
+        "energy": comparison.sum_error,
+        "flip": comparison.flip,
+    }
 
 
 @dataclass(frozen=True)
@@ -150,18 +136,8 @@ def _scene(store: Store, about: dict[str, Any]) -> Scene:
 def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:
     # identical images share their timing
     seconds = times.get(line["same_as"] or line["method"], {})
-    return Row(
-        method=line["method"],
-        axis=line["axis"],
-        same_as=line["same_as"],
-        omitted=line["omitted"],
-        timing=Timing.of(seconds) if seconds else None,
-        **{
-            name: line[name]
-            for name in ("errors", "missing", "bound", "tolerance", "splats", "extraction", "drawn")
-            if name in line
-        },
-    )
+    values = {column.name: line[column.name] for column in fields(Row) if column.name in line}
+    return Row(timing=Timing.of(seconds) if seconds else None, **values)
 
 
 NAME = "runs.jsonl"
@@ -349,7 +325,7 @@ class Sweep:
                 continue
             try:
                 flip = self.flip and truth == FLIP_TRUTH
-                measured[truth] = errors(image, self.truths.get(truth, settings), flip).as_dict()
+                measured[truth] = errors(image, self.truths.get(truth, settings), flip)
             except InputError as error:
                 missing[truth] = str(error)
         return {"errors": measured, "missing": missing}
