@@ -11,7 +11,7 @@ from pkgutil import iter_modules
 import numpy as np
 
 import splatgl.annotations as package
-from splatgl.annotations.canvas import Annotation, Canvas, Color, Rect, Subject, View
+from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Color, Rect, Subject
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
@@ -49,7 +49,7 @@ def annotated(
         info |= {"blend": "xray over scale", "scale": scale}
         pixels = pixels * np.float32(scale)
     subject = volume if isinstance(volume, Subject) else Subject.of(volume)
-    view = View(subject, transfer, camera, blend, pixels, scale)
+    view = AnnotationView(subject, transfer, camera, blend, pixels, scale)
     layer = Canvas.over(pixels, ground)
     compose(replace(layer, picture=None) if steady else layer, view, names)
     if has_lines_behind(names):
@@ -76,7 +76,7 @@ def omission_notes(image: Image) -> list[str]:
     return [str(note) for note in notes] if isinstance(notes, list) else []
 
 
-def compose(layer: Canvas, view: View, names: Sequence[str]) -> None:
+def compose(layer: Canvas, view: AnnotationView, names: Sequence[str]) -> None:
     """Draws annotations on an empty canvas, without lines behind the image."""
     rows = _rows(names)
     for row in rows:
@@ -91,7 +91,7 @@ def has_lines_behind(names: Sequence[str]) -> bool:
     return any(row.lines for row in _rows(names))
 
 
-def draw_behind(layer: Canvas, view: View, names: Sequence[str]) -> None:
+def draw_behind(layer: Canvas, view: AnnotationView, names: Sequence[str]) -> None:
     """Draws the lines that lie behind the image."""
     for row in _rows(names):
         if row.lines is not None:
@@ -152,13 +152,13 @@ def text_of(annotate: Sequence[str], name: str) -> str | None:
     return next((text.partition("=")[2].strip() for text in annotate if text.partition("=")[0] == name), None)
 
 
-def _draw_time(layer: Canvas, view: View) -> None:
+def _draw_time(layer: Canvas, view: AnnotationView) -> None:
     """Draws the time in a corner."""
     (width, height), pad, (wide, tall) = layer.size, layer.pad, layer.text_size(view.text)
     _write(layer, view.text, "time", [pad, width - pad - wide], [pad, height - pad - tall])
 
 
-def _draw_title(layer: Canvas, view: View) -> None:
+def _draw_title(layer: Canvas, view: AnnotationView) -> None:
     """Draws the title in the middle of the top, below the time where both do not fit."""
     (width, _), pad, (wide, tall) = layer.size, layer.pad, layer.text_size(view.text)
     _write(layer, view.text, "title", [(width - wide) // 2, pad, width - pad - wide], [pad, pad + tall])

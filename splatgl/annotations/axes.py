@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatgl.annotations.canvas import Annotation, Canvas, Color, Rect, View
+from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Color, Rect
 from splatgl.splat.camera import Camera
 
 # colours of x, y, z, linear RGB, legible on black and on white
@@ -33,7 +33,7 @@ def letters(frame: str, direction: np.ndarray) -> str:
     return "".join(LETTERS[frame][axis][0 if direction[axis] > 0 else 1] for axis in axes)
 
 
-def draw_triad(layer: Canvas, view: View) -> None:
+def draw_triad(layer: Canvas, view: AnnotationView) -> None:
     """Draws the triad at the lower left, the farthest axis first."""
     long, em = LONG * layer.em, layer.em
     half = int(np.ceil(long + 1.3 * em))
@@ -84,7 +84,7 @@ def _apart(places: np.ndarray, em: int) -> np.ndarray:
     return np.asarray(moved * np.minimum(1, most / np.maximum(np.linalg.norm(moved, axis=1), 1e-9))[:, None])
 
 
-def draw_directions(layer: Canvas, view: View) -> None:
+def draw_directions(layer: Canvas, view: AnnotationView) -> None:
     """Draws letters in the middle of the image's edges."""
     frame, camera = view.subject.frame, view.camera
     if frame is None:

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View, clip_segments, split_into_dashes
+from splatgl.annotations.canvas import (
+    Annotation,
+    AnnotationView,
+    Canvas,
+    Rect,
+    Subject,
+    clip_segments,
+    split_into_dashes,
+)
 from splatgl.annotations.scale_bar import in_digits, ticks
 from splatgl.splat.camera import Camera
 
@@ -75,7 +83,7 @@ def clip_to_front(ends: np.ndarray, camera: Camera) -> np.ndarray:
     return np.where((depth > near)[..., None], ends, crossing[:, None])
 
 
-def draw_behind(layer: Canvas, view: View) -> None:
+def draw_behind(layer: Canvas, view: AnnotationView) -> None:
     """Draws the edges that lie behind the box, dashed."""
     subject, camera = view.subject, view.camera
     hidden = [edge for edge in edges(subject.corners, camera) if edge.hidden]
@@ -87,7 +95,7 @@ def draw_behind(layer: Canvas, view: View) -> None:
     )
 
 
-def draw_edges(layer: Canvas, view: View) -> None:
+def draw_edges(layer: Canvas, view: AnnotationView) -> None:
     """Draws the other edges, with ticks along an outer edge of each axis."""
     subject, camera = view.subject, view.camera
     box = edges(subject.corners, camera)
@@ -101,7 +109,7 @@ def draw_edges(layer: Canvas, view: View) -> None:
     layer.segments(np.concatenate(drawn), alpha=ALPHA, width=_width(layer))
 
 
-def draw_numbers(layer: Canvas, view: View) -> None:
+def draw_numbers(layer: Canvas, view: AnnotationView) -> None:
     """Draws the numbers of the ticks, and the names of the axes."""
     subject, camera = view.subject, view.camera
     box = edges(subject.corners, camera)

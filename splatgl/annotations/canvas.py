@@ -386,7 +386,7 @@ class Subject:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class AnnotationView:
     """Inputs of an annotation's functions. blend: of the image. pixels: the image, for a colour bar of sums, and
     their scale; None in live views. text: given after the name and "=".
     """
@@ -400,7 +400,7 @@ class View:
     text: str = ""
 
 
-Draw = Callable[[Canvas, View], None]
+Draw = Callable[[Canvas, AnnotationView], None]
 
 
 @dataclass(frozen=True)

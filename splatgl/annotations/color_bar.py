@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.annotations.canvas import Annotation, Canvas, Color, Rect, Scale, View
+from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Color, Rect, Scale
 from splatgl.annotations.scale_bar import log_ticks, ticks
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.transfer import Transfer
@@ -78,7 +78,7 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
     return ColorBar(0.0, 1 / scale, colors, None, "optical depth")
 
 
-def draw(layer: Canvas, view: View) -> None:
+def draw(layer: Canvas, view: AnnotationView) -> None:
     """Draws the colour bars at the right, or at the left where the image is empty only there."""
     for bar in _bars(layer, view):
         patch = _draw_bar(bar, layer.em, layer.ink)
@@ -90,7 +90,7 @@ def draw(layer: Canvas, view: View) -> None:
             layer.paste(patch, (place.left, place.top))
 
 
-def _bars(layer: Canvas, view: View) -> list[ColorBar]:
+def _bars(layer: Canvas, view: AnnotationView) -> list[ColorBar]:
     """Colour bars of the volume and of meshes; adds a note if the volume has none."""
     subject, rows = view.subject, round(TALL * layer.size[1])
     of_meshes = [of_scale(scale, rows) for scale in subject.scales]
@@ -103,7 +103,7 @@ def _bars(layer: Canvas, view: View) -> list[ColorBar]:
     return of_meshes if bar is None else [bar, *of_meshes]
 
 
-def bar_of(view: View, rows: int) -> ColorBar | None:
+def bar_of(view: AnnotationView, rows: int) -> ColorBar | None:
     """Colour bar of the volume; None for volumes with colours, for a single value, and for sums in live views."""
     if view.subject.colored:
         return None

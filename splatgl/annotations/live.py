@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from splatgl.annotations.annotate import check, compose, draw_behind
-from splatgl.annotations.canvas import BLACK, Canvas, Color, Subject, Touched, View, ink_on
+from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Color, Subject, Touched, ink_on
 from splatgl.data.color import srgb_from_linear
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
@@ -43,7 +43,7 @@ class LiveOverlay:
         unknown names.
         """
         names, layer = check(annotate), self._cleared(camera.size, ground)
-        view = View(subject, transfer, camera, blend)
+        view = AnnotationView(subject, transfer, camera, blend)
         draw_behind(layer, view, names)
         compose(layer, view, names)
         self.notes = tuple(layer.notes)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatgl.annotations.canvas import Annotation, Canvas, Rect, Subject, View
+from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Subject
 from splatgl.splat.camera import Camera
 
 # longest bar as a fraction of the image's width
@@ -21,21 +21,21 @@ MOST = 1000.0
 PERSPECTIVE = "at the centre's depth"
 
 
-class Scale(NamedTuple):
+class BarScale(NamedTuple):
     """pixels: the bar's length; label: the world length."""
 
     pixels: float
     label: str
 
 
-def scale_of(subject: Subject, camera: Camera) -> Scale | None:
+def scale_of(subject: Subject, camera: Camera) -> BarScale | None:
     """Scale bar of a view; None if the volume's centre is behind a perspective eye."""
     depth = float(camera.eye_from_points(subject.center)[2])
     if camera.perspective and not depth > 0:
         return None
     pitch = float(camera.pixel_pitch(depth))
     length = nice_below(WIDEST * camera.size[0] * pitch)
-    return Scale(length / pitch, length_text(length, subject.unit))
+    return BarScale(length / pitch, length_text(length, subject.unit))
 
 
 def length_text(length: float, unit: str) -> str:
@@ -56,7 +56,7 @@ def in_digits(length: float, unit: str) -> tuple[float, str]:
     return metres / METRES[fitting[-1]], fitting[-1]
 
 
-def draw(layer: Canvas, view: View) -> None:
+def draw(layer: Canvas, view: AnnotationView) -> None:
     """Draws the scale bar at the lower right, or further left where the image is empty."""
     scale = scale_of(view.subject, view.camera)
     if scale is None:

@@ -119,7 +119,7 @@ LINE, STEP = 1.0, 5.0
 
 
 @dataclass(frozen=True)
-class Box:
+class LabelBox:
     """A rectangle, pixels."""
 
     left: float
@@ -135,7 +135,7 @@ class Box:
         apart |= (others[:, 1] > self.top) | (others[:, 3] < self.bottom)
         return not bool(apart.all())
 
-    def within(self, frame: Box) -> bool:
+    def within(self, frame: LabelBox) -> bool:
         """Whether all of it is inside `frame`."""
         inside = self.left >= frame.left and self.right <= frame.right
         return inside and self.bottom >= frame.bottom and self.top <= frame.top
@@ -156,7 +156,7 @@ class Place:
 
 
 def places(
-    points: np.ndarray, sizes: Sequence[tuple[float, float]], frame: Box, lines: Sequence[np.ndarray] = ()
+    points: np.ndarray, sizes: Sequence[tuple[float, float]], frame: LabelBox, lines: Sequence[np.ndarray] = ()
 ) -> list[Place | None]:
     """A position for each label of `sizes` beside points [N, 2], most important first.
 
@@ -188,14 +188,14 @@ def _nearest(point: np.ndarray, place: Place, size: tuple[float, float]) -> np.n
     return np.asarray(np.clip(point, low, low + size))
 
 
-def _place(point: np.ndarray, size: tuple[float, float], frame: Box, taken: np.ndarray) -> Place | None:
+def _place(point: np.ndarray, size: tuple[float, float], frame: LabelBox, taken: np.ndarray) -> Place | None:
     for reach in REACHES:
         for across, up in DIRECTIONS:
             # the label's side or corner nearest to the point is `reach` away
             scale = reach / np.hypot(across, up)
             left = point[0] + across * scale - (size[0] if across < 0 else size[0] / 2 if across == 0 else 0)
             bottom = point[1] + up * scale - (size[1] if up < 0 else size[1] / 2 if up == 0 else 0)
-            box = Box(left - MARGIN, bottom - MARGIN, left + size[0] + MARGIN, bottom + size[1] + MARGIN)
+            box = LabelBox(left - MARGIN, bottom - MARGIN, left + size[0] + MARGIN, bottom + size[1] + MARGIN)
             place = Place(float(left), float(bottom), reach >= LED)
             if box.within(frame) and not box.touches(taken) and not (place.led and _crosses(point, place, size, taken)):
                 return place
@@ -206,4 +206,4 @@ def _crosses(point: np.ndarray, place: Place, size: tuple[float, float], taken: 
     """Whether a leader line crosses anything but its point."""
     path = _along(np.array([point, _nearest(point, place, size)]))
     path = path[np.abs(path - point).max(axis=1) > 2 * POINT]
-    return any(Box(x, y, x, y).touches(taken) for x, y in path.tolist())
+    return any(LabelBox(x, y, x, y).touches(taken) for x, y in path.tolist())

@@ -15,7 +15,7 @@ import splatgl as sg
 from splatgl.annotations import bounding_box
 from splatgl.annotations.annotate import ANNOTATIONS, annotated, compose, default_names, parse_annotations
 from splatgl.annotations.axes import COLORS, LONG, letters
-from splatgl.annotations.canvas import WHITE, Canvas, Subject, View
+from splatgl.annotations.canvas import WHITE, AnnotationView, Canvas, Subject
 from splatgl.annotations.color_bar import of_values
 from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
@@ -144,7 +144,7 @@ def test_edges_are_drawn_where_corners_are(volume: sg.Volume) -> None:
     """Lines pass the middles of pixels along each edge that is not hidden; a fifth of a pixel beside, they are not."""
     for camera in cameras(volume):
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
-        bounding_box.draw_edges(layer, View(Subject.of(volume), TRANSFER, camera))
+        bounding_box.draw_edges(layer, AnnotationView(Subject.of(volume), TRANSFER, camera))
         light = layer.pixels[..., 0]
         every = bounding_box.edges(volume.corners, camera)
         assert len(every) == 12 and sum(each.hidden for each in every) in (3, 5)
@@ -185,7 +185,7 @@ def test_ticks_are_where_their_numbers_say(volume: sg.Volume) -> None:
     for camera in cameras(volume):
         subject, every = Subject.of(volume), bounding_box.edges(volume.corners, camera)
         layer = Canvas(np.zeros((500, 600, 4), np.float32), WHITE)
-        bounding_box.draw_edges(layer, View(subject, TRANSFER, camera))
+        bounding_box.draw_edges(layer, AnnotationView(subject, TRANSFER, camera))
         chosen = bounding_box.select_numbered_edges(every, subject, camera)
         assert [each.axis for each in chosen] == [0, 1, 2]
         for edge in chosen:
@@ -230,7 +230,7 @@ def test_nothing_overlaps_or_is_cut_off(size: tuple[int, int], shown: float) -> 
     for volume in VOLUMES[:2]:
         camera = sg.Camera.orbit(volume, 30, 20, size=size, zoom=0.7)
         layer = Canvas.over(np.full((size[1], size[0], 4), shown, np.float32), (0, 0, 0))
-        view = View(Subject.of(volume), TRANSFER, camera, "composite")
+        view = AnnotationView(Subject.of(volume), TRANSFER, camera, "composite")
         compose(layer, view, asked)
         assert not any(a.meets(b) for a, b in itertools.combinations(layer.taken, 2))
         for rect in layer.taken:
@@ -275,7 +275,7 @@ def test_an_eye_within_the_box_is_told() -> None:
     center = OBLONG.center
     camera = sg.Camera.look_at(center, center + np.array([0, 1.0, 0]), (0, 0, 1), 120, (200, 200))
     layer = Canvas(np.zeros((200, 200, 4), np.float32), WHITE)
-    view = View(Subject.of(OBLONG), TRANSFER, camera)
+    view = AnnotationView(Subject.of(OBLONG), TRANSFER, camera)
     compose(layer, view, ["box"])
     bounding_box.draw_behind(layer, view)
     assert layer.notes == ["no numbers of the box: the eye is in it"] and layer.pixels.any()
@@ -462,7 +462,7 @@ def test_annotations_are_laid_with_the_camera_of_the_picture(case: str, monkeypa
             monkeypatch.setattr(sg.Renderer, name, spied(whole, drawn))
     row = ANNOTATIONS["scale"]
 
-    def draw(layer: Canvas, view: View) -> None:
+    def draw(layer: Canvas, view: AnnotationView) -> None:
         laid.append(view.camera)
         row.draw(layer, view)
 

@@ -11,10 +11,10 @@ import pytest
 from splatgl.studies.accuracy.diagram import _figure, picture, plot_styles
 from splatgl.studies.accuracy.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.studies.accuracy.pareto import Timing
-from splatgl.studies.accuracy.sweep import Row, Scene
-from splatgl.studies.plots import Box, places
+from splatgl.studies.accuracy.sweep import Row, SceneResults
+from splatgl.studies.plots import LabelBox, places
 
-FRAME = Box(0.0, 0.0, 400.0, 300.0)
+FRAME = LabelBox(0.0, 0.0, 400.0, 300.0)
 HEAD = {"version": "0", "machine": {"renderer": "llvmpipe (LLVM)"}}
 
 
@@ -35,7 +35,7 @@ def test_labels_overlap_nothing(rng: np.random.Generator) -> None:
 
 
 def test_a_label_without_room_is_left_out() -> None:
-    small = Box(0.0, 0.0, 30.0, 12.0)
+    small = LabelBox(0.0, 0.0, 30.0, 12.0)
     assert places(np.array([[15.0, 6.0]]), [(60.0, 9.0)], small) == [None]
 
 
@@ -51,14 +51,14 @@ def test_axes_differ_without_colour() -> None:
     assert len(set(told)) == len(told)
 
 
-def scene(error: float = 1e-3) -> Scene:
+def scene(error: float = 1e-3) -> SceneResults:
     """Every third method: enough for all axes, and for labels that are in each other's way."""
     rows = []
     for n, method in enumerate(list(methods().values())[::3]):
         timing = Timing.of(dict(enumerate(0.01 * (1 + n) * np.array([0.9, 1.0, 1.1]))))
         found = {truth: {"rmse": error / (1 + n)} for truth in TRUTHS}
         rows.append(Row(method.name, "", "", "", timing, found))
-    return Scene("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))
+    return SceneResults("made up", {"splats": 10, "size": [8, 8], "note": ""}, tuple(rows))
 
 
 def test_the_legend_names_every_mark() -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from splatgl.studies.accuracy.ground_truth import LEVELS
 from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, TRUTHS, axis_of, methods
 from splatgl.studies.accuracy.pareto import ERRORS, FASTER, Point, Timing, cheapest, dominance, front
-from splatgl.studies.accuracy.sweep import Results, Row, Scene
+from splatgl.studies.accuracy.sweep import Results, Row, SceneResults
 from splatgl.studies.tables import Heading, Table, Text
 
 INTRO = (
@@ -107,7 +107,7 @@ def _summaries(results: Results) -> Table:
     return Table(SUMMARY_HEAD, tuple(rows))
 
 
-def _scene(scene: Scene) -> Iterator[Block]:
+def _scene(scene: SceneResults) -> Iterator[Block]:
     about = scene.about
     width, height = about["size"]
     note = f" ({about['note']})" if about["note"] else ""
@@ -132,7 +132,7 @@ def _scene(scene: Scene) -> Iterator[Block]:
         yield omitted
 
 
-def _cells(scene: Scene, row: Row, truth: str) -> tuple[str, ...]:
+def _cells(scene: SceneResults, row: Row, truth: str) -> tuple[str, ...]:
     errors = {name: row.error(truth, name) for name in ("rmse", "maximum", "p999", "share_over", "energy", "flip")}
     share = errors["share_over"]
     return (
@@ -148,7 +148,7 @@ def _cells(scene: Scene, row: Row, truth: str) -> tuple[str, ...]:
     )
 
 
-def _front(scene: Scene, truth: str) -> Table:
+def _front(scene: SceneResults, truth: str) -> Table:
     """Pareto front, from the fastest to the most accurate method, with uncertain members."""
     points = rivals(truth, scene)
     cells = []
@@ -166,7 +166,7 @@ def _table(title: str, cells: list[tuple[str, ...]]) -> Table:
     return Table(rows[0], rows[1:], title)
 
 
-def _cheapest(scene: Scene) -> Table:
+def _cheapest(scene: SceneResults) -> Table:
     truths = scene.truths
     best = {truth: cheapest(rivals(truth, scene)) for truth in truths}
     rows = []
@@ -178,7 +178,7 @@ def _cheapest(scene: Scene) -> Table:
     return Table(("RMSE", *(NAMES[truth] for truth in truths)), tuple(rows), "The cheapest under each RMSE")
 
 
-def _tolerances(scene: Scene) -> Table:
+def _tolerances(scene: SceneResults) -> Table:
     """Measured error and time of each requested tolerance."""
     rows: list[tuple[str, ...]] = []
     strong = set()
@@ -206,7 +206,7 @@ def verdict(error: float, tolerance: float, bound: float | None) -> tuple[str, b
     return f"not kept: {why}{said}", False
 
 
-def _all(scene: Scene) -> Table:
+def _all(scene: SceneResults) -> Table:
     """Table of all methods: time, and error and dominance against each truth."""
     truths = scene.truths
     points = {truth: rivals(truth, scene) for truth in truths}
@@ -233,7 +233,7 @@ def _all(scene: Scene) -> Table:
     return Table(head, tuple(rows), f"All {len(rows)} methods", folded=True)
 
 
-def _omissions(scene: Scene) -> Table:
+def _omissions(scene: SceneResults) -> Table:
     rows = [(row.method, row.omitted) for row in scene.rows if row.omitted]
     rows += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
     rows += [(row.method, "not timed: interrupted") for row in scene.rows if row.timing is None and not row.omitted]
@@ -330,7 +330,7 @@ def as_milliseconds(seconds: float) -> str:
     return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
-def rivals(truth: str, scene: Scene) -> list[Point]:
+def rivals(truth: str, scene: SceneResults) -> list[Point]:
     """Points that compete for the front of that truth."""
     return [p for p in scene.points(truth) if axis_of(p.name).competes(truth)]
 
@@ -354,7 +354,7 @@ class Summary:
     nearest: Point | None
 
     @classmethod
-    def of(cls, scene: Scene) -> Summary:
+    def of(cls, scene: SceneResults) -> Summary:
         """Compares a scene's rows of the paper's settings, of exact splats, and of the default settings."""
         paper, exact = scene.row(PAPER), scene.row(EXACT)
         before, now = (row.timing if row else None for row in (paper, exact))
@@ -374,7 +374,7 @@ class Summary:
         return self.old / self.new if self.old and self.new else None
 
 
-def conclusion(scene: Scene) -> list[str]:
+def conclusion(scene: SceneResults) -> list[str]:
     """Sentences about the results."""
     summary = Summary.of(scene)
     texts = (
@@ -387,7 +387,7 @@ def conclusion(scene: Scene) -> list[str]:
     return [text for text in texts if text]
 
 
-def caption(scene: Scene, truth: str) -> str:
+def caption(scene: SceneResults, truth: str) -> str:
     """Caption of the diagram for one truth."""
     summary = Summary.of(scene)
     if truth == "reference" and summary.gain and summary.cost:
@@ -412,7 +412,7 @@ def _drawing(summary: Summary) -> str:
     )
 
 
-def _filtering(scene: Scene, summary: Summary) -> str:
+def _filtering(scene: SceneResults, summary: Summary) -> str:
     exact = next((p for p in scene.points("sampled") if p.name == EXACT), None)
     if exact is None:
         return ""
@@ -438,13 +438,13 @@ def _splatting(summary: Summary) -> str:
     )
 
 
-def _members_of_front(scene: Scene) -> str:
+def _members_of_front(scene: SceneResults) -> str:
     """Members of the front for drawing errors."""
     points = rivals("reference", scene)
     return f"**On the front** when drawing: {_members(points)}" if points else ""
 
 
-def _field(scene: Scene, summary: Summary) -> str:
+def _field(scene: SceneResults, summary: Summary) -> str:
     """Errors against the field and members of its front, or the reason why there is no field."""
     if scene.about.get("no_field"):
         return f"**The field** is no truth here: {scene.about['no_field']}."

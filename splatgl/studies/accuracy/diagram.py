@@ -12,8 +12,8 @@ import numpy as np
 from splatgl.studies.accuracy.content import caption, group_digits, rivals
 from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
 from splatgl.studies.accuracy.pareto import Point, stairs
-from splatgl.studies.accuracy.sweep import Scene
-from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, Box, encode, places, sheet, style
+from splatgl.studies.accuracy.sweep import SceneResults
+from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, LabelBox, encode, places, sheet, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot
@@ -64,7 +64,7 @@ def plot_styles() -> dict[str, PlotStyle]:
     }
 
 
-def picture(scene: Scene, head: Mapping[str, Any]) -> dict[str, bytes]:
+def picture(scene: SceneResults, head: Mapping[str, Any]) -> dict[str, bytes]:
     """The diagram as .png and .svg. Raises InputError if matplotlib is not installed."""
     with style():
         return _encode(_figure(scene, head), f"Error against run time: {scene.name}", head)
@@ -98,7 +98,7 @@ def _encode(figure: Figure, title: str, head: Mapping[str, Any]) -> dict[str, by
     return {".png": buffer.getvalue(), ".svg": encode(figure, ".svg", about, maker)}
 
 
-def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
+def _figure(scene: SceneResults, head: Mapping[str, Any]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     truths = [truth for truth in scene.truths if any(truth in axis_of(p.name).truths for p in scene.points(truth))]
@@ -130,7 +130,7 @@ def _figure(scene: Scene, head: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _panel(plot: Plot, scene: Scene, truth: str) -> dict[str, Any]:
+def _panel(plot: Plot, scene: SceneResults, truth: str) -> dict[str, Any]:
     """Draws one truth's panel; returns the artists by name, for the legend."""
     points = {point.name: point for point in scene.points(truth)}
     least = min((p.error for p in points.values() if p.error > 0), default=1.0)
@@ -209,7 +209,7 @@ def _text(name: str, drawn: set[str]) -> str:
     return name if axis.connected and name == first else methods()[name].label or name
 
 
-def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> None:
+def _label(plot: Plot, scene: SceneResults, truth: str, canvas: FigureCanvasAgg) -> None:
     """Labels points if there is space: practical settings, then the front, then others.
 
     Only ends and members of the front are labelled on a line.
@@ -231,7 +231,7 @@ def _label(plot: Plot, scene: Scene, truth: str, canvas: FigureCanvasAgg) -> Non
     for point in points:
         spread = [(1e3 * seconds, point.error or NOTHING * least) for seconds in (point.time.low, point.time.high)]
         lines.append(plot.transData.transform(spread))
-    positions = places(where, sizes, Box(*plot.bbox.extents), lines)
+    positions = places(where, sizes, LabelBox(*plot.bbox.extents), lines)
     back = plot.transData.inverted()
     for text, place, point, (width, height) in zip(drawn, positions, where, sizes, strict=True):
         if place is None:

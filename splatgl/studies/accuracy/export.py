@@ -9,7 +9,7 @@ from splatgl.studies import tables
 from splatgl.studies.accuracy.content import Diagram, blocks, rivals
 from splatgl.studies.accuracy.methods import TRUTHS
 from splatgl.studies.accuracy.pareto import dominance
-from splatgl.studies.accuracy.sweep import Results, Row, Scene, Store
+from splatgl.studies.accuracy.sweep import Results, Row, SceneResults, Store
 from splatgl.studies.tables import Heading, Table, Text
 
 
@@ -62,7 +62,7 @@ def as_json(results: Results, store: Store) -> str:
     return tables.as_json(report)
 
 
-def _cells(scene: Scene, row: Row) -> dict[str, Any]:
+def _cells(scene: SceneResults, row: Row) -> dict[str, Any]:
     cells: dict[str, Any] = {
         "scene": scene.name,
         "axis": row.axis,

@@ -30,7 +30,7 @@ from splatgl.studies.accuracy.diagram import convergence, picture
 from splatgl.studies.accuracy.export import as_csv, as_json, as_markdown
 from splatgl.studies.accuracy.ground_truth import Subject, Truths
 from splatgl.studies.accuracy.methods import EXACT, PAPER, methods
-from splatgl.studies.accuracy.sweep import Results, Scene, Store
+from splatgl.studies.accuracy.sweep import Results, SceneResults, Store
 
 STYLE = "page.css"
 
@@ -138,7 +138,7 @@ class Strip:
     small: bool
 
 
-def strip(renderer: Renderer, subject: Subject, scene: Scene, truths: Truths) -> Strip:
+def strip(renderer: Renderer, subject: Subject, scene: SceneResults, truths: Truths) -> Strip:
     """Thumbnails of the methods, drawn again: the images are bitwise identical."""
     rows = {name: row for name in SHOWN if (row := scene.row(name)) is not None and not row.omitted}
     drawn: dict[str, Image] = {}

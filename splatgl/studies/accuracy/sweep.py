@@ -73,7 +73,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Scene:
+class SceneResults:
     """Rows of a scene, in the order of the registry. about: the scene's record in the store."""
 
     name: str
@@ -110,7 +110,7 @@ class Results:
     """All results: values of the head, scenes, and records of convergence."""
 
     head: dict[str, Any]
-    scenes: tuple[Scene, ...]
+    scenes: tuple[SceneResults, ...]
     convergence: tuple[dict[str, Any], ...]
 
     @classmethod
@@ -125,12 +125,12 @@ class Results:
         return any(row.error("sampled", "flip") is not None for scene in self.scenes for row in scene.rows)
 
 
-def _scene(store: Store, about: dict[str, Any]) -> Scene:
+def _scene(store: Store, about: dict[str, Any]) -> SceneResults:
     name = about["scene"]
     times: dict[str, dict[int, float]] = {}
     for line in store.of("time", scene=name):
         times.setdefault(line["method"], {})[line["round"]] = line["seconds"]
-    return Scene(name, about, tuple(_row(line, times) for line in store.of("picture", scene=name)))
+    return SceneResults(name, about, tuple(_row(line, times) for line in store.of("picture", scene=name)))
 
 
 def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:

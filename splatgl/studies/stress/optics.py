@@ -44,7 +44,7 @@ SHORTEST = 4.0
 
 
 @dataclass(frozen=True)
-class View:
+class FogView:
     """A box of fog and an eye. opacity: per mean spacing."""
 
     spacing: np.ndarray
@@ -58,10 +58,10 @@ class View:
         return voxels(volume, transfer(((0.0, 0.0), (1.0, self.opacity))))
 
 
-def views(seed: int = SEED) -> list[View]:
+def views(seed: int = SEED) -> list[FogView]:
     """Random directions, distances and spacings; every fifth eye is inside, at least two voxels from a face."""
     rng = np.random.default_rng(seed)
-    accepted: list[View] = []
+    accepted: list[FogView] = []
     while len(accepted) < VIEWS:
         view = _view(rng, len(accepted) % 5 == 0)
         # at least one ray must satisfy the conditions
@@ -70,7 +70,7 @@ def views(seed: int = SEED) -> list[View]:
     return accepted
 
 
-def _view(rng: np.random.Generator, inside: bool) -> View:
+def _view(rng: np.random.Generator, inside: bool) -> FogView:
     # aspect ratios up to 1:3, at any scale
     spacing = np.exp(rng.uniform(-0.55, 0.55, 3)) * 10.0 ** rng.uniform(-3, 3)
     box = spacing * SHAPE
@@ -89,10 +89,10 @@ def _view(rng: np.random.Generator, inside: bool) -> View:
         eye = center - direction * (np.linalg.norm(box) / 2 + far)
     up = rng.normal(size=3)
     camera = Camera.look_at(eye, eye + direction if inside else target, up, fov, SIZE)
-    return View(spacing, camera, float(rng.uniform(0.02, 0.08)), inside)
+    return FogView(spacing, camera, float(rng.uniform(0.02, 0.08)), inside)
 
 
-def paths(view: View, reach: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def paths(view: FogView, reach: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """(σL [H, W], clear [H, W]): each ray's optical depth, and whether it stays clear of the edges.
 
     reach: the box grows by so many voxels, times max(1, m).
