@@ -76,7 +76,7 @@ class LayerSplats:
     ) -> LayerSplats:
         """Layer of a volume that is read, or of its first stand-in, with the splats of the coarsest stride."""
         shown = choose_stand_in(volume, transfer, scene.settings)
-        if shown.told or shown.finer:
+        if shown.note or shown.finer:
             # opacities refer to the finest voxels
             transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
         return cls(name, scene, (), transfer, scene.threshold, clip).with_stand_in(shown)

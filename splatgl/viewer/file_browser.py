@@ -19,7 +19,7 @@ class Browser:
     """List of the files of a folder. chosen: the chosen paths, until they are taken."""
 
     def __init__(self) -> None:
-        self.kind, self.title, self.name, self.said = OPEN, "", "", ""
+        self.kind, self.title, self.name, self.note = OPEN, "", "", ""
         self.folder = Path()
         self.typed = ""
         self.chosen: tuple[str, ...] = ()
@@ -66,8 +66,8 @@ class Browser:
     def _list(self) -> None:
         stays = imgui.SelectableFlags_.no_auto_close_popups
         twice = stays | imgui.SelectableFlags_.allow_double_click
-        if self.said:
-            imgui.text_wrapped(self.said)
+        if self.note:
+            imgui.text_wrapped(self.note)
         for name in ("..", *self.folders):
             if imgui.selectable(f"{legible(name)}/", False, stays)[0]:
                 self._go(self.folder.parent if name == ".." else self.folder / name)
@@ -116,13 +116,13 @@ class Browser:
 
     def _go(self, folder: Path) -> None:
         """Lists another folder; the list shows why a folder cannot be read."""
-        self.folder, self.said = Path(os.path.abspath(folder)), ""
+        self.folder, self.note = Path(os.path.abspath(folder)), ""
         self.typed, self.folders, self.files = legible(str(self.folder)), [], []
         try:
             with os.scandir(self.folder) as entries:
                 names = sorted((not entry.is_dir(), entry.name) for entry in entries if entry.name[0] != ".")
         except OSError as error:
-            self.said = f"{self.folder}: {error.strerror}"
+            self.note = f"{self.folder}: {error.strerror}"
             return
         known = suffixes()
         self.folders = [name for is_file, name in names if not is_file]

@@ -246,7 +246,7 @@ class FrameRenderer:
         """Text about the reference."""
         right = reference.image
         if state.compare == "off" or right is None or right.pixels.shape != self.pixels.shape:
-            return "" if state.compare == "off" else reference.said
+            return "" if state.compare == "off" else reference.note
         difference = Difference.of(self.pixels, right.pixels)
         numbers = f"largest {difference.largest:.2g}, RMSE {difference.rmse:.2g} of linear light"
         if state.compare == "split":

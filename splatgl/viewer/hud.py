@@ -47,7 +47,7 @@ def short_lines(state: State, document: Document, frame: Frame | None, busy: str
     name = document.volume.name or document.scene.volume
     camera = state.pose.camera
     view = f"perspective, {state.pose.fov:.3g} degrees" if camera.perspective else "orthographic"
-    notes = [document.stand_in.told] if document.stand_in and document.stand_in.told else []
+    notes = [document.stand_in.note] if document.stand_in and document.stand_in.note else []
     if document.is_loading:
         return (name, *([busy] if busy else []))
     return (name, *notes, view, busy or progress_text(frame))
@@ -86,7 +86,7 @@ def _splats(document: Document, frame: Frame) -> list[str]:
     """The visible part of the volume, numbers of drawn and total splats, and why the others are missing."""
     layers, first = document.drawn_layers, document.layers[0]
     kept, total = sum(len(layer.finest) for layer in layers), sum(layer.volume.count for layer in layers)
-    notes = [document.stand_in.told] if document.stand_in and document.stand_in.told else []
+    notes = [document.stand_in.note] if document.stand_in and document.stand_in.note else []
     if frame.level.stride > 1 or not document.has_full_resolution:
         return [*notes, f"of {total:,} voxels, blocks of {frame.level.stride}^3 are drawn"]
     most = f"at most {first.threshold:g}" if first.threshold else "0"

@@ -37,7 +37,7 @@ GAP = 16
 class AnnotationInputs:
     """Inputs of annotations. blend: of the picture; ground: its background, linear RGB."""
 
-    asked: tuple[str, ...]
+    names: tuple[str, ...]
     volume: Volume
     transfer: Transfer
     camera: Camera
@@ -57,13 +57,13 @@ class Legend:
     def sprites(self, scenery: AnnotationInputs) -> tuple[Sprite, ...]:
         """The sprites for a picture of the camera's size; none if it is too small."""
         camera = scenery.camera
-        if not scenery.asked or min(camera.size) < LEAST_SIDE:
+        if not scenery.names or min(camera.size) < LEAST_SIDE:
             return ()
         view = camera.eye.tobytes(), camera.eye_from_world.tobytes(), camera.extent, camera.perspective
-        key = scenery.asked, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *view
+        key = scenery.names, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *view
         if key != self.key:
             subject = self._subject(scenery.volume)
-            look = scenery.transfer, camera, scenery.asked, scenery.ground, scenery.blend
+            look = scenery.transfer, camera, scenery.names, scenery.ground, scenery.blend
             self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))
         return self.latest
 
@@ -188,5 +188,5 @@ def plane_color(cuts: Cuts, number: int) -> LineColor:
 
 
 def _lines(camera: Camera, ends: list[tuple[np.ndarray, np.ndarray]], color: LineColor, width: float) -> list[Stroke]:
-    found = [project_segment(camera, start, stop) for start, stop in ends]
-    return [Stroke(*each, color, width) for each in found if each is not None]
+    segments = [project_segment(camera, start, stop) for start, stop in ends]
+    return [Stroke(*each, color, width) for each in segments if each is not None]

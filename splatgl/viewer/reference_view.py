@@ -63,38 +63,38 @@ class ReferenceInputs:
 
 
 class Reference:
-    """The reference of the latest request. image: the result, if finished; said: the message until then."""
+    """The reference of the latest request. image: the result, if finished; note: the message until then."""
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs = jobs
         self.wanted: ReferenceInputs | None = None
         self.image: Image | None = None
-        self.said = ""
+        self.note = ""
 
     def request(self, wanted: ReferenceInputs) -> None:
         """Starts rendering a reference; the same request starts only once."""
         self.forget()
         self.wanted = wanted
         if wanted.count > MOST:
-            self.said = f"no reference: {wanted.count:,} splats would take minutes; raise the threshold"
+            self.note = f"no reference: {wanted.count:,} splats would take minutes; raise the threshold"
             return
-        self.said = "the float64 reference is being drawn ..."
+        self.note = "the float64 reference is being drawn ..."
         self.jobs.submit(Kind.REFERENCE, "reference", lambda: (wanted, self._draw(wanted)))
 
     def forget(self) -> None:
         """Drops the reference; a render in progress stops at its next band."""
-        self.wanted, self.image, self.said = None, None, ""
+        self.wanted, self.image, self.note = None, None, ""
 
     def collect(self) -> bool:
         """Collects a finished reference; True if anything changed."""
         news = self.jobs.collect()
         for done in news:
             if isinstance(done.error, USER_ERRORS):
-                self.said = f"no reference: {error_text(done.error)}"
+                self.note = f"no reference: {error_text(done.error)}"
             elif done.error is not None and not isinstance(done.error, Cancelled):
                 raise done.error
             if done.error is None and done.value[0] is self.wanted:
-                self.image, self.said = done.value[1], ""
+                self.image, self.note = done.value[1], ""
         return bool(news)
 
     def _draw(self, wanted: ReferenceInputs) -> Image:
@@ -102,7 +102,7 @@ class Reference:
             for number, band in enumerate(bands):
                 if wanted is not self.wanted:
                     raise Cancelled
-                self.said = f"the float64 reference is being drawn: {number / count:.0%}"
+                self.note = f"the float64 reference is being drawn: {number / count:.0%}"
                 self.jobs.wake()
                 yield band
 

@@ -25,13 +25,13 @@ PIXELS = 4 << 20
 
 @dataclass(frozen=True, eq=False)
 class StandIn:
-    """Visible voxels of a volume. told: description, "" for all voxels. finer: reads the finer ones, if any.
+    """Visible voxels of a volume. note: description, "" for all voxels. finer: reads the finer ones, if any.
 
     level: its number in a multiscale image, with which the scene is saved; None for others.
     """
 
     volume: Volume
-    told: str = ""
+    note: str = ""
     finer: Callable[[], StandIn] | None = None
     level: int | None = None
 
@@ -84,10 +84,10 @@ def _levels(volume: Volume) -> list[Volume]:
 def _level(levels: list[Volume], number: int, finest: int) -> StandIn:
     """A level, which finer levels replace one by one."""
     volume, last = levels[number], len(levels) - 1
-    told = f"level {number} of {last}, {' x '.join(map(str, volume.shape[::-1]))} voxels" if number else ""
+    note = f"level {number} of {last}, {' x '.join(map(str, volume.shape[::-1]))} voxels" if number else ""
     if number > finest:
-        return StandIn(volume, told, lambda: _level(levels, number - 1, finest), number)
-    return StandIn(volume, f"{told}: finer ones are too large for a window" if number else "", None, number)
+        return StandIn(volume, note, lambda: _level(levels, number - 1, finest), number)
+    return StandIn(volume, f"{note}: finer ones are too large for a window" if number else "", None, number)
 
 
 def _fits(volume: Volume, transfer: Transfer, settings: Settings, most: int) -> bool:

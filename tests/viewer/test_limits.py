@@ -47,7 +47,7 @@ def test_no_memory_is_said(document: Document, tmp_path: Path) -> None:
     assert try_save(partial(save_as, state, document, no_memory, tmp_path / "a.png"))[0] == "not enough memory"
     done = Done(Kind.REFERENCE, error=MemoryError())
     reference = Reference(cast(Any, SimpleNamespace(collect=lambda: [done])))
-    assert reference.collect() and reference.said == "no reference: not enough memory"
+    assert reference.collect() and reference.note == "no reference: not enough memory"
     assert sorted(os.listdir(tmp_path)) == ["blob.npy"]
 
 

@@ -111,14 +111,14 @@ def scenery(document: Document, state: State, **changes: object) -> AnnotationIn
 def test_what_has_not_changed_is_not_drawn_again(document: Document) -> None:
     legend, state = Legend(), along_x(document)
     asked = ("scale", "axes")
-    first = legend.sprites(scenery(document, state, asked=asked))
-    assert legend.sprites(scenery(document, state, asked=asked)) is first and len(first) == 2
+    first = legend.sprites(scenery(document, state, names=asked))
+    assert legend.sprites(scenery(document, state, names=asked)) is first and len(first) == 2
     # of the picture's size, they are what is not clear of the whole
     left = min(each.place[0] for each in first)
     assert left < 20 and all(each.pixels[..., 3].any() for each in first)
     turned = replace(state, pose=state.pose.spun(20.0, up_direction(document)))
-    assert legend.sprites(scenery(document, turned, asked=asked)) is not first
-    assert legend.sprites(scenery(document, state, asked=())) == ()
+    assert legend.sprites(scenery(document, turned, names=asked)) is not first
+    assert legend.sprites(scenery(document, state, names=())) == ()
 
 
 def test_sprites_are_what_is_not_clear() -> None:

@@ -37,26 +37,26 @@ def test_what_fits_is_shown_whole(volume: sg.Volume, monkeypatch: pytest.MonkeyP
     allow(volume.count, monkeypatch)
     for given in (volume, with_levels(volume, 2)):
         found = choose_stand_in(given, ALL, Settings())
-        assert found.volume.samples is volume.samples and not found.told and found.finer is None
+        assert found.volume.samples is volume.samples and not found.note and found.finer is None
     # read in a moment or not: what takes longer is preceded by its coarsest level
     monkeypatch.setattr(stand_in, "LARGE", 1000)
     found = choose_stand_in(with_levels(volume, 2), ALL, Settings())
-    assert found.volume.shape == (12, 10, 11) and found.told == "level 2 of 2, 11 x 10 x 12 voxels" and found.finer
+    assert found.volume.shape == (12, 10, 11) and found.note == "level 2 of 2, 11 x 10 x 12 voxels" and found.finer
     found = found.finer()
-    assert found.told == "level 1 of 2, 22 x 20 x 24 voxels" and found.finer
+    assert found.note == "level 1 of 2, 22 x 20 x 24 voxels" and found.finer
     found = found.finer()
-    assert found.volume.samples is volume.samples and not found.told and found.finer is None
+    assert found.volume.samples is volume.samples and not found.note and found.finer is None
 
 
 def test_a_level_that_fits(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     allow(volume.count / 8, monkeypatch)
     found = choose_stand_in(with_levels(volume, 3), ALL, Settings())
     said = "level 1 of 3, 22 x 20 x 24 voxels: finer ones are too large for a window"
-    assert found.volume.shape == (24, 20, 22) and found.told == said and found.finer is None
+    assert found.volume.shape == (24, 20, 22) and found.note == said and found.finer is None
     # whatever fits: most is not read for a window
     allow(volume.count, monkeypatch)
     monkeypatch.setattr(stand_in, "MOST_OF_LEVEL", volume.count - 1)
-    assert choose_stand_in(with_levels(volume, 3), ALL, Settings()).told == said
+    assert choose_stand_in(with_levels(volume, 3), ALL, Settings()).note == said
     # the coarser levels are those of pictures in motion
     assert found.volume.coarser[0].shape == (12, 10, 11)
 
@@ -65,10 +65,10 @@ def test_means_that_fit(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> N
     allow(volume.count / 60, monkeypatch)
     monkeypatch.setattr(stand_in, "STAND_IN", volume.count / 27)
     found = choose_stand_in(volume, ALL, Settings())
-    assert found.told == "every 3rd voxel" and np.array_equal(found.volume.samples, volume.samples[::3, ::3, ::3])
+    assert found.note == "every 3rd voxel" and np.array_equal(found.volume.samples, volume.samples[::3, ::3, ::3])
     assert found.volume.spacing == (3, 6, 9) and found.volume.origin == volume.origin and found.finer
     finer = found.finer()
-    assert finer.volume.shape == (12, 10, 11) and finer.told.startswith("means of 4^3 voxels: smaller ones need more")
+    assert finer.volume.shape == (12, 10, 11) and finer.note.startswith("means of 4^3 voxels: smaller ones need more")
 
 
 def test_colours_go_along(volume: sg.Volume) -> None:
@@ -82,7 +82,7 @@ def test_contents_keep_opacities_a_length(volume: sg.Volume, tmp_path: Path, mon
     np.save(tmp_path / "v.npy", volume.samples)
     scene = SceneFile(str(tmp_path / "v.npy"), transfer={"points": SOFT.points})
     whole = Document.open(scene)
-    assert whole.layers[0].transfer.unit is None and whole.stand_in is not None and not whole.stand_in.told
+    assert whole.layers[0].transfer.unit is None and whole.stand_in is not None and not whole.stand_in.note
     allow(volume.count / 60, monkeypatch)
     document = Document.open(scene)
     finer = document.refined()
@@ -99,7 +99,7 @@ def test_the_smallest_there_is_where_nothing_fits(volume: sg.Volume, monkeypatch
     found = choose_stand_in(volume, ALL, Settings())
     assert found.finer and found.finer().volume.shape == (3, 3, 3)
     found = choose_stand_in(with_levels(volume, 2), ALL, Settings())
-    assert found.volume.shape == (6, 5, 6) and found.told == "every 2nd voxel" and found.finer
+    assert found.volume.shape == (6, 5, 6) and found.note == "every 2nd voxel" and found.finer
     assert found.finer().volume.shape == (3, 3, 3)
 
 
