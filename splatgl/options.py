@@ -1,4 +1,4 @@
-"""Options: fields of dataclasses that declare once what command line, keywords, TOML and panel need to know."""
+"""Options: a field of a dataclass declares one for the command line, keywords, TOML files and the panel."""
 
 from __future__ import annotations
 
@@ -225,20 +225,20 @@ def declared(record: Any) -> dict[str, Option]:
 
 def names_of(*records: Any) -> list[str]:
     """Names of the options of dataclasses that the command line and keywords have."""
-    return [name for record in records for name, each in declared(record).items() if each.group]
+    return [name for record in records for name, option in declared(record).items() if option.group]
 
 
 def check_options(record: Any, prefix: str = "") -> None:
     """Checks each option of a frozen dataclass and stores its plain value. Raises InputError naming the option."""
-    for each in fields(record):
-        value, default = getattr(record, each.name), each.default
+    for item in fields(record):
+        value, default = getattr(record, item.name), item.default
         is_default = value is default or (type(value) is type(default) and value == default)
-        if "option" in each.metadata and not is_default:
-            object.__setattr__(record, each.name, checked(each.metadata["option"].kind, prefix + each.name, value))
+        if "option" in item.metadata and not is_default:
+            object.__setattr__(record, item.name, checked(item.metadata["option"].kind, prefix + item.name, value))
 
 
 def checked(kind: Kind, name: str, value: Any) -> Any:
-    """The value that is stored for a value of that kind. Raises InputError naming the option."""
+    """The stored value for a value of a kind. Raises InputError naming the option."""
     try:
         return kind.check(value)
     except InputError:

@@ -89,7 +89,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def add_options(parser: argparse.ArgumentParser, record: Any, *names: str) -> None:
     """Adds the options that a dataclass declares, or some of them, in groups by their titles."""
-    options, defaults = declared(record), {each.name: each.default for each in fields(record)}
+    options, defaults = declared(record), {item.name: item.default for item in fields(record)}
     for name in names or names_of(record):
         add_option(parser, name, options[name], defaults[name])
 
@@ -174,7 +174,7 @@ def uses_workers(args: argparse.Namespace) -> bool:
 
 
 def drawing_of(args: argparse.Namespace) -> Drawing:
-    """How workers open OpenGL."""
+    """OpenGL options of the workers."""
     from splatgl.distributed.worker import Drawing
 
     devices = args.devices or (() if args.device is None else (args.device,))

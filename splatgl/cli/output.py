@@ -19,7 +19,7 @@ SHOWN = 3
 
 
 def summary(output: Path, image: Image, scene: OpenScene) -> str:
-    """Size and blend; the transfer function; the view; time and accuracy."""
+    """Lines on size and blend, transfer function, view, and time and accuracy."""
     info, (height, width, _) = image.info, image.pixels.shape
     # without the versions in brackets
     by = str(info["renderer"]).partition(" (")[0]

@@ -95,9 +95,9 @@ class Parser(argparse.ArgumentParser):
         return form.format_help()
 
     def _get_option_tuples(self, option_string: str) -> list[Any]:
-        # --hel and --help- stand for one option each
-        found = super()._get_option_tuples(option_string)
-        return [one for one in found if one[1] != "--help-all" or option_string.startswith("--help-")]
+        # --hel stays an abbreviation of --help alone
+        matches = super()._get_option_tuples(option_string)
+        return [match for match in matches if match[1] != "--help-all" or option_string.startswith("--help-")]
 
 
 class Formatter(argparse.RawDescriptionHelpFormatter):
@@ -133,5 +133,5 @@ class HelpAll(argparse.Action):
 
 
 def one_line(text: str) -> str:
-    """The text, each character of which a terminal shows in one line; names of files hold any."""
+    """The text without characters that a terminal does not print, such as line ends in names of files."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)

@@ -14,8 +14,8 @@ from splatgl.data.volume import Triple
 from splatgl.errors import InputError, expected
 from splatgl.options import Group, Kind, check_options, non_default, option
 
+# endings of files that hold named datasets
 HDF5 = (".h5", ".hdf5", ".he5", ".nc")
-"""Endings of files that hold named datasets."""
 
 _INSIDE = re.compile(rf"(?is)(.+(?:{'|'.join(map(re.escape, HDF5))})):(/.+)")
 
@@ -23,6 +23,7 @@ _FIJI = "save it as TIFF with Fiji (Bio-Formats)"
 _PARAVIEW = "turn it into a .vti with ParaView's filter Resample To Image"
 _SURFACE = "surfaces are not drawn; voxelize it"
 
+# advice for files that are not read, by ending
 CONVERTERS = {
     **dict.fromkeys((".czi", ".lif", ".nd2", ".oib", ".oif", ".lsm", ".vsi", ".dv", ".sld", ".ics", ".xml"), _FIJI),
     **dict.fromkeys(
@@ -45,26 +46,25 @@ CONVERTERS = {
     ".gz": "unpack it",
     ".bz2": "unpack it",
 }
-"""What to do with files that are not read, by ending."""
 
 
 def inside(source: str) -> tuple[str, str | None]:
-    """The file and the array in it of FILE.h5:/a/b; any other source as it is, and None."""
-    found = _INSIDE.fullmatch(source)
-    return (found[1], found[2]) if found else (source, None)
+    """File and array of FILE.h5:/a/b; another source and None."""
+    match = _INSIDE.fullmatch(source)
+    return (match[1], match[2]) if match else (source, None)
 
 
 def converter(name: str) -> str:
-    """What to do with a file of that name, which is not read; "" if that is not known."""
+    """Advice for a file that is not read, by its name; "" for an unknown ending."""
     low = name.lower()
     return next((fix for ending, fix in CONVERTERS.items() if low.endswith(ending)), "")
 
 
+# voxel levels of a terrain, as of the terrain in [M98], 512 × 512 × 103
 DEFAULT_LEVELS = 103
-"""Voxel levels of a terrain: the height of the terrain volume in [M98], 512 × 512 × 103."""
 
+# meanings of samples
 VALUES = ("labels", "amounts", "heights")
-"""What samples may be."""
 
 _NAMED_DTYPE = re.compile(r"(bool|u?int8|u?int16|u?int32|u?int64|float16|float32|float64)(le|be)?")
 
@@ -119,7 +119,7 @@ _option = partial(option, group=Group.READING)
 
 @dataclass(frozen=True)
 class LoadOptions:
-    """Options for a file beyond its path; each format supports some of these and rejects the others.
+    """Options of reading a file; each format supports some of them, and rejects others.
 
     dtype: "uint8", "uint16be", ">u2". array: a name (npz, VTK, Zarr) or the number of a time point (NIfTI, TIFF,
     DICOM). channel: several are "0,2", "DAPI,GFP" or "all". series: from 1 on. levels: voxel levels of a height map.
@@ -205,16 +205,13 @@ class LoadOptions:
 
     @property
     def channel_number(self) -> int | None:
-        """`channel`, of a format whose channels have no names."""
+        """`channel` of a format without channel names. Raises InputError for a name."""
         if isinstance(self.channel, str):
             raise expected("channel", "a whole number", repr(self.channel))
         return self.channel
 
     def refuse(self, name: str, this: str) -> None:
-        """InputError for an option of what the file has none or one of; the number of the one is no error.
-
-        this: what would have it, in words.
-        """
+        """InputError for an option that the file does not support; 0 is accepted. this: files that support it."""
         value = getattr(self, name)
         if value not in (None, 0, "0"):
             raise expected(name, this, repr(value), "leave it out")

@@ -102,7 +102,7 @@ def read_labels(text: str) -> tuple[tuple[int, float], ...]:
 
 @dataclass(frozen=True)
 class TransferChoice:
-    """Options of a transfer function beside its fields: what it is made from."""
+    """Options of a transfer function that are not its fields."""
 
     preset: str = option(
         "",

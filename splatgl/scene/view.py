@@ -83,7 +83,7 @@ class ViewOptions:
         check_options(self)
 
     def fitted(self, part: Bounded) -> ViewOptions:
-        """The view fitted to a part of the volume; a view by a camera, or of another part, stays."""
+        """The view fitted to a part of the volume; a view with a camera or a part stays."""
         return replace(self, part=part) if self.part is None and self.fixed is None else self
 
     def orbit(self, volume: Volume | Splats) -> tuple[float, float] | None:

@@ -48,12 +48,12 @@ class BlendMode:
 
     @property
     def one_value(self) -> bool:
-        """Whether a pixel of values classified after reconstruction shows one: the join of all along its ray."""
+        """Whether a pixel shows one value of its ray, if values are classified after reconstruction."""
         return self.join in ("max", "min", "mean")
 
     @property
     def post_only(self) -> bool:
-        """Whether splats that are classified before have no such blend."""
+        """Whether splats classified before reconstruction do not support the blend."""
         return self.join in ("min", "mean")
 
 
@@ -92,9 +92,9 @@ Classification = Literal["auto", "post", "pre"]
 MAX_TABLE_SIZE = 4096
 # at more than 64 samples an axis, a picture of 64 pixels would need a target of over 4096
 MAX_SAMPLES = 64
-# a shutter that never closes, in degrees
+# degrees of a shutter that never closes
 FULL_SHUTTER = 360.0
-# pictures that a moving one is the mean of, at most
+# most pictures that a moving picture is the mean of
 MAX_MOMENTS = 4096
 # sheets that share a splat, and most parts of a sheet
 LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8

@@ -26,7 +26,7 @@ from splatgl.options import (
 )
 from splatgl.splat.colormaps import check_labels, colormap, label_color, label_opacity
 
-# given as any sequence of pairs, stored as tuples
+# sequences of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
 
 # opacity 1 would be an infinite extinction; one step of float32 below it is opaque in any picture
@@ -77,8 +77,8 @@ class Transfer:
     `unit` world lengths (None: the volume's mean spacing). A repeated value is a step, and a value
     exactly there takes the upper side. gradient: (|∇|, weight) nodes in values per world length,
     weights in [0, 1]; none means no influence. colormap spans `window` (None: first to last point).
-    labels: (number, "#rrggbb", opacity) of each label that is shown, of samples that number segments: their opacities
-    and colours, instead of those of points and colormap; numbers between them and others are clear.
+    labels: (number, "#rrggbb", opacity) of each visible label, for samples that number segments; other numbers are
+    clear. Points and colormap are then ignored.
     scale: "linear" or "log", whether opacity and colour are linear in values or in their logarithms; points and window
     of "log" are above 0. Lists are accepted too. Raises InputError for invalid values.
     """
@@ -194,9 +194,9 @@ class Transfer:
 
     def to_toml(self) -> str:
         """TOML text that `from_toml` reads back to an equal Transfer."""
-        always, given = ("points", "colormap", "shading"), non_default(self)
+        always, changed = ("points", "colormap", "shading"), non_default(self)
         names = dict.fromkeys(("points", "gradient", *declared(self)))
-        values = {name: getattr(self, name) for name in names if name in always or name in given}
+        values = {name: getattr(self, name) for name in names if name in always or name in changed}
         return "".join(f"{name} = {toml_value(name, value)}\n" for name, value in values.items())
 
     @classmethod
@@ -227,7 +227,7 @@ class Transfer:
 
 
 def _log(values: ArrayLike, least: float) -> np.ndarray:
-    """Logarithms of values; of those below `least`, its own."""
+    """Logarithms of values, which are at least `least`."""
     return np.asarray(np.log(np.maximum(np.asarray(values, dtype=np.float64), least)))
 
 
