@@ -96,7 +96,7 @@ def set_budget(memory: int | None) -> None:
 
 
 def require_memory(
-    needed: int, there: int, fix: str = "read it where more is free, or save a part of it", what: str = "samples"
+    needed: int, there: int, fix: str = "free memory, or save a smaller part of it", what: str = "samples"
 ) -> None:
     """Raises InputError if `needed` bytes exceed the budget. there: bytes that they are packed in; what: their name."""
     most = budget()

@@ -141,7 +141,7 @@ def _check_mask(mask: np.ndarray, pixels: np.ndarray) -> None:
             "mask", f"the pictures' size, {_format_size(pixels)}", _format_size(mask) if mask.ndim == 2 else mask.shape
         )
     if not mask.any():
-        raise expected("mask", "pixels that count (light ones)", "none")
+        raise expected("mask", "at least one light pixel, which counts", "none")
 
 
 def _pixels(what: str, image: Image) -> np.ndarray:

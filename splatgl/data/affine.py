@@ -217,7 +217,7 @@ def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple
 def _check_finite(places: np.ndarray, what: str) -> np.ndarray:
     coordinates = np.asarray(places, np.float64).ravel()
     if not coordinates.size or not np.isfinite(coordinates).all():
-        raise expected(what, "finite coordinates", "none" if not coordinates.size else "others")
+        raise expected(what, "finite coordinates", "none" if not coordinates.size else "NaN or infinity")
     return coordinates
 
 

@@ -49,7 +49,7 @@ class ArrayOptions:
     def no_array(self, what: str) -> None:
         """Raises InputError if `array` was given for an object that holds one array."""
         if self.array is not None:
-            raise expected("array", f"none, as {what} holds one", repr(self.array), "leave it out")
+            raise expected("array", f"no value, as {what} is one array", repr(self.array), "leave it out")
 
 
 def volume_of(x: Any, **options: Any) -> Volume:
@@ -338,7 +338,7 @@ def check_samples(x: Any, what: str = "array") -> Any:
         raise expected(what, "real numbers", f"samples of type {samples.dtype}", fix)
     check_axes(samples.shape, what)
     if not all(isinstance(size, int | np.integer) for size in samples.shape):
-        raise expected(what, "sizes that are known", samples.shape, "call x.compute_chunk_sizes()")
+        raise expected(what, "known sizes", samples.shape, "call x.compute_chunk_sizes()")
     return samples
 
 

@@ -53,7 +53,7 @@ class Mesh:
     def __post_init__(self) -> None:
         vertices = _array("vertices", self.vertices, np.float64)
         if len(vertices) and not np.isfinite(vertices).all():
-            raise expected("vertices", "finite numbers", "others")
+            raise expected("vertices", "finite numbers", "NaN or infinity")
         faces = _array("faces", self.faces, np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
             raise expected("faces", f"numbers of {len(vertices)} vertices", f"{faces.min()} to {faces.max()}")

@@ -142,7 +142,7 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
     except OSError as error:
         raise _with_path(path, InputError(f"cannot be read: {error.strerror or error}")) from error
     except MemoryError as error:
-        raise _with_path(path, InputError("needs more memory than there is; use a smaller volume")) from error
+        raise _with_path(path, InputError("needs more memory than available; use a smaller volume")) from error
 
 
 def list_volumes(path: str | Path) -> list[str]:

@@ -201,7 +201,7 @@ def decoder_errors(title: str) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split())[:REASON_LIMIT] or type(error).__name__
         raise InputError(
-            f"cannot be read as {title}: {reason}; the file may be damaged, or of a kind that is not read"
+            f"cannot be read as {title}: {reason}; the file may be damaged, or of an unsupported kind"
         ) from error
 
 

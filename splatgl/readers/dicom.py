@@ -49,7 +49,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
             raise expected("DICOM", "one segmentation", f"{len(several)}: {names}", "name one of the files")
         return dicom_segments.read(several[0].source, several[0].modality, options)
     if options.channel is not None:
-        raise expected("channel", "none, for images", options.channel)
+        raise expected("channel", "no value for images", options.channel)
     series = select_series(contents.series, options)
     notes = (
         [f"{contents.damaged} damaged file{'s are' if contents.damaged > 1 else ' is'} left out"]
@@ -276,7 +276,7 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
 def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tuple[float, float], unit: str) -> Grid:
     """Frames without positions, in the order of their numbers."""
     if options.array is not None:
-        raise expected("array", "none, for images without positions", repr(options.array))
+        raise expected("array", "no value for images without positions", repr(options.array))
     ordered = sorted(frames, key=lambda frame: (*frame.order[-1:], frame.header.source.name, frame.number))
     signed = ordered[0].step or across[0]
     step, direction = abs(signed), np.diag([1.0, 1.0, np.sign(signed)])
@@ -316,7 +316,9 @@ def _plane_numbers(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | N
             missing = int(steps.sum()) - len(apart)
             if missing > len(along):
                 fix = "pick another series, or leave out the slices that lie apart"
-                raise expected("slices", "fewer missing than there are", f"{missing} missing of {len(along)}", fix)
+                raise expected(
+                    "slices", "at most as many missing as existing ones", f"{missing} missing of {len(along)}", fix
+                )
             return np.append(0, np.cumsum(steps)).astype(np.int64)
     indices = np.arange(len(along))
     off = along - np.polyval(np.polyfit(indices, along, 1), indices)
@@ -353,7 +355,7 @@ def _resample_planes(
     off = np.linalg.norm(positions - start - (along - along[0])[:, None] * slope, axis=1).max()
     if count > MOST_PLANES * len(along) or off > UNEVEN * least:
         got = f"distances from {least:.4g} to {apart.max():.4g} mm"
-        raise expected("slices", "distances of one volume", got, "pick another series, or resample them")
+        raise expected("slices", "about even distances", got, "pick another series, or resample them")
     at = along[0] + least * np.arange(count)
     between = np.interp(at, along, np.arange(len(along)))
     lacking = _find_gaps(apart, frames)
@@ -437,7 +439,7 @@ def find_series(path: Path) -> Contents:
     """The series and segments of a path. Raises InputError, which says what else is there, if there are none."""
     files = find_sources(path)
     if not files:
-        raise expected("DICOM", "files of slices", "none", "name the folder or file that holds them")
+        raise expected("DICOM", "DICOM files", "none", "name the folder or file that holds them")
     members: dict[str, list[Frame]] = {}
     others: list[Header] = []
     failed: list[InputError] = []
@@ -472,7 +474,7 @@ def _read_frames(source: Source) -> tuple[Header, list[Frame]]:
     if min(head.size) < 1 or head.modality in OTHERS:
         return head, []
     if not head.pixels:
-        raise expected("file", "pixels behind its header", "none", "it is cut short, or holds no image")
+        raise expected("file", "pixels after its header", "none", "it is cut short, or holds no image")
     return head, list_frames(head, tags)
 
 
@@ -495,9 +497,9 @@ def select_series(candidates: Sequence[Series], options: LoadOptions) -> Series:
     matches = [candidate for candidate in ends if candidate.uid == requested] or ends
     if len(matches) != 1:
         listed = "; ".join(map(str, candidates[:LISTED])) + ("; …" if len(candidates) > LISTED else "")
-        got = f"{len(matches)} of that end" if matches else "another"
+        got = f"{len(matches)} matches" if matches else "no match"
         raise expected(
-            "series", f"a number from 1 to {len(candidates)}, or the end of one UID", got, f"there are {listed}"
+            "series", f"a number from 1 to {len(candidates)}, or the end of one UID", got, f"pick one of {listed}"
         )
     return matches[0]
 

@@ -76,7 +76,7 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
     except (InputError, OSError, MemoryError):
         raise
     except (NotImplementedError, RuntimeError) as error:
-        raise expected("zip", "members that are deflated, without a password", "others", "unpack it") from error
+        raise expected("zip", "deflated members without a password", "other members", "unpack it") from error
     except Exception as error:
         # zipfile raises many types, IndexError for a member without a name among them
         raise InputError("cannot be read as zip: the file is cut short or damaged") from error
@@ -137,7 +137,7 @@ def _zip_members(path: Path) -> list[Source]:
     with open_zip(path) as archive:
         infos = [info for info in archive.infolist() if not info.is_dir()]
         if sum(info.compress_size for info in infos) > path.stat().st_size:
-            raise expected("zip", "members beside each other", "members that overlap", "the file is damaged")
+            raise expected("zip", "separate members", "members that overlap", "the file is damaged")
         for info in infos:
             require_plausible(info.file_size, info.compress_size)
         members = []
@@ -522,7 +522,7 @@ def _read_lut(tags: Any) -> tuple[int, np.ndarray] | None:
         or (count or 2**16) != len(wide)
         or not 8 <= bits <= 16
     ):
-        raise expected("modality LUT", "as many entries as its descriptor says", len(wide), "the header is damaged")
+        raise expected("modality LUT", "the number of entries in its descriptor", len(wide), "the header is damaged")
     return int(_wrap_sign(tags, first)), wide.astype(np.int64)
 
 

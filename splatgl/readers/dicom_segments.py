@@ -65,7 +65,7 @@ class Grid:
 def read(source: Source, kind: str, options: LoadOptions) -> Volume:
     """The labels of a segmentation or of contours; `channel` picks one if overlapping segments take several."""
     if options.array is not None or options.series is not None:
-        raise expected("array and series", "none, for segments", "one of them", "pick segments by --only-labels")
+        raise expected("array and series", "no value for segments", "one", "pick segments by --only-labels")
     with source.open() as file:
         tags = read_dataset(file, TAGS[kind])
     head, _ = read_header(source)
@@ -123,7 +123,7 @@ def _pack_layers(
             layers[place][n][mask] = label.number
         layer_labels[place].append(label)
     if not layers:
-        raise expected("segments", "voxels that are in one", "none")
+        raise expected("segments", "at least one voxel", "none")
     notes = (f"{empty} of {len(table)} segments are empty",) * bool(empty)
     notes += (f"{left} of {len(table)} segments overlap more than {MOST_LAYERS} others: left out",) * bool(left)
     return [(layer, tuple(labels)) for layer, labels in zip(layers, layer_labels, strict=True)], notes
@@ -165,7 +165,7 @@ def _frame_masks(
     kind = str(tags.get("SegmentationType") or "BINARY").upper()
     if head.allocated == 1:
         if find_decoder(head.syntax).is_encapsulated or head.samples != 1:
-            raise expected("pixels", "plain ones of 1 bit", "others", "convert the file")
+            raise expected("pixels", "uncompressed pixels of 1 bit", "other pixels", "convert the file")
         require_bytes(-(-rows * columns * head.frames // 8), head.room, "pixels")
     else:
         check_header(head)
@@ -202,7 +202,7 @@ def _frame_segments(tags: Any, count: int) -> list[int]:
     for group in per_frame:
         items = [source.get("SegmentIdentificationSequence") for source in (group, shared) if source is not None]
         if not any(items):
-            raise expected("frames", "the segment that each is of", "none", "the file is damaged")
+            raise expected("frames", "a segment number per frame", "none", "the file is damaged")
         segments.append(int(next(filter(None, items))[0].ReferencedSegmentNumber))
     return segments
 
@@ -277,7 +277,7 @@ def _region_labels(tags: Any) -> tuple[Label, ...]:
         if item.get("ContourSequence") and 0 < number < 2**16:
             labels[number] = Label(number, names.get(number, ""), hex_color([int(c) for c in color]) if color else None)
     if not labels:
-        raise expected("contours", "some", "none")
+        raise expected("contours", "at least one", "none")
     return tuple(labels.values())
 
 
@@ -304,7 +304,7 @@ def _contour_masks(
     notes = (f"{left} contours are left out: points, open ones, or across the axial planes",) * bool(left)
     outlines = [points for contours in regions.values() for some in contours.values() for points in some]
     if not outlines:
-        raise expected("contours", "closed ones in axial planes", "others", "convert the file")
+        raise expected("contours", "closed contours in axial planes", "other contours", "convert the file")
     grid = _contour_grid(outlines, np.unique([z for contours in regions.values() for z in contours]))
     at = grid.origin[2] + grid.spacing[2] * np.arange(grid.shape[0])
     note = f"contours are filled on a grid of {grid.spacing[0]:.3g} × {grid.spacing[1]:.3g} × {grid.spacing[2]:.3g} mm"
@@ -330,13 +330,13 @@ def _contour_grid(outlines: Sequence[np.ndarray], places: np.ndarray) -> Grid:
     step = float(apart.min()) if len(apart) else 1.0
     count = round(float(places[-1] - places[0]) / step) + 1
     if count > MOST_PLANES:
-        raise expected("contours", f"planes of which {MOST_PLANES} hold all", count, "convert the file")
+        raise expected("contours", f"at most {MOST_PLANES} planes", count, "convert the file")
     size = max(FINEST, float(np.sqrt((high - low).prod() * count / MOST_VOXELS)))
     # no simple fraction of a voxel: symmetric contours would all have the same error of area
     low = low - MARGIN * size
     columns, rows = (int(n) for n in np.ceil((high - low) / size) + 2)
     if byte_count((count, rows, columns), np.dtype("u1")) > 4 * MOST_VOXELS:
-        raise expected("contours", "an extent that a grid can hold", f"{(high - low).tolist()} mm")
+        raise expected("contours", "a smaller extent", f"{(high - low).tolist()} mm")
     x, y = low.tolist()
     return Grid((count, rows, columns), (size, size, step), (x, y, float(places[0])), np.eye(3))
 

@@ -231,7 +231,7 @@ def _transpose(samples: Any, axes: _Axes) -> Any:
     if order == [0, 1, 2]:
         return samples
     if not isinstance(samples, np.ndarray):
-        raise expected("axes", "z, y, x in this order where the dataset is read in parts", "another", "transpose it")
+        raise expected("axes", "the order z, y, x for a dataset that is read in parts", "another order", "transpose it")
     return samples.transpose(np.argsort(order).tolist())
 
 
@@ -505,7 +505,7 @@ def _check_storage(dataset: Any, anywhere: bool) -> None:
     if unknown or codes.count(_GZIP) > 1:
         fix = "repack it with: h5repack -f GZIP=4 OLD NEW"
         known = ", ".join(_FILTERS.values())
-        raise expected("filters", f"some of {known}", ", ".join(unknown) or "gzip twice", fix)
+        raise expected("filters", f"only {known}", ", ".join(unknown) or "gzip twice", fix)
     chunk = byte_count(dataset.chunks or (), dataset.dtype)
     if chunk > MAX_BYTES:
         fix = "repack it with smaller ones: h5repack -l CHUNK=64x64x64 OLD NEW"

@@ -166,7 +166,7 @@ def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Sur
 def _make_terrain(heights: np.ndarray, color: np.ndarray | None, options: LoadOptions, survey: Survey) -> Volume:
     """The terrain of heights, row 0 at y = 0, with holes for missing ones, sized by the survey."""
     if options.relief is not None and options.spacing is not None:
-        raise expected("relief", "none beside spacing, whose z is the height of a level", options.relief)
+        raise expected("relief", "no value beside spacing, whose z is the height of a level", options.relief)
     values, new_notes = _mask_missing(heights, survey.missing)
     values = values * survey.slope + survey.offset
     volume = terrain_from_heights(values, color, options.levels, options.relief)

@@ -44,7 +44,7 @@ def read(path: Path, _options: LoadOptions) -> Volume:
         samples[n] = plane
     left = sum(1 for file in path.iterdir() if file.is_file()) - len(files)
     span = f"from {files[0].name} to {files[-1].name}"
-    notes = [f"{len(files)} slices, {span}, one voxel apart: --spacing tells another"]
+    notes = [f"{len(files)} slices, {span}, one voxel apart: --spacing sets another distance"]
     notes += [f"{left} other file{'s are' if left > 1 else ' is'} left out"] * bool(left)
     if samples.ndim == 3:
         return Volume(samples, notes=tuple(notes))

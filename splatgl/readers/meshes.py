@@ -128,7 +128,7 @@ def _find_frame(path: Path) -> str | None:
 
 def _read_tracks(path: Path, radius: float | None, array: str | None) -> Mesh:
     if array is not None:
-        raise expected("array", "none, of tracks", repr(array))
+        raise expected("array", "no value for tracks", repr(array))
     nibabel = import_extra("nibabel", "tracks", "nibabel", "readers")
     with decoder_errors("tracks"):
         lines = [np.asarray(line, np.float64) for line in nibabel.streamlines.load(path).streamlines]
@@ -193,7 +193,7 @@ def _read_cells(file: VtkXml, piece: Element, name: str, points: int) -> tuple[n
     (ends,) = (array for array in read_arrays(file, owner, (1, 1, count)) if array.name == "offsets")
     offsets = ends.read().ravel().astype(np.int64)
     if (np.diff(offsets, prepend=0) < 0).any() or offsets[-1] > 2**40:
-        raise expected(name, "offsets that do not fall", "others")
+        raise expected(name, "offsets that do not decrease", "decreasing or too large offsets")
     if not offsets[-1]:
         return nothing, nothing
     (array,) = (array for array in read_arrays(file, owner, (1, 1, int(offsets[-1]))) if array.name == "connectivity")

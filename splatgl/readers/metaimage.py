@@ -187,7 +187,7 @@ def _read_slices(
         raise expected("ElementDataFile", f"{count} files of slices", len(names), "the header is damaged")
     skip, binary = _integer(fields, "HeaderSize", 0), _flag(fields, "BinaryData", True)
     if skip < -1 or not binary or _flag(fields, "CompressedData", False):
-        raise expected("files of slices", "plain binary ones", "others", "join them in one file")
+        raise expected("files of slices", "uncompressed binary files", "other files", "join them in one file")
     files = [find_data_file(path, name, anywhere) for name in names]
     size = byte_count(inner, dtype)
     # check all files before any is read

@@ -103,7 +103,7 @@ def _count_volumes(header: Any, sections: int) -> int:
     if not utils.spacegroup_is_volume_stack(header["ispg"]):
         return 1
     if planes < 1 or sections % planes:
-        raise expected("mz", f"a part of the {sections} sections", planes, "the header is damaged")
+        raise expected("mz", f"a divisor of the {sections} sections", planes, "the header is damaged")
     return sections // planes
 
 

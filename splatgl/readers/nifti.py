@@ -46,7 +46,7 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
     with header.open("rb") as file:
         first = file.read(_HEADER)
     if len(first) < _HEADER or struct.pack("<i", _HEADER) not in (first[:4], first[3::-1]):
-        raise expected(header.name, "an Analyze header of 348 bytes", "another", "is this an Analyze file?")
+        raise expected(header.name, "an Analyze header of 348 bytes", "another header", "is this an Analyze file?")
     # 2. its sizes, checked against the data
     with decoder_errors("Analyze"):
         if first[344:347] == b"ni1":
@@ -131,7 +131,7 @@ _UNITS = {1: "m", 2: "mm", 3: "um"}
 _TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
 # NIFTI_INTENT_LABEL: samples number segments (nifti1.h)
 _LABELS = 1002
-UNORIENTED = "neither sform nor qform: the file does not say where the patient's sides are"
+UNORIENTED = "no sform or qform: the file does not state the patient's orientation"
 
 # bytes read to check gzip data: more than either header
 _SNIFF_BYTES = 1024

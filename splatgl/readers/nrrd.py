@@ -140,7 +140,7 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
     spacing, direction = spacing_and_direction(matrix, "space directions")
     frame = "LPS" if space_name in _LEFT_ANTERIOR else _FRAMES.get(space_name)
     if space_name.startswith("scanner"):
-        notes = (*notes, f"space {space_name}: where the patient's sides are is not told")
+        notes = (*notes, f"space {space_name}: the file does not state the patient's orientation")
     return Volume(
         samples,
         spacing,

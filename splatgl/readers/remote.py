@@ -64,7 +64,7 @@ class Remote:
             fix = f"pip install 'splatgl[remote]': {_short_message(error)}"
             raise InputError(f"{scheme} addresses need the extra remote, {fix}") from None
         except ValueError as error:
-            raise expected("address", "one that fsspec knows", scheme, _short_message(error)) from None
+            raise expected("address", "a protocol that fsspec knows", scheme, _short_message(error)) from None
         digest = hashlib.sha256(address.encode()).hexdigest()[:16]
         self.folder = cache_folder() / f"{digest}-{re.sub(r'[^A-Za-z0-9._-]', '_', address_name(address))[:60]}"
         self.absent: set[str] = set()
@@ -74,7 +74,7 @@ class Remote:
         """The path of the copy of a store's file. Raises InputError for a name outside the store."""
         copy = self.folder / name
         if ".." in Path(name).parts or not copy.resolve().is_relative_to(self.folder.resolve()):
-            raise expected("name", "one inside the store", name)
+            raise expected("name", "a name inside the store", name)
         return copy
 
     def fetch(self, names: Sequence[str]) -> None:

@@ -39,7 +39,9 @@ def check_chain(path: Path) -> None:
         used = 0
         while 0 < offset < size:
             if offset in seen:
-                raise expected("pages", "an end", f"page {len(seen)} leading back to another", "the file is damaged")
+                raise expected(
+                    "pages", "a chain that ends", f"page {len(seen)} leading back to another", "the file is damaged"
+                )
             seen.add(offset)
             table, values, offset = form.page(file, offset)
             used += table + values
@@ -214,4 +216,4 @@ def _read_codes(padded: np.ndarray, place: int, count: int) -> np.ndarray:
 
 
 def _lzw_error(got: str) -> Exception:
-    return expected("LZW codes", "ones that the strip introduced", got, "the file is damaged")
+    return expected("LZW codes", "codes that the strip has defined", got, "the file is damaged")

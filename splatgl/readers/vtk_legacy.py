@@ -198,7 +198,7 @@ class _Parser:
         if self.of_points and count == self.count:
             shape = (*self.shape(), components)
             if count != math.prod(self.shape()):
-                raise expected("DIMENSIONS", "one line of them, ahead of the data", "another behind it")
+                raise expected("DIMENSIONS", "one line before the data", "another line after it")
             self.arrays.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(shape)))
         per_axis = tuple(map(cells_along, self.shape())) if not self.of_points and self.count else ()
         if per_axis and count == self.count == math.prod(per_axis):

@@ -59,7 +59,7 @@ def read_parallel(path: Path, options: LoadOptions) -> Volume:
     parent = parse_vtk(path, ("PImageData", "PRectilinearGrid"))
     names = [node.get("Source", "") for node in parent.root.findall(f"{parent.kind}/Piece")]
     if not names or len(set(names)) < len(names):
-        raise expected("Piece", "pieces in a file each", f"{len(names)} in {len(set(names))} files")
+        raise expected("Piece", "one file per piece", f"{len(names)} in {len(set(names))} files")
     files = [parse_vtk(find_data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]
     parts = [_read_pieces(file) for file in files]
     pieces = [piece for piece_list, _ in parts for piece in piece_list]
@@ -292,7 +292,7 @@ def join_pieces(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray],
         return groups[0], first
     descriptions = [[(array.name, array.components, array.dtype) for array in group] for group in groups]
     if any(array != descriptions[0] for array in descriptions):
-        raise expected("pieces", "the same arrays in all", "others", "save the grid again")
+        raise expected("pieces", "the same arrays in all pieces", "different arrays", "save the grid again")
     last = [max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]
     shape = tuple(end - begin for end, begin in zip(last[::-1], first[::-1], strict=True))
     counts: Shape = tuple(cells_along(size) for size in shape) if cells else shape  # type: ignore[assignment]

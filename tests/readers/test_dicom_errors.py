@@ -276,7 +276,7 @@ def test_folders_that_hold_no_series(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="pixels"):
         sg.load(tmp_path)
     (tmp_path / "x.zip").write_bytes(b"PK\x05\x06" + bytes(18))
-    with pytest.raises(InputError, match="DICOM: expected files of slices, got none"):
+    with pytest.raises(InputError, match="DICOM: expected DICOM files, got none"):
         sg.load(tmp_path / "x.zip")
 
 

@@ -201,7 +201,7 @@ def test_segments_over_their_images(tmp_path: Path, capsys: pytest.CaptureFixtur
     seg.rename(tmp_path / "ct" / "seg.dcm")
     (note,) = sg.load(tmp_path / "ct").notes
     assert note == "segmentations in 1 files (SEG) beside the images are not drawn: --labels FILE adds one"
-    with pytest.raises(InputError, match="channel: expected none, for images"):
+    with pytest.raises(InputError, match="channel: expected no value for images"):
         sg.load(tmp_path / "ct", channel=0)
 
 
@@ -214,7 +214,7 @@ def test_what_is_no_segmentation_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="slices within 4096 planes"):
         sg.load(far)
     empty = structures(tmp_path / "c.dcm", [(1, "OPEN_PLANAR", circle(3, 0))])
-    with pytest.raises(InputError, match="closed ones in axial planes"):
+    with pytest.raises(InputError, match="closed contours in axial planes"):
         sg.load(empty)
     segmentation(tmp_path / "d.dcm", masks())
     for name in ("b.dcm", "c.dcm"):

@@ -252,7 +252,7 @@ def test_nifti_agrees_with_nibabel(tmp_path: Path) -> None:
 
 def test_nifti_without_orientation_has_no_frame(tmp_path: Path) -> None:
     volume = load(nifti(tmp_path / "letter.nii", F, oriented=False))
-    assert volume.notes == ("neither sform nor qform: the file does not say where the patient's sides are",)
+    assert volume.notes == ("no sform or qform: the file does not state the patient's orientation",)
     assert volume.frame is None and volume.origin == (0, 0, 0)
     np.testing.assert_allclose(volume.spacing, SPACING)
     np.testing.assert_array_equal(volume.direction, np.eye(3))

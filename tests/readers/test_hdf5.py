@@ -154,7 +154,7 @@ def test_data_in_other_files_are_read_where_that_is_allowed(tmp_path: Path, kind
 
 def test_filters_without_a_bound_are_refused(tmp_path: Path) -> None:
     path = save(tmp_path / "a.h5", data=F.astype("i4"), chunks=F.shape, scaleoffset=8)
-    with pytest.raises(InputError, match=r"filters: expected some of gzip, shuffle.* got 6; repack it with: h5repack"):
+    with pytest.raises(InputError, match=r"filters: expected only gzip, shuffle.* got 6; repack it with: h5repack"):
         load(path)
 
 

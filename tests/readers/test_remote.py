@@ -184,7 +184,7 @@ def test_no_server_and_no_package(folder: Path, capsys: Any, monkeypatch: Any) -
     assert main(["info", "http://127.0.0.1:9/v.zarr"]) == 2
     assert "no answer in 4 attempts: " in capsys.readouterr().err
     assert main(["info", "nonsense://a/v.zarr"]) == 2
-    assert "address: expected one that fsspec knows, got nonsense" in capsys.readouterr().err
+    assert "address: expected a protocol that fsspec knows, got nonsense" in capsys.readouterr().err
     monkeypatch.setitem(__import__("sys").modules, "fsspec", None)
     assert main(["info", "https://a.b/v.zarr"]) == 2
     assert "pip install 'splatgl[remote]'" in capsys.readouterr().err

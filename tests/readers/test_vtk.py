@@ -172,7 +172,7 @@ DAMAGE = [
         b'</Piece><Piece Extent="0 0 0 0 0 0"/>',
         b"",
         b"",
-        "expected the same arrays in all, got others",
+        "expected the same arrays in all pieces, got different arrays",
     ),
 ]
 
