@@ -220,7 +220,8 @@ class ImageRegression:
         whose = f" for {baselines.key or 'any renderer'}, only {others}" if others else ""
         line = f"no baseline{whose}: expected {relative_path(baselines.portable)}"
         self._keep(build_single_case(title, "missing", line, picture if self.report else None))
-        return f"{line}\n  look at the picture: {self._look()}\n  then make it with: {self._command()}"
+        look, update = self._advice()
+        return f"{line}\n  look at the picture: {look}\n  then make it with: {update}"
 
     def _different(self, title: str, outcomes: list[tuple[Verdict | None, Case]], baselines: Baselines) -> str:
         """Failure message, from the nearest baseline."""
@@ -235,16 +236,13 @@ class ImageRegression:
                 f"limits: {verdict.broken}",
                 f"baseline: {verdict.against}{which}",
             ]
-        return "\n  ".join([*lines, f"look at it: {self._look()}", f"if it is right: {self._command()}"])
+        look, update = self._advice()
+        return "\n  ".join([*lines, f"look at it: {look}", f"if it is right: {update}"])
 
-    def _look(self) -> str:
-        return "in the report" if self.report else f"{self._pytest()} --splatgl-report DIR"
-
-    def _command(self) -> str:
-        return f"{self._pytest()} --splatgl-update"
-
-    def _pytest(self) -> str:
-        return f"pytest {shlex.quote(self.test)}"
+    def _advice(self) -> tuple[str, str]:
+        """Where the picture can be seen, and the command that writes the baseline."""
+        command = f"pytest {shlex.quote(self.test)}"
+        return "in the report" if self.report else f"{command} --splatgl-report DIR", f"{command} --splatgl-update"
 
     def _keep(self, case: Case, written: str = "") -> None:
         self.cases.append({**case.as_dict(), "written": written})

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.volume import Triple, triple
+from splatgl.data.volume import Triple, Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE_BYTES, byte_count
 
@@ -87,6 +87,17 @@ class Lattice:
             return samples
         resampled = Resampled(samples, self.between)
         return resampled if byte_count(resampled.shape, resampled.dtype) > WHOLE_BYTES else resampled[()]
+
+    def volume(self, samples: Any, what: str, **more: Any) -> Volume:
+        """The volume of samples [z, y, x] on this grid. what: the grid's name in messages; more: fields of `Volume`."""
+        notes, unit = self.notes, self.unit
+        return volume_on_grid(self.resampled(samples), self.matrix, self.origin, what, notes=notes, unit=unit, **more)
+
+
+def volume_on_grid(samples: Any, matrix: np.ndarray, origin: Any, what: str, **more: Any) -> Volume:
+    """The volume of samples on the grid of a world-from-index matrix [3, 3] and an origin; see `Lattice.volume`."""
+    spacing, direction = spacing_and_direction(matrix, what)
+    return Volume(samples, spacing, triple(origin, what), direction, **more)
 
 
 def axis_kind(name: str, attributes: Mapping[str, Any]) -> str:

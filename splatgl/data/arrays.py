@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, axis_kind, make_lattice, spacing_and_direction, unit_name, value_unit_name
+from splatgl.data.affine import Coordinate, axis_kind, make_lattice, unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import InputError, expected
 
@@ -97,19 +97,8 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
         samples = Transposed(array, axes)
     # 2. the grid
     grid = make_lattice([_coordinate(array, name, options) for name in names], even=options.spacing is not None)
-    spacing, direction = spacing_and_direction(grid.matrix, "coordinates")
     title = str(array.name or array.attrs.get("long_name", ""))
-    unit = value_unit_name(array.attrs.get("units"))
-    return Volume(
-        grid.resampled(samples),
-        spacing,
-        triple(grid.origin, "coordinates"),
-        direction,
-        grid.unit,
-        title,
-        value_unit=unit,
-        notes=grid.notes,
-    )
+    return grid.volume(samples, "coordinates", name=title, value_unit=value_unit_name(array.attrs.get("units")))
 
 
 def _variable(x: Any, options: ArrayOptions) -> Any:
@@ -180,7 +169,6 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
     for data in levels:
         factor = np.array(finest[-3:]) / data.shape[-3:]
         scaled = matrix * factor[::-1]
-        spacing, direction = spacing_and_direction(scaled, "the layer's transform")
         # levels fill the same box
         start = origin + (scaled - matrix) @ np.full(3, 0.5)
         if lead:
@@ -188,7 +176,7 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
             is_lazy = isinstance(data, np.ndarray) or type(data).__module__.partition(".")[0] == "dask"
             data = data[lead] if is_lazy else Transposed(data, lead=lead)
         samples = check_samples(data, "layer")
-        volumes.append(Volume(samples, spacing, triple(start, "translate"), direction, unit, x.name, hints=hints))
+        volumes.append(volume_on_grid(samples, scaled, start, "transform", unit=unit, name=x.name, hints=hints))
     if kind == "Labels":
         volumes = [replace(volume, labels=()) for volume in volumes]
     first, *coarser = volumes
@@ -266,10 +254,8 @@ def of_nibabel(x: Any, options: ArrayOptions) -> Volume:
         raise expected("image", "3 axes [x, y, z]", f"{len(x.shape)} ({'×'.join(map(str, x.shape))})", fix)
     data = x.dataobj
     samples = data.T if isinstance(data, np.ndarray) else Transposed(data, (2, 1, 0))
-    spacing, direction = spacing_and_direction(x.affine[:3, :3], "affine")
-    return Volume(
-        check_samples(samples, "image"), spacing, triple(x.affine[:3, 3], "affine"), direction, "mm", frame="RAS"
-    )
+    samples = check_samples(samples, "image")
+    return volume_on_grid(samples, x.affine[:3, :3], x.affine[:3, 3], "affine", unit="mm", frame="RAS")
 
 
 Key = int | slice | tuple[int | slice, ...]

@@ -129,7 +129,31 @@ class Mesh:
 
     def cut(self, planes: Sequence[Sequence[float]]) -> Mesh:
         """The part where n · x ≥ d for all planes (n_x, n_y, n_z, d); triangles of any size are cut."""
-        return clip_mesh(self, planes)
+        rows = np.asarray(planes, np.float64).reshape(-1, 4)
+        if not len(self) or (self.vertices @ rows[:, :3].T >= rows[:, 3]).all():
+            return self
+        # per corner: position, normal, linear colour, value
+        parts = [self.vertices[self.faces], self.normals]
+        if self.colors is not None:
+            parts.append(linear_from_srgb(self.colors / 255.0)[self.faces])
+        if self.values is not None:
+            parts.append(self.values[self.faces][..., None])
+        corners = np.concatenate(parts, axis=2)
+        for *normal, place in rows:
+            corners = _clip_triangles(corners, corners[..., :3] @ np.array(normal) - place)
+        flat = corners.reshape(-1, corners.shape[2])
+        colors = None
+        if self.colors is not None:
+            colors = np.rint(srgb_from_linear(np.clip(flat[:, 6:9], 0, 1)) * 255).astype(np.uint8)
+        return replace(
+            self,
+            vertices=flat[:, :3],
+            faces=np.arange(len(flat)).reshape(-1, 3),
+            colors=colors,
+            values=None if self.values is None else flat[:, -1],
+            window=self.ranged if self.mapped else self.window,
+            corner_normals=_normalize(corners[..., 3:6]),
+        )
 
     def to_pyvista(self) -> Any:
         """A pyvista.PolyData of the triangles, and of the colours of vertices. InputError without PyVista."""
@@ -265,37 +289,6 @@ def _ring_triangles(rings: np.ndarray) -> np.ndarray:
     a = (rings[:, None] * SIDES + np.arange(SIDES)).ravel()
     b = (rings[:, None] * SIDES + (np.arange(SIDES) + 1) % SIDES).ravel()
     return np.concatenate([np.stack([a, b, b + SIDES], axis=1), np.stack([a, b + SIDES, a + SIDES], axis=1)])
-
-
-def clip_mesh(mesh: Mesh, planes: Sequence[Sequence[float]]) -> Mesh:
-    """The part where n · x ≥ d for all planes (n_x, n_y, n_z, d), open at the cut; the mesh itself if all of it is."""
-    rows = np.asarray(planes, np.float64).reshape(-1, 4)
-    if not len(mesh) or (mesh.vertices @ rows[:, :3].T >= rows[:, 3]).all():
-        return mesh
-    # per corner: position, normal, linear colour, value
-    parts = [mesh.vertices[mesh.faces], mesh.normals]
-    if mesh.colors is not None:
-        parts.append(linear_from_srgb(mesh.colors / 255.0)[mesh.faces])
-    if mesh.values is not None:
-        parts.append(mesh.values[mesh.faces][..., None])
-    corners = np.concatenate(parts, axis=2)
-    for *normal, place in rows:
-        corners = _clip_triangles(corners, corners[..., :3] @ np.array(normal) - place)
-    normals = corners[..., 3:6]
-    size = np.linalg.norm(normals, axis=2, keepdims=True)
-    flat = corners.reshape(-1, corners.shape[2])
-    colors = None
-    if mesh.colors is not None:
-        colors = np.rint(srgb_from_linear(np.clip(flat[:, 6:9], 0, 1)) * 255).astype(np.uint8)
-    return replace(
-        mesh,
-        vertices=flat[:, :3],
-        faces=np.arange(len(flat)).reshape(-1, 3),
-        colors=colors,
-        values=None if mesh.values is None else flat[:, -1],
-        window=mesh.ranged if mesh.mapped else mesh.window,
-        corner_normals=normals / np.where(size > 0, size, 1.0),
-    )
 
 
 def _clip_triangles(corners: np.ndarray, beyond: np.ndarray) -> np.ndarray:

@@ -135,7 +135,11 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
     path = source if is_address(source) else Path(source)
     try:
         with silence_libraries():
-            load_options = _options(options, given if array is None else {"array": array, **given})
+            given = given if array is None else {"array": array, **given}
+            names = [field.name for field in fields(LoadOptions)]
+            if unknown := sorted(set(given) - set(names)):
+                raise expected("options", f"some of {', '.join(names)}", ", ".join(unknown))
+            load_options = replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
             return _load_remote(str(path), load_options) if is_address(path) else _load(Path(path), load_options)
     except InputError as error:
         raise _with_path(path, error) from error.__cause__
@@ -196,14 +200,6 @@ def _with_path(path: Path | str, error: InputError) -> InputError:
     short = message if len(message) <= LINE_LIMIT else message[: LINE_LIMIT - 1] + "…"
     line = "".join(c if c.isprintable() else "?" for c in f"{path}: {short}")
     return Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line)
-
-
-def _options(options: LoadOptions | None, given: dict[str, object]) -> LoadOptions:
-    names = [field.name for field in fields(LoadOptions)]
-    unknown = sorted(set(given) - set(names))
-    if unknown:
-        raise expected("options", f"some of {', '.join(names)}", ", ".join(unknown))
-    return replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
 
 
 def _find_format(path: Path) -> Format:

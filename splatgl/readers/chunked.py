@@ -43,6 +43,25 @@ class Files(Protocol):
         ...
 
 
+class OneFile:
+    """A file that holds all chunks of an array, as `Files`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path.resolve()
+
+    def tag(self) -> str:
+        """The path, size and time of the file."""
+        status = self.path.stat()
+        return f"{self.path} {status.st_size} {status.st_mtime_ns}"
+
+    def ready(self, places: Iterable[Sequence[int]]) -> None:
+        """Does nothing: all chunks are in the file."""
+
+    def holds(self, place: Sequence[int]) -> bool:
+        """True: every chunk is in the file."""
+        return True
+
+
 class Chunked:
     """The part of a Zarr array that `index` leaves free, as samples [D, H, W]. Slices of it are numpy arrays.
 
@@ -76,34 +95,26 @@ class Chunked:
     def __getitem__(self, key: Key) -> np.ndarray:
         keys = key if isinstance(key, tuple) else (key,)
         whole = keys + (slice(None),) * (len(self.shape) - len(keys))
-        steps = [
-            range(size)[place] if isinstance(place, slice) else range(place, place + 1)
-            for size, place in zip(self.shape, whole, strict=True)
-        ]
+        sizes = zip(self.shape, whole, strict=True)
+        steps = [range(size)[at] if isinstance(at, slice) else range(at, at + 1) for size, at in sizes]
         # from the first to the last sample along each axis
-        ranges = [range(min(span), max(span) + 1) if len(span) else range(0) for span in steps]
-        result = np.empty([len(span) for span in ranges], self.dtype)
-        touched = [
-            range(span.start // chunk, (span.stop - 1) // chunk + 1) if len(span) else range(0)
-            for span, chunk in zip(ranges, self.chunks, strict=True)
-        ]
+        begin, end = [min(step, default=0) for step in steps], [max(step, default=-1) + 1 for step in steps]
+        result = np.empty([b - a for a, b in zip(begin, end, strict=True)], self.dtype)
+        touched = [range(a // size, -(-b // size)) for a, b, size in zip(begin, end, self.chunks, strict=True)]
         with self.lock:
             missing = [place for place in product(*touched) if place not in self.cache]
         self.files.ready(self._begin(place) for place in missing)
         for place in product(*touched):
             low = [n * chunk for n, chunk in zip(place, self.chunks, strict=True)]
             high = [min(a + chunk, size) for a, chunk, size in zip(low, self.chunks, self.shape, strict=True)]
-            first = [max(a, span.start) for a, span in zip(low, ranges, strict=True)]
-            last = [min(b, span.stop) for b, span in zip(high, ranges, strict=True)]
-            to = tuple(slice(a - span.start, b - span.start) for a, b, span in zip(first, last, ranges, strict=True))
-            of = tuple(slice(a - start, b - start) for a, b, start in zip(first, last, low, strict=True))
-            result[to] = self._chunk(place, low, high)[of]
-        return result[
-            tuple(
-                slice(None, None, span.step) if isinstance(place, slice) else 0
-                for place, span in zip(whole, steps, strict=True)
+            first, last = list(map(max, low, begin)), list(map(min, high, end))
+            to, of = (
+                tuple(slice(a - start, b - start) for a, b, start in zip(first, last, starts, strict=True))
+                for starts in (begin, low)
             )
-        ]
+            result[to] = self._chunk(place, low, high)[of]
+        spans = zip(whole, steps, strict=True)
+        return result[tuple(slice(None, None, step.step) if isinstance(at, slice) else 0 for at, step in spans)]
 
     def _begin(self, place: tuple[int, ...]) -> list[int]:
         """The index of a chunk's first sample, along all axes of the array."""

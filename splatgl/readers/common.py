@@ -142,31 +142,21 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
 
 def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
     """The data file `name` in the folder of `header` or below. Raises InputError for others, if not `anywhere`."""
-    path = header.parent / name.replace("\0", "?")
+    path, windows = header.parent / name.replace("\0", "?"), PureWindowsPath(name)
     if not anywhere:
-        _require_inside(header, name)
+        fix = "put both files side by side, or say --anywhere if you trust it"
+        if name.startswith(("/", "\\")) or windows.drive or ".." in windows.parts or "\0" in name:
+            raise expected("data file", "a name inside the header's folder", repr(name), fix)
+        try:
+            inside = path.resolve().is_relative_to(header.parent.resolve())
+        except (OSError, RuntimeError):
+            # a symbolic link loop
+            inside = False
+        if not inside:
+            raise expected("data file", "a file inside the header's folder", repr(name), fix)
     if not path.is_file():
         raise expected("data file", "a file beside the header", f"nothing named {name!r}", "copy it there")
     return path
-
-
-def _require_inside(header: Path, name: str) -> None:
-    fix = "put both files side by side, or say --anywhere if you trust it"
-    outside = (
-        name.startswith(("/", "\\"))
-        or PureWindowsPath(name).drive
-        or ".." in PureWindowsPath(name).parts
-        or "\0" in name
-    )
-    if outside:
-        raise expected("data file", "a name inside the header's folder", repr(name), fix)
-    try:
-        inside = (header.parent / name).resolve().is_relative_to(header.parent.resolve())
-    except (OSError, RuntimeError):
-        # a symbolic link loop
-        inside = False
-    if not inside:
-        raise expected("data file", "a file inside the header's folder", repr(name), fix)
 
 
 def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]]) -> tuple[int | slice, ...]:

@@ -30,15 +30,14 @@ from splatgl.data.affine import (
     Lattice,
     axis_kind,
     make_lattice,
-    spacing_and_direction,
     unit_name,
     value_unit_name,
 )
-from splatgl.data.volume import Volume, triple
+from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, ChannelSet
-from splatgl.readers.chunked import Chunked, Packing
+from splatgl.readers.chunked import Chunked, OneFile, Packing
 from splatgl.readers.common import (
     CHUNK_BYTES,
     DEFLATE_RATIO,
@@ -82,21 +81,16 @@ def read(path: Path, options: LoadOptions) -> Volume:
         kinds = _axis_kinds(dataset)
         axes = _find_axes(dataset.shape, kinds)
         if axes is None:
-            this = "three axes, and a first or last one of few channels"
-            raise expected(
-                dataset.name, this, _join_shape(dataset.shape), "label its dimensions, or save one part of it"
-            )
+            this, fix = "three axes, and a first or last one of few channels", "label its dimensions, or save a part"
+            raise expected(dataset.name, this, _join_shape(dataset.shape), fix)
         time = next((axis for axis in axes.others if kinds[axis] == "time"), None)
         channels = _find_channels(path, dataset, axes, time, options)
         grid = _grid(path, dataset, axes, options)
-        spacing, direction = spacing_and_direction(grid.matrix, "spacing")
 
         def read_channel(channel: int | None) -> Volume:
+            number = channel if channels.channels else options.channel_number
             extra: dict[int, tuple[str, int | None]] = {
-                axis: (
-                    "channel",
-                    (channel if channels.channels else options.channel_number) if axis in axes.others else 0,
-                )
+                axis: ("channel", number if axis in axes.others else 0)
                 for axis in range(len(dataset.shape))
                 if axis not in axes.space
             }
@@ -104,15 +98,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
                 extra[time] = ("time", options.time or 0)
             index = selection(dataset.shape, extra)
             samples: Any = read_samples(path, dataset, index, options.anywhere, _read_packing(dataset))
-            return Volume(
-                grid.resampled(_transpose(samples, axes)),
-                spacing,
-                triple(grid.origin, "origin"),
-                direction,
-                grid.unit,
-                value_unit=_value_unit(dataset),
-                notes=grid.notes,
-            )
+            return grid.volume(_transpose(samples, axes), "spacing", value_unit=_value_unit(dataset))
 
         # here the option `array` is a dataset, not a time point
         return channels.volume(replace(options, array=None), read_channel)
@@ -134,13 +120,11 @@ def list_datasets(path: Path) -> list[str]:
     """A line per dataset: name, type and shape; a star marks datasets that may be volumes."""
     with decoder_errors("HDF5"), open_hdf5(path) as file:
         nodes = find_datasets(file)
+        kinds = {name: node.dtype if has_real_numbers(node) else "no numbers" for name, node in nodes.items()}
         return [
-            f"{'*' if _is_volume(node) else ' '} {name}   {_describe_dataset(node)}" for name, node in nodes.items()
+            f"{'*' if _is_volume(node) else ' '} {name}   {kinds[name]} {_join_shape(node.shape or ())}"
+            for name, node in nodes.items()
         ]
-
-
-def _describe_dataset(node: Any) -> str:
-    return f"{node.dtype if has_real_numbers(node) else 'no numbers'} {_join_shape(node.shape or ())}"
 
 
 def _join_shape(shape: tuple[int, ...]) -> str:
@@ -517,11 +501,12 @@ def _external_error(name: str, where: str) -> InputError:
     return expected(name, "data in this file", f"data elsewhere ({where})", fix)
 
 
-class _DatasetPart:
+class _DatasetPart(OneFile):
     """A dataset for `Chunked`, and its file; each chunk is checked before HDF5 decodes it."""
 
     def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
-        self.path, self.dataset, self.index, self.packed = path.resolve(), dataset, tuple(index), packed
+        super().__init__(path)
+        self.dataset, self.index, self.packed = dataset, tuple(index), packed
         ends = zip(self.index, dataset.shape, strict=True)
         self.shape = tuple(size if isinstance(at, int) or at.stop is None else at.stop for at, size in ends)
         self.free = [size for size, at in zip(self.shape, self.index, strict=True) if isinstance(at, slice)]
@@ -575,11 +560,7 @@ class _DatasetPart:
 
     def tag(self) -> str:
         """The path, size and time of the file, and the dataset in it."""
-        status = self.path.stat()
-        return f"{self.path} {status.st_size} {status.st_mtime_ns} {self.dataset.name} {self.packed}"
-
-    def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Does nothing: all chunks are in the file."""
+        return f"{super().tag()} {self.dataset.name} {self.packed}"
 
     def holds(self, place: Sequence[int]) -> bool:
         """Whether the file may store the samples that are read together there."""

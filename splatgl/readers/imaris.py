@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import spacing_and_direction, unit_name
-from splatgl.data.volume import Volume, triple
+from splatgl.data.affine import unit_name, volume_on_grid
+from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.common import decoder_errors, grid_shape
@@ -105,9 +105,8 @@ def _read_volume(path: Path, channel: Any, image: Any, options: LoadOptions) -> 
     # 2. its box
     low, high = _read_corner(image, "ExtMin", [0, 0, 0]), _read_corner(image, "ExtMax", sizes)
     matrix = np.diag((high - low) / sizes)
-    spacing, direction = spacing_and_direction(matrix, "ExtMin and ExtMax")
     origin = low + matrix @ (0.5, 0.5, 0.5)
-    return Volume(samples, spacing, triple(origin, "ExtMin"), direction, unit_name(attribute_text(image, "Unit")))
+    return volume_on_grid(samples, matrix, origin, "ExtMin and ExtMax", unit=unit_name(attribute_text(image, "Unit")))
 
 
 def _read_corner(image: Any, name: str, default: Sequence[float]) -> np.ndarray:

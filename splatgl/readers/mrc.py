@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import spacing_and_direction
-from splatgl.data.volume import Volume, triple
+from splatgl.data.affine import volume_on_grid
+from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count
 from splatgl.readers.common import bunzip, decoder_errors, grid_shape, inflate, map_array, require_bytes, selection
@@ -47,8 +47,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     place = _axis_order(header)
     samples = samples.transpose([2 - place.index(axis) for axis in (2, 1, 0)])
     matrix, origin, unit = _grid(header, place)
-    spacing, direction = spacing_and_direction(matrix, "cell")
-    return Volume(samples, spacing, triple(origin, "origin"), direction, unit)
+    return volume_on_grid(samples, matrix, origin, "cell", unit=unit)
 
 
 def _read_header(path: Path) -> Any:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import spacing_and_direction
+from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
@@ -120,9 +120,8 @@ def _mgh_volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
         scaled = (float(getattr(proxy, "slope", 1.0)), float(getattr(proxy, "inter", 0.0))) != (1.0, 0.0)
         stored = np.asanyarray(proxy) if scaled else np.asanyarray(proxy.get_unscaled())
     samples = stored[selection(sizes, extra)].T
-    spacing, direction = spacing_and_direction(image.affine[:3, :3], "affine")
     converted = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
-    return Volume(converted, spacing, triple(image.affine[:3, 3], "affine"), direction, "mm", frame="RAS")
+    return volume_on_grid(converted, image.affine[:3, :3], image.affine[:3, 3], "affine", unit="mm", frame="RAS")
 
 
 # units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths
@@ -187,8 +186,7 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
         # a zoom of zero means unknown
         zooms = [abs(float(zoom)) or 1.0 for zoom in image.header.get_zooms()[:3]]
         return Volume(samples, triple(zooms, "pixdim"), unit=unit, notes=(UNORIENTED,))
-    spacing, direction = spacing_and_direction(image.affine[:3, :3], "affine")
-    return Volume(samples, spacing, triple(image.affine[:3, 3], "affine"), direction, unit, frame="RAS")
+    return volume_on_grid(samples, image.affine[:3, :3], image.affine[:3, 3], "affine", unit=unit, frame="RAS")
 
 
 def _sizes(image: Any) -> list[int]:

@@ -15,8 +15,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.affine import spacing_and_direction, unit_name, value_unit_name
-from splatgl.data.volume import Label, Volume, triple
+from splatgl.data.affine import unit_name, value_unit_name, volume_on_grid
+from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, split_components
@@ -137,16 +137,15 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
         # LAS to LPS: y points the other way
         matrix, origin = np.diag([1.0, -1.0, 1.0]) @ matrix, origin * (1, -1, 1)
         vectors = None if vectors is None else vectors * np.array([1, -1, 1], vectors.dtype)
-    spacing, direction = spacing_and_direction(matrix, "space directions")
     frame = "LPS" if space_name in _LEFT_ANTERIOR else _FRAMES.get(space_name)
     if space_name.startswith("scanner"):
         notes = (*notes, f"space {space_name}: the file does not state the patient's orientation")
-    return Volume(
+    return volume_on_grid(
         samples,
-        spacing,
-        triple(origin, "space origin"),
-        direction,
-        _unit(header, space),
+        matrix,
+        origin,
+        "space directions and origin",
+        unit=_unit(header, space),
         frame=frame,
         color=color,
         vectors=vectors,

@@ -21,11 +21,10 @@ from splatgl.data.affine import (
     Coordinate,
     axis_kind,
     make_lattice,
-    spacing_and_direction,
     unit_name,
     value_unit_name,
 )
-from splatgl.data.volume import Hints, Label, Triple, Volume, triple
+from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import (
@@ -379,17 +378,8 @@ def _read_volume(
     # 3. its grid
     if multiscale is None:
         grid = make_lattice(read_coordinates(group, node, names), even=options.spacing is not None)
-        spacing, direction = spacing_and_direction(grid.matrix, "coordinates")
         unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
-        return Volume(
-            grid.resampled(samples),
-            spacing,
-            triple(grid.origin, "origin"),
-            direction,
-            grid.unit,
-            value_unit="" if unit_name(unit) in METRES else unit,
-            notes=grid.notes,
-        )
+        return grid.volume(samples, "coordinates", value_unit="" if unit_name(unit) in METRES else unit)
     spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
     return Volume(samples, spacing, origin, unit=_unit(multiscale))
 

@@ -110,7 +110,9 @@ class Remote:
 
     def renew(self, names: Sequence[str]) -> list[bytes | None]:
         """The current contents of metadata files, None for missing ones; changes remove all outdated copies."""
-        before = {name: _read(self.path(name)) for name in names}
+        copies = {name: self.path(name) for name in names}
+        known = {name: copy.is_file() and copy.stat().st_size <= MOST_METADATA for name, copy in copies.items()}
+        before = {name: copy.read_bytes() if known[name] else None for name, copy in copies.items()}
         after = self._asked(names)
         self.metadata |= after
         self.absent |= {name for name, data in after.items() if data is None}
@@ -162,10 +164,6 @@ class Remote:
 def _short_message(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= MOST_MESSAGE else text[: MOST_MESSAGE - 1] + "…"
-
-
-def _read(path: Path) -> bytes | None:
-    return path.read_bytes() if path.is_file() and path.stat().st_size <= MOST_METADATA else None
 
 
 def _write(path: Path, data: bytes) -> None:

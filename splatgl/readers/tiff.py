@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +24,7 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
 from splatgl.readers.channels import mark_microscope
-from splatgl.readers.chunked import Chunked, TransposedChunks
+from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
 from splatgl.readers.common import MAX_BYTES, decoder_errors, map_array, require_bytes, require_plausible, selection
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
@@ -397,21 +397,16 @@ def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> n
 def _grid(image: _Image) -> Grid:
     if image.pixels is not None:
         return _ome_grid(image.pixels)
-    if image.tiff.imagej_metadata:
-        return _imagej_grid(image.tiff)
+    if metadata := image.tiff.imagej_metadata:
+        # samples per unit are in the resolution tags, spacing of planes and unit in the metadata
+        tags = image.tiff.pages[0].tags
+        per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
+        x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
+        return (x, y, abs(float(metadata.get("spacing", 1.0))) or 1.0), unit_name(str(metadata.get("unit", "")))
     if image.survey is not None and image.survey.step is not None:
         x, y = image.survey.step
         return (x, y, min(x, y)), image.survey.unit
     return (1.0, 1.0, 1.0), ""
-
-
-def _imagej_grid(tiff: Any) -> Grid:
-    """ImageJ's grid: samples per unit in the resolution tags, spacing of planes and unit in its metadata."""
-    tags, metadata = tiff.pages[0].tags, tiff.imagej_metadata
-    per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
-    x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
-    z = abs(float(metadata.get("spacing", 1.0))) or 1.0
-    return (x, y, z), unit_name(str(metadata.get("unit", "")))
 
 
 def _ome_grid(pixels: Element) -> Grid:
@@ -446,7 +441,7 @@ def read_in_parts(
     an axis that the series lacks has one entry. The file stays open as long as one part lives.
     """
     zarr = import_extra("zarr", "multiscale TIFF files", "zarr", "readers")
-    file = _OneFile(path)
+    file = _OpenTiff(path)
     with decoder_errors("TIFF"):
         series = file.tiff.series[place]
         for level in levels:
@@ -458,21 +453,10 @@ def read_in_parts(
     return [Chunked(str(path), array, index, file, "TIFF") for array in turned]
 
 
-class _OneFile:
-    """An open file that holds all chunks."""
+class _OpenTiff(OneFile):
+    """A TIFF file that is open as long as this object lives."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.tiff = path.resolve(), open_tiff(path)
+        super().__init__(path)
+        self.tiff = open_tiff(path)
         weakref.finalize(self, self.tiff.close)
-
-    def tag(self) -> str:
-        """The path, size and time of the file."""
-        status = self.path.stat()
-        return f"{self.path} {status.st_size} {status.st_mtime_ns}"
-
-    def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Does nothing: all chunks are in the file."""
-
-    def holds(self, place: Sequence[int]) -> bool:
-        """True: every chunk is in the file."""
-        return True

@@ -79,7 +79,9 @@ def _read_pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
     nodes = file.root.findall(f"{file.kind}/Piece")
     if owner is None or not nodes:
         raise expected("Piece", "one or more", "none")
-    extents = [read_extent(node if node.get("Extent") else owner) for node in nodes]
+    # lowest and highest index of points along x, y, z
+    texts = [(node, "Extent") if node.get("Extent") else (owner, "WholeExtent") for node in nodes]
+    extents = [[int(number) for number in parse_numbers(element, name, "", 6)] for element, name in texts]
     filled = [n for n, extent in enumerate(extents) if all(extent[a + 1] >= extent[a] for a in (0, 2, 4))] or [0]
     pieces = [_read_piece(file, nodes[n], extents[n]) for n in filled]
     axes = [_read_coordinates(file, nodes[n], piece) for n, piece in zip(filled, pieces, strict=True)]
@@ -484,12 +486,6 @@ def _read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
     else:
         raise expected(f"DataArray {name}", "format ascii, binary or appended (with data)", kind)
     return PointArray(name, components, components == 3 and dtype.kind == "f", read, dtype)
-
-
-def read_extent(element: Element) -> list[int]:
-    """Lowest and highest index of points along x, y, z: six numbers."""
-    name = "Extent" if element.get("Extent") else "WholeExtent"
-    return [int(number) for number in parse_numbers(element, name, "", 6)]
 
 
 def parse_numbers(element: Element, name: str, default: str, count: int) -> list[float]:
