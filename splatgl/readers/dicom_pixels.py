@@ -160,7 +160,7 @@ def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
 
     if decoder.is_encapsulated:
         if header.syntax != RLE:
-            _check_stream(data, header)
+            check_picture(data, *header.size, exact=True)
         data = encapsulate([data], has_bot=False)
     wide = "OB" if header.allocated <= 8 else "OW"
     plain = {"bits_stored": header.stored[0] or header.allocated} if header.stored[0] else {}
@@ -169,13 +169,14 @@ def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
     return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
 
 
-def _check_stream(data: bytes, header: Header) -> None:
-    """Raises InputError if a JPEG or JPEG 2000 picture has another size than the header states, or too many tiles."""
-    size, tiles = picture_size(data)
-    if size != header.size or not 1 <= tiles <= MOST_TILES:
-        rows, columns = header.size
+def check_picture(data: bytes, rows: int, columns: int, exact: bool = False) -> None:
+    """Raises InputError for a JPEG or JPEG 2000 picture that is larger (or not `exact`ly as large) or of many tiles."""
+    size, tiles = picture_size(bytes(data))
+    fits = bool(size) and (size == (rows, columns) if exact else size[0] <= rows and size[1] <= columns)
+    if not fits or not 1 <= tiles <= MOST_TILES:
+        this = f"{columns} × {rows} pixels" + ("" if exact else " at most")
         got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
-        raise expected("compressed picture", f"{columns} × {rows} pixels", got, "the file is damaged")
+        raise expected("compressed picture", this, got, "the file is damaged")
 
 
 def _to_rgb(array: np.ndarray, header: Header, tags: Any) -> np.ndarray:

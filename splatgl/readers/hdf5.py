@@ -232,8 +232,13 @@ def _read_packing(dataset: Any) -> Packing | None:
 
 def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattice:
     """The grid of the axes of space."""
-    scales = _find_scales(dataset, axes)
+    # the dimension scales of the axes of space, None for an axis without a number per sample
     sizes = [dataset.shape[axis] for axis in axes.space]
+    all_scales = dimension_scales(dataset) or [None] * len(dataset.shape)
+    scales = [
+        all_scales[axis] if _is_scale(all_scales[axis], size) else None
+        for axis, size in zip(axes.space, sizes, strict=True)
+    ]
     plain = [Coordinate(name, size) for name, size in zip("zyx", sizes, strict=True)]
     for name in () if all(scale is not None for scale in scales) else _SPACINGS:
         steps = _steps(attribute_numbers(dataset, name), len(dataset.shape), axes)
@@ -281,15 +286,6 @@ def _value_unit(dataset: Any) -> str:
     """The unit of values; "" for a length, which may be the grid's."""
     unit = attribute_text(dataset, "units") or attribute_text(dataset, "unit")
     return "" if unit_name(unit) in METRES else value_unit_name(unit)
-
-
-def _find_scales(dataset: Any, axes: _Axes) -> list[Any]:
-    """The dimension scales of the axes of space, None for an axis without a number per sample."""
-    scales = dimension_scales(dataset)
-    return [
-        scales[axis] if axis < len(scales) and _is_scale(scales[axis], dataset.shape[axis]) else None
-        for axis in axes.space
-    ]
 
 
 def _is_scale(scale: Any, size: int) -> bool:

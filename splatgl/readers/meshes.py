@@ -275,15 +275,14 @@ def select_numbers(file: VtkXml, piece: Element, counts: tuple[int, int], array:
             *(item for item in shown if item[0].components == 1),
         ]
         chosen = next(iter(order), None)
-    return None if chosen is None else _read_numbers(*chosen)
-
-
-def _read_numbers(array: PointArray, of_cells: bool) -> Numbers:
-    rows = array.read().reshape(-1, array.components)
-    if array.dtype == np.uint8 and array.components in (3, 4):
-        return Numbers(array.name, None, rows[:, :3], of_cells)
-    values = rows[:, 0] if array.components == 1 else np.linalg.norm(rows.astype(np.float64), axis=1)
-    return Numbers(array.name, values.astype(np.float64), None, of_cells)
+    if chosen is None:
+        return None
+    source, of_cells = chosen
+    rows = source.read().reshape(-1, source.components)
+    if source.dtype == np.uint8 and source.components in (3, 4):
+        return Numbers(source.name, None, rows[:, :3], of_cells)
+    values = rows[:, 0] if source.components == 1 else np.linalg.norm(rows.astype(np.float64), axis=1)
+    return Numbers(source.name, values.astype(np.float64), None, of_cells)
 
 
 def select_ply_numbers(raw: Any, array: str | None) -> Numbers | None:

@@ -54,7 +54,8 @@ def _read_header(path: Path) -> Any:
     utils = import_extra("mrcfile.utils", "MRC files", "mrcfile", "readers")
     layout = import_extra("mrcfile.dtypes", "MRC files", "mrcfile", "readers").HEADER_DTYPE
     with decoder_errors("MRC"):
-        with _open_file(path) as file:
+        opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(path.suffix.lower(), open)
+        with opener(path, "rb") as file:
             first = file.read(_HEADER)
         require_bytes(_HEADER, len(first), "header")
         header = np.frombuffer(first, layout)[0]
@@ -67,11 +68,6 @@ def _read_header(path: Path) -> Any:
     if int(header["mode"]) not in _REAL:
         raise expected("mode", f"one of {', '.join(map(str, _REAL))}", int(header["mode"]), "is this an MRC file?")
     return header
-
-
-def _open_file(path: Path) -> Any:
-    name = path.name.lower()
-    return gzip.open(path) if name.endswith(".gz") else bz2.open(path) if name.endswith(".bz2") else path.open("rb")
 
 
 def _dtype(header: Any) -> np.dtype:

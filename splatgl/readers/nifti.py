@@ -150,17 +150,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 def volume_of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` returns it."""
-    volume = _time_points(image).volume(options, lambda _: _volume(image, options))
-    is_labels = int(image.header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
-    return replace(volume, labels=()) if is_labels else volume
-
-
-def _time_points(image: Any) -> ChannelSet:
-    """The time points, pixdim[4] apart."""
+    # time points, pixdim[4] apart
     sizes, zooms = _sizes(image), image.header.get_zooms()
     unit = _TIMES.get(int(image.header["xyzt_units"]) & 56, 0.0)
     step = float(zooms[3]) * unit if len(zooms) > 3 else 0.0
-    return ChannelSet(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
+    times = ChannelSet(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
+    volume = times.volume(options, lambda _: _volume(image, options))
+    is_labels = int(image.header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
+    return replace(volume, labels=()) if is_labels else volume
 
 
 def _volume(image: Any, options: LoadOptions) -> Volume:

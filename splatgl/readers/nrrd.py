@@ -130,8 +130,10 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
         place = last - whole[0] - sum(axis < last - whole[0] for axis in extra)
         samples, color, vectors = split_components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
     matrix, origin, notes = _grid(header, space)
-    if vectors is not None:
-        vectors = _to_world(vectors, header)
+    rotation: Any = header.get("measurement frame")
+    if vectors is not None and np.shape(rotation) == (3, 3) and np.isfinite(rotation).all():
+        # the rows of the field are the columns of the matrix
+        vectors = np.asarray(vectors @ np.asarray(rotation, np.float32))
     space_name = str(header.get("space", "")).lower()
     if space_name in _LEFT_ANTERIOR:
         # LAS to LPS: y points the other way
@@ -206,15 +208,6 @@ def _layer_name(segments: list[tuple[int, Label]], layer: int) -> str:
     """The names of a layer's segments if they are few, else its number."""
     names = [label.name for at, label in segments if at == layer]
     return ", ".join(names) if 0 < len(names) < 4 and all(names) else f"layer {layer}"
-
-
-def _to_world(vectors: np.ndarray, header: Header) -> np.ndarray:
-    """Vectors in the world, rotated by the measurement frame, if any."""
-    frame = header.get("measurement frame")
-    if frame is None or np.shape(frame) != (3, 3) or not np.isfinite(frame).all():
-        return vectors
-    # the field's vectors are the columns of the matrix
-    return np.asarray(vectors @ np.asarray(frame, np.float32))
 
 
 def _read_header(path: Path) -> tuple[Header, int]:

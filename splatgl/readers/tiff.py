@@ -165,7 +165,9 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     def read_one(channel: int | None) -> Volume:
         whole = _is_rgb(series) and (channel is None or _is_channelled(series))
         index = _index(series, z, replace(options, channel=0 if channel is None and whole else channel))
-        here = index if pixels is None else _index_of(pixels, index)
+        # the pixels may be of one time point only
+        sizes = zip(index, series.shape if pixels is None else pixels.shape, strict=True)
+        here = tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in sizes)
         (samples,) = (
             read_in_parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
         )
@@ -370,11 +372,6 @@ def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, 
         option = "time" if letter == "T" else "channel" if letter in "CS" else "array"
         extra[axis] = (option, entry if axis in series.long else 0)
     return selection(series.shape, extra)
-
-
-def _index_of(pixels: np.ndarray, index: tuple[int | slice, ...]) -> tuple[int | slice, ...]:
-    """The index for pixels that may be of one time point only."""
-    return tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in zip(index, pixels.shape, strict=True))
 
 
 def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:

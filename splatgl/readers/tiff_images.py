@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -149,7 +149,10 @@ def read_survey(page: Any) -> Survey | None:
     tags = {code: page.tags[code].value for code in (SCALE, TIE, MATRIX, KEYS, METADATA, NODATA) if code in page.tags}
     if not tags:
         return None
-    keys = _geo_keys(tags.get(KEYS, ()))
+    # four numbers a key behind a header of four; keys with short values have the place 0 (GeoTIFF 1.1 §7.1)
+    values = tags.get(KEYS, ())
+    rows = [tuple(values[n : n + 4]) for n in range(4, len(values) - 3, 4)]
+    keys = {int(key): int(value) for key, place, _, value in rows if place == 0}
     items = _gdal_items(str(tags.get(METADATA, "")))
     step, top = _pixel_size(tags)
     length = EPSG_METRES.get(keys.get(LINEAR, 9001), 1.0)
@@ -179,12 +182,6 @@ def _pixel_size(tags: Mapping[int, Any]) -> tuple[tuple[float, float] | None, fl
     else:
         return None, 0.0
     return ((x, y) if 0 < x < 1e12 and 0 < y < 1e12 else None), top
-
-
-def _geo_keys(values: Sequence[int]) -> dict[int, int]:
-    """Keys with short values: four numbers each behind a header of four (GeoTIFF 1.1 §7.1)."""
-    rows = [tuple(values[n : n + 4]) for n in range(4, len(values) - 3, 4)]
-    return {int(key): int(value) for key, place, _, value in rows if place == 0}
 
 
 def _gdal_items(text: str) -> dict[str, str]:

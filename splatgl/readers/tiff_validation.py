@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
+from splatgl.readers.dicom_pixels import check_picture
 
 # most planes of a series: a list of them takes memory, even if they are not in the file
 MAX_PLANES = 2**20
@@ -157,14 +157,6 @@ class _CheckedDecoder:
         if data is not None:
             self.check(data)
         return self.decode(data, index, **given)
-
-
-def check_picture(data: bytes, rows: int, columns: int) -> None:
-    """Raises InputError for a strip or tile that states a picture larger than `rows` × `columns`."""
-    size, tiles = picture_size(bytes(data))
-    if not size or size[0] > rows or size[1] > columns or tiles > MOST_TILES:
-        got = f"{size[1]} × {size[0]} in {tiles} tiles" if size else "none"
-        raise expected("picture in a strip", f"{columns} × {rows} pixels at most", got, "the file is damaged")
 
 
 def check_lzw(data: bytes, reversed_bits: bool = False) -> None:

@@ -250,7 +250,7 @@ HOSTILE = {
     "tiff jpeg": (
         "a.tif",
         pages([*TAGS, (258, 3, 1, 8), (259, 3, 1, 7), (262, 3, 1, 1)]) + b"9" * 99,
-        "picture in a strip: expected 1 × 1 pixels at most, got none",
+        "compressed picture: expected 1 × 1 pixels at most, got none",
     ),
     "tiff strips": (
         "a.tif",

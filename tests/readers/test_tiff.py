@@ -119,7 +119,7 @@ def test_a_picture_in_a_strip_may_not_be_larger_than_that(tmp_path: Path) -> Non
     assert struct.unpack_from(">HH", data, at + 5) == (32, 32)
     struct.pack_into(">HH", data, at + 5, 60000, 60000)
     path.write_bytes(data)
-    with pytest.raises(InputError, match="picture in a strip: expected 32 × 32 pixels at most, got 60000 × 60000"):
+    with pytest.raises(InputError, match="compressed picture: expected 32 × 32 pixels at most, got 60000 × 60000"):
         load(path)
 
 
