@@ -270,7 +270,7 @@ def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Im
 
 
 def _encode_pillow(image: PillowImage) -> bytes:
-    """The bytes of a PNG of Pillow's image. Raises InputError for modes that PNG has not."""
+    """The bytes of a PNG of Pillow's image. Raises InputError for modes that PNG lacks."""
     file = BytesIO()
     try:
         image.save(file, "PNG")

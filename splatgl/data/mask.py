@@ -152,7 +152,7 @@ def apply_mask(volume: Volume, mask: Mask) -> Volume:
     result = replace(masked, notes=(*volume.notes, *of_mask, note))
     result = with_parts(result, lambda part: replace(part, masks=(*part.masks, mask)))
     # reuse the mask that was computed above
-    vars(result).update({name: value for name, value in vars(masked).items() if name == "_kept"})
+    vars(result).update({name: value for name, value in vars(masked).items() if name == "_cached_mask"})
     return result
 
 

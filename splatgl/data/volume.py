@@ -178,14 +178,14 @@ class Volume:
     def kept(self, low: Places, high: Places) -> np.ndarray:
         """bool: whether all masks keep each voxel low ≤ (z, y, x) < high; True without masks."""
         if self.masks and self.count <= MAX_CACHED:
-            return np.asarray(self._kept[tuple(map(slice, low, high))])
-        return self._looked_up(low, high)
+            return np.asarray(self._cached_mask[tuple(map(slice, low, high))])
+        return self._combine_masks(low, high)
 
     @cached_property
-    def _kept(self) -> np.ndarray:
-        return self._looked_up((0, 0, 0), self.shape)
+    def _cached_mask(self) -> np.ndarray:
+        return self._combine_masks((0, 0, 0), self.shape)
 
-    def _looked_up(self, low: Places, high: Places) -> np.ndarray:
+    def _combine_masks(self, low: Places, high: Places) -> np.ndarray:
         inside = np.ones([b - a for a, b in zip(low, high, strict=True)], bool)
         for mask in self.masks:
             inside &= mask.keeps(self, low, high)

@@ -52,7 +52,7 @@ class ChannelSet:
     step: float | None = None
     components: int = 1
 
-    def chosen(self, options: LoadOptions) -> list[int | None]:
+    def select(self, options: LoadOptions) -> list[int | None]:
         """Numbers of the selected channels; [None]: the file has only one. Raises Choice if one has to be picked."""
         count, requested = len(self.channels), options.channel
         if count < 2:
@@ -89,7 +89,7 @@ class ChannelSet:
         if options.time is not None and options.time >= self.times:
             this = f"a number from 0 to {self.times - 1}" if self.times > 1 else "a file of several time points"
             raise expected("time", this, options.time)
-        numbers = self.chosen(options)
+        numbers = self.select(options)
         volumes = [self._named(read(number), number) for number in numbers]
         notes = volumes[0].notes
         if self.times > 1 and options.time is None and options.array is None:

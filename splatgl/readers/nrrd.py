@@ -112,7 +112,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 
 def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadOptions, entry: int | None) -> Volume:
-    """The volume of stored samples. asked: the entry along axes that are neither space nor time."""
+    """The volume of stored samples. entry: along axes that are neither space nor time."""
     sizes, last = [int(size) for size in header["sizes"]], len(kinds) - 1
     space = _space_axes(header, sizes)
     others = [axis for axis in range(len(sizes)) if axis not in space]

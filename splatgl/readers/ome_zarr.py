@@ -59,7 +59,7 @@ def dimension_names(node: Any) -> list[str]:
 
 
 def read_coordinates(group: Any, node: Any, names: Sequence[str]) -> list[Coordinate]:
-    """Coordinates along z, y and x: of the arrays beside the array that have the dimensions' names (xarray, CF)."""
+    """Coordinates along z, y and x, from arrays with the dimensions' names (xarray, CF)."""
     dimensions = dimension_names(node)
     coordinates = []
     for name in ("z", "y", "x"):
@@ -235,7 +235,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         levels = multiscale["datasets"] if multiscale else []
         if remote:
             names = [entry["path"] for entry in levels] + ([options.array] if options.array else [])
-            remote.renew([f"{group.path}/{name}/{file}".lstrip("/") for name in names for file in METADATA])
+            remote.refresh([f"{group.path}/{name}/{file}".lstrip("/") for name in names for file in METADATA])
         nodes = [_select_level(group, multiscale, options)]
         if multiscale is not None and options.array is None and options.level is None:
             others = [group.get(entry["path"]) for entry in levels[1:]]
@@ -271,7 +271,7 @@ def _with_stored_colors(path: Path, group: Any, node: Any, volume: Volume, remot
         return volume
     name = f"{metadata['color']}/{node.path.rsplit('/', 1)[-1]}"
     if remote:
-        remote.renew([f"{name}/{file}" for file in METADATA])
+        remote.refresh([f"{name}/{file}" for file in METADATA])
     color = group[name]
     files = check_array(path, color, False, remote.fetch if remote else None)
     hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(metadata["unit"]), shading=bool(metadata["shading"]))
@@ -295,7 +295,7 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
         attributes = group.attrs.asdict()
         if "bioformats2raw.layout" not in attributes.get("ome", attributes):
             return group, options, ()
-        remote.renew([f"0/{image}" for image in METADATA])
+        remote.refresh([f"0/{image}" for image in METADATA])
         node = group.get("0")
         return (node, options, ()) if isinstance(node, zarr.Group) else (group, options, ())
     images = _find_images(group)

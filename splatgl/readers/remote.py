@@ -80,7 +80,7 @@ class Remote:
     def fetch(self, names: Sequence[str]) -> None:
         """Fetches files of a store that are not copied yet, in parallel; files that do not exist are remembered."""
         waiting = [name for name in names if not (name in self.absent or self.path(name).is_file())]
-        for name, data in self._asked(waiting).items():
+        for name, data in self._read_files(waiting).items():
             if data is None:
                 self.absent.add(name)
             else:
@@ -91,29 +91,29 @@ class Remote:
 
     def file(self) -> Path:
         """The copy of the single file, fetched unless there is one of the same size and tag."""
-        info = self._tried(lambda: self.files.info(self.root))
+        info = self._retry(lambda: self.files.info(self.root))
         tag = "".join(str(info.get(key, "")) for key in ("size", "ETag", "Last-Modified", "LastModified", "mtime"))
         place = self.folder / hashlib.sha256(tag.encode()).hexdigest()[:16] / address_name(self.root)
         if not place.is_file():
             shutil.rmtree(self.folder, ignore_errors=True)
             place.parent.mkdir(parents=True)
             part = place.with_name(f".{shorten_name(place.name)}.part")
-            self._tried(lambda: self.files.get_file(self.root, str(part)))
+            self._retry(lambda: self.files.get_file(self.root, str(part)))
             part.replace(place)
         return place
 
     def store(self) -> Path:
         """The copy of the Zarr store with its current metadata; chunks are fetched when needed."""
-        if not any(self.renew(METADATA)):
+        if not any(self.refresh(METADATA)):
             raise expected("address", "a file, or a Zarr store", "none", "check it")
         return self.folder
 
-    def renew(self, names: Sequence[str]) -> list[bytes | None]:
+    def refresh(self, names: Sequence[str]) -> list[bytes | None]:
         """The current contents of metadata files, None for missing ones; changes remove all outdated copies."""
         copies = {name: self.path(name) for name in names}
         known = {name: copy.is_file() and copy.stat().st_size <= MOST_METADATA for name, copy in copies.items()}
         before = {name: copy.read_bytes() if known[name] else None for name, copy in copies.items()}
-        after = self._asked(names)
+        after = self._read_files(names)
         self.metadata |= after
         self.absent |= {name for name, data in after.items() if data is None}
         if any(before.values()) and before != after:
@@ -123,7 +123,7 @@ class Remote:
                 _write(self.path(name), data)
         return list(after.values())
 
-    def _asked(self, names: Sequence[str]) -> dict[str, bytes | None]:
+    def _read_files(self, names: Sequence[str]) -> dict[str, bytes | None]:
         """The contents of files, None for missing ones."""
         contents: dict[str, bytes | None] = {}
         addresses = {f"{self.root.rstrip('/')}/{name}": name for name in names}
@@ -141,10 +141,10 @@ class Remote:
             if failed:
                 raise failed
 
-        self._tried(ask)
+        self._retry(ask)
         return contents
 
-    def _tried(self, ask: Any) -> Any:
+    def _retry(self, ask: Any) -> Any:
         """The answer, after several attempts. Raises InputError without an answer."""
         for attempt in range(ATTEMPTS):
             try:

@@ -230,7 +230,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "SR": (lambda path: without_pixels(path, "SR", "1.2.840.10008.5.1.4.1.1.88.11"), "a report, without an image"),
     "RTSTRUCT": (
         lambda path: without_pixels(path, "RTSTRUCT", "1.2.840.10008.5.1.4.1.1.481.3"),
-        "contours: expected some",
+        "contours: expected at least one",
     ),
     "SEG": (lambda path: without_pixels(path, "SEG", "1.2.840.10008.5.1.4.1.1.66.4"), "segments: expected 1 to"),
     "DICOMDIR": (lambda path: without_pixels(path, "", "1.2.840.10008.1.3.10"), "name the folder that it is in"),

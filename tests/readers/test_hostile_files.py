@@ -209,7 +209,7 @@ HOSTILE = {
     "mha more": ("a.mha", good.meta("LOCAL", b"1\n" * (seed_files.CUBE.size + 1), binary=False), "got more"),
     # numbers that would go back, on and on, or beyond
     "vtk table": ("a.vtk", VTK + seed_files.RAW + b"\nLOOKUP_TABLE x -10\n", "entries: expected zero or more, got -40"),
-    "vtk twice": ("a.vtk", VTK.replace(b"SCALARS", b"DIMENSIONS 1 1 1\nSCALARS") + seed_files.RAW, "ahead of the data"),
+    "vtk twice": ("a.vtk", VTK.replace(b"SCALARS", b"DIMENSIONS 1 1 1\nSCALARS") + seed_files.RAW, "before the data"),
     "nrrd lines": (
         "a.nrrd",
         NRRD("raw", seed_files.RAW, more="line skip: 9223372036854775807\n"),

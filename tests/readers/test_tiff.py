@@ -186,7 +186,7 @@ def test_units_of_geotiff(tmp_path: Path) -> None:
     assert volume.spacing[:2] == pytest.approx((metres * np.cos(np.radians(middle)), metres))
     assert volume.notes == ("degrees are drawn as metres at latitude 46.97°",)
     assert load(tmp_path / "a.tif", relief=500.0).spacing[2] == pytest.approx(500 / 102)
-    with pytest.raises(InputError, match="relief: expected none beside spacing"):
+    with pytest.raises(InputError, match="relief: expected no value beside spacing"):
         load(tmp_path / "a.tif", relief=500.0, spacing=(1, 1, 1))
 
 

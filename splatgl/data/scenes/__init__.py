@@ -69,19 +69,19 @@ def sinusoids_at(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def marschner_lobb() -> Volume:
     """The test signal of Marschner & Lobb on their grid: float32, 40³ samples."""
-    return _sampled("marschner-lobb", MARSCHNER_LOBB_SIZE, 1, ((0.4, 0.0), (0.6, 0.6)))
+    return _sample_formula("marschner-lobb", MARSCHNER_LOBB_SIZE, 1, ((0.4, 0.0), (0.6, 0.6)))
 
 
 def balls() -> Volume:
     """Two soft balls: float32, 48³ samples."""
-    return _sampled("balls", SIZE, 1, ((0.3, 0.0), (0.7, 0.6)))
+    return _sample_formula("balls", SIZE, 1, ((0.3, 0.0), (0.7, 0.6)))
 
 
 def sinusoids(ratio: int = 1) -> Volume:
     """A product of sinusoids: float32, 48×48 samples in at least two slices about `ratio` steps apart."""
     if not 1 <= ratio <= SIZE // 2:
         raise expected("ratio", f"a number from 1 to {SIZE // 2}", ratio)
-    return _sampled("sinusoids" if ratio == 1 else f"sinusoids-{ratio}", SIZE, ratio, ((0.5, 0.0), (0.8, 0.5)))
+    return _sample_formula("sinusoids" if ratio == 1 else f"sinusoids-{ratio}", SIZE, ratio, ((0.5, 0.0), (0.8, 0.5)))
 
 
 # formulas by scene
@@ -93,7 +93,7 @@ FORMULAS: dict[str, Formula] = {
 }
 
 
-def _sampled(name: str, size: int, ratio: int, points: tuple[tuple[float, float], ...]) -> Volume:
+def _sample_formula(name: str, size: int, ratio: int, points: tuple[tuple[float, float], ...]) -> Volume:
     """Samples of the formula on the cube, whose faces hold the outer ones; opacities per spacing along x."""
     formula = FORMULAS[name.removesuffix(f"-{ratio}")]
     z, y, x = np.meshgrid(*(np.linspace(-HALF, HALF, count) for count in (size // ratio, size, size)), indexing="ij")

@@ -69,7 +69,7 @@ def nerve(seed: int = 11) -> Volume:
         elevation=66.0,
         fov=40.0,
     )
-    return Volume(_exposed(light, rng), name="nerve", hints=hints)
+    return Volume(_expose(light, rng), name="nerve", hints=hints)
 
 
 def _cell(rng: np.random.Generator) -> list[Capsule]:
@@ -107,7 +107,7 @@ def _grow(sprout: Sprout, rng: np.random.Generator, capsules: list[Capsule], lea
             # a step, mostly straight
             drift = MEMORY * drift + rng.normal(0.0, WANDER, 3) * (1.0, 1.0, FLATNESS)
             jitter = rng.normal(0.0, JITTER, 3) * (1.0, 1.0, FLATNESS)
-            heading = _turned(place, heading + drift + jitter + OUTWARD * _unit(place - BODY))
+            heading = _bend(place, heading + drift + jitter + OUTWARD * _unit(place - BODY))
             ahead, thinner = place + STEP * heading, radius * branch.taper
             if not ((ahead > 4.0) & (ahead < np.array(NERVE_SHAPE[::-1]) - 5.0)).all():
                 break
@@ -126,7 +126,7 @@ def _grow(sprout: Sprout, rng: np.random.Generator, capsules: list[Capsule], lea
                 travelled = 0
 
 
-def _turned(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
+def _bend(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """A unit heading, bent smoothly towards the middle plane near the top and the bottom."""
     middle, reach = NERVE_SHAPE[0] / 2, NERVE_SHAPE[0] / 2 - MARGIN
     heading = heading - np.array([0.0, 0.0, 0.25]) * np.clip((place[2] - middle) / reach, -1, 1) ** 3
@@ -190,7 +190,7 @@ def _edge(depth: np.ndarray) -> np.ndarray:
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
-def _exposed(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _expose(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """uint8 grey levels: signal with shot noise, and dark noise everywhere."""
     chances = rng.integers(0, 256, light.shape, dtype=np.uint8)
     # dark noise from a table: exponential, as for few photons

@@ -69,18 +69,18 @@ def terrain(seed: int = 7) -> Volume:
 
 def _heights(rng: np.random.Generator) -> np.ndarray:
     """Ground heights [y, x] in voxels: uplifted land after erosion, with fine noise on steep slopes."""
-    worn = _worn(*(_fractal(rng, LONGEST)[::CELL, ::CELL] for _ in range(2)))
+    worn = _erode(*(_fractal(rng, LONGEST)[::CELL, ::CELL] for _ in range(2)))
     worn = np.roll(worn, SHIFT // CELL, axis=0)
     relief = (worn / np.quantile(worn, SUMMITS)) ** FLATTENED
-    land = WATER - 1.0 + (PEAK - WATER) * _enlarged(np.minimum(relief, 1.0))
+    land = WATER - 1.0 + (PEAK - WATER) * _upsample(np.minimum(relief, 1.0))
 
     # fine noise on slopes; the lake bed deepens away from the shores
     dy, dx = np.gradient(land)
     land = land + ROUGHNESS * np.minimum(np.hypot(dx, dy), 2.0) * _fractal(rng, FINE)
-    return np.asarray(land - LAKE_DEPTH * _enlarged((worn <= 0).astype(np.float64)) ** 2)
+    return np.asarray(land - LAKE_DEPTH * _upsample((worn <= 0).astype(np.float64)) ** 2)
 
 
-def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
+def _erode(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
     """Land (periodic, [y, x], unit variance) after ROUNDS of uplift and erosion by each cell's drainage."""
     here = np.arange(land.size)
     shifts = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
@@ -100,13 +100,13 @@ def _worn(land: np.ndarray, rise: np.ndarray) -> np.ndarray:
         h = np.where(pit, neighbours.min(axis=0) + PIT_FILL, h)
 
         # the stream power law, implicit: a step towards the receiver's height never overshoots
-        area = _drained(np.where(water | pit, here, target))
+        area = _drainage_area(np.where(water | pit, here, target))
         share = WEAR * area**DRAINAGE / distance[steepest]
         h = np.where(water | pit, h, (h + share * h[target]) / (1 + share))
     return h.reshape(land.shape)
 
 
-def _drained(target: np.ndarray) -> np.ndarray:
+def _drainage_area(target: np.ndarray) -> np.ndarray:
     """Number of cells that drain through a cell, including the cell; a cell that drains into itself is a sink."""
     sink = len(target)
     jump = np.append(np.where(target == np.arange(sink), sink, target), sink)
@@ -119,7 +119,7 @@ def _drained(target: np.ndarray) -> np.ndarray:
     return area[:sink]
 
 
-def _enlarged(small: np.ndarray) -> np.ndarray:
+def _upsample(small: np.ndarray) -> np.ndarray:
     """Upsamples a periodic coarse grid [y, x] to the full grid, smoothly."""
     spectrum = np.fft.rfft2(np.kron(small, np.ones((CELL, CELL))))
     height, width = TERRAIN_SHAPE[1:]
