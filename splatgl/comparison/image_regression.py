@@ -240,7 +240,7 @@ class ImageRegression:
         return "\n  ".join([*lines, f"look at it: {look}", f"if it is right: {update}"])
 
     def _advice(self) -> tuple[str, str]:
-        """Where the picture can be seen, and the command that writes the baseline."""
+        """(place or command that shows the picture, command that writes the baseline), for messages."""
         command = f"pytest {shlex.quote(self.test)}"
         return "in the report" if self.report else f"{command} --splatgl-report DIR", f"{command} --splatgl-update"
 

@@ -112,7 +112,7 @@ def count_unmatched(
 
 
 def _outside(x: np.ndarray, y: np.ndarray, threshold: float | None, peak: float) -> np.ndarray:
-    """Where x is outside the range of y in the 3×3 neighbourhood, bool [H, W]."""
+    """bool [H, W]: whether x is outside the range of y in the 3×3 neighbourhood."""
     nearest = np.clip(x, _spread(y, np.minimum), _spread(y, np.maximum))
     worst = np.empty(x.shape[:2], x.dtype)
     over_channels(x - nearest, worst)
@@ -154,7 +154,7 @@ def over_channels(d: np.ndarray, out: np.ndarray) -> None:
 def exceeds_threshold(
     a: np.ndarray, b: np.ndarray, worst: np.ndarray, threshold: float | None, peak: float
 ) -> np.ndarray:
-    """Where `worst`, the largest |a − b| of a pixel, exceeds threshold·peak; None: one step. bool [H, W]."""
+    """bool [H, W]: whether `worst`, the largest |a − b| of a pixel, exceeds threshold·peak; None: one step."""
     return exceeds_step(a, b, worst, peak) if threshold is None else worst > threshold * peak
 
 

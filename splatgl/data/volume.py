@@ -241,7 +241,7 @@ class Volume:
         return self.corners
 
     def slabs(self, depth: int, halo: int = 1) -> Iterator[Slab]:
-        """Slabs of at most `depth` planes along z; only a slab's own planes are read."""
+        """Slabs of at most `depth` planes along z; only a slab's planes are read."""
         planes = self.shape[0]
         for start in range(0, planes, depth):
             stop = min(start + depth, planes)

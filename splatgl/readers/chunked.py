@@ -235,7 +235,7 @@ class TransposedChunks(Transposed):
 
 @dataclass(frozen=True)
 class Packing:
-    """How stored numbers become values: number · scale + offset; those equal to `fill` are missing."""
+    """Packing of values into stored numbers: value = number · scale + offset; numbers equal to `fill` are missing."""
 
     scale: float = 1.0
     offset: float = 0.0

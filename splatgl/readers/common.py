@@ -182,7 +182,7 @@ def decoder_errors(title: str) -> Iterator[None]:
     """Converts any exception of a decoder into one InputError.
 
     Decoders raise many types (IndexError, AssertionError, struct.error, …), so the context encloses only the
-    decoder's own calls instead of filtering by type.
+    decoder's calls instead of filtering by type.
     """
     try:
         yield

@@ -24,13 +24,13 @@ from splatgl.readers.options import DEFAULT_LEVELS, LoadOptions
 MAX_VOXELS = 4 * 2**30
 # bytes of a column besides its voxels: its heights and colour as they are read, and in float64
 PER_COLUMN = 24
-# formats that pictures are read in; Pillow's others run programs or are found by guessing
+# supported formats of pictures; Pillow's others run programs or are recognized by guessing
 PICTURES = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM")
 # of a camera's dark background: least share, least ratio of second to first differences (noise: 1.7), least side
 DARK, NOISY, DARK_LEAST = 0.5, 1.2, 16
 # sample of a voxel at or below the ground; 0 above it
 SOLID = 255
-# levels below what can be seen: the surface's gradients and its opacity need matter behind it
+# levels below the visible surface: its gradients and opacity need matter behind it
 SHELL = 3
 # default relief as a part of the longer side: cubic voxels for the 512 × 512 × 103 terrain of [M98]
 RELIEF = (DEFAULT_LEVELS - 1) / 512

@@ -53,8 +53,8 @@ def natural_key(name: str) -> list[Any]:
 
 def dimension_names(node: Any) -> list[str]:
     """Names of an array's dimensions, "" for an unnamed one; [] if the array states none."""
-    told = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
-    names = [str(name or "") for name in told]
+    stated = getattr(node.metadata, "dimension_names", None) or node.attrs.asdict().get("_ARRAY_DIMENSIONS") or []
+    names = [str(name or "") for name in stated]
     return names if len(names) == len(node.shape) else []
 
 

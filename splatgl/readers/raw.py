@@ -59,7 +59,7 @@ def read_npz(path: Path, options: LoadOptions) -> Volume:
     name = _select_array(headers, options)
     header = headers[name]
     _check_header(header)
-    # 2. the archive's directory, the array's own header and the compressed bytes must agree before it is read
+    # 2. the archive's directory, the array's header and the compressed bytes must agree before it is read
     with decoder_errors("NumPy .npz"), zipfile.ZipFile(path) as archive:
         member = archive.getinfo(members[name])
         require_bytes(byte_count(header.shape, header.dtype), member.file_size - header.offset)

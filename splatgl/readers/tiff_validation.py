@@ -35,14 +35,14 @@ def check_chain(path: Path) -> None:
             return
         form, offset = layout
         # 1. page by page: no cycles, and their total size is at most the file's
-        seen: set[int] = set()
+        visited: set[int] = set()
         used = 0
         while 0 < offset < size:
-            if offset in seen:
+            if offset in visited:
                 raise expected(
-                    "pages", "a chain that ends", f"page {len(seen)} leading back to another", "the file is damaged"
+                    "pages", "a chain that ends", f"page {len(visited)} leading back to another", "the file is damaged"
                 )
-            seen.add(offset)
+            visited.add(offset)
             table, values, offset = form.page(file, offset)
             used += table + values
             # 2. some writers share short tag values between pages

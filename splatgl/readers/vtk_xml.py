@@ -267,7 +267,7 @@ COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
 
 def _check_size(needed: int, stated: int) -> None:
     if needed != stated:
-        raise expected("data", f"{needed} bytes, as the extent says", f"{stated} by its own header")
+        raise expected("data", f"{needed} bytes, as the extent says", f"{stated} by its header")
 
 
 Index = tuple[int, int, int]
