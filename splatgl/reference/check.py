@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from splatgl.data.image import Image
@@ -41,40 +43,43 @@ def check(
     """
     settings = settings or Settings()
     check_input(splats, camera, settings, rows, field)
-    visible = _is_visible(image.pixels, settings)
-    if rows == 0 or not visible.any():
-        return image
-    windows = _squares(visible) if rows is None else _rows(visible, rows)
-    checked = _compare(image, windows, render_windows(splats, camera, settings, windows))
-    if field and isinstance(splats, Splats):
-        inside = np.zeros_like(visible)
+    image, windows, checked = _compared(
+        image, settings, rows, lambda windows: render_windows(splats, camera, settings, windows)
+    )
+    if field and windows and isinstance(splats, Splats):
+        inside = np.zeros(image.pixels.shape[:2], bool)
         for w in windows:
             inside[w.y : w.y + w.height, w.x : w.x + w.width] = True
-        shown = np.flatnonzero(visible & inside)
+        shown = np.flatnonzero(_is_visible(image.pixels, settings) & inside)
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
         drawn = select_splats(splats, settings, moving=False)
         samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
         far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, settings)
         checked["field"] = {"pixels": len(pixels), **_errors(far)}
-    return Image(image.pixels, {**image.info, "checked": checked})
+    return image
 
 
 def check_bricks(image: Image, bricks: Bricks, camera: Camera, settings: Settings | None = None) -> Image:
     """Like `check`, for squares of an image of `Renderer.render_bricks`."""
     settings = settings or Settings()
+    return _compared(image, settings, None, lambda windows: render_windows_of(bricks, camera, settings, windows))[0]
+
+
+def _compared(
+    image: Image, settings: Settings, rows: int | None, draw: Callable[[list[Window]], list[np.ndarray]]
+) -> tuple[Image, list[Window], dict[str, object]]:
+    """The image with `info["checked"]`, the compared windows, and `checked`; the same image if there are none.
+
+    draw: returns the exact pixels of windows.
+    """
     visible = _is_visible(image.pixels, settings)
-    if not visible.any():
-        return image
-    windows = _squares(visible)
-    checked = _compare(image, windows, render_windows_of(bricks, camera, settings, windows))
-    return Image(image.pixels, {**image.info, "checked": checked})
-
-
-def _compare(image: Image, windows: list[Window], right: list[np.ndarray]) -> dict[str, object]:
-    """The compared windows, their number of pixels and the errors. right: the exact pixels of the windows."""
+    if rows == 0 or not visible.any():
+        return image, [], {}
+    windows = _squares(visible) if rows is None else _rows(visible, rows)
     parts = [image.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
-    off = np.concatenate([(part - pixels).reshape(-1, 4) for part, pixels in zip(parts, right, strict=True)])
-    return {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
+    off = np.concatenate([(part - exact).reshape(-1, 4) for part, exact in zip(parts, draw(windows), strict=True)])
+    checked: dict[str, object] = {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
+    return Image(image.pixels, {**image.info, "checked": checked}), windows, checked
 
 
 def check_input(splats: Splats | Scene, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:

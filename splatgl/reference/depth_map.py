@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -126,9 +126,13 @@ def _surfaces(meshes: Sequence[Mesh], camera: Camera) -> Surfaces:
         pixels = slice(band.y * width, (band.y + band.height) * width)
         distance[pixels, : hits.distance.shape[1]] = hits.distance
         opacity[pixels, : hits.distance.shape[1]] = hits.light[..., 3]
+    return Surfaces(distance / _ray_lengths(camera)[:, None], -np.log1p(-np.minimum(opacity, OPAQUE)))
+
+
+def _ray_lengths(camera: Camera) -> np.ndarray:
+    """[P]: lengths of the rays through all pixel centres, per eye-space depth."""
     across, down = (slopes.ravel() for slopes in np.meshgrid(*camera.slopes()))
-    length = np.sqrt(across**2 + down**2 + 1) if camera.perspective else np.ones(count)
-    return Surfaces(distance / length[:, None], -np.log1p(-np.minimum(opacity, OPAQUE)))
+    return np.sqrt(across**2 + down**2 + 1) if camera.perspective else np.ones(len(across))
 
 
 @dataclass(eq=False)
@@ -436,8 +440,7 @@ class LayerField:
         view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
         pixels = np.arange(camera.size[0] * camera.size[1])
         rays = Rays.of(view, camera, volume.shape[::-1], pixels, Clip.of(planes, grid))
-        across, down = (slopes.ravel() for slopes in np.meshgrid(*camera.slopes()))
-        length = np.sqrt(across**2 + down**2 + 1) if camera.perspective else np.ones(len(pixels))
+        length = _ray_lengths(camera)
         # index units of a ray per depth
         speed = length / (rays.stretch * grid.mean_spacing)
         low, high = _block_extremes(samples)
@@ -449,12 +452,6 @@ class LayerField:
             holds, high = holds & unmasked, np.where(unmasked, high, -np.inf)
         ends = rays.near / speed, rays.far / speed
         return cls(samples, look, rays.start, rays.direction * speed, *ends, length, low, high, holds, mask)
-
-    def part(self, some: np.ndarray) -> LayerField:
-        """The layer along some of the rays."""
-        start, along = self.start[:, some], self.per_depth[:, some]
-        ends = {name: getattr(self, name)[some] for name in ("near", "far", "length")}
-        return replace(self, start=start, per_depth=along, **ends)
 
     @cached_property
     def step(self) -> np.ndarray:

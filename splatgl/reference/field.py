@@ -25,7 +25,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE, Clip
 from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.extract_values import PREFILTERED, gradients, prefilter, select_needed
-from splatgl.splat.grid import Grid
+from splatgl.splat.grid import Grid, trilinear
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
@@ -74,17 +74,10 @@ def _kernel_mean(
 def trilinear_field(volume: Volume, post: ValueClassifier) -> Field:
     """Trilinear interpolation of samples and of their central differences, as in ray casters."""
     u = _values(volume, post)
-    terms = _terms(volume, u, u, post, order=2)
-    last = np.array(u.shape[::-1])[:, None] - 1
+    terms = _terms(volume, u, u, post, order=2)[REACH:-REACH, REACH:-REACH, REACH:-REACH]
 
     def at(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        places = np.clip(places, 0, last)
-        first = np.minimum(np.floor(places), np.maximum(last - 1, 0)).astype(np.int64)
-        part = places - first
-        sums = np.zeros((places.shape[1], 5))
-        for corner in np.ndindex(2, 2, 2):
-            step = np.array(corner)[:, None]
-            sums += np.where(step, part, 1 - part).prod(axis=0)[:, None] * _look_up_terms(terms, first + step)
+        sums = trilinear(terms, places.T)
         return post.value(sums[:, 1]), sums[:, 2:] * post.span
 
     return at

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatgl.reference.blend import ADD, Band, Part, pixels
-from splatgl.reference.rays import pair_values, pixel_boxes
+from splatgl.reference.rays import index_rays, pair_values, pixel_boxes
 from splatgl.reference.sheets import Pieces
 from splatgl.splat.clipping import FACE, FLUSH
 from splatgl.splat.culling import Window
@@ -46,16 +46,10 @@ class BoxRays:
     def of(cls, resolved: Resolved, lateral: np.ndarray) -> BoxRays:
         """Rays through slopes, or lengths, [2, P] from the middle of the picture."""
         view, camera, clip = resolved.view, resolved.camera, resolved.clip
-        zero, one = np.zeros(lateral.shape[1]), np.ones(lateral.shape[1])
-        if view.perspective:
-            across, along = np.zeros((3, len(one))), np.stack([*lateral, one])
-        else:
-            across, along = np.stack([*lateral, zero]), np.stack([zero, zero, one])
-        start = view.index_from_eye @ across + view.eye_index[:, None]
-        direction = view.index_from_eye @ along
+        start, direction, along = index_rays(view, lateral)
         direction = np.where(np.abs(direction) < LEAST, LEAST, direction)
         stretch = np.linalg.norm(along, axis=0)
-        near, far, face = zero, np.full(len(one), np.inf), np.zeros((len(one), 3))
+        near, far, face = np.zeros(len(stretch)), np.full(len(stretch), np.inf), np.zeros((len(stretch), 3))
         if clip is not None:
             enters, leaves, plane = clip.along(start, direction)
             face = np.where((enters * np.linalg.norm(direction, axis=0) > FLUSH)[:, None], clip.normal[plane], 0.0)
@@ -113,10 +107,6 @@ class BoxScene:
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
         return self._light(window, self._rays(window)).reshape(window.height, window.width, 4)
-
-    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
-        """Windows of the picture."""
-        return [self.part(window) for window in windows]
 
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
         """Light [P, 4] of a window's pixels between distances [P], world units."""

@@ -43,10 +43,6 @@ class LayerScene:
         """Light [P, 4] of a window's pixels between distances [P], world units."""
         return merge_pieces([layer.pieces(window, near, far) for layer in self.layers])
 
-    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
-        """Windows of the picture."""
-        return [self.part(window) for window in windows]
-
 
 def layers_of(scene: Scene, camera: Camera, settings: Settings) -> list[tuple[Splats, Settings]]:
     """Splats and settings of all layers that have splats, or of the first; all with the same samples per pixel."""
@@ -122,10 +118,6 @@ class SurfaceScene:
                 light += (1 - light[:, 3:]) * part
             near = far
         return light.reshape(window.height, window.width, 4)
-
-    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
-        """Windows of the picture."""
-        return [self.part(window) for window in windows]
 
 
 def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: Light | None) -> Crossings:

@@ -15,7 +15,7 @@ from splatgl.reference.rays import Rays
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.culling import Window
-from splatgl.splat.grid import Grid
+from splatgl.splat.grid import Grid, trilinear
 from splatgl.splat.kernels import kernel
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.preintegration import ClassIntegral
@@ -248,18 +248,11 @@ class _Ray:
     def _values(self, places: np.ndarray) -> np.ndarray:
         """Values at grid positions [3, N], linear between samples; for labels, of the nearest voxel."""
         samples = self.layer.volume.samples
+        if not self.layer.seen.labels:
+            return trilinear(samples[..., None], places.T)[:, 0]
         last = np.array(samples.shape[::-1])[:, None] - 1
-        places = np.clip(places, 0, last)
-        if self.layer.seen.labels:
-            x, y, z = np.rint(places).astype(np.int64)
-            return np.asarray(samples[z, y, x], np.float64)
-        first = np.minimum(np.floor(places), np.maximum(last - 1, 0)).astype(np.int64)
-        part, total = places - first, np.zeros(places.shape[1])
-        for corner in np.ndindex(2, 2, 2):
-            step = np.array(corner)[:, None]
-            x, y, z = np.minimum(first + step, last)
-            total += np.where(step, part, 1 - part).prod(axis=0) * samples[z, y, x].astype(np.float64)
-        return total
+        x, y, z = np.rint(np.clip(places, 0, last)).astype(np.int64)
+        return np.asarray(samples[z, y, x], np.float64)
 
     def pick_at(self, distance: float, number: int, value: float | None = None) -> Picked:
         """The point at a distance. value: if known already."""

@@ -15,6 +15,7 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.blend import over_background
+from splatgl.reference.rays import box_ends, index_rays, pixel_slopes
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.kernels import Kernel
@@ -190,7 +191,7 @@ def samples_of(pixels: np.ndarray, width: int, samples: int) -> np.ndarray:
 
 def _march(field: Field, view: GridView, camera: Camera, pixel: np.ndarray, steps: int) -> np.ndarray:
     """float64 [P, 4]: the integral along the rays of pixels, in slabs of equal length per ray."""
-    start, direction = _rays(view, camera, pixel)
+    start, direction, _ = index_rays(view, pixel_slopes(pixel, camera, view.pitch))
     near, far = _clip_to_box(field, start, direction, view)
     speed = np.sqrt((direction * direction).sum(axis=0))
     slabs = np.ceil(np.maximum(far - near, 0.0) * speed * steps).astype(np.int64)
@@ -224,19 +225,6 @@ def _add(light: np.ndarray, rays: np.ndarray, sums: np.ndarray, length: np.ndarr
     light[rays, 3] += depth
 
 
-def _rays(view: GridView, camera: Camera, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and directions [3, P] in grid indices; the ray parameter is depth in mean spacings."""
-    row, column = np.divmod(pixel, camera.size[0])
-    across = (column + 0.5 - camera.size[0] / 2) * view.pitch
-    down = (row + 0.5 - camera.size[1] / 2) * view.pitch
-    zero, one = np.zeros(len(pixel)), np.ones(len(pixel))
-    at, along = (zero, zero, zero), (across, down, one)
-    if not camera.perspective:
-        at, along = (across, down, zero), (zero, zero, one)
-    eye = view.eye_index[:, None]
-    return view.index_from_eye @ np.stack(at) + eye, view.index_from_eye @ np.stack(along)
-
-
 def _clip_to_box(
     field: Field, start: np.ndarray, direction: np.ndarray, view: GridView
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -244,13 +232,7 @@ def _clip_to_box(
     radius = field.kernel.radius
     low = field.low[:, None] - radius
     high = field.low[:, None] + np.array(field.cell.shape)[:, None] - 5 + radius
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.stack([(low - start) / direction, (high - start) / direction])
-    inside = (start >= low) & (start <= high)
-    # along an axis that a ray does not move along, it is always or never inside
-    still = direction == 0
-    first = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
-    last = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)
+    first, last = box_ends(start, direction, low, high)
     first = np.maximum(first, 0.0) if view.perspective else first
     missed = ~(last > first)
     return np.where(missed, 0.0, first), np.where(missed, 0.0, last)

@@ -264,6 +264,37 @@ def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return owner, np.arange(len(owner)) + np.repeat(start - before, length)
 
 
+def pixel_slopes(pixel: np.ndarray, camera: Camera, pitch: float) -> np.ndarray:
+    """[2, P]: slopes, or lengths, from the middle of the picture to the centres of pixels [P]."""
+    row, column = np.divmod(pixel, camera.size[0])
+    return np.stack([(column + 0.5 - camera.size[0] / 2) * pitch, (row + 0.5 - camera.size[1] / 2) * pitch])
+
+
+def index_rays(view: GridView, lateral: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Starts and directions, grid indices, and directions, eye axes, [3, P] each, of rays through slopes, or lengths,
+    [2, P]. The rays' parameter is eye-space depth in mean spacings.
+    """
+    zero, one = np.zeros(lateral.shape[1]), np.ones(lateral.shape[1])
+    if view.perspective:
+        start, along = np.zeros((3, len(one))), np.stack([*lateral, one])
+    else:
+        start, along = np.stack([*lateral, zero]), np.stack([zero, zero, one])
+    return view.index_from_eye @ start + view.eye_index[:, None], view.index_from_eye @ along, along
+
+
+def box_ends(
+    start: np.ndarray, direction: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters [P] at which rays [3, P] enter and leave the box from low to high; entry > exit where they miss it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([(low - start) / direction, (high - start) / direction])
+    # along an axis that a ray does not move along, it is always or never inside
+    still, inside = direction == 0, (start >= low) & (start <= high)
+    near = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
+    far = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)
+    return near, far
+
+
 @dataclass(frozen=True, eq=False)
 class Rays:
     """Rays of pixels [P]. start, direction [3, P]: grid indices; unit vectors of index space.
@@ -293,25 +324,11 @@ class Rays:
         cls, view: GridView, camera: Camera, shape: tuple[int, int, int], pixel: np.ndarray, clip: Clip | None = None
     ) -> Rays:
         """Rays of `camera`'s pixels in the box of the cells of `shape` voxels along x, y, z, clipped by `clip`."""
-        row, column = np.divmod(pixel, camera.size[0])
-        across = (column + 0.5 - camera.size[0] / 2) * view.pitch
-        down = (row + 0.5 - camera.size[1] / 2) * view.pitch
-        zero, one = np.zeros(len(pixel)), np.ones(len(pixel))
-        if view.perspective:
-            start, along = np.zeros((3, len(pixel))), np.stack([across, down, one])
-        else:
-            start, along = np.stack([across, down, zero]), np.stack([zero, zero, one])
-        start, direction = view.index_from_eye @ start + view.eye_index[:, None], view.index_from_eye @ along
+        start, direction, along = index_rays(view, pixel_slopes(pixel, camera, view.pitch))
         speed = np.linalg.norm(direction, axis=0)
         direction = direction / speed
         flush = np.where(np.abs(direction) < GRAZING, FLUSH, 0.0)
-        low, high = -0.5 - flush, np.array(shape)[:, None] - 0.5 + flush
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.stack([(low - start) / direction, (high - start) / direction])
-        # along an axis that a ray does not move along, it is always or never inside
-        still, inside = direction == 0, (start >= low) & (start <= high)
-        near = np.where(still, np.where(inside, -np.inf, np.inf), ends.min(axis=0)).max(axis=0)
-        far = np.where(still, np.where(inside, np.inf, -np.inf), ends.max(axis=0)).min(axis=0)
+        near, far = box_ends(start, direction, -0.5 - flush, np.array(shape)[:, None] - 0.5 + flush)
         # parallel rays begin at the eye's plane, too
         near = np.maximum(near, 0.0)
         toward = (camera.eye_from_world.T @ along).T

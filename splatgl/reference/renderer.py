@@ -1,17 +1,14 @@
-"""Draws the reference picture in float64, and declares the protocols that renderers implement.
+"""Draws the reference picture in float64.
 
-`gl.renderer.Renderer` implements both protocols.
-
-The reference uses blend, kernel, antialias, attenuation, shading, order and background, and ignores the settings of
+It uses blend, kernel, antialias, attenuation, shading, order and background, and ignores the settings of
 approximations: align, footprint, target, tolerance. Slow and exact: the ground truth for other images.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -29,59 +26,12 @@ from splatgl.splat.extract_values import post_splats
 from splatgl.splat.footprint import fill_depth
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
-from splatgl.splat.motion import Motion
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
 from splatgl.splat.scene import Scene, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, record_type
 from splatgl.splat.view import GridView
-
-
-class Renderer(Protocol):
-    """Renders images, [H, W, 4], linear premultiplied, row 0 at the top."""
-
-    def render(
-        self,
-        splats: Splats,
-        camera: Camera,
-        settings: Settings | None = None,
-        motion: Motion | None = None,
-        verify_bound: bool = True,
-    ) -> Image:
-        """Renders an image; `info` describes the rendering, including `error_bound`.
-
-        verify_bound: whether to measure the error against a finer image if the bound exceeds the tolerance.
-        Raises InputError for input that cannot be rendered.
-        """
-
-
-class Program(Protocol):
-    """The shader program of a plan."""
-
-    @property
-    def technique(self) -> str:
-        """Either quads or tiles."""
-
-
-class Plan(Protocol):
-    """A renderer's decisions for an image."""
-
-    @property
-    def program(self) -> Program:
-        """The program it compiles."""
-
-    @property
-    def key(self) -> Hashable:
-        """Plans with equal keys give the same image for the same splats and camera."""
-
-
-class Planner(Renderer, Protocol):
-    """A renderer that exposes its plan."""
-
-    def plan(self, splats: Splats, camera: Camera, settings: Settings | None = None) -> Plan:
-        """The plan of `render` for the same arguments. Raises InputError as `render`."""
-
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
@@ -241,10 +191,11 @@ def _windows(
 ) -> list[np.ndarray]:
     """Draws windows of the picture of a scene, averages samples and adds the background."""
     fine, k = _sample_windows(windows, resolved), resolved.samples
+    parts = scene.parts(fine) if isinstance(scene, SheetScene) else [scene.part(window) for window in fine]
     if not resolved.averaged:
-        return [_mean(part, resolved) for part in scene.parts(fine)]
+        return [_mean(part, resolved) for part in parts]
     pictures = []
-    for window, near, drawn in zip(windows, fine, scene.parts(fine), strict=True):
+    for window, near, drawn in zip(windows, fine, parts, strict=True):
         left, top = (window.x - 1) * k, (window.y - 1) * k
         right, bottom = left + (window.width + 2) * k, top + (window.height + 2) * k
         beyond = ((near.y - top, bottom - near.y - near.height), (near.x - left, right - near.x - near.width), (0, 0))
@@ -299,10 +250,6 @@ class _Scene:
             if len(pairs.splat):
                 ADD[self.blend.join](gathered, self._part(pairs))
         return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
-
-    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
-        """Windows of the picture."""
-        return [self.part(window) for window in windows]
 
     def _part(self, pairs: Values) -> Part:
         value = pairs.integral.value

@@ -291,10 +291,9 @@ def visible_boxes(splats: Splats, resolved: Resolved) -> Splats:
     blended = not resolved.boxes or not resolved.look.blend.ordered or resolved.clip is not None
     if blended or len(splats) < FEW:
         return splats
-    camera, (low, high) = resolved.camera, splats.index_bounds + np.array([[-0.5], [0.5]])
-    place = splats.grid.index_from_world(camera.eye)
+    camera = resolved.camera
     if camera.perspective:
-        if not ((place < low).any() or (place > high).any()):
+        if not eye_is_outside(splats, camera.eye, 0.5):
             return splats
     elif camera.eye_from_points(splats.corners)[:, 2].min() < 0:
         return splats
@@ -326,9 +325,9 @@ def _is_exposed(splats: Splats, hiding: float) -> np.ndarray:
     return ~hidden[tuple(cells.T)]
 
 
-def eye_is_outside(splats: Splats, eye: np.ndarray) -> bool:
-    """Whether an eye position, world units, is outside the splats' box."""
-    low, high = splats.index_bounds
+def eye_is_outside(splats: Splats, eye: np.ndarray, margin: float = 0.0) -> bool:
+    """Whether an eye position, world units, is outside the box of all splats' centres, larger by a margin in voxels."""
+    low, high = splats.index_bounds + np.array([[-margin], [margin]])
     place = splats.grid.index_from_world(eye)
     return bool((place < low).any() or (place > high).any())
 

@@ -36,10 +36,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatgl.splat.kernels import Kernel
+from splatgl.splat.kernels import Kernel, half_line_integral
 from splatgl.splat.line_integral import CurvedRay, Integral
 from splatgl.splat.splats import OCTAVES
-from splatgl.splat.view import GridView, perpendicular_axes, smallest_axis, voxel_ellipse
+from splatgl.splat.view import GridView, dot, perpendicular_axes, smallest_axis, voxel_ellipse
 
 
 def form_c(splat: Splat) -> np.ndarray:
@@ -95,10 +95,7 @@ def half_line(kernel: Kernel, voxel: np.ndarray, direction: np.ndarray) -> np.nd
     """
     unit = direction / np.sqrt(_dot(direction, direction))[..., None]
     cross = np.cross(voxel, unit)
-    d = np.sqrt(_dot(cross, cross))
-    chord = np.sqrt(np.maximum((kernel.radius - d) * (kernel.radius + d), 0.0))
-    along = np.clip(_dot(voxel, unit), -chord, chord)
-    return kernel.partial(d, chord) + kernel.partial(d, along)
+    return half_line_integral(kernel, np.sqrt(_dot(cross, cross)), _dot(voxel, unit))
 
 
 def _perspective_line(splat: Splat) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -202,8 +199,7 @@ class Quads:
 
     def take(self, index: np.ndarray) -> Quads:
         """The quads at those indices."""
-        parts = (self.voxel, self.normal, self.axis_1, self.axis_2, self.size, self.gain, self.coverage)
-        return Quads(*(part[..., index] for part in parts))
+        return Quads(*(part[..., index] for part in vars(self).values()))
 
 
 def table_quad(view: GridView, voxel: np.ndarray, align: str) -> Quads:
@@ -247,14 +243,9 @@ def on_quads(view: GridView, quad: Quads, ray: np.ndarray) -> Integral:
     else:
         hit = np.full(quad.voxel.shape[1:], True)
         offset = (ray[0] - quad.voxel[0], ray[1] - quad.voxel[1], np.zeros_like(ray[0]))
-    across = [sum_of(offset, axis) / size for axis, size in zip((quad.axis_1, quad.axis_2), quad.size, strict=True)]
+    across = [dot(offset, axis) / size for axis, size in zip((quad.axis_1, quad.axis_2), quad.size, strict=True)]
     peak = quad.gain * view.kernel.footprint(np.zeros(()))
     return Integral(np.where(hit, quad.gain * view.kernel.footprint(np.hypot(*across)), 0.0), peak)
-
-
-def sum_of(offset: tuple[np.ndarray, np.ndarray, np.ndarray], axis: np.ndarray) -> np.ndarray:
-    """Dot products [...] of vectors, given by their three components [...], with `axis` [3, ...]."""
-    return np.asarray(offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2])
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -85,7 +87,7 @@ class Gaussian:
     def footprint(self, d: np.ndarray) -> np.ndarray:
         """F(d), d ≥ 0, any shape; 0 for d ≥ R."""
         d = np.minimum(d, self.radius)
-        return 2 * self.partial(d, _half_chord(self.radius, d))
+        return 2 * self.partial(d, half_chord(self.radius, d))
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ class PiecewiseCubic:
         total, low = np.zeros(d.shape), np.zeros(d.shape)
         # each piece contributes between the chord of the last knot and its own, cut at |t|
         for knot, piece in zip(self.knots, self.pieces, strict=True):
-            high = np.minimum(far, _half_chord(knot, d))
+            high = np.minimum(far, half_chord(knot, d))
             total += _cubic_integral(piece, d, high) - _cubic_integral(piece, d, low)
             low = np.maximum(high, low)
         return self.scale * np.copysign(total, t)
@@ -132,7 +134,7 @@ class PiecewiseCubic:
         """F(d), d ≥ 0, any shape; 0 for d ≥ R, infinity included."""
         # F(∞) is 0, too
         d = np.minimum(d, self.radius)
-        return 2 * self.partial(d, _half_chord(self.radius, d))
+        return 2 * self.partial(d, half_chord(self.radius, d))
 
 
 @dataclass(frozen=True)
@@ -208,13 +210,11 @@ def register_kernel(shape: Kernel) -> None:
         raise expected("kernel", "a new name of lower-case letters, digits and hyphens", repr(shape.name))
     if not 0 < shape.radius <= WIDEST or shape.radius != shape.knots[-1]:
         raise expected(f"kernel {shape.name}", f"a radius of at most {WIDEST:g}, its last knot", shape.radius)
-    nodes, weights = unit_rule(40)
-    total, low, least = 0.0, 0.0, 0.0
-    for knot in shape.knots:
-        r = low + (knot - low) * nodes
+    total, least = 0.0, 0.0
+    for r, weights, length in _intervals(shape):
         value = shape.value(r)
-        total += float(4 * np.pi * (knot - low) * (weights * r * r * value).sum())
-        low, least = knot, min(least, float(value.min()))
+        total += float(4 * np.pi * length * (weights * r * r * value).sum())
+        least = min(least, float(value.min()))
     if least < 0 or not abs(total - 1) < 1e-6:
         raise expected(f"kernel {shape.name}", "values from 0 on, volume 1", f"{least:.3g}, volume {total:.6g}")
     if rim_step(shape) > RIM_STEP:
@@ -229,6 +229,13 @@ def unit_rule(order: int) -> tuple[np.ndarray, np.ndarray]:
     return (nodes + 1) / 2, weights / 2
 
 
+def _intervals(shape: Kernel) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+    """Yields quadrature nodes, weights of unit sum, and length of each interval between knots."""
+    nodes, weights = unit_rule(40)
+    for low, knot in pairwise((0.0, *shape.knots)):
+        yield low + (knot - low) * nodes, weights, knot - low
+
+
 def rim_step(shape: Kernel) -> float:
     """A kernel's step at its rim, relative to its maximum."""
     return float(shape.value(np.array(shape.radius * (1 - 1e-9))) / shape.value(np.zeros(())))
@@ -236,25 +243,19 @@ def rim_step(shape: Kernel) -> float:
 
 def depth_deviation(shape: Kernel) -> float:
     """Standard deviation of the kernel's mass along an axis, in voxels."""
-    nodes, weights = unit_rule(40)
-    total, low = 0.0, 0.0
-    for knot in shape.knots:
-        r = low + (knot - low) * nodes
-        total += float(4 * np.pi / 3 * (knot - low) * (weights * r**4 * shape.value(r)).sum())
-        low = knot
-    return float(np.sqrt(total))
+    parts = (
+        4 * np.pi / 3 * length * (weights * r**4 * shape.value(r)).sum() for r, weights, length in _intervals(shape)
+    )
+    return float(np.sqrt(sum(map(float, parts))))
 
 
 def spectrum(shape: Kernel) -> tuple[float, float, float, float]:
     """Coefficients of q² to q⁸ of the root of the kernel's Fourier transform at q periods per voxel, up to 1."""
     q = np.linspace(0.0, 1.0, 65)[1:]
-    nodes, weights = unit_rule(40)
-    transform, low = np.zeros_like(q), 0.0
-    for knot in shape.knots:
-        r = low + (knot - low) * nodes
-        shells = 4 * np.pi * (knot - low) * weights * r**2 * shape.value(r)
+    transform = np.zeros_like(q)
+    for r, weights, length in _intervals(shape):
+        shells = 4 * np.pi * length * weights * r**2 * shape.value(r)
         transform += np.sinc(2 * q[:, None] * r) @ shells
-        low = knot
     powers = q[:, None] ** np.array([2, 4, 6, 8])
     fitted = np.linalg.lstsq(powers, np.sqrt(np.maximum(transform, 0.0)) - 1, rcond=None)[0]
     first, second, third, fourth = fitted.tolist()
@@ -361,12 +362,19 @@ def half_line_table(shape: Kernel, size: int = 256) -> np.ndarray:
     """
     # the last row's chord has length 0: use the limit, from a chord close by
     d = np.sqrt(np.linspace(0.0, 1.0, size).clip(max=1 - 1e-9))[:, None] * shape.radius
-    chord = _half_chord(shape.radius, d)
+    chord = half_chord(shape.radius, d)
     half = shape.partial(d, chord)
     return np.asarray((half + shape.partial(d, chord * np.linspace(-1.0, 1.0, size))) / (2 * half))
 
 
-def _half_chord(radius: float, d: np.ndarray) -> np.ndarray:
+def half_line_integral(shape: Kernel, distance: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Integral along a ray that starts at the eye, `along` before the ray's closest point to the kernel's centre."""
+    chord = half_chord(shape.radius, distance)
+    return shape.partial(distance, chord) + shape.partial(distance, np.clip(along, -chord, chord))
+
+
+def half_chord(radius: float, d: np.ndarray) -> np.ndarray:
+    """√(R² − d²), 0 beyond R."""
     return np.sqrt(np.maximum((radius - np.asarray(d)) * (radius + np.asarray(d)), 0.0))
 
 
@@ -442,11 +450,7 @@ class Tabulated:
 def tabulate(name: str) -> Tabulated:
     """The named kernel with a tabulated footprint, cached. Raises InputError for an unknown name."""
     exact = kernel(name)
-    tables, low = [], 0.0
-    for knot in exact.knots:
-        tables.append(_table(exact, low, knot))
-        low = knot
-    return Tabulated(exact, tuple(tables))
+    return Tabulated(exact, tuple(_table(exact, low, knot) for low, knot in pairwise((0.0, *exact.knots))))
 
 
 def _table(exact: Kernel, low: float, knot: float) -> np.ndarray:

@@ -8,12 +8,12 @@ In axes aligned with p₂ its squared radius has seven parameters.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.splat.kernels import Kernel, unit_rule
-from splatgl.splat.view import GridView
+from splatgl.splat.kernels import Kernel, half_line_integral, unit_rule
+from splatgl.splat.view import GridView, dot
 
 # quadrature points in each smooth interval of the line: error 1e−13 of the integral
 QUADRATURE_ORDER = 24
@@ -50,28 +50,19 @@ class CurvedRay:
     @classmethod
     def of(cls, p0: Vector, p1: Vector, p2: Vector, depth: np.ndarray, reach: float) -> CurvedRay:
         """The ray p₀ + p₁ t + p₂ δ, of three vectors given as (x, y, z) arrays."""
-        bent = np.sqrt(_dot(p2, p2))
-        start, straight = _dot(p0, p2) / bent, _dot(p1, p2) / bent
+        bent = np.sqrt(dot(p2, p2))
+        start, straight = dot(p0, p2) / bent, dot(p1, p2) / bent
         p0 = [a - start / bent * b for a, b in zip(p0, p2, strict=True)]
         p1 = [a - straight / bent * b for a, b in zip(p1, p2, strict=True)]
         # across p₂ the ray is a straight line
-        slant = _dot(p1, p1)
-        middle = -_dot(p0, p1) / np.maximum(slant, TINY)
+        slant = dot(p1, p1)
+        middle = -dot(p0, p1) / np.maximum(slant, TINY)
         across = [a + middle * b for a, b in zip(p0, p1, strict=True)]
-        return cls(_dot(across, across), slant, middle, start, straight, bent, depth, reach)
+        return cls(dot(across, across), slant, middle, start, straight, bent, depth, reach)
 
     def take(self, index: np.ndarray) -> CurvedRay:
         """The rays at those indices."""
-        return CurvedRay(
-            self.across[index],
-            self.slant[index],
-            self.middle[index],
-            self.start[index],
-            self.straight[index],
-            self.bent[index],
-            self.depth[index],
-            self.reach,
-        )
+        return replace(self, **{name: array[index] for name, array in vars(self).items() if name != "reach"})
 
     def integral(self, kernel: Kernel, power: int) -> np.ndarray:
         """∫ g(r(t)) (1 − t/z_v)^−power dt, cut where the ray crosses each knot's shell."""
@@ -151,10 +142,6 @@ class CurvedRay:
 _RULE = unit_rule(QUADRATURE_ORDER)
 
 
-def _dot(a: Vector, b: Vector) -> np.ndarray:
-    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
 @dataclass(frozen=True, eq=False)
 class Integral:
     """value: the line integral along each ray, for unit extinction · s̄.
@@ -205,15 +192,9 @@ def _straight(view: GridView, voxel: Triple, slope: Pair) -> Integral:
         centre = _apply(view.index_from_eye, (x[near], y[near], z[near]))
         along = centre[0] * direction[0][near] + centre[1] * direction[1][near] + centre[2] * direction[2][near]
         along /= speed[near]
-        footprint[near] = _half_line(view.kernel, distance[near], along)
+        footprint[near] = half_line_integral(view.kernel, distance[near], along)
     gain = np.sqrt(1 + w_x * w_x + w_y * w_y) / speed
     return Integral(gain * footprint, gain * view.kernel.footprint(np.zeros(())))
-
-
-def _half_line(kernel: Kernel, distance: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """∫ from the eye, which lies `along` before the ray's closest point to the kernel's centre."""
-    chord = np.sqrt(np.maximum((kernel.radius - distance) * (kernel.radius + distance), 0.0))
-    return kernel.partial(distance, chord) + kernel.partial(distance, np.clip(along, -chord, chord))
 
 
 def _parallel(view: GridView, voxel: Triple, ray: Pair) -> Integral:
@@ -258,5 +239,5 @@ def _apply(matrix: np.ndarray, vector: Triple) -> Triple:
     return first, second, third
 
 
-def _length(vector: Sequence[np.ndarray]) -> np.ndarray:
-    return np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+def _length(vector: Vector) -> np.ndarray:
+    return np.sqrt(dot(vector, vector))

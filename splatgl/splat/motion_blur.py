@@ -31,7 +31,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.splat.kernels import Kernel, kernel, unit_rule
+from splatgl.splat.kernels import Kernel, half_chord, kernel, unit_rule
 
 # a path shorter than this, l√k = 1e−4 at k = 2, is a point: its mean is the middle's value to 5e−10,
 # while the difference of two areas loses digits
@@ -66,12 +66,6 @@ def partial_area(kernel: Kernel, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 def line_area(kernel: Kernel, v: np.ndarray) -> np.ndarray:
     """∫ F(√(u² + v²)) du over the whole line at distance v from the centre; W of the paper's streak at v = 0."""
     return 2 * partial_area(kernel, half_chord(kernel.radius, v), v)
-
-
-def half_chord(radius: float, v: np.ndarray) -> np.ndarray:
-    """√(R² − v²), 0 beyond R."""
-    v = np.minimum(np.abs(np.asarray(v, dtype=np.float64)), radius)
-    return np.asarray(np.sqrt((radius - v) * (radius + v)))
 
 
 def box_blur(kernel: Kernel, u: np.ndarray, v: np.ndarray, length: np.ndarray) -> np.ndarray:

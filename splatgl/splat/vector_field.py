@@ -11,6 +11,7 @@ from splatgl.data.mesh import SIDES, Mesh
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
 from splatgl.splat.colormaps import colormap
+from splatgl.splat.grid import trilinear
 
 # distance of two points of a line, in smallest spacings, and the step between drawn points
 STEP, DRAWN = 0.25, 2
@@ -257,14 +258,7 @@ class VectorField:
         """Vectors [N, 3] at grid positions [N, 3] (x, y, z), linear between samples; and whether these are inside."""
         last = np.array(self.speed.shape[::-1]) - 1
         inside = np.asarray(((index >= -1e-9) & (index <= last + 1e-9)).all(axis=1))
-        place = np.clip(np.nan_to_num(index), 0, last)
-        first = np.minimum(place.astype(np.int64), np.maximum(last - 1, 0))
-        part, vectors = place - first, np.zeros(index.shape)
-        for corner in np.ndindex(2, 2, 2):
-            weight = np.where(corner, part, 1 - part).prod(axis=1)
-            x, y, z = np.minimum(first + corner, last).T
-            vectors += weight[:, None] * self.vectors[z, y, x]
-        return vectors, inside
+        return trilinear(self.vectors, np.nan_to_num(index)), inside
 
     def world(self, index: np.ndarray) -> np.ndarray:
         """World points [..., 3] of grid positions."""

@@ -13,6 +13,7 @@ precision and not in the other. The depth is increased slightly, into a gap betw
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -69,12 +70,13 @@ def tangents(
 
     step, deep: components [3, ...] of its half axes along the picture and along depth. (x − s z)² = |step − s deep|².
     """
-    a, b, c = z * z - _dot(deep, deep), x * z - _dot(step, deep), x * x - _dot(step, step)
+    a, b, c = z * z - dot(deep, deep), x * z - dot(step, deep), x * x - dot(step, step)
     middle, root = b - a * x / z, np.sqrt(np.maximum(b * b - a * c, 0.0))
     return (root - middle) / a, (root + middle) / a
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def dot(a: Sequence[np.ndarray] | np.ndarray, b: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    """Dot products [...] of vectors given by their three components [...]."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 

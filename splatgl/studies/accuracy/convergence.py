@@ -11,9 +11,9 @@ import numpy as np
 
 from splatgl import reference
 from splatgl.data.scenes import ball
+from splatgl.gl.renderer import Renderer
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.reference.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.settings import Footprint, Settings

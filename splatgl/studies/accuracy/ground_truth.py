@@ -18,10 +18,10 @@ from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import write_file
+from splatgl.gl.renderer import Renderer
 from splatgl.reference.blend import pixel_means
 from splatgl.reference.field import Field, field_integral
 from splatgl.reference.ray_integral import ray_integral
-from splatgl.reference.renderer import Renderer
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import POST_KERNEL
 from splatgl.splat.resolve import depth_range, extraction_kind

@@ -15,7 +15,7 @@ from splatgl.comparison.html_report import data_uri, heat_map, html_page, larges
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import write_file
-from splatgl.reference.renderer import Renderer
+from splatgl.gl.renderer import Renderer
 from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.content import (
     CONVERGENCE,

@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.comparison.compare import compare
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
-from splatgl.reference.renderer import Planner
+from splatgl.gl.renderer import Renderer
 from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.convergence import STUDIES
 from splatgl.studies.accuracy.ground_truth import Level, Request, Subject, Truths
@@ -241,7 +241,7 @@ def _empty_line(method: Method) -> dict[str, object]:
 class Sweep:
     """Records images and times of a scene in a store. flip: whether FLIP is measured."""
 
-    def __init__(self, renderer: Planner, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
+    def __init__(self, renderer: Renderer, subject: Subject, truths: Truths, store: Store, flip: bool) -> None:
         self.renderer, self.subject, self.truths, self.store, self.flip = renderer, subject, truths, store, flip
         self.plans: dict[tuple[Hashable, int], str] = {}
         self.peers: dict[str, Peer] = {}
@@ -401,7 +401,7 @@ def truths_of(truths: Truths, task: Task) -> list[Request]:
     return list(requests.values())
 
 
-def run_task(renderer: Planner, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
+def run_task(renderer: Renderer, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
     """Measures everything that is not in the store."""
     requested = select_methods(task.level, task.only, task.peers)
     for subject in subjects:

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from splatgl.reference.renderer import Renderer
+from splatgl.gl.renderer import Renderer
 from splatgl.studies.stress import attenuation, cameras, grids, images, optics
 from splatgl.studies.stress.case import Bench, Case, Result, exception_check
 

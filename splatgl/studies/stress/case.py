@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from splatgl import reference
 from splatgl.data.volume import Volume
-from splatgl.reference.renderer import Renderer
+from splatgl.gl.renderer import Renderer
 from splatgl.splat.camera import Camera, Vector
 from splatgl.splat.extract import extract
 from splatgl.splat.kernels import kernel
