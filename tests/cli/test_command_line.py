@@ -13,7 +13,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import COMMANDS, _command_of, _parser, main
+from splatgl.cli.options import scene_from
 from splatgl.cli.parser import Parser
+from splatgl.scene.api import scene_of
+from splatgl.scene.scene_file import SceneFile
 
 Said = pytest.CaptureFixture[str]
 
@@ -401,3 +404,29 @@ def test_a_missing_library_is_told_before_any_work(here: Path, capsys: Said, mon
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     assert main(["render", "none.npy", "-o", "a.exr"]) == 2
     assert "pip install 'splatgl[exr]'" in capsys.readouterr().err
+
+
+# --- three ways in ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("typed", "keywords"),
+    [
+        ("--size 800x600 --azimuth 5 --up 0,1,0", {"size": "800x600", "azimuth": 5, "up": np.array([0, 1, 0])}),
+        ("--size 64 --orthographic", {"size": 64, "orthographic": True}),
+        (
+            "--points 1:0,2:.5 --window 1,2 --log",
+            {"points": [[1.0, 0.0], [2.0, 0.5]], "window": [1.0, 2.0], "scale": "log"},
+        ),
+        ("--background #ff0000 --samples 2 --shadows 1", {"background": "red", "samples": 2, "shadows": 1}),
+        ("--clip x>0.3 --crop 1:3,:,: --mask a.nii:1", {"clip": "x>0.3", "crop": "1:3,:,:", "mask": "a.nii:1"}),
+        ("--streamlines --arrows 5 --surfaces", {"streamlines": True, "arrows": 5, "surfaces": True}),
+        ("--mesh a.ply --clip-meshes", {"meshes": "a.ply", "clip_meshes": True}),
+        ("--channel 1 --spacing 1,2,3", {"channel": "1", "spacing": (1.0, 2.0, 3.0)}),
+    ],
+)
+def test_command_line_keywords_and_scene_files_agree(typed: str, keywords: dict[str, Any], here: Path) -> None:
+    written = scene_from(_parser(["render"]).parse_args(["render", "noise.npy", *typed.split()]))
+    scene, _ = scene_of("noise.npy", None, None, None, keywords)
+    Path("again.toml").write_text(written.to_toml(here))
+    assert written.to_toml(here) == scene.to_toml(here) == SceneFile.from_toml(Path("again.toml")).to_toml(here)
