@@ -16,7 +16,6 @@ from splatgl import __version__
 from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
 from splatgl.errors import InputError, expected
 from splatgl.fileio import set_budget
-from splatgl.options import nearest
 
 # exit code of a program interrupted by Ctrl-C
 INTERRUPTED = 130
@@ -94,6 +93,8 @@ def _with_command(arguments: list[str]) -> list[str]:
 
 def _nearest(word: str, known: Iterable[str]) -> str:
     """` (did you mean …?)`, or "" if no known word is similar."""
+    from splatgl.options import nearest
+
     near = nearest(word.partition("=")[0], known)
     return f" ({near})" if near else ""
 

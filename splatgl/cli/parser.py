@@ -6,16 +6,12 @@ import argparse
 import re
 from typing import Any, NoReturn
 
-from splatgl.options import Group
-
 # names in messages that stand for other options; --target is checked by argparse
 OTHER_NAMES = {"target": "look_at"}
 EXPECTED = ": expected "
 BAD_INPUT = 2
 # a value that begins with a minus: -30, -160,240, -.5:0,1:1, -inf
 NEGATIVE = re.compile(r"-([0-9.]|inf\b|nan\b)")
-# groups that commands share
-SHARED = [group for group in Group if group != Group.ANIMATION]
 COMMON = "basic options of the picture (the first of several values is the default)"
 # options of a command that `--help` lists in whole, at most
 MANY = 40
@@ -54,6 +50,8 @@ class Parser(argparse.ArgumentParser):
         if not separator:
             return message
         flags, before, colon, name = self.flags, *head.rpartition(": ")
+        from splatgl.options import Group
+
         reading = [a.dest for g in self._action_groups if g.title == Group.READING for a in g._group_actions]
         plain = name.removeprefix("transfer ")
         of_file = bool(colon) or plain != name or str(getattr(args, "source", "")).endswith(".toml")
@@ -77,7 +75,13 @@ class Parser(argparse.ArgumentParser):
 
     def format_help(self, everything: bool = False) -> str:
         """Help on all options in groups, or on the basic options."""
-        places = {str(title): place for place, title in enumerate(SHARED)}
+        # the program itself imports no more than its commands' names
+        if self._subparsers is not None:
+            return super().format_help()
+        from splatgl.options import Group
+
+        # groups that commands share
+        places = {str(group): place for place, group in enumerate(Group) if group != Group.ANIMATION}
         self._action_groups.sort(key=lambda group: places.get(group.title or "", -1))
         if everything or not self.is_long:
             return super().format_help()
