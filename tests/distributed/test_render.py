@@ -116,6 +116,7 @@ def test_frames_are_the_same_bit_for_bit(client: Any, renderer: sg.Renderer, sav
         assert np.array_equal(found[n].pixels, renderer.render(splats, camera).pixels) and found[n].pixels.max() > 0.3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("sent", [False, True])
 def test_a_picture_in_parts(client: Any, renderer: sg.Renderer, saved: Path, blend: str, sent: bool) -> None:

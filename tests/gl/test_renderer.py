@@ -225,6 +225,7 @@ def test_no_splats_is_the_background_whatever_draws_them(technique: str, rendere
             assert (renderer.render(nothing, camera, settings.but(blend="xray")).pixels == 0).all()
 
 
+@pytest.mark.long
 def test_small_textures_have_no_power_of_two_of_rows(renderer: sg.Renderer) -> None:
     """Else llvmpipe compiles shaders once more; rows and columns beyond the picture are not in it."""
     splats = sg.extract(

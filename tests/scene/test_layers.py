@@ -153,6 +153,7 @@ def test_a_volume_twice_is_twice_as_dense(renderer: sg.Renderer, field: sg.Scene
     assert np.allclose([a for _, a in half.seen.points], 0.2)
 
 
+@pytest.mark.long
 def test_matter_beyond_the_room_is_drawn_in_parts(
     renderer: sg.Renderer, field: sg.Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

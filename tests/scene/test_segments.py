@@ -172,6 +172,7 @@ def test_masks_cut_segments() -> None:
     assert is_closed(mesh) and volume_in(mesh) == pytest.approx((volume.samples == 2).sum(), rel=3e-3)
 
 
+@pytest.mark.long
 def test_pictures_are_the_reference(renderer: sg.Renderer) -> None:
     """Two segments, one of them clear, in fog that a plane cuts with them; the view is that of boxes."""
     fog = sg.Volume(np.ones((24, 24, 24), np.float32))

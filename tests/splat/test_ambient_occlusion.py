@@ -137,7 +137,7 @@ def test_a_wall_casts_its_outline() -> None:
     assert edge == pytest.approx(39.5, abs=0.6)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("how", "technique"),
     [

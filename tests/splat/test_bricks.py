@@ -44,7 +44,7 @@ def in_bricks(volume: sg.Volume, transfer: sg.Transfer, settings: Settings, side
     return Bricks.of(volume, found.post, side)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(("blend", "grid", "name"), spread(7, PICTURES, ("cubes", "sheared"), VIEWS))
 def test_bricks_draw_the_picture_of_the_whole(
     blend: str, grid: str, name: str, renderer: sg.Renderer, rng: np.random.Generator

@@ -60,7 +60,7 @@ def test_parts_that_are_all_are_the_splats() -> None:
     )
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 def test_splats_are_freed_with_their_last_picture(grid: str, renderer: sg.Renderer) -> None:
     splats = noise(grid, size=7)

@@ -131,6 +131,7 @@ def test_faces_are_one_voxel_deep(technique: Any, renderer: sg.Renderer) -> None
     assert np.abs(found[..., 0] - (lit * near + (1 - near) - through)).max() < 2e-3
 
 
+@pytest.mark.long
 def test_planes_that_cut_nothing_change_nothing(renderer: sg.Renderer) -> None:
     volume = field()
     splats = sg.extract(volume, SOLID)

@@ -130,7 +130,7 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
         assert whole[..., 3].max() > 0.1 and np.abs(found - whole).max() < 2e-5
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("blend", BLENDED)
 def test_batches_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, blend: str) -> None:
     """What is kept of a pixel between two portions is classified once, at the end."""

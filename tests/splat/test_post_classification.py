@@ -156,7 +156,7 @@ def test_packed_splats_are_their_twins(renderer: sg.Renderer, grid: str, view: s
     assert off.max() < 5e-4 and np.sqrt((off**2).mean()) < 5e-5
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("portions", "changed"),
     [
@@ -213,7 +213,7 @@ def test_transparent_sheets_are_passed_over(
     assert seen[0] <= matter[0] and matter[-1] + 1 <= seen[1]
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("grid", ["cubes", "8:1"])
 @pytest.mark.compute
 def test_what_lies_beside_the_box_is_passed_over(
@@ -368,7 +368,7 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float)
             assert np.abs(alpha - right).max() < 1e-5
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 def test_gradients_weigh_opacities(renderer: sg.Renderer, technique: Technique) -> None:
     """The twin's picture; where values rise evenly, the weight of their slope."""

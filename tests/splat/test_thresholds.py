@@ -125,12 +125,13 @@ def test_the_nearest_plane_two_radii_before_the_eye_is_drawn(renderer: sg.Render
     assert any(near) and not all(near)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("parallel", "technique"),
     [
         (False, "tiles"),
-        pytest.param(True, "tiles", marks=pytest.mark.long),
-        pytest.param(True, "quads", marks=pytest.mark.long),
+        (True, "tiles"),
+        (True, "quads"),
     ],
 )
 def test_rays_in_faces_are_kept(renderer: sg.Renderer, parallel: bool, technique: Any) -> None:
