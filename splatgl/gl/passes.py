@@ -1,4 +1,4 @@
-"""The draw pass, by one of the techniques (splats into a float target), and the resolve pass (samples into pixels)."""
+"""Runs the draw pass (splats into a float target, by a technique) and the resolve pass (samples into pixels)."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from splatgl.splat.plan import Plan
 from splatgl.splat.resolve import END_CORRECTION
 from splatgl.splat.splats import Splats
 
-# names of targets: the picture's, that of matter between surfaces, and a layer's
+# names of targets: of the picture, of the matter between two surfaces, and of a layer
 ROLES = ("draw", "part", "layer")
 
 
 class Technique(Protocol):
-    """A method of drawing splats into a float target."""
+    """Method of drawing splats into a float target."""
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Draws all of a picture's splats; the caller may cancel between portions."""
+        """Draws all splats of a picture; raises Interrupted if cancelled between portions."""
 
     def release(self) -> None:
-        """Frees the objects cached between pictures; they are recreated on demand."""
+        """Frees the cached objects; they are recreated on demand."""
 
 
 class Passes:
@@ -79,7 +79,7 @@ class Passes:
 
     def release(self) -> None:
         """Frees the targets, and the buffers of splats and techniques."""
-        # moderngl binds the framebuffer that was current once it has made another: that must not be one of the freed
+        # when moderngl creates a framebuffer, it rebinds the current one, which must not be freed by then
         self.ctx.detect_framebuffer(0).use()
         self.targets.release()
         self.splats.release()
@@ -97,9 +97,10 @@ class Passes:
         interrupted: Callable[[], bool] | None = None,
         batches: Batches | None = None,
     ) -> np.ndarray:
-        """float32 [H, W, 4]. role: name under which the target is cached. interrupted: called between portions; raises
-        Interrupted if it returns True. batches: of what is drawn instead of `splats`, which stand for all of it; of a
-        shell, the samples are returned.
+        """Returns the picture of the splats, float32 [H, W, 4]; of batches with a shell its samples.
+
+        role: name under which the target is cached. interrupted: is called between portions; if it returns True,
+        Interrupted is raised. batches: are drawn instead of `splats`, which then only describe them.
         """
         if plan.exposure is None:
             splats = visible_boxes(clip_behind_eye(splats, plan.resolved.camera), plan.resolved)
@@ -113,16 +114,17 @@ class Passes:
         return self._read(target, plan)
 
     def draw_layers(self, layers: Sequence[Drawn], interrupted: Callable[[], bool] | None = None) -> np.ndarray:
-        """float32 [H, W, 4]: layers, drawn in sheets and tiles, whose matter is composited together."""
+        """Returns the picture of layers, float32 [H, W, 4]; their matter is composited together, in tiles."""
         plan = layers[0][1]
         target, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ("draw", "layer"))
         target.clear()
-        ahead_ = [
-            (visible_boxes(clip_behind_eye(splats, own.resolved.camera), own.resolved), own) for splats, own in layers
+        visible = [
+            (visible_boxes(clip_behind_eye(splats, plan.resolved.camera), plan.resolved), plan)
+            for splats, plan in layers
         ]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
-        self.layers.composite(target, scratch, ahead_, self._bind, portions)
-        return self._read(target, replace(plan, window=union([each.window for _, each in layers])))
+        self.layers.composite(target, scratch, visible, self._bind, portions)
+        return self._read(target, replace(plan, window=union([plan.window for _, plan in layers])))
 
     def draw_surfaces(
         self,
@@ -131,23 +133,23 @@ class Passes:
         layers: Sequence[Drawn],
         interrupted: Callable[[], bool] | None = None,
     ) -> np.ndarray:
-        """float32 [H, W, 4]: meshes, lit or not, and the layers' matter between them."""
+        """Returns the picture of meshes and the layers' matter between them, float32 [H, W, 4]. lit: shades meshes."""
         first, plan = layers[0]
         camera, unit = plan.resolved.camera, first.grid.mean_spacing
         target, part, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ROLES)
         target.clear()
-        shown = [(visible_boxes(clip_behind_eye(splats, camera), own.resolved), own) for splats, own in layers]
-        shown = [each for each in shown if len(each[0])]
+        visible = [(visible_boxes(clip_behind_eye(splats, camera), plan.resolved), plan) for splats, plan in layers]
+        visible = [layer for layer in visible if len(layer[0])]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)
         try:
             for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
                 self.sheets.limits = self.layers.limits = self.boxes.limits = limits
                 part.clear()
-                if len(shown) > 1:
-                    self.layers.composite(part, scratch, shown, self._bind, portions)
-                elif shown:
-                    self._draw_splats(part, *shown[0], portions, None)
+                if len(visible) > 1:
+                    self.layers.composite(part, scratch, visible, self._bind, portions)
+                elif visible:
+                    self._draw_splats(part, *visible[0], portions, None)
                 self._bind(first, plan)
                 self.surfaces.composite(target, part, light)
         finally:
@@ -155,7 +157,7 @@ class Passes:
         return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)))
 
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
-        """float32 [H, W, 4]: the picture whose parts' samples were joined."""
+        """Returns the picture of joined samples of its parts, float32 [H, W, 4]."""
         target = self.targets.get("draw", plan.view.size, plan.target)
         target.texture.write(np.ascontiguousarray(samples, np.float32), (0, 0, *target.size))
         if plan.program.look.blend.one_value:
@@ -164,8 +166,8 @@ class Passes:
         return self._read(target, plan)
 
     def _read(self, target: Target, plan: Plan) -> np.ndarray:
-        """The pixels of samples that are drawn."""
-        # a sum has no background
+        """Returns the pixels of the target's samples."""
+        # an unbounded sum has no background
         background = plan.resolved.background if not plan.program.look.blend.unbounded else None
         if plan.resolved.averaged or background is not None:
             return self._resolve(target, plan, background).read()
@@ -186,7 +188,7 @@ class Passes:
         self.techniques[technique].draw(target, splats, plan, order, portions)
 
     def _bind(self, splats: Splats, plan: Plan) -> None:
-        """Uniform blocks and tables of a picture."""
+        """Uploads and binds the uniform blocks, tables and fields of a picture."""
         self.frame.write(frame_block(splats, plan).tobytes())
         self.style.write(style_block(splats, plan).tobytes())
         self.frame.bind_to_uniform_block(FRAME_BINDING)
@@ -194,13 +196,13 @@ class Passes:
         self.tables.use(plan)
         self.fields.use(splats, plan)
 
-    def _resolve(self, drawn: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
+    def _resolve(self, source: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
         program = self.programs.for_screen("resolve.frag")
         width, height = plan.view.size
         target = self.targets.get("resolve", (width // plan.samples, height // plan.samples), "rgba32f")
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)
-        drawn.texture.use(location=0)
+        source.texture.use(location=0)
         program["samples"], program["last"] = plan.samples, (width - 1, height - 1)
         program["ends"] = END_CORRECTION if plan.resolved.averaged else 0.0
         program["background"] = (*background, 1.0) if background else (0.0, 0.0, 0.0, 0.0)
@@ -210,6 +212,6 @@ class Passes:
     def _whole(self, program: moderngl.Program) -> None:
         """Draws one triangle over the whole target."""
         if program.extra is None:
-            # freed with the program
+            # Programs frees it with the program
             program.extra = self.ctx.vertex_array(program, [])
         program.extra.render(moderngl.TRIANGLES, vertices=3)

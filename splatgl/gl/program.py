@@ -1,4 +1,4 @@
-"""Cache of compiled programs, keyed by the plan's choices, and OpenGL's blend state."""
+"""Compiles shader programs, caches them by the plan's switches, and sets OpenGL's blend state."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Switches = Mapping[str, str | int | bool]
 Chosen = tuple[tuple[str, str | int | bool], ...]
 Compiled = moderngl.Program | moderngl.ComputeShader
 
-# most compiled programs that are kept: a combination of settings takes some five, of 2 MB each with llvmpipe
+# maximum number of cached programs: a combination of settings needs about five, of 2 MB each with llvmpipe
 MOST_PROGRAMS = 48
 
 
 def use_blend(ctx: moderngl.Context, mode: BlendMode, nearest_first: bool = True) -> None:
-    """Makes OpenGL blend premultiplied fragments, of extremes the maximum; for a minimum shaders write −value."""
+    """Sets the blending of premultiplied fragments; extremes use the maximum (for a minimum, shaders write −value)."""
     ctx.enable_only(moderngl.BLEND)
     ctx.blend_equation = moderngl.MAX if mode.extreme else moderngl.FUNC_ADD  # type: ignore[assignment]
     if not mode.ordered:
@@ -37,7 +37,7 @@ def use_blend(ctx: moderngl.Context, mode: BlendMode, nearest_first: bool = True
 
 
 def splat_switches(program: Program) -> dict[str, str | int | bool]:
-    """The shader switches that a plan's choices set."""
+    """Returns the shader switches of a plan's program."""
     look, seen = program.look, program.seen
     return {
         "ALIGN": f"ALIGN_{program.align.upper()}",
@@ -47,7 +47,7 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
         "HALF_LINE": seen.half_line,
         "SHADING": look.shading,
         "JOIN": f"JOIN_{look.blend.join.upper()}",
-        # values are means by shares of the peak
+        # values are means weighted by shares of the peak
         "PEAK": look.blend.peak or look.steps > 0,
         **({"SHEETS": look.sheets, "STEPS": look.steps} if look.sheets else {}),
         "ATTENUATION": f"ATTENUATION_{look.attenuation.upper().replace('-', '_')}",
@@ -63,26 +63,26 @@ def splat_switches(program: Program) -> dict[str, str | int | bool]:
 
 
 def _polynomials(program: Program) -> dict[str, str]:
-    """The coefficients in the five vectors of footprint_eval.glsl."""
+    """Returns the kernel's coefficients as the vectors of footprint_eval.glsl; empty without polynomials."""
     if program.footprint == "single":
-        numbers = [*single_polynomial(program.kernel), kernel(program.kernel).radius ** -2]
+        coefficients = [*single_polynomial(program.kernel), kernel(program.kernel).radius ** -2]
     elif program.footprint == "polynomial":
-        fitted = polynomials(program.kernel)
-        assert fitted is not None
-        numbers = [*fitted.inner, *fitted.outer, fitted.split, kernel(program.kernel).radius ** -2]
+        pieces = polynomials(program.kernel)
+        assert pieces is not None
+        coefficients = [*pieces.inner, *pieces.outer, pieces.split, kernel(program.kernel).radius ** -2]
     else:
         return {}
-    vectors = np.pad(np.array(numbers, np.float32), (0, -len(numbers) % 4)).reshape(-1, 4).tolist()
+    vectors = np.pad(np.array(coefficients, np.float32), (0, -len(coefficients) % 4)).reshape(-1, 4).tolist()
     return {f"POLYNOMIALS_{n}": f"vec4({', '.join(map(repr, vector))})" for n, vector in enumerate(vectors)}
 
 
 def build(
     ctx: moderngl.Context, vertex: str, fragment: str | None, switches: Switches, varyings: tuple[str, ...] = ()
 ) -> moderngl.Program:
-    """Composes and compiles one program; compiler messages are mapped to files and lines."""
+    """Composes and compiles a program; ShaderError names the files and lines of compiler messages."""
     stages = [name for name in (vertex, fragment) if name]
-    known = frozenset().union(*map(declared_switches, stages))
-    texts = [compose(name, switches, known) for name in stages]
+    declared = frozenset().union(*map(declared_switches, stages))
+    texts = [compose(name, switches, declared) for name in stages]
     try:
         program = ctx.program(
             vertex_shader=texts[0].source,
@@ -90,7 +90,7 @@ def build(
             varyings=varyings,
         )
     except moderngl.Error as error:
-        # moderngl's message names the stage that failed
+        # the message of moderngl names the stage that failed
         stage = 1 if fragment and "fragment_shader" in str(error) else 0
         raise ShaderError(f"{stages[stage]}: {texts[stage].explain(str(error))}") from error
     _bind_blocks(program)
@@ -98,7 +98,7 @@ def build(
 
 
 def build_compute(ctx: moderngl.Context, name: str, switches: Switches) -> moderngl.ComputeShader:
-    """Composes and compiles a compute shader."""
+    """Composes and compiles a compute shader; ShaderError as in `build`."""
     text = compose(name, switches)
     try:
         program = ctx.compute_shader(text.source)
@@ -118,65 +118,68 @@ def _bind_blocks(program: Compiled) -> None:
 
 
 class Programs:
-    """The program cache; compiles on the first use of a plan's choices, and frees what was used longest ago."""
+    """LRU cache of compiled programs; compiles a program on its first use."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
-        # by shader files and switches, the latest used last; and how many were compiled
+        # programs by shader files and switches, the most recently used last; number of compilations
         self.kept: dict[tuple[tuple[str, ...], Chosen], Compiled] = {}
         self.compiled = 0
-        # the switches that a shader reads, found once per request
+        # switches that the shaders read, by request
         self.read: dict[tuple[object, ...], Chosen] = {}
         owned.callback(self._free, 0)
 
     def for_splats(self, program: Program) -> moderngl.Program:
-        """The program that draws splats as quads with a plan's choices."""
+        """Returns the program that draws splats as quads with a plan's switches."""
         stages = "splat.vert", "splat.frag"
         return self._drawing(*stages, self._read(stages, program, {}))
 
     def for_screen(
         self, fragment: str, program: Program | None = None, more: Switches | None = None
     ) -> moderngl.Program:
-        """A fragment shader over the whole target, with a plan's choices if it has any; more: its own switches."""
+        """Returns the program of a fragment shader that covers the target.
+
+        program: sets the switches; None: the shader has none. more: additional switches.
+        """
         chosen = self._read((fragment,), program, more or {}) if program else ()
         return self._drawing("whole.vert", fragment, chosen)
 
     def for_meshes(self, perspective: bool, light: bool) -> moderngl.Program:
-        """The program that draws triangles. light: whether it is another than the plain one."""
+        """Returns the program that draws triangles. light: whether the light differs from the plain one."""
         return self._drawing("surface.vert", "surface.frag", (("PERSPECTIVE", perspective), ("LIGHT", light)))
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
-        """One of the tile compute shaders; more: its own switches."""
+        """Returns a compute shader of the tiles. more: additional switches."""
         chosen = self._read((name,), program, more)
-        found = self._kept((name,), chosen, lambda: build_compute(self.ctx, name, dict(chosen)))
-        return cast(moderngl.ComputeShader, found)
+        compiled = self._kept((name,), chosen, lambda: build_compute(self.ctx, name, dict(chosen)))
+        return cast(moderngl.ComputeShader, compiled)
 
     def _drawing(self, vertex: str, fragment: str, chosen: Chosen) -> moderngl.Program:
-        found = self._kept((vertex, fragment), chosen, lambda: build(self.ctx, vertex, fragment, dict(chosen)))
-        return cast(moderngl.Program, found)
+        compiled = self._kept((vertex, fragment), chosen, lambda: build(self.ctx, vertex, fragment, dict(chosen)))
+        return cast(moderngl.Program, compiled)
 
     def _kept(self, stages: tuple[str, ...], chosen: Chosen, compiled: Callable[[], Compiled]) -> Compiled:
-        """What is compiled of these files and switches."""
-        found = self.kept.pop((stages, chosen), None)
-        if found is None:
-            found = compiled()
+        """Returns the program of these files and switches from the cache; compiles it on a miss."""
+        program = self.kept.pop((stages, chosen), None)
+        if program is None:
+            program = compiled()
             self.compiled += 1
-        self.kept[stages, chosen] = found
+        self.kept[stages, chosen] = program
         self._free(MOST_PROGRAMS)
-        return found
+        return program
 
     def _free(self, most: int) -> None:
         while len(self.kept) > most:
-            found = self.kept.pop(next(iter(self.kept)))
-            if isinstance(found, moderngl.Program) and found.extra is not None:
-                found.extra.release()
-            found.release()
+            program = self.kept.pop(next(iter(self.kept)))
+            if isinstance(program, moderngl.Program) and program.extra is not None:
+                program.extra.release()
+            program.release()
 
     def _read(self, stages: tuple[str, ...], program: Program, more: Switches) -> Chosen:
-        """The plan's switches that the shaders read; a change of any other recompiles nothing."""
-        asked = (stages, program, *more.items())
-        if asked not in self.read:
+        """Returns the switches that the shaders read, so that a change of another one recompiles nothing."""
+        key = (stages, program, *more.items())
+        if key not in self.read:
             read = frozenset().union(*map(declared_switches, stages))
             chosen = {**splat_switches(program), **more}
-            self.read[asked] = tuple((switch, value) for switch, value in chosen.items() if switch in read)
-        return self.read[asked]
+            self.read[key] = tuple((switch, value) for switch, value in chosen.items() if switch in read)
+        return self.read[key]
