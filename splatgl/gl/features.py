@@ -1,7 +1,7 @@
-"""The optional features of shaders: one row each, with its switch, its uniforms and its textures.
+"""Table of the optional features of shaders: switch, uniforms and textures of each.
 
-A row's switch chooses between an include and its twin without effect (`clip_ray.glsl`, `clip_ray_off.glsl`). A new
-feature is a row and an include.
+A switch chooses between an include and its twin without effect (`clip_ray.glsl`, `clip_ray_off.glsl`). To add a
+feature, add a row and an include.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ FIELD_UNITS = {"sky_field": 18, "shade_field": 19, "mask_field": 20}
 
 @dataclass(frozen=True)
 class Feature:
-    """switch: set where `is_on`. uniforms, fields: what its include reads; fields by sampler: float32 or uint8
-    [D, H, W] or [D, H, W, 4].
+    """Optional feature of shaders. switch: is set if `is_on`. uniforms: values of the include's uniforms. fields: the
+    include's textures by sampler, float32 or uint8 [D, H, W] or [D, H, W, 4].
     """
 
     switch: str
@@ -37,7 +37,7 @@ class Feature:
 
 
 def clip_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """The planes of clip_ray.glsl, from the eye, with unit normals in index space."""
+    """Returns the clip planes of clip_ray.glsl, relative to the eye, with unit normals in index space."""
     clip = plan.resolved.clip
     assert clip is not None
     planes, normals = np.zeros((MOST_CLIPS, 4)), np.zeros((MOST_CLIPS, 3))
@@ -48,46 +48,46 @@ def clip_uniforms(splats: Splats, plan: Plan) -> Uniforms:
 
 
 def mask_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """The place of mask_ray.glsl's field."""
+    """Returns the position of the field of mask_ray.glsl, relative to the eye, in index space."""
     assert plan.resolved.mask is not None
     return {"mask_low": tuple(plan.resolved.mask.low - plan.view.eye_index)}
 
 
 def mask_field(splats: Splats, plan: Plan) -> dict[str, np.ndarray | None]:
-    """The mask's voxels; with normals if matter is lit."""
+    """Returns the voxels of the mask, with normals if shading is on."""
     mask = plan.resolved.mask
     assert mask is not None
     return {"mask_field": mask.faced if plan.program.look.shading else mask.kept}
 
 
 def cue_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """Turns offsets from the eye, index axes, and normals, world axes, into cells of cues.glsl."""
+    """Returns the maps of offsets from the eye (index axes) and of normals (world axes) to the cells of cues.glsl."""
     cues = plan.resolved.cues
     assert cues is not None
-    turn, moved = cues.cell_from_index
+    turn, shift = cues.cell_from_index
     return {
         "cell_from_index": tuple(turn.T.ravel()),
         "cell_from_normal": tuple(cues.cell_from_normal.T.ravel()),
-        "cell_of_eye": tuple(turn @ plan.view.eye_index + moved),
+        "cell_of_eye": tuple(turn @ plan.view.eye_index + shift),
         "cue_strength": (cues.occlusion, cues.shadows),
     }
 
 
 def cue_fields(splats: Splats, plan: Plan) -> dict[str, np.ndarray | None]:
-    """The light in the cells."""
+    """Returns the occlusion and shadow fields of the cells."""
     assert plan.resolved.cues is not None
     return {"sky_field": plan.resolved.cues.fields.sky, "shade_field": plan.resolved.cues.fields.shade}
 
 
 def weight_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """The table place of gradients of record values, per mean spacing."""
+    """Returns scale and offset that map gradients, in record values per mean spacing, to places in the weight table."""
     assert splats.post is not None
     _, low, step = splats.post.weights
     return {"weight_scale": (splats.post.span / splats.grid.mean_spacing / step, -low / step)}
 
 
 def box_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """The eye and the places of normals, index axes from frame.base, for boxes.glsl."""
+    """Returns the eye and the grid of normals for boxes.glsl, in index space relative to frame.base."""
     labels, base = splats.labels, base_of(splats, plan.view.eye_index)
     assert labels is not None
     return {
@@ -98,7 +98,7 @@ def box_uniforms(splats: Splats, plan: Plan) -> Uniforms:
 
 
 def box_field(splats: Splats, plan: Plan) -> dict[str, np.ndarray | None]:
-    """Normals of labels."""
+    """Returns the normals of the labels."""
     assert splats.labels is not None
     return {"mask_field": splats.labels.faced}
 
@@ -116,17 +116,19 @@ FEATURES = (
 
 
 def features_of(program: Program) -> list[Feature]:
-    """The features that are on."""
+    """Returns the features that are on."""
     return [feature for feature in FEATURES if feature.is_on(program)]
 
 
 def feature_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """The uniforms of all features that are on."""
-    return {name: value for each in features_of(plan.program) for name, value in each.uniforms(splats, plan).items()}
+    """Returns the uniforms of all features that are on."""
+    return {
+        name: value for feature in features_of(plan.program) for name, value in feature.uniforms(splats, plan).items()
+    }
 
 
 class FieldTextures:
-    """3-D textures of fields by sampler, kept for the next picture."""
+    """Cache of the fields' 3-D textures, by sampler."""
 
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx = ctx
@@ -134,27 +136,27 @@ class FieldTextures:
         owned.callback(self.release)
 
     def use(self, splats: Splats, plan: Plan) -> None:
-        """Binds the fields of all features that are on. Raises InputError for a field beyond OpenGL's size."""
+        """Binds the fields of all features that are on; raises InputError if a field exceeds OpenGL's texture size."""
         for feature in features_of(plan.program):
             for sampler, field in feature.fields(splats, plan).items():
                 if field is not None:
                     self._texture(sampler, field).use(FIELD_UNITS[sampler])
 
     def release(self) -> None:
-        """Frees the textures; they are made again on demand."""
+        """Frees the textures; they are recreated on demand."""
         for _, texture in self.textures.values():
             texture.release()
         self.textures = {}
 
     def _texture(self, sampler: str, field: np.ndarray) -> moderngl.Texture3D:
-        held = self.textures.get(sampler)
-        if held is not None and held[0] is field:
-            return held[1]
-        (depth, height, width), most = field.shape[:3], self.ctx.info["GL_MAX_3D_TEXTURE_SIZE"]
-        if max(depth, height, width) > most:
-            what = sampler.partition("_")[0]
-            raise expected(what, f"a box of at most {most} voxels a side around it", max(depth, height, width))
-        if held is not None:
+        cached = self.textures.get(sampler)
+        if cached is not None and cached[0] is field:
+            return cached[1]
+        (depth, height, width), limit = field.shape[:3], self.ctx.info["GL_MAX_3D_TEXTURE_SIZE"]
+        if max(depth, height, width) > limit:
+            option = sampler.partition("_")[0]
+            raise expected(option, f"a box of at most {limit} voxels a side around it", max(depth, height, width))
+        if cached is not None:
             self.textures.pop(sampler)[1].release()
         kind = "f4" if field.dtype == np.float32 else "f1"
         channels = field.shape[3] if field.ndim == 4 else 1

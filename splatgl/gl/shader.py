@@ -1,9 +1,9 @@
-"""Composes shaders from the folder `shaders/`, with strict includes and switches.
+"""Composes shaders from the folder `shaders/`, with checked includes, switches and constants.
 
-A file declares each switch it reads as `// switch NAME DEFAULT` and a number shared with Python as `#constant NAME`;
-a stage that needs a GLSL later than 3.3 declares it as `// version 430`, itself: includes that a switch leaves out
-would raise the version for nothing. An undeclared switch or constant, a missing file or an include cycle is an error
-that names file and line. The composed text records the origin of each line, to map compiler messages.
+A file declares each switch that it reads as `// switch NAME DEFAULT`, and each number shared with Python as
+`#constant NAME`. A stage that needs a later GLSL than 3.3 declares `// version 430`; included files may not, as an
+unused include would raise the version. An undeclared switch or constant, a missing file or an include cycle raises
+ShaderError with file and line. The composed text records the origin of each line, to explain compiler messages.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from splatgl.splat import (
     technique,
 )
 
-# a file; or one where any of the switches is on, and a twin of no effect else
+# a file; or a file for any of the switches on, and its twin without effect for all of them off
 INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"(?: if (\w+(?: or \w+)*) else "([^"]+)")?\s*$')
 COMMENT = re.compile(r"\s*//.*$")
 CONSTANT = re.compile(r"^#constant (\w+)")
@@ -43,31 +43,31 @@ VERSION = 330
 
 
 class ShaderError(RuntimeError):
-    """An error in shader text or its composition: a bug, not bad input."""
+    """Error in a shader's text or composition: a bug, not bad input."""
 
 
 @dataclass(frozen=True)
 class ShaderText:
-    """Composed source, and the file and line of origin of each line."""
+    """Composed source, with the original file and line of each line."""
 
     source: str
     lines: tuple[str, ...]
 
     def explain(self, message: str) -> str:
-        """A compiler message with the origins of its lines."""
-        places = {int(n) for n in ERROR_LINE.findall(message)}
-        known = [f"line {n} is {self.lines[n - 1]}" for n in sorted(places) if 0 < n <= len(self.lines)]
-        return "\n".join([message.strip(), *known])
+        """Returns the compiler message with the origins of the lines that it names."""
+        numbers = {int(n) for n in ERROR_LINE.findall(message)}
+        origins = [f"line {n} is {self.lines[n - 1]}" for n in sorted(numbers) if 0 < n <= len(self.lines)]
+        return "\n".join([message.strip(), *origins])
 
 
 def folder() -> Path:
-    """The shader folder: inside the installed package, or beside it in a checkout."""
+    """Returns the folder of shaders: inside the installed package, or beside it in a checkout."""
     inside = Path(__file__).parents[1] / "shaders"
     return inside if inside.is_dir() else Path(__file__).parents[2] / "shaders"
 
 
 def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozenset[str] = frozenset()) -> ShaderText:
-    """The text of shader `name` with includes and switches, ready to compile.
+    """Returns the text of shader `name` with its includes and switches, ready to compile.
 
     allowed: switches that only another stage of the program declares.
     """
@@ -81,26 +81,26 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
     used = [f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text))]
     head = [f"#version {version} core", *used, *(f"#define {switch} {value}" for switch, value in values.items())]
     places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
-    # a driver caches programs by their text: a comment compiles nothing anew
+    # drivers cache programs by their text: without comments, a changed comment recompiles nothing
     code = (COMMENT.sub("", text) for _, text in lines)
     return ShaderText("\n".join([*head, *code]) + "\n", tuple(places))
 
 
 def declared_switches(name: str) -> frozenset[str]:
-    """The switches that shader `name` and its includes declare, also those that other switches leave out."""
+    """Returns the switches that shader `name` and all of its includes declare, used or not."""
     return frozenset(_declared(name))
 
 
 def _declared(name: str) -> dict[str, str]:
-    """The default of each switch."""
+    """Returns the default of each switch."""
     return {match[1]: match[2] for _, text in _expand(name, (), set()) if (match := SWITCH.match(text))}
 
 
 def _expand(
-    name: str, outer: tuple[str, ...], seen: set[str], values: Mapping[str, str] | None = None
+    name: str, outer: tuple[str, ...], included: set[str], values: Mapping[str, str] | None = None
 ) -> Iterator[tuple[str, str]]:
-    """(place, text) of every line; each file is included once. values: of switches; None: both files of an include."""
-    seen.add(name)
+    """Yields (place, text) of every line; includes each file once. values: of switches; None: includes both twins."""
+    included.add(name)
     for number, text in enumerate(_read(name), 1):
         place = f"{name}:{number}"
         match, constant = INCLUDE.match(text), CONSTANT.match(text)
@@ -118,12 +118,12 @@ def _expand(
                     raise ShaderError(f"{place}: includes {file}, which includes it")
                 if not (folder() / file).is_file():
                     raise ShaderError(f"{place}: no such file: {file}")
-                if file not in seen:
-                    yield from _expand(file, (*outer, name), seen, values)
+                if file not in included:
+                    yield from _expand(file, (*outer, name), included, values)
 
 
 def _included(place: str, match: re.Match[str], values: Mapping[str, str] | None) -> tuple[str, ...]:
-    """The file that a line includes with these values of switches; all files for None."""
+    """Returns the file that a line includes for these switches; all of its files for None."""
     if not match[2]:
         return (match[1],)
     if values is None:
@@ -148,11 +148,11 @@ def _literal(value: str | int | bool) -> str:
 
 # splats per row of the placed textures, and groups of four entries per row of the tile list
 ABREAST, LISTED = 1024, 2048
-# ends of cells of the classification table along its rows
+# cell ends per row of the classification table
 TABLE_ROW = 128
 # invocations per work group
 LANES = 8
-# pieces of matter of a page, of which the last names the next page
+# entries of a page: pieces of matter, and last the number of the next page
 PAGE = 8
 # cursor of a terminated tile
 NOWHERE = 0xFFFFFFFF
@@ -208,6 +208,6 @@ CONSTANTS: dict[str, float | np.uint32] = {
 
 
 def glsl(name: str) -> str:
-    """The constant as a GLSL literal; KeyError for an unknown name."""
+    """Returns the constant as a GLSL literal; raises KeyError for an unknown name."""
     value = CONSTANTS[name]
     return f"{value}u" if isinstance(value, np.uint32) else repr(value)
