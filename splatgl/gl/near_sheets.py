@@ -1,4 +1,7 @@
-"""The first sheets from the eye, which are planes across each ray: drawn before the others, on a grid of rays."""
+"""Draws the sheets nearest to the eye, which are planes perpendicular to each ray, on a coarse grid of rays.
+
+They are drawn before the other sheets, which read them from textures.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,14 @@ from splatgl.splat.sheets import NearField
 
 # texture units
 SUMS_UNIT, MASSES_UNIT, VOXELS_UNIT = 28, 29, 30
-# least voxels between two rays of the grid, between which the field is linear; and its most rows
+# minimum distance of two rays of the grid, in voxels (the field is linear between them); maximum rows of the grid
 LEAST_APART, MOST_ROWS = 1 / 128, 16_000
-# of a picture without near sheets
+# uniforms of a picture without near sheets
 NOTHING: dict[str, object] = {"near_base": -(2**30)}
 
 
 class NearSheets:
-    """Reuses its textures between pictures. whole: draws one triangle over the bound framebuffer."""
+    """Draws near sheets; reuses its textures between pictures. whole: draws one triangle over the framebuffer."""
 
     def __init__(
         self,
@@ -39,15 +42,16 @@ class NearSheets:
         owned.callback(self.release)
 
     def release(self) -> None:
-        """Frees the textures; they are made again on demand."""
+        """Frees the textures; they are recreated on demand."""
         for part in (self.target, *self.textures, self.voxels):
             if part is not None:
                 part.release()
         self.target, self.textures, self.voxels = None, [], None
 
     def draw(self, near: NearField | None, plan: Plan, first_sheet: float) -> dict[str, object]:
-        """Draws and binds them; uniforms of `near_sheets.glsl` and `sheet_sort.comp`. first_sheet: from which sheets
-        are counted.
+        """Draws the near sheets and binds their textures; returns uniforms of near_sheets.glsl and sheet_sort.comp.
+
+        first_sheet: number of the first sheet, from which the shaders count.
         """
         if near is None:
             return NOTHING
@@ -59,14 +63,14 @@ class NearSheets:
         assert self.target is not None
         program = self.programs.for_screen("near_field.frag", plan.program, {"SIDE": 2 * near.around})
         self.tables.use(plan)
-        own = {
+        uniforms = {
             "near_voxels": VOXELS_UNIT,
             "near_low": tuple(near.low - plan.view.eye_index),
             "thickness": sheets.thickness,
             "near_step": step,
             "near_rows": rows,
         }
-        for name, value in own.items():
+        for name, value in uniforms.items():
             program[name] = value
         self.target.use()
         self.ctx.enable_only(moderngl.NOTHING)
@@ -83,7 +87,7 @@ class NearSheets:
         }
 
     def _prepare(self, near: NearField, size: tuple[int, int]) -> None:
-        """Uploads the voxels, and makes textures of that size."""
+        """Uploads the voxels and creates textures of the given size."""
         shape = near.cells.shape[2::-1]
         if self.voxels is None or self.voxels.size != shape:
             if self.voxels is not None:
@@ -105,13 +109,14 @@ class NearSheets:
 
 
 def grid_step(near: NearField, plan: Plan) -> int:
-    """Pixels, or samples, between two rays of the grid: so far apart that what is linear between two is within the
-    tolerance of a field that bends as much as noise does.
+    """Returns the distance of two rays of the grid, in pixels (or samples).
+
+    The error of linear interpolation between them stays within the tolerance, even for a field as rough as noise.
     """
     view, sheets = plan.view, plan.resolved.sheets
     assert sheets is not None
     widths = np.linalg.svd(view.index_from_eye, compute_uv=False)
-    # of neighbours at the furthest sheet, at most
+    # maximum distance, in voxels, of neighbouring pixels' rays at the furthest sheet
     apart = view.pitch * widths[0] / widths[-1] * sheets.thickness * (near.count - 1)
     allowed = max(float(np.sqrt(plan.resolved.tolerance)), LEAST_APART)
     return max(int(allowed / apart), -(-view.size[1] * (near.count + 1) // MOST_ROWS), 1)

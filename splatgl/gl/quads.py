@@ -1,4 +1,4 @@
-"""The paper's technique: every splat is an instance of a textured quad, blended in drawing order.  [M98 §5]"""
+"""Draws every splat as an instance of a textured quad, blended in drawing order.  [M98 §5]"""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ class Quads:
                 vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
     def release(self) -> None:
-        """No effect: it owns no GL objects."""
+        """Does nothing: Quads owns no GL objects."""
 
     def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Sorted:
-        """Splats `which` of the drawing order."""
+        """Returns the instances of splats `which` of the drawing order."""
         return self.splats.of(splats).quads(plan.program.runs, order, which)
 
 
 class Streaks(Quads):
-    """Quads that cover streaks; caches the last flowing splats."""
+    """Quads that cover motion streaks; caches the latest moving splats."""
 
     flowing: Flowing | None = None
 
     def release(self) -> None:
-        """Frees the buffers of the splats that flow."""
+        """Frees the buffers of the moving splats."""
         if self.flowing is not None:
             self.flowing.release()
         self.flowing = None
@@ -70,7 +70,7 @@ class Streaks(Quads):
 
 
 class Flowing(Sorted):
-    """Records in drawing order, with each splat's drift in half of the exposure, in grid steps."""
+    """Records in drawing order, and the drift of each splat during half of the exposure, in grid steps."""
 
     def __init__(self, ctx: moderngl.Context, splats: Splats, exposure: Exposure) -> None:
         super().__init__(ctx, splats)
@@ -79,9 +79,9 @@ class Flowing(Sorted):
         self.drift_buffer = ctx.buffer(reserve=self.drift.nbytes)
 
     def holds(self, splats: Splats, exposure: Exposure) -> bool:
-        """Whether it holds these splats' drift, for the same flow and number of frames."""
-        mine = self.exposure
-        return splats is self.splats and exposure.flow is mine.flow and exposure.frames == mine.frames
+        """Whether the buffers hold the drift of these splats, for the same flow and number of frames."""
+        current = self.exposure
+        return splats is self.splats and exposure.flow is current.flow and exposure.frames == current.frames
 
     def release(self) -> None:
         """Frees the buffers of records and drift."""
