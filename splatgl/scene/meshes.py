@@ -62,7 +62,7 @@ class MeshFile:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the mesh in messages and lists."""
         return Path(self.file).name
 
     @property
@@ -193,7 +193,7 @@ _option = partial(option, group=Group.LAYERS)
 
 @dataclass(frozen=True)
 class Vectors:
-    """How a volume's vectors are drawn. show: "magnitude", "direction" or "": the volume's own values. streamlines,
+    """Options of a volume's vectors. show: "magnitude", "direction" or "": the volume's own values. streamlines,
     arrows: how many. colormap: of their speeds. Raises InputError for others.
     """
 

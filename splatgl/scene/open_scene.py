@@ -97,7 +97,7 @@ class OpenScene:
 
     @property
     def subject(self) -> Splats | Scene:
-        """What a renderer draws: the splats of a single volume, or layers and meshes."""
+        """Subject of a renderer: the splats of a single volume, or layers and meshes."""
         return self.splats if self.is_single else self.scene
 
     @property
@@ -131,7 +131,7 @@ class OpenScene:
 
     @property
     def annotated_subject(self) -> Subject:
-        """What annotations need to know of the volume and the meshes."""
+        """Box, unit, frame and scales of the volume and the meshes, for annotations."""
         scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
         return replace(Subject.of(self.volume), scales=scales, empty=is_empty)
 
