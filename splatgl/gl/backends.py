@@ -2,11 +2,11 @@
 
 OpenGL keeps one current context per thread, and the window systems are independent: if an EGL context is made current
 while an OSMesa one is, calls go to the wrong one. Each thread therefore stores its current loader and unbinds it before
-it binds another. What other libraries of the process made current (Qt, VTK, another moderngl) is asked of EGL and GLX,
-unbound before a context of ours is bound, and bound again after.
+it binds another. EGL and GLX report the current context of another library of the process (Qt, VTK, another moderngl):
+it is unbound before a context of this module is bound, and bound again afterwards.
 
 A forked process has its parent's context memory, but not its threads and connections: with llvmpipe, draw calls hang,
-even in a new context of a library that the parent had used. Both are refused.
+even in a new context of a library that the parent had used. This module refuses both.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from typing import Any, ClassVar, TypeVar
 from splatgl.errors import expected
 
 Opened = TypeVar("Opened")
-# core profiles in the order in which they are asked for: some drivers give exactly what is asked. 4.3 has compute
-# shaders, 3.3 is the least that has instanced attributes and float targets
+# core profiles in the order of the attempts: some drivers give exactly the requested version. 4.3 has compute shaders,
+# 3.3 is the oldest with instanced attributes and float targets
 VERSIONS = ((4, 6), (4, 5), (4, 3), (3, 3))
 # from egl.h
 EGL_DRAW, EGL_READ = 0x3059, 0x305A
@@ -42,7 +42,7 @@ class BackendError(Exception):
 
 
 def newest(create: Callable[[int, int], Opened]) -> Opened:
-    """The result of `create(major, minor)` for the newest version that there is; BackendError if there is none."""
+    """Returns `create(major, minor)` for the newest version that opens; raises BackendError if none does."""
     refusal = BackendError("no OpenGL")
     for version in VERSIONS:
         try:
@@ -54,8 +54,8 @@ def newest(create: Callable[[int, int], Opened]) -> Opened:
 
 @dataclass(frozen=True)
 class Host:
-    """Another library's context that is current in this thread. unbind: leaves none of its window system current.
-    bind: makes it current again, on the surfaces that it was drawing to.
+    """Context of another library that is current in this thread. unbind: leaves no context of its window system
+    current. bind: makes it current again, on the surfaces that it was drawing to.
     """
 
     unbind: Callable[[], object]
@@ -63,7 +63,7 @@ class Host:
 
 
 def current_host() -> Host | None:
-    """The context that EGL or GLX have current in this thread, which is another library's while no loader is."""
+    """Returns the current context of EGL or GLX in this thread: another library's, while no loader is current."""
     return _of_egl() or _of_glx()
 
 
@@ -88,28 +88,30 @@ def _of_glx() -> Host | None:
     if glx is None or not context:
         return None
     display, drawables = glx.glXGetCurrentDisplay(), (glx.glXGetCurrentDrawable(), glx.glXGetCurrentReadDrawable())
-    make = glx.glXMakeContextCurrent
-    return Host(partial(make, display, None, None, None), partial(make, display, *drawables, context))
+    make_current = glx.glXMakeContextCurrent
+    return Host(partial(make_current, display, None, None, None), partial(make_current, display, *drawables, context))
 
 
-def _in_process(name: str, asked: tuple[str, ...], bind: str) -> ctypes.CDLL | None:
-    """A library that the process has loaded, with the functions `asked` for handles and the one that binds four."""
+def _in_process(name: str, getters: tuple[str, ...], bind: str) -> ctypes.CDLL | None:
+    """Returns a library that the process has loaded, or None. getters: functions that return handles. bind: the
+    function that takes four handles.
+    """
     if name not in _Process.libraries and hasattr(os, "RTLD_NOLOAD"):
         try:
             library = ctypes.CDLL(name, mode=os.RTLD_NOLOAD)
-            for function in asked:
+            for function in getters:
                 getattr(library, function).restype = ctypes.c_void_p
             getattr(library, bind).argtypes = [ctypes.c_void_p] * 4
         except (OSError, AttributeError):
-            # not loaded, or without OpenGL of that system
+            # not loaded, or without the functions of that window system
             return None
         _Process.libraries[name] = library
     return _Process.libraries.get(name)
 
 
 class _Thread(threading.local):
-    """The loader that is current in this thread, another library's context that was before it, and the loader that was
-    current when a fork began.
+    """State of a thread: the current loader, the context of another library that was current before it, and the loader
+    that was current when a fork began.
     """
 
     current: Loader | None = None
@@ -118,8 +120,8 @@ class _Thread(threading.local):
 
 
 class _Process:
-    """Libraries opened by this process, those of them that tell what is current, libraries opened by its parent before
-    the fork, and the number of forks.
+    """State of the process: OpenGL libraries that it opened, loaded libraries that report the current context,
+    libraries that its parent opened before the fork, and the number of forks.
     """
 
     opened: ClassVar[set[str]] = set()
@@ -132,7 +134,7 @@ _thread = _Thread()
 
 
 def _before_fork() -> None:
-    """Unbinds the current context: the child could not, and other window systems would refuse theirs there."""
+    """Unbinds the current context: the child cannot, and other window systems would refuse their contexts there."""
     loader = _thread.current
     _thread.forking = loader if loader is not None and loader.holds() else None
     if _thread.forking is not None:
@@ -160,7 +162,7 @@ class Loader(ABC):
     """A core context of OpenGL 3.3 or newer for moderngl's `create_context(context=loader)`.
 
     As a context manager it makes its context current and restores the previous one on exit.
-    library: the OpenGL implementation; BackendError if a parent process had opened it before the fork.
+    library: the OpenGL implementation; raises BackendError if a parent process opened it before the fork.
     """
 
     backend: str
@@ -169,7 +171,7 @@ class Loader(ABC):
         if library in _Process.inherited:
             raise BackendError(f"{library} was opened before this process was forked, and its threads were left behind")
         _Process.opened.add(library)
-        # libraries may make a new context current, or refuse to while another is
+        # some libraries make a new context current, others refuse to create one while another is current
         leave()
         self._before: list[Loader | None] = []
         self._released = False
@@ -187,34 +189,36 @@ class Loader(ABC):
 
     @abstractmethod
     def address(self, name: str) -> int:
-        """Address of an OpenGL function, 0 if there is none; the context is current."""
+        """Returns the address of an OpenGL function, 0 if there is none; the context must be current."""
 
     @abstractmethod
     def bind(self) -> None:
-        """Make this context current; raises BackendError if the system refuses."""
+        """Makes this context current; raises BackendError if the system refuses."""
 
     @abstractmethod
     def unbind(self) -> None:
-        """Leave no context of this window system current."""
+        """Leaves no context of this window system current."""
 
     @abstractmethod
     def destroy(self) -> None:
-        """Free the context, which is not current."""
+        """Frees the context, which must not be current."""
 
     @abstractmethod
     def holds(self) -> bool:
         """Whether the system reports this context as current; other libraries may have switched it."""
 
     def load_opengl_function(self, name: str) -> int:
-        """Address of an OpenGL function; the method that moderngl calls."""
+        """Returns the address of an OpenGL function; moderngl calls this method."""
         return self.address(name)
 
     def make_current(self) -> Loader | None:
-        """Make this context current in this thread, unless inherited; returns the loader that was current before."""
+        """Makes this context current in this thread and returns the loader that was current before. Raises InputError
+        for an inherited context.
+        """
         self.check_process()
         before = _thread.current
         if before is not None and not before.holds():
-            # another library's is current, which is bound again after, or none, and this one comes back
+            # another library has switched: its context is restored on exit, or `before` if it left none current
             _thread.current = None
             before = None if current_host() else before
         if before is not self or _thread.current is None:
@@ -229,7 +233,7 @@ class Loader(ABC):
         switch_to(self._before.pop())
 
     def release(self) -> None:
-        """Free the context; no effect on a second call or in a forked process that inherited it."""
+        """Frees the context; no effect on a second call or in a forked process that inherited it."""
         if self._released or self.inherited:
             return
         if _thread.current is self:
@@ -239,18 +243,18 @@ class Loader(ABC):
 
 
 def current_loader() -> Loader | None:
-    """The loader whose context is current in this thread."""
+    """Returns the loader whose context is current in this thread, or None."""
     return _thread.current
 
 
 def forked() -> bool:
-    """Whether this process was forked from one that had opened an OpenGL library."""
+    """Whether this process was forked from a process that had opened an OpenGL library."""
     return bool(_Process.inherited)
 
 
 def switch_to(loader: Loader | None) -> None:
-    """Make `loader` the thread's current one; None, a released or an inherited one leaves none of ours current, and
-    binds again what another library had.
+    """Makes `loader` current in this thread. None, a released or an inherited loader leaves no loader current and
+    binds the earlier context of another library again.
     """
     target = None if loader is None or loader._released or loader.inherited else loader
     if _thread.current is target and (target is not None or _thread.host is None):
@@ -267,26 +271,26 @@ def switch_to(loader: Loader | None) -> None:
 
 
 def leave() -> None:
-    """Leave no context current in this thread; one of another library is kept for `switch_to`."""
+    """Leaves no context current in this thread; stores the context of another library for `switch_to`."""
     loader, _thread.current = _thread.current, None
     if loader is not None and (loader.holds() or current_host() is None):
         loader.unbind()
-    # or what was made current meanwhile, behind our back
-    found = current_host()
-    if found is not None:
-        found.unbind()
-        _thread.host = found
+    # another library may have made a context current meanwhile
+    other = current_host()
+    if other is not None:
+        other.unbind()
+        _thread.host = other
 
 
 def hand_back() -> None:
-    """Binds what another library had current before a context was opened, if anything; it may soon be gone."""
+    """Binds the earlier context of another library again, if there is one: the library may destroy it later."""
     if _thread.host is not None:
         switch_to(None)
 
 
 @contextmanager
 def restored() -> Iterator[None]:
-    """Leaves the thread's current context as it was, whatever was opened meanwhile: another thread may want it."""
+    """Restores the thread's current context after the block: another thread may need a context opened in it."""
     before = _thread.current
     try:
         yield
@@ -301,7 +305,7 @@ GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
 
 
 class EglLoader(Loader):
-    """An EGL context on device number `device`, counted from 0 in the driver's order."""
+    """EGL context on device number `device`, counted from 0 in the driver's order."""
 
     backend = "egl"
 
@@ -309,14 +313,14 @@ class EglLoader(Loader):
         super().__init__("EGL")
         self._context, self._egl = _create_egl(device)
         self._handle: int | None = None
-        # glcontext makes it current without asking
-        made = current_host()
-        if made is not None:
-            made.unbind()
+        # glcontext leaves the new context current
+        host = current_host()
+        if host is not None:
+            host.unbind()
         self.make_current()
 
     def address(self, name: str) -> int:
-        """Address of an OpenGL function as glcontext finds it, 0 if there is none."""
+        """Returns the address of an OpenGL function from glcontext, 0 if there is none."""
         return int(self._context.load_opengl_function(name))
 
     def bind(self) -> None:
@@ -325,12 +329,12 @@ class EglLoader(Loader):
         self._egl.eglBindAPI(EGL_OPENGL_API)
         self._context.__enter__()
         error = self._egl.eglGetError()
-        found = self._egl.eglGetCurrentContext()
+        handle = self._egl.eglGetCurrentContext()
         if error == EGL_BAD_ACCESS:
             raise BackendError("EGL's context is current in another thread; give each thread a Renderer")
-        if not found or found != (self._handle or found):
+        if not handle or handle != (self._handle or handle):
             raise BackendError("EGL's context is gone, as another library ended its display; open another Renderer")
-        self._handle = found
+        self._handle = handle
 
     def holds(self) -> bool:
         """Whether EGL's current context is this one."""
@@ -346,7 +350,7 @@ class EglLoader(Loader):
 
 
 def device_count() -> int:
-    """Number of EGL devices; 0 if EGL cannot count them."""
+    """Returns the number of EGL devices, 0 if EGL cannot count them."""
     egl = ctypes.CDLL(_first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES))
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
@@ -359,7 +363,9 @@ def device_count() -> int:
 
 
 def _create_egl(device: int) -> tuple[Any, ctypes.CDLL]:
-    """The EGL context by glcontext, and the library that queries the current one. glcontext raises bare Exceptions."""
+    """Returns glcontext's EGL context and the library that reports the current context. Raises BackendError for the
+    bare Exceptions of glcontext.
+    """
     try:
         from glcontext import egl
     except ImportError as error:  # not built on this system
@@ -382,7 +388,7 @@ def _create_egl(device: int) -> tuple[Any, ctypes.CDLL]:
 
 
 def _first_library(variable: str, names: tuple[str, ...]) -> str:
-    """The environment variable's library or the first of `names` that loads."""
+    """Returns the environment variable's library or the first of `names` that loads; BackendError if none does."""
     if os.environ.get(variable):
         names = (os.environ[variable],)
     for name in names:
@@ -399,13 +405,13 @@ LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 OSMESA_FORMAT, OSMESA_DEPTH_BITS, OSMESA_PROFILE, OSMESA_CORE_PROFILE = 0x22, 0x30, 0x33, 0x34
 OSMESA_MAJOR, OSMESA_MINOR = 0x36, 0x37
 GL_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
-# OSMesa requires its own colour buffer in memory; nothing is drawn to it, so the smallest will do
+# OSMesa requires a colour buffer in memory; nothing is drawn to it, so the smallest suffices
 BUFFER_SIDE = 1  # pixels
 BUFFER_BYTES = 4 * BUFFER_SIDE * BUFFER_SIDE
 
 
 class OsmesaLoader(Loader):
-    """An OSMesa context of a core profile."""
+    """OSMesa context of a core profile."""
 
     backend = "osmesa"
 
@@ -420,23 +426,23 @@ class OsmesaLoader(Loader):
         attributes = (OSMESA_FORMAT, GL_RGBA, OSMESA_DEPTH_BITS, 0, OSMESA_PROFILE, OSMESA_CORE_PROFILE)
         version = (OSMESA_MAJOR, major, OSMESA_MINOR, minor, 0)
         packed = (ctypes.c_int * (len(attributes) + len(version)))(*attributes, *version)
-        made = self._library.OSMesaCreateContextAttribs(packed, None)
-        if not made:
+        context = self._library.OSMesaCreateContextAttribs(packed, None)
+        if not context:
             raise BackendError(f"OSMesa made no OpenGL {major}.{minor} core context")
-        return int(made)
+        return int(context)
 
     def address(self, name: str) -> int:
-        """Address of an OpenGL function by OSMesaGetProcAddress, 0 if there is none."""
+        """Returns the address of an OpenGL function from OSMesaGetProcAddress, 0 if there is none."""
         return self._library.OSMesaGetProcAddress(name.encode()) or 0
 
     def bind(self) -> None:
-        """Makes the context current on its own small buffer; raises BackendError if OSMesa refuses."""
+        """Makes the context current on its small buffer; raises BackendError if OSMesa refuses."""
         side = BUFFER_SIDE
         if not self._library.OSMesaMakeCurrent(self._context, self._buffer, GL_UNSIGNED_BYTE, side, side):
             raise BackendError("OSMesa refused to make its context current")
 
     def holds(self) -> bool:
-        """Whether OSMesa's current context is this one, and no other window system has one that calls go to."""
+        """Whether this is OSMesa's current context and no other window system has one, which would get the calls."""
         return bool(self._library.OSMesaGetCurrentContext() == self._context) and current_host() is None
 
     def unbind(self) -> None:
@@ -449,7 +455,7 @@ class OsmesaLoader(Loader):
 
 
 def _library() -> ctypes.CDLL:
-    """Loads libOSMesa with its functions' types; without them pointers are truncated to 32 bits."""
+    """Loads libOSMesa and sets its functions' types; without them pointers are truncated to 32 bits."""
     for name in LIBRARIES:
         try:
             library = ctypes.CDLL(name)
@@ -476,7 +482,7 @@ HIDDEN_SIZE = (16, 16)  # pixels; a hidden window is never drawn to
 
 
 class WindowLoader(Loader):
-    """The OpenGL context of a GLFW window, which is destroyed with it. GLFW requires the main thread."""
+    """OpenGL context of a GLFW window; `destroy` closes the window too. GLFW requires the main thread."""
 
     backend = "window"
 
@@ -486,7 +492,7 @@ class WindowLoader(Loader):
         self.make_current()
 
     def address(self, name: str) -> int:
-        """Address of an OpenGL function as GLFW finds it, 0 if there is none."""
+        """Returns the address of an OpenGL function from GLFW, 0 if there is none."""
         import glfw
 
         address = glfw.get_proc_address(name)
@@ -522,7 +528,7 @@ class WindowLoader(Loader):
 
 
 def _create_window(size: tuple[int, int], title: str, visible: bool) -> Any:
-    """A GLFW window with the newest core context that there is."""
+    """Creates a GLFW window with the newest core context that opens."""
     try:
         import glfw
     except ImportError as error:
@@ -548,7 +554,7 @@ def _create_window(size: tuple[int, int], title: str, visible: bool) -> Any:
 
 
 def _hint(glfw: Any, visible: bool, version: tuple[int, int]) -> None:
-    """Sets the hints for windows created from now on."""
+    """Sets the hints for the windows created next."""
     glfw.default_window_hints()
     if glfw.get_platform() == glfw.PLATFORM_NULL:
         glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.OSMESA_CONTEXT_API)

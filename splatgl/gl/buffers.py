@@ -17,17 +17,17 @@ from splatgl.splat.culling import block_boxes
 from splatgl.splat.ordering import Order, back_to_front
 from splatgl.splat.splats import MOST_KEPT, Splats
 
-# cache limits: entries, and bytes of records of all but the latest
+# cache limits: entries, and bytes of the records of all entries but the latest
 KEPT, KEPT_BYTES = 3, 2**28
-# largest records, in bytes, that are sorted for tiles when an order repeats: sequential reads are faster
+# limit in bytes of records that are sorted for tiles when an order repeats: sequential reads are faster
 SORTED_BYTES = 2**25
 
-# words' records uploaded at a time, a multiple of ABREAST
+# records per upload of words, a multiple of ABREAST
 PART = 2**20
 
 # name, buffer, int or float, moderngl's format, offset and stride in bytes
 Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
-# attributes of a record's words by fours; in_rest: what is left of them
+# attributes of four words of a record each; the attribute in_rest has the remaining words
 WORDS = ("in_first", "in_second")
 
 
@@ -40,14 +40,16 @@ class SplatBuffers:
         owned.callback(self.release)
 
     def of(self, splats: Splats) -> SplatBuffer:
-        """The buffers of `splats`, created on a miss; evicts the least recently used beyond KEPT or KEPT_BYTES."""
-        # another transfer function leaves the records of values as they are
-        same = (buffer for buffer in self.kept if buffer.splats.records is splats.records)
-        found = next(same, None) or SplatBuffer(self.ctx, splats)
-        self.kept = [*(buffer for buffer in self.kept if buffer is not found), found]
+        """Returns the buffers of `splats`, creates them on a miss, and evicts the least recently used beyond KEPT or
+        KEPT_BYTES.
+        """
+        # records of values do not depend on the transfer function, so several sets of splats may share them
+        matches = (buffer for buffer in self.kept if buffer.splats.records is splats.records)
+        latest = next(matches, None) or SplatBuffer(self.ctx, splats)
+        self.kept = [*(buffer for buffer in self.kept if buffer is not latest), latest]
         while len(self.kept) > KEPT or sum(buffer.splats.records.nbytes for buffer in self.kept[:-1]) > KEPT_BYTES:
             self.kept.pop(0).release()
-        return found
+        return latest
 
     def release(self) -> None:
         """Frees the buffers of all splats."""
@@ -65,14 +67,14 @@ class SplatBuffer:
         self.textured: Textured | None = None
 
     def quads(self, runs: bool, order: DrawOrder, which: Range) -> Sorted:
-        """Splats `which` of the drawing order, as instances, with runs if `runs`."""
+        """Returns the splats `which` of the drawing order as instances, with runs if `runs`."""
         part = which[0] == 0, which[1] == len(self.splats)
-        found = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
-        found.write(order, runs, which)
-        return found
+        instances = self.sorted.setdefault(part, Sorted(self.ctx, self.splats))
+        instances.write(order, runs, which)
+        return instances
 
     def texels(self, runs: bool, order: DrawOrder, which: Range | None = None) -> Texels:
-        """The splats as textures, with runs if `runs`, and their drawing order; which: only that range of it."""
+        """Returns textures of the splats, with runs if `runs`, and of their drawing order; which: only this range."""
         self.textured = self.textured or Textured(self.ctx, self.splats)
         return self.textured.part(runs, order, which) if which else self.textured.texels(runs, order)
 
@@ -94,7 +96,7 @@ class Instances:
         self.arrays: dict[moderngl.Program, moderngl.VertexArray] = {}
 
     def fill(self, records: np.ndarray) -> None:
-        """Uploads records in the order in which they are drawn."""
+        """Uploads records, which are in drawing order."""
         self.record = records.dtype
         if self.buffer is None:
             self.buffer = self.ctx.buffer(records)
@@ -103,7 +105,7 @@ class Instances:
             self.buffer.write(records)
 
     def vertices(self, program: moderngl.Program, first: int) -> moderngl.VertexArray:
-        """A vertex array of the written instances, from `first` on."""
+        """Returns a vertex array of the uploaded instances from `first` on."""
         array = self.arrays.get(program)
         if array is None:
             array = self.arrays[program] = self.ctx.vertex_array(program, [])
@@ -122,8 +124,8 @@ class Instances:
         assert self.buffer is not None
         size = self.record.itemsize
         fours = size // 16
-        found: list[Attribute] = [(WORDS[n], self.buffer, "i", "4u4", 16 * n, size) for n in range(fours)]
-        return [*found, ("in_rest", self.buffer, "i", f"{size // 4 - 4 * fours}u4", 16 * fours, size)]
+        attributes: list[Attribute] = [(WORDS[n], self.buffer, "i", "4u4", 16 * n, size) for n in range(fours)]
+        return [*attributes, ("in_rest", self.buffer, "i", f"{size // 4 - 4 * fours}u4", 16 * fours, size)]
 
 
 class Sorted(Instances):
@@ -136,23 +138,24 @@ class Sorted(Instances):
 
     def write(self, order: DrawOrder, runs: bool, which: Range) -> None:
         """Uploads splats `which` of the drawing order, with runs if `runs`, unless the buffer already holds them."""
-        wanted = (order, runs, which)
-        # if any order will do, the current one is reused; unread runs do no harm
-        there = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
-        if not there or (order.boxes is not None and self.written != wanted):
-            self._upload(*wanted)
-            self.written = wanted
+        request = (order, runs, which)
+        # an order that does not matter reuses the written one; runs that no shader reads do no harm
+        has_range = self.written is not None and self.written[2] == which and (self.written[1] or not runs)
+        if not has_range or (order.boxes is not None and self.written != request):
+            self._upload(*request)
+            self.written = request
 
     def _upload(self, order: DrawOrder, runs: bool, which: Range) -> None:
         records = self.splats.records_with_runs if runs else self.splats.records
-        chosen = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
-        self.fill(np.ascontiguousarray(records[chosen]))
+        rows = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
+        self.fill(np.ascontiguousarray(records[rows]))
 
 
 @dataclass(frozen=True)
 class Texels:
-    """The first words of the records, and the rest: 4 and 2, or of points 8, in two texels, and 1; indices in drawing
-    order, None if the records are sorted or any order will do; boxes around blocks of sorted records.
+    """Textures of splats. records: the first words, 4 in one texel, or 8 of points in two; rest: the other 2 words, or
+    1 of points; order: indices in drawing order, None if the records are sorted or the order does not matter;
+    boxes: boxes around blocks of sorted records.
     """
 
     records: moderngl.Texture
@@ -175,14 +178,14 @@ class Textured:
         self.sorted: tuple[tuple[bool, DrawOrder], Texels] | None = None
 
     def texels(self, runs: bool, order: DrawOrder) -> Texels:
-        """Textures of all splats; an order requested twice in a row gets sorted records, if they are small."""
+        """Returns textures of all splats; an order requested twice in a row gets sorted records, if they are small."""
         asked, self.asked = self.asked, (runs, order)
         if self.sorted is not None and self.sorted[0] == self.asked:
             return self.sorted[1]
         if asked == self.asked and order.boxes is not None and self.splats.records.nbytes <= SORTED_BYTES:
-            found = self._in_order(runs, order, (0, len(self.splats)))
-            self.sorted = self.asked, found
-            return found
+            texels = self._in_order(runs, order, (0, len(self.splats)))
+            self.sorted = self.asked, texels
+            return texels
         if self.rest is None or (runs and not self.runs):
             self._release_rest()
             first, rest = self._words(runs)
@@ -195,16 +198,16 @@ class Textured:
     def part(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
         """Uploads splats `which` alone, of a set too large to keep; frees all others."""
         self.release()
-        found = self._in_order(runs, order, which)
-        self.sorted = (runs, order), found
+        texels = self._in_order(runs, order, which)
+        self.sorted = (runs, order), texels
         self.asked = None
-        return found
+        return texels
 
     def _in_order(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
         self._release_sorted()
-        chosen = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
-        first, rest = (self._texture(words[chosen]) for words in self._words(runs))
-        return Texels(first, rest, None, block_boxes(self.splats.records["position"][chosen]))
+        rows = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
+        first, rest = (self._texture(words[rows]) for words in self._words(runs))
+        return Texels(first, rest, None, block_boxes(self.splats.records["position"][rows]))
 
     def release(self) -> None:
         """Frees all textures; they are recreated on demand."""
@@ -237,21 +240,21 @@ class Textured:
 
 
 class Rewritten:
-    """Records of one set of splats after another, in textures that are kept, and grow on demand."""
+    """Records of one set of splats after another, in textures that are reused and grow on demand."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
         self.textures: list[moderngl.Texture] = []
 
     def texels(self, records: np.ndarray) -> Texels:
-        """Those of the records, in their own order; they are as before until the next."""
+        """Returns textures of the records, in the order of the records; valid until the next call."""
         words = _words(records)
         if not self.textures or self.textures[0].height < _rows(records):
             self.release()
-            self.textures = [_filled(self.ctx, each) for each in words]
+            self.textures = [_filled(self.ctx, part) for part in words]
         else:
-            for texture, each in zip(self.textures, words, strict=True):
-                _write(texture, each)
+            for texture, part in zip(self.textures, words, strict=True):
+                _write(texture, part)
         first, rest = self.textures
         return Texels(first, rest, None)
 
@@ -263,31 +266,31 @@ class Rewritten:
 
 
 def _words(records: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The records' first words, a multiple of four, and the rest."""
+    """Returns the first words of the records [N, multiple of four] and the remaining words."""
     words = records.view(np.uint32).reshape(-1, records.itemsize // 4)
     fours = words.shape[1] // 4 * 4
     return words[:, :fours], words[:, fours:]
 
 
-def _rows(things: np.ndarray) -> int:
-    """Rows of a texture that holds so many."""
-    return -(-max(len(things), 1) // ABREAST)
+def _rows(items: np.ndarray) -> int:
+    """Returns the number of texture rows that hold the items."""
+    return -(-max(len(items), 1) // ABREAST)
 
 
 def uneven(rows: int) -> int:
-    """At least so many rows or columns, and of few no power of two, for which llvmpipe compiles once more."""
+    """Returns at least `rows`; below 1024 an odd number, as llvmpipe compiles shaders again for powers of two."""
     return max(rows, 2) | 1 if rows < 1024 else rows
 
 
 def _padded(words: np.ndarray) -> np.ndarray:
-    """The words [N, n] and zeros, to whole rows of a texture."""
+    """Returns the words [N, n], padded with zeros to whole rows of a texture."""
     padded = np.zeros((_rows(words) * ABREAST, words.shape[1]), np.uint32)
     padded[: len(words)] = words
     return padded
 
 
 def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
-    """A texture of words [N, n], of up to four a texel."""
+    """Creates a texture of words [N, n], up to four per texel."""
     channels = min(words.shape[1], 4)
     size = ABREAST * words.shape[1] // channels, uneven(_rows(words))
     texture = ctx.texture(size, channels, alignment=4, dtype="u4")
@@ -297,7 +300,7 @@ def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
 
 
 def _write(texture: moderngl.Texture, words: np.ndarray) -> None:
-    """Writes words [N, n] into a texture's first rows, PART at a time: a copy of all would double them."""
+    """Writes words [N, n] into a texture's first rows, PART at a time: a padded copy of all would double the memory."""
     for first in range(0, max(len(words), 1), PART):
         part = _padded(words[first : first + PART])
         texture.write(part, (0, first // ABREAST, texture.width, len(part) // ABREAST), alignment=4)
@@ -312,7 +315,7 @@ def _release(arrays: dict[moderngl.Program, moderngl.VertexArray], *buffers: mod
             buffer.release()
 
 
-# cached drawing orders in bytes, 4 a splat: enough for interactive turning back and forth, not for a movie
+# limit in bytes of cached drawing orders, 4 per splat: enough to turn back and forth interactively, not for a movie
 ORDER_BYTES = 2**25
 # splats per upload of sets too large to keep
 CHUNK = 2**22
@@ -324,14 +327,14 @@ _latest: WeakKeyDictionary[Splats, tuple[Order, np.ndarray]] = WeakKeyDictionary
 
 
 class DrawOrder(NamedTuple):
-    """boxes: the order of the rows; None: any order will do."""
+    """Drawing order. boxes: the order of the rows, None if it does not matter."""
 
     boxes: Order | None
     nearest_first: bool
 
 
 def chunks(which: Range) -> list[Range]:
-    """The range split into the parts that are on the GPU at a time."""
+    """Splits the range into parts that the GPU holds one at a time."""
     begin, end = which
     if end - begin <= MOST_KEPT:
         return [which]
@@ -339,13 +342,13 @@ def chunks(which: Range) -> list[Range]:
 
 
 def indices(splats: Splats, order: DrawOrder) -> np.ndarray:
-    """[N]: the records in drawing order."""
+    """Returns the indices [N] of the records in drawing order."""
     assert order.boxes is not None
-    kept = _latest.get(splats)
-    found = kept[1] if kept and kept[0] == order.boxes else back_to_front(splats, order.boxes)
+    cached = _latest.get(splats)
+    rows = cached[1] if cached and cached[0] == order.boxes else back_to_front(splats, order.boxes)
     if len(splats) > MOST_KEPT:
-        _latest[splats] = order.boxes, found
-    return found[::-1] if order.nearest_first else found
+        _latest[splats] = order.boxes, rows
+    return rows[::-1] if order.nearest_first else rows
 
 
 class Orders:
@@ -356,7 +359,7 @@ class Orders:
         self.kept: OrderedDict[DrawOrder, moderngl.Texture] = OrderedDict()
 
     def of(self, order: DrawOrder) -> moderngl.Texture | None:
-        """The index texture; None if any order will do."""
+        """Returns the index texture, None if the order does not matter."""
         if order.boxes is None:
             return None
         if order in self.kept:

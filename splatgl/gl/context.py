@@ -41,7 +41,7 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software
 
 @dataclass(frozen=True)
 class ContextInfo:
-    """The opened backend and OpenGL's own strings and limits."""
+    """Backend of a context, and the strings and limits that OpenGL reports."""
 
     backend: str  # egl, osmesa or window
     vendor: str
@@ -61,13 +61,13 @@ class ContextInfo:
 def open_context(
     backend: str = "auto", device: int | None = None, *, require_gpu: bool | None = None
 ) -> moderngl.Context:
-    """The newest core context of OpenGL 3.3 to 4.6, current in this thread; free it with its `release()`.
+    """Opens the newest core context of OpenGL 3.3 to 4.6, current in this thread; free it with its `release()`.
 
     backend: egl, osmesa, window, or auto, which takes the first of these that opens. device: the EGL device, counted
-    from 0, which restricts the backend to egl; None takes the first that is a graphics card, else the first that opens.
+    from 0, which restricts the backend to egl; None takes the first graphics card, else the first device that opens.
     require_gpu refuses software renderers; None reads the environment variable SPLATGL_REQUIRE_GPU. Draw inside
-    `with current(ctx):` where several contexts are open. A forked process can't use its parent's contexts, nor open one
-    of a library that its parent had opened. Raises InputError with each backend's failure and what to install.
+    `with current(ctx):` where several contexts are open. A forked process can neither use its parent's contexts nor
+    open one of a library that its parent had opened. Raises InputError with each backend's failure and what to install.
     """
     if backend != "auto" and backend not in BACKENDS:
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
@@ -81,15 +81,15 @@ def open_context(
     # Try in order; the error message lists every refusal
     before = current_loader()
     refusals: list[str] = []
-    asked = "egl" if device is not None else backend
-    for name in BACKENDS if asked == "auto" else (asked,):
+    requested = "egl" if device is not None else backend
+    for name in BACKENDS if requested == "auto" else (requested,):
         try:
             return _open(name, device, require_gpu)
         except BackendError as error:
             refusals.append(f"{name} says: {error}")
     switch_to(before)
     what = "OpenGL on a graphics card" if require_gpu else "OpenGL"
-    fix = INSTALL.get(asked, INSTALL["egl"])
+    fix = INSTALL.get(requested, INSTALL["egl"])
     if forked():
         fix = SPAWN
     elif require_gpu:
@@ -100,9 +100,9 @@ def open_context(
 
 
 def adopt(loader: Loader) -> moderngl.Context:
-    """The moderngl context of an opened loader, such as a visible `WindowLoader`; its `release()` frees both.
+    """Returns the moderngl context of an opened loader, such as a visible `WindowLoader`; its `release()` frees both.
 
-    Raises BackendError, and frees the loader, where OpenGL is older than 3.3.
+    Raises BackendError and frees the loader if OpenGL is older than 3.3.
     """
     # Only a window has a default framebuffer, `ctx.screen`
     try:
@@ -116,12 +116,12 @@ def adopt(loader: Loader) -> moderngl.Context:
 
 
 def inherited(ctx: moderngl.Context) -> bool:
-    """Whether `ctx` was opened before this process was forked, and is thus unusable here."""
+    """Whether `ctx` was opened before this process was forked and is thus unusable here."""
     return _loader(ctx).inherited
 
 
 def check_process(ctx: moderngl.Context) -> None:
-    """InputError if `ctx` is inherited."""
+    """Raises InputError if `ctx` is inherited."""
     _loader(ctx).check_process()
 
 
@@ -133,7 +133,7 @@ def current(ctx: moderngl.Context) -> Iterator[moderngl.Context]:
 
 
 def context_info(ctx: moderngl.Context) -> ContextInfo:
-    """The properties of a context from `open_context`."""
+    """Returns the properties of a context from `open_context`."""
     loader = _loader(ctx)
     with loader:
         info = ctx.info
@@ -152,7 +152,7 @@ def context_info(ctx: moderngl.Context) -> ContextInfo:
 
 
 def egl_devices() -> range:
-    """The EGL device numbers; empty without EGL or if it cannot count them."""
+    """Returns the EGL device numbers; empty without EGL or if EGL cannot count them."""
     try:
         return range(device_count())
     except BackendError:
@@ -165,14 +165,14 @@ def is_software(renderer: str) -> bool:
 
 
 def _loader(ctx: moderngl.Context) -> Loader:
-    """The loader behind a context from this module."""
+    """Returns the loader of a context from this module; raises InputError for other contexts."""
     if not isinstance(ctx.extra, Loader):
         raise InputError("context: expected one from splatgl's open_context, got one made elsewhere")
     return ctx.extra
 
 
 def _open(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
-    """A context of one backend; among EGL devices, graphics cards come before software renderers."""
+    """Opens a context of one backend; among EGL devices, graphics cards come before software renderers."""
     software: moderngl.Context | None = None
     refusals: list[str] = []
     for opener in _openers(name, device):
@@ -198,7 +198,7 @@ def _open(name: str, device: int | None, require_gpu: bool) -> moderngl.Context:
 
 
 def _openers(name: str, device: int | None) -> list[Callable[[], Loader]]:
-    """Functions that open a context of this backend, in the order to try."""
+    """Returns functions that open a context of this backend, in the order to try."""
     if name == "osmesa":
         return [OsmesaLoader]
     if name == "window":
@@ -209,6 +209,6 @@ def _openers(name: str, device: int | None) -> list[Callable[[], Loader]]:
 
 
 def _glsl_version(loader: Loader) -> str:
-    """GL_SHADING_LANGUAGE_VERSION, which moderngl does not report; the context is current."""
+    """Returns GL_SHADING_LANGUAGE_VERSION, which moderngl does not report; the context must be current."""
     get_string = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_uint)(loader.address("glGetString"))
     return (get_string(GL_SHADING_LANGUAGE_VERSION) or b"").decode()
