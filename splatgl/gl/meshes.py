@@ -1,7 +1,8 @@
-"""Meshes in pictures of volumes: surfaces peeled off, nearest first, each with the matter before it.
+"""Depth peeling of meshes in pictures of volumes: the nearest surface first, each with the matter in front of it.
 
-Opaque surfaces end every ray. Of others the nearest is drawn, then the nearest behind it, and so on; matter between two
-is drawn for itself and composited with them, so that the order is right wherever surfaces and volumes lie.
+Opaque surfaces end every ray. Of the transparent surfaces the nearest is drawn, then the nearest behind it, and so on;
+matter between two surfaces is drawn separately and composited with them, so that the order is right wherever surfaces
+and volumes lie.
 """
 
 from __future__ import annotations
@@ -21,25 +22,25 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import map_places, map_tables
 from splatgl.splat.settings import BLENDS
 
-# texture units of depths before and behind; those of the units below are in use while volumes are drawn
+# texture units of the nearest and farthest depths; volumes use the lower units
 NEAREST_UNIT, FARTHEST_UNIT = 16, 17
-# units of surface_over.frag
+# texture units of surface_over.frag
 MATTER_UNIT, SURFACE_UNIT = 0, 1
 # a depth behind everything, in mean spacings
 NOWHERE = 1e9
-# surfaces one behind the other that are not opaque
+# limit of transparent surfaces behind each other
 MOST_PEELS = 64
-# nearest depth that is rasterised, in shares of the farthest
+# nearest depth that is rasterised, as a fraction of the farthest
 NEAREST = 1e-5
-# of colour maps of values
+# texture unit of the colour maps of values
 MAPS_UNIT = 21
-# floats of a corner: place, normal, colour, value
+# vertex format of a corner: place, normal, colour, value
 CORNER = "3f 3f 4f 2f"
 
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Between which depths of each sample matter is drawn: textures of floats in world units over `unit`."""
+    """Depths of each sample between which matter is drawn: float textures, world units divided by `unit`."""
 
     nearest: moderngl.Texture
     farthest: moderngl.Texture
@@ -53,7 +54,7 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Peel:
-    """A target of surfaces: light, and depths."""
+    """Render target of surfaces: light and depths."""
 
     light: moderngl.Texture
     depth: moderngl.Texture
@@ -67,7 +68,7 @@ class Peel:
 
 
 class Surfaces:
-    """Reuses its targets between pictures. whole: draws one triangle over the bound framebuffer."""
+    """Peels surfaces; reuses its targets between pictures. whole: draws one triangle over the bound framebuffer."""
 
     def __init__(self, ctx: moderngl.Context, programs: Programs, whole: Callable[[moderngl.Program], None]) -> None:
         self.ctx, self.programs, self.whole = ctx, programs, whole
@@ -76,26 +77,27 @@ class Surfaces:
 
     def release(self) -> None:
         """Frees the targets; they are recreated on demand."""
-        for each in self.targets:
-            each.release()
+        for target in self.targets:
+            target.release()
         self.targets = []
 
     def peeled(
         self, meshes: Sequence[Mesh], camera: Camera, unit: float, lit: bool, plain: bool = True
     ) -> Iterator[tuple[Limits, moderngl.Texture]]:
-        """Depths between which matter lies, and the light of the surfaces behind it, nearest first.
+        """Yields the depths between which matter lies, and the light of the surfaces behind it, nearest first.
 
-        unit: world units of the frame's lengths. Raises InputError for too many surfaces one behind the other.
+        unit: world units per unit of the frame's lengths. lit: surfaces are shaded. Raises InputError for more than
+        MOST_PEELS surfaces behind each other.
         """
         opaque = [mesh for mesh in meshes if mesh.opacity == 1]
         clear = [mesh for mesh in meshes if 0 < mesh.opacity < 1]
-        maps = sum(each.mapped for each in opaque)
+        maps = sum(mesh.mapped for mesh in opaque)
         corners = [corners_of(opaque, 0, camera, unit), corners_of(clear, maps, camera, unit)]
-        depths = depth_range(np.concatenate([each["place"][:, 2] for each in corners]), camera.perspective)
+        depths = depth_range(np.concatenate([group["place"][:, 2] for group in corners]), camera.perspective)
         tables = map_tables([*opaque, *clear])
         mapped = self.ctx.texture(tables.shape[1::-1], 3, tables.tobytes(), dtype="f4")
         mapped.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        buffers = [self.ctx.buffer(each.tobytes()) if len(each) else None for each in corners]
+        buffers = [self.ctx.buffer(group.tobytes()) if len(group) else None for group in corners]
         end, before, now, ends = self._sized(camera.size)
         mapped.use(MAPS_UNIT)
         try:
@@ -119,7 +121,7 @@ class Surfaces:
                     buffer.release()
 
     def composite(self, target: Target, matter: Target, surface: moderngl.Texture) -> None:
-        """Blends matter and the surface behind it behind what the target holds."""
+        """Blends matter, and the surface behind it, behind the contents of the target."""
         program = self.programs.for_screen("surface_over.frag")
         set_uniforms(program, matter=MATTER_UNIT, surface=SURFACE_UNIT)
         matter.texture.use(MATTER_UNIT)
@@ -136,9 +138,9 @@ class Surfaces:
         before: Peel,
         end: Peel,
         program: tuple[bool, bool],
-        how: tuple[tuple[float, float], bool],
+        style: tuple[tuple[float, float], bool],
     ) -> bool:
-        """The nearest surfaces between two depths; whether there are any."""
+        """Draws the nearest surfaces between the depths of `before` and `end`; returns whether there are any."""
         Limits(before.depth, end.depth, 1.0).use()
         units = {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
         clear = self.programs.for_screen("surface_clear.frag")
@@ -151,7 +153,7 @@ class Surfaces:
             settle(self.ctx)
             return False
         drawing = self.programs.for_meshes(*program)
-        set_uniforms(drawing, **units, depths=how[0], lit=how[1], maps=MAPS_UNIT)
+        set_uniforms(drawing, **units, depths=style[0], lit=style[1], maps=MAPS_UNIT)
         vertices = self.ctx.vertex_array(drawing, [(corners, CORNER, "in_place", "in_normal", "in_color", "in_value")])
         self.ctx.enable_only(moderngl.DEPTH_TEST)
         self.ctx.depth_func = "<"
@@ -163,7 +165,7 @@ class Surfaces:
         return bool(query.samples)
 
     def _sized(self, size: tuple[int, int]) -> list[Peel]:
-        """Four targets of that size."""
+        """Returns four targets of `size`, recreated when the size changes."""
         if self.size != size or not self.targets:
             check_size(self.ctx, size)
             self.release()
@@ -179,28 +181,28 @@ class Surfaces:
 
 
 def corners_of(meshes: Sequence[Mesh], maps: int, camera: Camera, unit: float) -> np.ndarray:
-    """Corners of all triangles [3 M]: places from the eye over `unit`, normals in eye axes, colours and opacities,
-    places of values in colour maps and the numbers of these, of which `maps` are of other meshes.
+    """Returns the corners of all triangles [3 M]: places in eye space divided by `unit`, normals in eye axes, colours
+    and opacities, places of values in colour maps and the numbers of the maps, counted from `maps`; −1 for no map.
     """
     count = sum(3 * len(mesh) for mesh in meshes)
-    found = np.zeros(count, [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "<f4", 4), ("value", "<f4", 2)])
+    corners = np.zeros(count, [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "<f4", 4), ("value", "<f4", 2)])
     first = 0
     for mesh in meshes:
-        some = found[first : first + 3 * len(mesh)]
+        part = corners[first : first + 3 * len(mesh)]
         places = camera.eye_from_points(mesh.vertices) / unit
-        some["place"] = places[mesh.faces].reshape(-1, 3)
-        some["normal"] = mesh.normals.reshape(-1, 3) @ camera.eye_from_world.T
-        some["color"][:, :3], some["color"][:, 3] = mesh.shades.reshape(-1, 3), mesh.opacity
-        some["value"][:, 1] = maps if mesh.mapped else -1.0
+        part["place"] = places[mesh.faces].reshape(-1, 3)
+        part["normal"] = mesh.normals.reshape(-1, 3) @ camera.eye_from_world.T
+        part["color"][:, :3], part["color"][:, 3] = mesh.shades.reshape(-1, 3), mesh.opacity
+        part["value"][:, 1] = maps if mesh.mapped else -1.0
         if mesh.mapped:
-            some["value"][:, 0] = map_places(mesh)[mesh.faces].ravel()
+            part["value"][:, 0] = map_places(mesh)[mesh.faces].ravel()
             maps += 1
         first += 3 * len(mesh)
-    return found
+    return corners
 
 
 def depth_range(depth: np.ndarray, perspective: bool) -> tuple[float, float]:
-    """The depths that the depth buffer holds, a little beyond those of all corners [N] in front of the eye."""
+    """Returns the range of the depth buffer, slightly beyond the depths of all corners [N] in front of the eye."""
     far = float(depth.max(initial=0.0))
     if far <= 0:
         return NEAREST, 1.0

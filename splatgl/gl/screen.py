@@ -1,4 +1,4 @@
-"""`Screen`: a window with its own context that shows a picture over a ground and under an overlay.
+"""`Screen`: a window with a context of its own that shows a picture over a ground and under an overlay.
 
 Pictures arrive as arrays, independent of the renderer and its context.
 """
@@ -20,7 +20,7 @@ from splatgl.gl.program import build
 
 # drawn below a picture without a background
 GROUNDS = ("black", "white", "checks")
-# largest window side: beyond any display; GLFW aborts the process on a negative one
+# largest window side, larger than any display; GLFW aborts the process on a negative side
 MOST_PIXELS = 16384
 # texture units, by the sampler's name
 UNITS = {"picture": 0, "other": 1, "overlay": 2}
@@ -28,10 +28,10 @@ UNITS = {"picture": 0, "other": 1, "overlay": 2}
 
 @dataclass(frozen=True)
 class ScreenStyle:
-    """How the picture is shown; see shaders/screen.frag.
+    """Style of the shown picture; see shaders/screen.frag.
 
-    scale: factor on the light (an X-ray's 1/brightest). compare: with `other` right of the middle ("split"), or
-    |picture − other| × gain ("difference"). background: linear RGB already under the picture.
+    scale: factor of the light (1/brightest for an X-ray). compare: "split" shows `other` right of the middle,
+    "difference" shows |picture − other| × gain. background: linear RGB that the picture already contains.
     """
 
     ground: str = "black"
@@ -69,21 +69,21 @@ class Screen:
 
     @property
     def window(self) -> Any:
-        """GLFW's handle."""
+        """GLFW's handle of the window."""
         return self.loader.window
 
     def put(self, name: str, pixels: np.ndarray) -> None:
-        """Keeps pixels [H, W, 4], float32 (linear) or uint8 (sRGB), as the `picture`, `other` or `overlay`."""
+        """Uploads pixels [H, W, 4], float32 (linear) or uint8 (sRGB), as the `picture`, `other` or `overlay`."""
         size, dtype = (pixels.shape[1], pixels.shape[0]), "f4" if pixels.dtype == np.float32 else "f1"
         with self._working():
-            kept = self.textures.get(name)
-            if kept is not None and (kept.size, kept.dtype) == (size, dtype):
-                kept.write(np.ascontiguousarray(pixels))
+            old = self.textures.get(name)
+            if old is not None and (old.size, old.dtype) == (size, dtype):
+                old.write(np.ascontiguousarray(pixels))
                 return
             self.textures[name] = self.ctx.texture(size, 4, np.ascontiguousarray(pixels), dtype=dtype)
             self.textures[name].repeat_x = self.textures[name].repeat_y = False
-            if kept is not None:
-                kept.release()
+            if old is not None:
+                old.release()
 
     def draw(self, size: tuple[int, int], look: ScreenStyle) -> None:
         """Draws the textures into the window's back buffer of `size` pixels; restores the current context."""
@@ -94,7 +94,7 @@ class Screen:
             self.ctx.enable_only(moderngl.NOTHING)
             for name, unit in UNITS.items():
                 if name in program:
-                    # nearest at equal sizes, linear for a smaller preview
+                    # nearest texel at equal sizes, linear interpolation of a smaller preview
                     kind = moderngl.NEAREST if self.textures[name].size == size else moderngl.LINEAR
                     self.textures[name].filter = (kind, kind)
                     self.textures[name].use(location=unit)
@@ -108,7 +108,7 @@ class Screen:
             whole.render(moderngl.TRIANGLES, vertices=3)
 
     def mark(self, size: tuple[int, int], marks: Marks) -> None:
-        """Draws marks over what is in the window's back buffer of `size` pixels; restores the current context."""
+        """Draws marks over the window's back buffer of `size` pixels; restores the current context."""
         if marks:
             with self._working():
                 self.ctx.screen.use()
@@ -116,7 +116,7 @@ class Screen:
                 self.marker.draw(size, marks)
 
     def read(self, size: tuple[int, int]) -> np.ndarray:
-        """The back buffer: uint8 [H, W, 3], row 0 on top."""
+        """Returns the back buffer: uint8 [H, W, 3], row 0 on top."""
         with current(self.ctx):
             data = self.ctx.screen.read(viewport=(0, 0, *size), components=3, alignment=1)
             # moderngl names a colour attachment, which a window lacks: GL sets an error but reads the back buffer
@@ -125,7 +125,7 @@ class Screen:
 
     @contextmanager
     def _working(self) -> Iterator[None]:
-        """Makes the window's context current; InputError if it failed or was lost."""
+        """Makes the window's context current; raises InputError if OpenGL failed or lost the context."""
         with current(self.ctx):
             try:
                 yield
@@ -136,12 +136,12 @@ class Screen:
             raise InputError(f"window: OpenGL failed: {problem}; close other programs that use the graphics card")
 
     def close(self) -> None:
-        """Releases everything and the window; further calls do nothing."""
+        """Frees all GL objects and the window; further calls do nothing."""
         with current(self.ctx):
             self.owned.close()
 
     def _program(self, compare: str, overlay: bool) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        """Compiled on the first use of a look."""
+        """Returns the program of a style, compiled on first use."""
         if (compare, overlay) not in self.programs:
             switches: dict[str, str | int | bool] = {"COMPARE": f"COMPARE_{compare.upper()}", "OVERLAY": overlay}
             program = build(self.ctx, "screen.vert", "screen.frag", switches)
@@ -159,7 +159,7 @@ class Screen:
 
 
 def _check_shown(loader: WindowLoader) -> None:
-    """BackendError for GLFW's null platform, whose windows are invisible."""
+    """Raises BackendError for GLFW's null platform, whose windows are invisible."""
     import glfw
 
     if glfw.get_platform() == glfw.PLATFORM_NULL:
@@ -173,8 +173,8 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class Stroke:
-    """A straight line with round ends, a dot where both are one. start, stop: pixels, (0, 0) at the upper left corner;
-    color: sRGB, straight alpha, 0 … 1; width, and that of a dark rim around it, pixels.
+    """Straight line with round ends; a dot if the ends are equal. start, stop: pixels, (0, 0) at the upper left corner;
+    color: sRGB, straight alpha, 0 … 1; width, rim: widths in pixels of the line and of a dark rim around it.
     """
 
     start: Place
@@ -186,8 +186,8 @@ class Stroke:
 
 @dataclass(frozen=True, eq=False)
 class Sprite:
-    """A picture uint8 [h, w, 4], sRGB, straight alpha, row 0 on top, in a rectangle of the window: left, top, right,
-    bottom, pixels. smooth: interpolated. The same array is uploaded once.
+    """Picture in a rectangle of the window. pixels: uint8 [h, w, 4], sRGB, straight alpha, row 0 on top; an array is
+    uploaded once. place: left, top, right, bottom, in pixels. smooth: interpolate linearly.
     """
 
     pixels: np.ndarray
@@ -197,7 +197,7 @@ class Sprite:
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """What is drawn, sprites first, in order."""
+    """Sprites and strokes, drawn in this order."""
 
     sprites: tuple[Sprite, ...] = ()
     strokes: tuple[Stroke, ...] = ()
@@ -207,17 +207,17 @@ class Marks:
 
 
 class Marker:
-    """Draws marks with a window's context, which is current."""
+    """Draws marks with a window's context, which must be current."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
         self.programs: dict[str, tuple[moderngl.Program, moderngl.VertexArray]] = {}
         self.instances: moderngl.Buffer | None = None
-        # by the identity of their pixels, which are kept so that none is given to others
+        # by the id of the pixels, which are stored so that Python does not reuse their ids
         self.textures: dict[int, tuple[np.ndarray, moderngl.Texture]] = {}
 
     def draw(self, size: tuple[int, int], marks: Marks) -> None:
-        """Draws into the bound framebuffer of `size` pixels."""
+        """Draws the marks into the bound framebuffer of `size` pixels."""
         self.ctx.enable_only(moderngl.BLEND)
         self.ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         self._forget(marks.sprites)
@@ -228,18 +228,19 @@ class Marker:
         self.ctx.enable_only(moderngl.NOTHING)
 
     def release(self) -> None:
-        """Frees what was made."""
+        """Frees the textures, programs and the buffer; they are recreated on demand."""
         self._forget(())
         while self.programs:
-            program, drawn = self.programs.popitem()[1]
-            drawn.release()
+            program, vertices = self.programs.popitem()[1]
+            vertices.release()
             program.release()
         if self.instances is not None:
             self.instances.release()
             self.instances = None
 
-    def _forget(self, kept: Sequence[Sprite]) -> None:
-        for identity in self.textures.keys() - {id(each.pixels) for each in kept}:
+    def _forget(self, sprites: Sequence[Sprite]) -> None:
+        """Frees the textures of all pictures but those of `sprites`."""
+        for identity in self.textures.keys() - {id(sprite.pixels) for sprite in sprites}:
             self.textures.pop(identity)[1].release()
 
     def _sprites(self, size: tuple[int, int], sprites: Sequence[Sprite]) -> None:
@@ -265,7 +266,7 @@ class Marker:
         return self.textures[id(pixels)][1]
 
     def _strokes(self, size: tuple[int, int], strokes: Sequence[Stroke]) -> None:
-        rows = [(*each.start, *each.stop, *each.color, each.width, each.rim) for each in strokes]
+        rows = [(*line.start, *line.stop, *line.color, line.width, line.rim) for line in strokes]
         data = np.array(rows, np.float32)
         if self.instances is None or self.instances.size < data.nbytes:
             self._grow(data.nbytes)

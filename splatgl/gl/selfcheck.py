@@ -9,14 +9,14 @@ import numpy as np
 
 from splatgl.gl.context import current
 
-LAYERS = 2000  # depth of a fine volume: 8 bits lose every layer of this opacity, half floats a third of the sum
+LAYERS = 2000  # layers of a fine volume: 8 bits lose every layer of this opacity, half floats a third of the sum
 OPACITY = 0.001  # of one layer
 SIDE = 8  # pixels of the target
 # 2000 roundings to the nearest float32 at a sum of at most 2, each by half a unit in the last place of [1, 2)
 FLOAT32_ERROR = LAYERS * 2.0**-24
 TABLE_SIZE = 256  # texels of the footprint table
-# Graphics cards keep 8 fractional bits of the position between two texels; fewer are a fault
-FILTER_ERROR = 2.0**-8  # of the step between neighbouring texels
+# Graphics cards store 8 fractional bits of the position between two texels; fewer are a fault
+FILTER_ERROR = 2.0**-8  # fraction of the step between neighbouring texels
 
 QUAD = """
 #version 330 core
@@ -51,7 +51,7 @@ void main() { color = vec4(texture(table, vec2(across, 0.5)).r); }
 
 @dataclass(frozen=True)
 class Check:
-    """One drawing compared with its answer. `required`: float32 pictures are wrong if it fails."""
+    """Comparison of a drawing with the expected answer. `required`: float32 pictures are wrong if the check fails."""
 
     name: str
     got: float
@@ -66,7 +66,7 @@ class Check:
 
 
 def run_checks(ctx: moderngl.Context) -> tuple[Check, ...]:
-    """Blending into float32, half and 8-bit targets, and filtering of float32 tables; frees all its GL objects."""
+    """Checks blending into float32, half and 8-bit targets, and filtering of float32 tables; frees all GL objects."""
     checks: list[Check] = []
     with current(ctx):
         for target, dtype in (("rgba32f", "f4"), ("rgba16f", "f2"), ("rgba8", "f1")):
@@ -76,7 +76,7 @@ def run_checks(ctx: moderngl.Context) -> tuple[Check, ...]:
 
 
 def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[Check]:
-    """2000 layers under the three blend states of the renderer."""
+    """Checks LAYERS layers with each of the three blend states of the renderer."""
     over = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
     add = (moderngl.ONE, moderngl.ONE)
     cases = (
@@ -94,7 +94,7 @@ def _blending(ctx: moderngl.Context, target: str, dtype: str) -> list[Check]:
 
 
 def _draw_layers(ctx: moderngl.Context, dtype: str, equation: int, function: tuple[int, int], ramp: bool) -> np.ndarray:
-    """The target [SIDE,SIDE,4] after LAYERS full-screen quads, float64."""
+    """Returns the target after LAYERS full-screen quads: float64 [SIDE, SIDE, 4]."""
     program = ctx.program(vertex_shader=QUAD, fragment_shader=LAYER)
     program["ramp"] = ramp
     program["opacity"] = OPACITY
@@ -108,7 +108,7 @@ def _draw_layers(ctx: moderngl.Context, dtype: str, equation: int, function: tup
 
 
 def _filtering(ctx: moderngl.Context) -> Check:
-    """Linear filtering of a float32 table that leaves [0, 1]: largest error, in steps between neighbours."""
+    """Checks linear filtering of a float32 table with values outside [0, 1]: largest error in steps between texels."""
     # Alternating values make every step the same height and every error visible
     step = 6.0
     table = np.where(np.arange(TABLE_SIZE) % 2 == 0, -3.0, -3.0 + step).astype("f4")
@@ -116,7 +116,7 @@ def _filtering(ctx: moderngl.Context) -> Check:
     texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
     texture.repeat_x = texture.repeat_y = False
 
-    # Slightly over 16 pixels a texel, so that all positions between two texels differ
+    # Slightly over 16 pixels per texel, so that all positions between two texels differ
     width = TABLE_SIZE * 16 + 1
     program = ctx.program(vertex_shader=QUAD, fragment_shader=SAMPLE)
     ctx.enable_only(moderngl.NOTHING)
@@ -133,7 +133,7 @@ def _filtering(ctx: moderngl.Context) -> Check:
 def _draw(
     ctx: moderngl.Context, program: moderngl.Program, size: tuple[int, int], dtype: str, layers: int
 ) -> np.ndarray:
-    """`layers` full-screen quads into a cleared target of its own: [H,W,4] float64; releases the program too."""
+    """Draws `layers` full-screen quads into a new target; returns it as float64 [H, W, 4] and frees the program too."""
     texture = ctx.texture(size, 4, dtype=dtype)
     target = ctx.framebuffer([texture])
     vertices = ctx.vertex_array(program, [])
@@ -141,8 +141,8 @@ def _draw(
     target.clear()
     vertices.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=layers)
     raw = np.frombuffer(target.read(components=4, dtype="f4"), "f4")
-    # moderngl rebinds the last target when it creates the next, so it must not be a deleted one
+    # moderngl rebinds the bound target when it creates the next one, so a deleted target must not stay bound
     ctx.detect_framebuffer(0).use()
-    for owned in (vertices, target, texture, program):
-        owned.release()
+    for resource in (vertices, target, texture, program):
+        resource.release()
     return raw.reshape(size[1], size[0], 4).astype(np.float64)

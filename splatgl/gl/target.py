@@ -16,7 +16,7 @@ from splatgl.gl.buffers import uneven
 from splatgl.gl.context import is_software
 from splatgl.splat.culling import Window
 
-# target → moderngl's dtype, numpy's, and the stored value of 1.0
+# target format → moderngl's dtype, numpy's dtype, and the stored value of 1.0
 FORMATS: dict[str, tuple[str, np.dtype, float]] = {
     "rgba32f": ("f4", np.dtype("<f4"), 1.0),
     "rgba16f": ("f2", np.dtype("<f2"), 1.0),
@@ -28,7 +28,7 @@ _software: WeakKeyDictionary[moderngl.Context, bool] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A render target, [H, W] of RGBA, row 0 on top; its texture may be larger by a row and a column."""
+    """Render target [H, W] of RGBA, row 0 on top; the texture may be larger by a row and a column."""
 
     size: tuple[int, int]
     texture: moderngl.Texture
@@ -36,11 +36,11 @@ class Target:
     format: str
 
     def read(self, window: Window | None = None) -> np.ndarray:
-        """float32 [H, W, 4]; rows outside the window are zero and never touched."""
+        """Returns the pixels, float32 [H, W, 4]; rows outside the window are zero and are not read."""
         name, dtype, one = FORMATS[self.format]
         width, height = self.size
         first, rows = (window.y, window.height) if window else (0, height)
-        # the system maps zero pages lazily: rows outside the window cost nothing
+        # the operating system maps zero pages lazily: rows outside the window cost nothing
         pixels = np.zeros((height, width, 4), dtype)
         if rows:
             box = (0, first, width, rows)
@@ -55,8 +55,8 @@ class Target:
 
 
 def settle(ctx: moderngl.Context) -> None:
-    """Waits, in software, for a pass into a framebuffer before the next into another. llvmpipe keeps freed textures
-    until as many passes are under way again as with them: of one at a time, the next gives them back.
+    """Waits until the pass into a framebuffer ends, on software renderers only. llvmpipe frees the memory of released
+    textures only when as many passes are queued again; with one pass at a time, the next pass frees it.
     """
     if ctx not in _software:
         _software[ctx] = is_software(str(ctx.info["GL_RENDERER"]))
@@ -73,10 +73,10 @@ class Targets:
         owned.callback(self.release)
 
     def get(self, role: str, size: tuple[int, int], form: str) -> Target:
-        """The role's target of `size` (width, height) in that texture format; not cleared."""
+        """Returns the role's target of `size` (width, height) in the texture format `form`; does not clear it."""
         target = self.kept.get(role)
         if target is None or target.size != size or target.format != form:
-            # moderngl rebinds the current framebuffer when it creates one, so the old one is freed last
+            # moderngl rebinds the current framebuffer when it creates another, so the old one is freed last
             old, target = target, self._make(size, form)
             target.framebuffer.use()
             self.kept[role] = target
@@ -109,7 +109,7 @@ def _release(target: Target) -> None:
 
 
 def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
-    """Raises InputError for a picture beyond this OpenGL's size limits."""
+    """Raises InputError for a picture larger than this OpenGL supports."""
     limits = [ctx.info["GL_MAX_TEXTURE_SIZE"], *ctx.info["GL_MAX_VIEWPORT_DIMS"]]
     limit = int(min(limits))
     if max(size) > limit:
@@ -118,20 +118,20 @@ def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
         )
 
 
-# target time of a portion in seconds, without and with a cancellation callback
+# intended time of a portion in seconds, without and with a cancellation callback
 SECONDS, ASKED_SECONDS = 0.3, 0.1
-# splats of the first portion and of the largest, at up to PIXELS pixels; a near splat may cover them all
+# splats of the first portion and of the largest, for up to PIXELS pixels; a near splat may cover all pixels
 FIRST, MOST, PIXELS = 2**8, 2**17, 2**20
 # largest ratio between the sizes of successive portions
 GROWTH = 8.0
 
 
 class Interrupted(Exception):
-    """A picture was cancelled by its caller."""
+    """The caller cancelled the picture."""
 
 
 class Portions:
-    """Portions of one picture, each sized by the time of the last. pixels: number of the picture's samples."""
+    """Portions of one picture, each sized by the time of the previous one. pixels: number of the picture's samples."""
 
     def __init__(self, ctx: moderngl.Context, interrupted: Callable[[], bool] | None, pixels: int) -> None:
         self.ctx, self.interrupted = ctx, interrupted
@@ -149,12 +149,12 @@ class Portions:
         while begin < end:
             self.ask()
             last = min(begin + max(int(self.size), 1), end)
-            started = time.perf_counter()
+            start = time.perf_counter()
             yield begin, last
             self.ctx.finish()
-            took = time.perf_counter() - started
-            growth = min(max(self.seconds / max(took, 1e-6), 1 / GROWTH), GROWTH)
-            # the end of a range, however quick, does not tell how long a whole portion takes
+            duration = time.perf_counter() - start
+            growth = min(max(self.seconds / max(duration, 1e-6), 1 / GROWTH), GROWTH)
+            # the last portion of a range may be short: if it is quick, larger portions may still be slow
             if last < end or growth < 1:
                 self.size = min(self.size * growth, self.most)
             begin = last

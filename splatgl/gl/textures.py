@@ -19,7 +19,7 @@ from splatgl.splat.splats import Splats
 FOOTPRINT_UNIT, HALF_LINE_UNIT, BLUR_UNIT, CLASS_UNIT = 0, 1, 3, 15
 # rows of weights by gradient behind the classification table
 WEIGHT_ROWS = WEIGHTS // TABLE_ROW + 1
-# bits of a texel → moderngl's dtype, numpy's, and the stored value of 1.0
+# bits of a channel → moderngl's dtype, numpy's dtype, and the stored value of 1.0
 FORMATS: dict[int, tuple[str, np.dtype, int]] = {
     32: ("f4", np.dtype("<f4"), 1),
     16: ("nu2", np.dtype("<u2"), 65535),
@@ -35,11 +35,11 @@ class Tables:
     def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
         self.ctx, self.owned = ctx, owned
         self.kept: dict[tuple[str, str, int, int], moderngl.Texture] = {}
-        # of the last splats classified after reconstruction
+        # classification table of the last splats that were classified after reconstruction
         self.classes: tuple[ValueClassifier, moderngl.Texture] | None = None
 
     def use(self, plan: Plan) -> None:
-        """Binds the tables of a plan's program."""
+        """Binds the tables that a plan's program reads."""
         kernel, program = plan.kernel, plan.program
         size, bits = plan.lookup.size, plan.lookup.bits
         if size > 1:
@@ -52,10 +52,10 @@ class Tables:
             self._of(kernel, "blur", 0, 32, lambda: blur_table(kernel.name).packed).use(BLUR_UNIT)
 
     def classification(self, splats: Splats) -> moderngl.Texture:
-        """The table of the splats' transfer function, see sheet_draw.comp; kept for the next picture."""
+        """Returns the table of the splats' transfer function, see sheet_draw.comp; cached for the next picture."""
         assert splats.post is not None
-        kept = self.classes
-        if kept is None or kept[0] is not splats.post:
+        cached = self.classes
+        if cached is None or cached[0] is not splats.post:
             table, _ = splats.post.table
             rows = -(-len(table) // TABLE_ROW)
             texels = np.zeros((rows + WEIGHT_ROWS, TABLE_ROW, 4), np.uint32)
@@ -63,15 +63,15 @@ class Tables:
             if splats.post.transfer.gradient:
                 weights = splats.post.weights[0].view(np.uint32)
                 texels[rows:].reshape(-1, 4)[: len(weights), 0] = weights
-            if kept is None:
+            if cached is None:
                 texture = self.ctx.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="u4")
                 texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
                 self.owned.callback(texture.release)
             else:
-                texture = kept[1]
+                texture = cached[1]
                 texture.write(texels)
-            self.classes = kept = splats.post, texture
-        return kept[1]
+            self.classes = cached = splats.post, texture
+        return cached[1]
 
     def _of(self, kernel: Kernel, kind: str, size: int, bits: int, make: Callable[[], np.ndarray]) -> moderngl.Texture:
         key = (kernel.name, kind, size, bits)
@@ -92,7 +92,7 @@ class Tables:
 
 
 def class_uniforms(post: ValueClassifier) -> dict[str, object]:
-    """Of the classification table, bound to CLASS_UNIT."""
+    """Returns the uniforms of the classification table, which is bound to CLASS_UNIT."""
     before, behind = post.integral.outside
     return {
         "class_table": CLASS_UNIT,

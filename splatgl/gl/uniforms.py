@@ -70,17 +70,17 @@ STYLE = np.dtype(
         "itemsize": 64,
     }
 )
-# a depth beyond all splats, mean spacings
+# a depth beyond all splats, in mean spacings
 FURTHEST = 1e30
 
 
 def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
-    """The view in units of the mean spacing, computed in float64, then rounded; FRAME, shape ()."""
+    """Returns the view in units of the mean spacing, computed in float64, then rounded: FRAME, shape ()."""
     view, block = plan.view, np.zeros((), FRAME)
     block["eye_from_index"][:, :3] = view.eye_from_index.T
     block["index_from_eye"][:, :3] = view.index_from_eye.T
     block["eye_from_world"][:, :3] = plan.resolved.camera.eye_from_world.T
-    # a far eye's offset is along the view: no float32 loss across it
+    # the offset of a far eye is along the view: no float32 loss across the view
     base = base_of(splats, view.eye_index)
     block["base"][:3] = base
     block["eye_from_base"][:3] = view.eye_from_index @ (view.eye_index - base)
@@ -90,7 +90,7 @@ def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
     block["near"] = NEAR
     block["depth_reach"] = view.reach
     block["image_center"] = np.array(view.size) / 2
-    # infinite depths (never or always widened) clipped to float32
+    # infinite depths (never or always widened) are clipped to float32
     block["beyond"] = np.clip(view.widened_beyond, -FURTHEST, FURTHEST)
     frustum = Frustum.of(view)
     block["edge"], block["support"], block["stretch"] = frustum.edge, frustum.support, frustum.stretch
@@ -100,15 +100,15 @@ def frame_block(splats: Splats, plan: Plan) -> np.ndarray:
 
 
 def _add_path(block: np.ndarray, splats: Splats, plan: Plan, exposure: Exposure) -> None:
-    """Grid placement when the shutter opens and closes, in the field of view of the exposure's middle."""
+    """Writes the grid placement when the shutter opens and closes, in the field of view of the exposure's middle."""
     middle, grid = exposure.middle, splats.grid
     base = base_of(splats, grid.index_from_world(middle.eye))
     for name, camera in (("first", exposure.first), ("last", exposure.last)):
-        # same operations as for the middle, so that still splats have a zero path
-        moved = eye_from_index(grid, camera)
-        moved[:2] *= middle.extent / camera.extent
-        block[f"{name}_from_index"][:, :3] = moved.T
-        block[f"{name}_from_base"][:3] = moved @ (grid.index_from_world(camera.eye) - base)
+        # same operations as for the middle, so that splats at rest have a path of length zero
+        matrix = eye_from_index(grid, camera)
+        matrix[:2] *= middle.extent / camera.extent
+        block[f"{name}_from_index"][:, :3] = matrix.T
+        block[f"{name}_from_base"][:3] = matrix @ (grid.index_from_world(camera.eye) - base)
     line = float(line_area(plan.kernel, np.zeros(())))
     block["line"] = line
     # E₁/(E₁ + l W), or the disc's share  [M98 Eq. 11]
@@ -116,12 +116,12 @@ def _add_path(block: np.ndarray, splats: Splats, plan: Plan, exposure: Exposure)
 
 
 def base_of(splats: Splats, eye: np.ndarray) -> np.ndarray:
-    """[3]: frame.base, the voxel nearest to the eye, grid indices."""
+    """Returns frame.base [3], the voxel nearest to the eye in grid indices."""
     return np.asarray(np.clip(np.rint(eye), *np.rint(counted_box(splats))))
 
 
 def style_block(splats: Splats, plan: Plan) -> np.ndarray:
-    """The scene's constants; STYLE, shape ()."""
+    """Returns the constants of the scene: STYLE, shape ()."""
     block = np.zeros((), STYLE)
     block["radius"] = plan.kernel.radius
     block["peak"] = plan.kernel.footprint(np.zeros(()))
