@@ -1,4 +1,4 @@
-"""Layers drawn in tiles: what each holds along every ray is kept, then composited together, nearest first."""
+"""Draws overlapping layers in tiles: stores the matter of each layer along each ray, then composites all of it."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from splatgl.splat.sheets import index_direction
 from splatgl.splat.splats import Splats
 from splatgl.splat.technique import COLUMNS, ROWS
 
-# buffer bindings, as of layer_pages.glsl
+# buffer bindings of layer_pages.glsl
 HEADS, PAGES = 1, 7
-# bytes of all pages together, which every OpenGL with compute shaders allows; of a piece; and of a page
+# bytes of all pages together (every OpenGL with compute shaders allows them) and of a piece; number of pages
 POOL, PIECE = 2**27, 16
 ROOM = POOL // (PIECE * PAGE)
-# pixels of the first window, of the largest, and the share of the pages that the next one is meant to take
+# pixels of the first and of the largest window; share of the pages that the next window should use
 FIRST, MOST, SHARE = 2**17, 2**20, 0.7
 
-# optical depth of the thickest piece that is joined from several, in tolerances
+# maximum optical depth of a piece joined from several, in tolerances
 THIN = 1.0
 
 Drawn = tuple[Splats, Plan]
 
 
 class LayerTiles(SheetTiles):
-    """Reuses buffers and textures between pictures, as Tiles does."""
+    """Draws several layers in tiles; reuses its buffers and textures between pictures."""
 
-    # uniforms of layer_pages.glsl, and pieces of each pixel and layer
+    # uniforms of layer_pages.glsl; first and last page, and number of pieces, of each pixel and layer
     keeping: dict[str, float]
     heads: moderngl.Buffer | None = None
 
@@ -73,9 +73,10 @@ class LayerTiles(SheetTiles):
         bind: Callable[[Splats, Plan], None],
         portions: Portions,
     ) -> None:
-        """Composites the layers into `target`, in windows as large as the pages hold.
+        """Composites the layers into `target`, in windows whose matter fits into the pages.
 
-        scratch: for each layer's own light, behind which nothing of it is drawn. bind: sets uniforms of a layer.
+        scratch: target for the light of a single layer; where it is opaque, the layer's matter behind is skipped.
+        bind: binds the uniforms and tables of a layer.
         """
         whole = union([plan.window for _, plan in layers])
         waiting, size = [whole], FIRST
@@ -85,10 +86,10 @@ class LayerTiles(SheetTiles):
             if height < window.height:
                 window, rest = _rows(window, height)
                 waiting.append(rest)
-            taken = self._window(target, scratch, layers, bind, portions, window)
-            if taken > ROOM:
+            used = self._window(target, scratch, layers, bind, portions, window)
+            if used > ROOM:
                 waiting += [window] if window.height > ROWS else _columns(window)
-            size = int(np.clip(SHARE * window.width * window.height * ROOM / max(taken, 1), ROWS, MOST))
+            size = int(np.clip(SHARE * window.width * window.height * ROOM / max(used, 1), ROWS, MOST))
 
     def _window(
         self,
@@ -99,10 +100,10 @@ class LayerTiles(SheetTiles):
         portions: Portions,
         window: Window,
     ) -> int:
-        """Composites a window; returns the pages that its matter takes, of more than ROOM before it is composited."""
+        """Composites a window; returns the number of pages it needs. If more than ROOM, nothing is composited."""
         band = self.begin(window)
         pixels = band.closed.size * ROWS * LANES
-        heads, taken = self._empty_heads(len(layers), pixels), 0
+        heads, used = self._empty_heads(len(layers), pixels), 0
         for n, (splats, plan) in enumerate(layers):
             bind(splats, plan)
             self.keeping = {"layer": n, "band": pixels, "room": ROOM, "thin": THIN * plan.resolved.tolerance}
@@ -111,15 +112,15 @@ class LayerTiles(SheetTiles):
                 self._draw_boxes(scratch, splats, replace(plan, window=window), portions)
             else:
                 self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
-            taken = int(np.frombuffer(heads.read(4), np.uint32)[0])
-            if taken > ROOM:
-                return taken
+            used = int(np.frombuffer(heads.read(4), np.uint32)[0])
+            if used > ROOM:
+                return used
         bind(*layers[0])
         self._over(target, layers, band, pixels)
-        return taken
+        return used
 
     def _draw_boxes(self, scratch: Target, splats: Splats, plan: Plan, portions: Portions) -> None:
-        """Draws a layer of boxes in the plan's window."""
+        """Stores the matter of a layer of boxes in the plan's window."""
         order = DrawOrder(order_for(splats, plan.resolved.camera), nearest_first=True)
         self.boxes.keeping = self._keep_matter
         try:
@@ -148,7 +149,7 @@ class LayerTiles(SheetTiles):
         return self.heads
 
     def _bind_pieces(self) -> None:
-        """Binds the buffers of layer_pages.glsl; while splats are listed, others are in their place."""
+        """Binds the buffers of layer_pages.glsl; the passes that list splats bind other buffers there."""
         assert self.heads is not None
         self.heads.bind_to_storage_buffer(HEADS)
         self._buffer(PAGES, POOL)
@@ -161,47 +162,47 @@ class LayerTiles(SheetTiles):
         return program
 
     def _keep_matter(self, program: moderngl.ComputeShader) -> None:
-        """Makes a program keep a layer's matter."""
+        """Sets up a program to store the matter of a layer."""
         set_uniforms(program, **self.keeping)
         self._bind_pieces()
 
 
 def layer_uniforms(layers: Sequence[Drawn]) -> dict[str, object]:
-    """Uniforms of layers_over.comp, in the unit of length of the first layer."""
+    """Returns the uniforms of layers_over.comp, in the first layer's unit of length."""
     unit = layers[0][0].grid.mean_spacing
-    found: dict[str, list[object]] = {
+    uniforms: dict[str, list[object]] = {
         name: [] for name in ("index_from_eye", "direction", "thickness", "first_sheet", "brightest")
     }
     for splats, plan in layers:
         sheets, view = plan.resolved.sheets, plan.view
-        # columns, as OpenGL reads them
+        # transposed: OpenGL reads columns
         scaled = view.index_from_eye.T * (unit / splats.grid.mean_spacing)
-        found["index_from_eye"].append(tuple(scaled.ravel()))
-        found["direction"].append(tuple(index_direction(view)))
-        # of boxes grid steps from the eye
-        found["thickness"].append(sheets.thickness if sheets else 1.0)
-        found["first_sheet"].append(float(sheets.range(splats, view)[0]) if sheets else 0.0)
-        found["brightest"].append(max(splats.brightest, 1.0))
-    return dict(found)
+        uniforms["index_from_eye"].append(tuple(scaled.ravel()))
+        uniforms["direction"].append(tuple(index_direction(view)))
+        # boxes count grid steps from the eye
+        uniforms["thickness"].append(sheets.thickness if sheets else 1.0)
+        uniforms["first_sheet"].append(float(sheets.range(splats, view)[0]) if sheets else 0.0)
+        uniforms["brightest"].append(max(splats.brightest, 1.0))
+    return dict(uniforms)
 
 
 def union(windows: Sequence[Window]) -> Window:
-    """The smallest window that holds all, from a whole tile on; empty ones do not count."""
-    some = [w for w in windows if w.width and w.height]
-    if not some:
+    """Returns the smallest window around all non-empty windows, its left and top at a tile's edge."""
+    nonempty = [w for w in windows if w.width and w.height]
+    if not nonempty:
         return Window(0, 0, 0, 0)
-    left, top = min(w.x for w in some) // COLUMNS * COLUMNS, min(w.y for w in some) // ROWS * ROWS
-    return Window(left, top, max(w.x + w.width for w in some) - left, max(w.y + w.height for w in some) - top)
+    left, top = min(w.x for w in nonempty) // COLUMNS * COLUMNS, min(w.y for w in nonempty) // ROWS * ROWS
+    return Window(left, top, max(w.x + w.width for w in nonempty) - left, max(w.y + w.height for w in nonempty) - top)
 
 
 def _rows(window: Window, height: int) -> tuple[Window, Window]:
-    """The upper rows of a window, and the rest."""
-    x, y, width, all_ = window.box
-    return Window(x, y, width, height), Window(x, y + height, width, all_ - height)
+    """Splits a window below its first `height` rows."""
+    x, y, width, total = window.box
+    return Window(x, y, width, height), Window(x, y + height, width, total - height)
 
 
 def _columns(window: Window) -> list[Window]:
-    """The two halves of a row of tiles; InputError for a single tile."""
+    """Splits a row of tiles into two halves; raises InputError for a single tile."""
     x, y, width, height = window.box
     if width <= COLUMNS:
         raise InputError("layers: 8×8 samples of them hold more matter than there is room for; draw fewer together")

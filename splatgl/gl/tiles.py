@@ -1,8 +1,7 @@
-"""Splats binned into tiles of pixels: placed, listed by tile, and composited tile by tile.
+"""Draws splats in tiles of pixels: places the splats, lists them by tile, and composites each tile's list.
 
-A tile's pixels stay in registers while its splats are composited front to back, with early termination once almost no
-light passes. There is no sort, no quad setup and no blending; the last two take most of a quad's time in software
-OpenGL.
+A tile's pixels stay in registers while its splats are composited front to back; a tile terminates once almost no light
+passes. This avoids sorting, quad setup and blending; setup and blending take most of a quad's time in software OpenGL.
 """
 
 from __future__ import annotations
@@ -27,24 +26,25 @@ from splatgl.splat.plan import Plan, Program
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.technique import COLUMNS, MOST, MOST_PIXELS, ROWS, batch_starts
 
-# most entries of all lists together
+# maximum number of entries of all lists together
 MOST_LISTED = 2**25
 # work groups of the listing pass; each invocation lists one run of splats
 GROUPS = min(os.cpu_count() or 1, 8)
 # llvmpipe ends a loop after 65535 iterations: longer loops take several dispatches
 ROUNDS = 60_000
-# most tiles per dispatch, the groups along x that every OpenGL allows; and list entries per dispatch, 0.1 s of work
+# maximum per dispatch: tiles (every OpenGL allows this many groups along x) and list entries (0.1 s of work)
 MOST_TILES, ENTRIES = 65_535, 2**20
-# texture units of placed splats, the list, and records with their order; storage buffer bindings; the image unit
+# texture units of the placed splats, the list, and the records with their order
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
+# bindings of storage buffers, and the image unit of the target
 CURSORS, DONE, LISTS, OPEN, BLOCKS, LISTED_BUFFER, IMAGE = 0, 1, 2, 3, 4, 6, 0
-# textures of a placed splat; the last four serve footprints beyond a quadratic form
+# textures of placed splats, see tiles.glsl; a program uses the first three to seven, see `_textures`
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
 
 @dataclass(eq=False)
 class Band:
-    """Rows of the picture being drawn. closed: terminated tiles; begun: whether the target holds nearer splats."""
+    """Band of rows of the picture. closed: mask of terminated tiles. begun: whether nearer splats are drawn already."""
 
     window: Window
     closed: np.ndarray
@@ -52,13 +52,14 @@ class Band:
 
 
 class Tiles:
-    """Reuses buffers and textures between pictures; they grow on demand. whole: draws one triangle over the bound
-    framebuffer.
+    """Draws splats in tiles; reuses its buffers and textures between pictures, and enlarges them on demand.
+
+    whole: draws one triangle over the bound framebuffer.
     """
 
-    # the shader that composites tiles
+    # shader that composites tiles
     drawing = "tile_draw.comp"
-    # of the picture, which every program gets
+    # uniforms of the picture, set in each program
     uniforms: Uniforms
 
     def __init__(
@@ -75,7 +76,7 @@ class Tiles:
         self.list: moderngl.Texture | None = None
         self.band = Band(Window(0, 0, 0, 0), np.zeros(0, bool))
         self.ask: Callable[[], None] = lambda: None
-        # mask of the drawing order's blocks that may be visible; None: all
+        # mask of the blocks of the drawing order that may be visible; None: all
         self.shown: np.ndarray | None = None
 
     def release(self) -> None:
@@ -86,26 +87,26 @@ class Tiles:
         self.placed, self.framebuffer, self.buffers, self.list = [], None, {}, None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Composites the splats into `target`, nearest first, chunk by chunk; raises Interrupted if cancelled."""
+        """Composites the splats into `target`, nearest first, in chunks; raises Interrupted if cancelled."""
         self.uniforms = self._uniforms(splats, plan)
-        frustum, kept = Frustum.of(plan.view), len(splats) <= MOST_KEPT
+        frustum, fits = Frustum.of(plan.view), len(splats) <= MOST_KEPT
         batches = pairwise(batch_starts(len(splats), plan.hiding.depth_batches))
         bands = [self.begin(window) for window in bands_of(plan.window)]
         for begin, end in (chunk for batch in batches for chunk in chunks(batch)):
-            texels = self.splats.of(splats).texels(plan.program.runs, order, None if kept else (begin, end))
-            seen = None if texels.boxes is None else blocks_in_frustum(texels.boxes, frustum)
-            if seen is not None and seen.all():
-                seen = None
-            first = 0 if kept else begin
+            texels = self.splats.of(splats).texels(plan.program.runs, order, None if fits else (begin, end))
+            visible = None if texels.boxes is None else blocks_in_frustum(texels.boxes, frustum)
+            if visible is not None and visible.all():
+                visible = None
+            first = 0 if fits else begin
             for band in bands:
                 portions.ask()
-                self.gather(target, plan, texels, (begin - first, end - first), band, seen, portions.ask)
+                self.gather(target, plan, texels, (begin - first, end - first), band, visible, portions.ask)
 
     def _uniforms(self, splats: Splats, plan: Plan) -> Uniforms:
         return feature_uniforms(splats, plan)
 
     def begin(self, window: Window) -> Band:
-        """A new band with all tiles open."""
+        """Returns a new band, all of its tiles open."""
         across, down = _tiles(window)
         return Band(window, np.zeros(across * down, bool))
 
@@ -119,14 +120,14 @@ class Tiles:
         shown: np.ndarray | None = None,
         ask: Callable[[], None] = lambda: None,
     ) -> None:
-        """Composites splats `which` of the drawing order, nearest first, behind the band's earlier ones.
+        """Composites splats `which` of the drawing order, nearest first, behind the splats already in the band.
 
-        shown: mask of the order's blocks that may be visible; None: all. ask: called between dispatches; may raise to
-        cancel the picture.
+        shown: mask of the order's blocks that may be visible; None: all. ask: is called between dispatches and may
+        raise Interrupted.
         """
         self.shown, self.ask, self.band = shown, ask, band
         begin, end = which
-        # of many, fewer at a time: buffers are to take little beside the splats themselves
+        # smaller parts of many splats: the buffers then need little memory compared with the splats
         most = MOST if end - begin <= 2 * MOST else MOST // 2
         for first in range(begin, end if band.closed.size else begin, most):
             self._draw(target, plan, texels, (first, min(first + most, end)))
@@ -140,13 +141,13 @@ class Tiles:
             self._draw(target, plan, texels, (middle, which[1]))
         elif len(lists):
             self._list(plan, count, int(lists[-1, 2]))
-            for some in _dispatches(lists):
+            for dispatched in _dispatches(lists):
                 self.ask()
-                self._add_up(target, plan, some)
+                self._add_up(target, plan, dispatched)
             self.band.begun = True
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
-        """Places the splats; returns how many."""
+        """Places the splats (projects them into textures); returns their number."""
         count = which[1] - which[0]
         if self.shown is not None:
             first = which[0] // BLOCK
@@ -191,35 +192,35 @@ class Tiles:
                 part.release()
 
     def _count(self, plan: Plan, count: int) -> np.ndarray | None:
-        """(tile, begin, end, 0) of each non-empty list, uint32 [lists, 4]; None if they exceed MOST_LISTED together.
+        """Returns (tile, begin, end, 0) of each non-empty list, uint32 [lists, 4]; None beyond MOST_LISTED entries.
 
         Sets the cursors to the start of each run's part of each list.
         """
         across, down = _tiles(self.band.window)
         runs = GROUPS * LANES
-        # plus a dummy slot for splats that touch no tile
+        # plus a slot for splats that touch no tile
         size = runs * (across * down + 1) * 4
         cursors = self._buffer(CURSORS, size)
         cursors.clear(size)
         self._run(plan, count, {"COUNTING": True})
-        found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down + 1)
-        found = found[:, :-1]
-        # tile by tile, within a tile run by run
-        until = np.cumsum(found, axis=0, dtype=np.uint32)
+        counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down + 1)
+        counts = counts[:, :-1]
+        # ordered by tile, then by run
+        until = np.cumsum(counts, axis=0, dtype=np.uint32)
         until[:, self.band.closed] = 0
         lengths = until[-1].astype(np.int64)
-        # each list starts at a multiple of four, as four entries are gathered at once
-        room = np.cumsum(-(-lengths // 4) * 4)
-        if room[-1] > MOST_LISTED and count > 1:
+        # each list starts at a multiple of four: shaders read four entries at once
+        padded_ends = np.cumsum(-(-lengths // 4) * 4)
+        if padded_ends[-1] > MOST_LISTED and count > 1:
             return None
-        begins = room - (-(-lengths // 4) * 4)
+        begins = padded_ends - (-(-lengths // 4) * 4)
         starts = np.full((runs, across * down + 1), NOWHERE, np.uint32)
-        starts[:, :-1] = until - found + begins.astype(np.uint32)
+        starts[:, :-1] = until - counts + begins.astype(np.uint32)
         starts[:, :-1][:, self.band.closed] = NOWHERE
         cursors.write(starts)
-        filled = np.flatnonzero(lengths)
-        ends = begins[filled] + lengths[filled]
-        return np.stack([filled, begins[filled], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
+        nonempty = np.flatnonzero(lengths)
+        ends = begins[nonempty] + lengths[nonempty]
+        return np.stack([nonempty, begins[nonempty], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
 
     def _list(self, plan: Plan, count: int, total: int) -> None:
         # plus an entry that is never read
@@ -231,24 +232,24 @@ class Tiles:
                 self.list.release()
             self.list = self.ctx.texture((LISTED, uneven(height)), 4, dtype="u4")
             self.list.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        # copied, as llvmpipe reads textures faster than buffers and writes buffers faster than images
+        # copied: llvmpipe reads textures faster than buffers, and writes buffers faster than images
         self.list.write(listed, viewport=(0, 0, LISTED, height))
 
     def _run(self, plan: Plan, count: int, switches: dict[str, bool], unread: int = 0) -> None:
-        """Lists all splats, at most ROUNDS iterations a dispatch. unread: a list entry that is never read."""
+        """Lists all splats, with at most ROUNDS iterations per dispatch. unread: a list entry that is never read."""
         program = self._program("tile_list.comp", plan, switches)
         length = -(-count // (GROUPS * LANES))
         set_uniforms(program, count=count, length_=length, budget=ROUNDS, unread=unread)
-        whole = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
-        # splats of a run, and how far the next has come: a large one may take several dispatches
-        done = self._buffer(DONE, whole.size * 16)
+        lengths = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
+        # per run: splats done, and progress of the next splat, as a large splat may need several dispatches
+        done = self._buffer(DONE, lengths.size * 16)
         done.clear()
-        so_far = np.zeros((whole.size, 4), np.uint32)
-        while (so_far[:, 0] < whole).any():
+        progress = np.zeros((lengths.size, 4), np.uint32)
+        while (progress[:, 0] < lengths).any():
             program.run(GROUPS)
             self.ctx.memory_barrier()
-            before, so_far = so_far, np.frombuffer(done.read(whole.size * 16), np.uint32).reshape(-1, 4)
-            if (so_far == before).all():
+            before, progress = progress, np.frombuffer(done.read(lengths.size * 16), np.uint32).reshape(-1, 4)
+            if (progress == before).all():
                 raise moderngl.Error("compute shaders do nothing")
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
@@ -259,32 +260,32 @@ class Tiles:
         while len(lists):
             program = self._program(self.drawing, plan, {"CARRIED": carried})
             set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
-            now = lists.copy()
-            now[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + 4 * ROUNDS)
-            self._buffer(LISTS, now.nbytes).write(now)
-            still = self._buffer(OPEN, self.band.closed.size * 4)
-            still.clear()
-            program.run(len(now))
+            part = lists.copy()
+            part[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + 4 * ROUNDS)
+            self._buffer(LISTS, part.nbytes).write(part)
+            flags = self._buffer(OPEN, self.band.closed.size * 4)
+            flags.clear()
+            program.run(len(part))
             self.ctx.memory_barrier()
-            lists[:, 1] = now[:, 2]
+            lists[:, 1] = part[:, 2]
             lists, carried = lists[lists[:, 1] < lists[:, 2]], True
         if plan.program.look.blend.ordered:
-            open_ = np.frombuffer(still.read(self.band.closed.size * 4), np.uint32)[now[:, 0]]
-            self.band.closed[now[open_ == 0, 0]] = True
+            open_ = np.frombuffer(flags.read(self.band.closed.size * 4), np.uint32)[part[:, 0]]
+            self.band.closed[part[open_ == 0, 0]] = True
 
     def bind_target(self, target: Target) -> None:
-        """The target as the image that tiles are read from and written to."""
+        """Binds the target as the image that tiles read and write."""
         target.texture.bind_to_image(IMAGE, read=True, write=True)
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
-        """The storage buffer of at least `size` bytes, bound."""
-        found = self.buffers.get(binding)
-        if found is None or found.size < size:
-            if found is not None:
-                found.release()
-            found = self.buffers[binding] = self.ctx.buffer(reserve=size)
-        found.bind_to_storage_buffer(binding)
-        return found
+        """Returns a storage buffer of at least `size` bytes, and binds it."""
+        storage = self.buffers.get(binding)
+        if storage is None or storage.size < size:
+            if storage is not None:
+                storage.release()
+            storage = self.buffers[binding] = self.ctx.buffer(reserve=size)
+        storage.bind_to_storage_buffer(binding)
+        return storage
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         program = self.programs.for_tiles(name, plan.program, switches)
@@ -294,14 +295,14 @@ class Tiles:
 
 
 def _dispatches(lists: np.ndarray) -> list[np.ndarray]:
-    """The lists grouped by dispatch: at most MOST_TILES lists and, unless a single list, ENTRIES entries."""
+    """Splits lists into dispatches of at most MOST_TILES lists and about ENTRIES entries."""
     before = np.cumsum(lists[:, 2].astype(np.int64) - lists[:, 1])
-    # a dispatch begins where either count is full
+    # a new dispatch begins where the count of entries or lists is full
     return np.split(lists, np.flatnonzero(np.diff(before // ENTRIES + np.arange(len(lists)) // MOST_TILES)) + 1)
 
 
 def bands_of(window: Window, most: int = MOST_PIXELS) -> list[Window]:
-    """The window in bands of rows, at most `most` pixels each; a pixel is in the same tile whatever the window."""
+    """Splits a window into bands of at most `most` pixels; a pixel is in the same tile for any window."""
     left, top = window.x // COLUMNS * COLUMNS, window.y // ROWS * ROWS
     width, last = window.x + window.width - left, window.y + window.height
     height = max(most // max(width, 1) // ROWS, 1) * ROWS
@@ -309,19 +310,19 @@ def bands_of(window: Window, most: int = MOST_PIXELS) -> list[Window]:
 
 
 def _tiles(window: Window) -> tuple[int, int]:
-    """Numbers of tiles along x and y."""
+    """Returns the numbers of tiles along x and y."""
     return -(-window.width // COLUMNS), -(-window.height // ROWS)
 
 
 def _textures(program: Program) -> int:
-    """Number of textures of placed splats; see BENT in tiles.glsl."""
+    """Returns the number of textures of placed splats; see BENT in tiles.glsl."""
     if program.bent:
         return 5 if program.seen.cubic else 7
     return 4 if program.look.sheets and not program.packed else 3
 
 
 def set_uniforms(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:
-    """Sets those uniforms that the program has."""
+    """Sets the uniforms; skips those that the program lacks."""
     for name, value in values.items():
         if name in program:
             program[name] = value
