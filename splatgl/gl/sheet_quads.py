@@ -1,8 +1,8 @@
-"""Sheets drawn by quads, without compute shaders: splats are blended into open sheets, which composite one by one.
+"""Draws sheets by quads, without compute shaders: blends splats into open sheets, and composites sheet by sheet.
 
-Splats are sorted by their first sheet. Each is drawn once, into the textures of all sheets that share it; a pass over
-the pixels that a sheet reaches then composites it, and its textures are cleared for the sheet that opens next. Blends
-of one value join a sheet's values to those of nearer ones in a texture of their own, which a last pass classifies.
+Splats are sorted by their first sheet. A splat is drawn once, into the textures of all sheets that it contributes to.
+When a sheet is complete, a pass over its pixels composites it, and its textures are cleared for the next sheet. Blends
+of one value collect the values of all sheets in a separate texture, which the last pass classifies.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from splatgl.splat.sheets import NearField, Sheets
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
-# texture units of a sheet, of the two before, and of values joined to one
+# texture units of a sheet and the two sheets before it, and of the joined values
 UNITS = {
     **{"sheet_sums": 4, "sheet_masses": 5, "sums_before": 6, "masses_before": 7},
     **{"sums_earlier": 8, "masses_earlier": 9},
 }
 JOINED_UNIT = 10
-# below every value, and every −value
+# less than any value and any −value
 LEAST = -float(np.finfo(np.float32).max)
 
 
-# most pixels of a band of the picture: its open sheets take up to 120 bytes a pixel
+# maximum pixels of a band of the picture: open sheets take up to 120 bytes per pixel
 MOST_PIXELS = 2**22
 
 
 class Group(NamedTuple):
-    """Splats begin to end, exclusive, that have the same first sheet; window: the pixels that they reach."""
+    """Splats with the same first sheet, from begin to end (exclusive). window: pixels that they reach."""
 
     begin: int
     end: int
@@ -53,8 +53,8 @@ class Group(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What textures depend on: the picture's size; the rows of a band of it; sheets that share a splat; whether values
-    are classified after, and joined.
+    """Properties that determine a ring's textures. size: pixels of the picture. rows: of a band. sheets: sheets per
+    splat. post: whether values are classified after reconstruction. one_value: whether a pixel's values are joined.
     """
 
     size: tuple[int, int]
@@ -65,8 +65,9 @@ class Kind(NamedTuple):
 
 
 class SheetQuads:
-    """Reuses its textures and its buffer between pictures. whole: draws one triangle over the bound framebuffer.
-    frame: the uniform block of that name.
+    """Draws sheets by quads; reuses its textures and buffer between pictures.
+
+    whole: draws one triangle over the bound framebuffer. frame: buffer of the uniform block Frame.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class SheetQuads:
         self.ring = None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
+        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
         sheets, look = plan.resolved.sheets, plan.program.look
         assert sheets is not None
         uniforms, field = sheet_uniforms(splats, plan), NearField.of(splats, plan.view, sheets)
@@ -103,15 +104,15 @@ class SheetQuads:
             set_uniforms(program, half_table=HALF_LINE_UNIT, **UNITS, **uniforms)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
-        chosen, groups = by_first_sheet(splats, sheets, plan.view)
+        indices, groups = by_first_sheet(splats, sheets, plan.view)
         near = range(0)
         if field is not None:
-            # and two sheets behind them, to which what they hold reaches
+            # the near sheets, and the two sheets behind them, to which their matter extends
             nearest = -int(first_sheet)
             near = range(nearest - 1, nearest + field.count + 2)
             groups = {base: group for base, group in groups.items() if base >= int(str(uniforms["near_base"]))}
         records = splats.records_with_runs if plan.program.runs else splats.records
-        self.instances.fill(records[chosen])
+        self.instances.fill(records[indices])
         bands = bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS)
         ring = self._ring(Kind(plan.view.size, bands[0].height, look.sheets, look.steps > 0, look.blend.one_value))
         into = ring.joined or target.framebuffer
@@ -139,7 +140,7 @@ class SheetQuads:
             self._show(target, splats, plan, ring)
 
     def _add(self, program: moderngl.Program, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
-        """Blends splats into the sheets from their first on."""
+        """Blends a group of splats into its sheets."""
         set_uniforms(program, sheet=sheet)
         use_blend(self.ctx, BLENDS["xray"])
         ring.open[sheet % ring.slots].use()
@@ -156,7 +157,7 @@ class SheetQuads:
         sheet: int,
         window: Window,
     ) -> None:
-        """Composites a sheet within a window; classified after, what lies around the one before."""
+        """Composites a sheet within a window; with later classification, the matter around the sheet before it."""
         set_uniforms(program, sheet=sheet)
         ring.use(sheet)
         into.scissor = window.box
@@ -165,7 +166,7 @@ class SheetQuads:
         self.whole(program)
 
     def _show(self, target: Target, splats: Splats, plan: Plan, ring: Ring) -> None:
-        """Classifies the value that each pixel's sheets were joined to."""
+        """Classifies the joined value of each pixel."""
         program = self.programs.for_screen("sheet_show.frag", plan.program)
         set_uniforms(program, joined_values=JOINED_UNIT, **sheet_uniforms(splats, plan))
         ring.values[0].use(JOINED_UNIT)
@@ -182,8 +183,9 @@ class SheetQuads:
 
 
 class Ring:
-    """Textures of the open sheets of a band, used in turn, and classified after of the two before; and of a picture's
-    values and lengths of blends of one value.
+    """Ring buffer of the textures of a band's open sheets; with later classification, also of two earlier sheets.
+
+    values: texture of the picture's joined values and lengths, for blends of one value.
     """
 
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
@@ -194,7 +196,7 @@ class Ring:
         self.values = [ctx.texture((wide, uneven(kind.size[1])), 2, dtype="f4") for _ in range(kind.one_value)]
         for texture in (*self.sums, *self.masses, *self.values):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        # of all that are open from a slot on, and of one slot
+        # framebuffers of all open sheets from a slot on, and of a single slot
         self.open = [ctx.framebuffer(self._attachments(n, self.count)) for n in range(self.slots)]
         self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
         self.joined = ctx.framebuffer(self.values) if self.values else None
@@ -202,22 +204,22 @@ class Ring:
             self.joined.viewport = (0, 0, *kind.size)
 
     def begin(self, band: Window, window: Window) -> None:
-        """Empties all sheets for a band of the picture, within a window of it."""
+        """Starts a band of the picture; clears all sheets within a window of it."""
         self.top = band.y
         for slot, framebuffer in enumerate(self.open):
             framebuffer.viewport = (0, -band.y, *self.kind.size)
             self.clear(slot, window)
 
     def clear(self, sheet: int, window: Window) -> None:
-        """Empties a sheet within a window of the picture."""
+        """Clears a sheet within a window of the picture."""
         x, y, width, height = window.box
         self.each[sheet % self.slots].clear(viewport=(x, y - self.top, width, height))
         settle(self.ctx)
 
     def use(self, sheet: int) -> None:
-        """Binds the textures of a sheet and, classified after, of the two before."""
-        held = (sheet, sheet - 1, sheet - 2) if self.masses else (sheet,)
-        textures = [each[n % self.slots] for n in held for each in (self.sums, self.masses) if each]
+        """Binds the textures of a sheet; with later classification, also of the two sheets before it."""
+        sheets = (sheet, sheet - 1, sheet - 2) if self.masses else (sheet,)
+        textures = [ring[n % self.slots] for n in sheets for ring in (self.sums, self.masses) if ring]
         for unit, texture in zip(UNITS.values(), textures, strict=False):
             texture.use(unit)
 
@@ -228,46 +230,46 @@ class Ring:
                 part.release()
 
     def _attachments(self, first: int, count: int) -> list[moderngl.Texture | moderngl.Renderbuffer]:
-        some = [(first + n) % self.slots for n in range(count)]
-        return [each[n] for each in (self.sums, self.masses) if each for n in some]
+        slots = [(first + n) % self.slots for n in range(count)]
+        return [textures[n] for textures in (self.sums, self.masses) if textures for n in slots]
 
 
 def by_first_sheet(splats: Splats, sheets: Sheets, view: GridView) -> tuple[np.ndarray, dict[int, Group]]:
-    """Indices of the records in the order of their first sheets, int64 [N]; groups by first sheet, from the first."""
+    """Returns indices that sort the records by first sheet, int64 [N], and the groups by first sheet, ascending."""
     positions = splats.positions
     first = sheets.range(splats, view)[0]
-    # at most MOST_SHEETS: sorted as 16-bit integers by their digits
+    # 16-bit integers hold up to MOST_SHEETS, and numpy sorts them by radix
     base = (sheets.base(sheets.places(view, positions)) - first).astype(np.int16)
-    chosen = np.argsort(base, kind="stable")
-    found, begins = np.unique(base[chosen], return_index=True)
-    sorted_ = positions[chosen]
-    low, high = (reach.reduceat(sorted_, begins).astype(np.float64) for reach in (np.minimum, np.maximum))
+    indices = np.argsort(base, kind="stable")
+    numbers, begins = np.unique(base[indices], return_index=True)
+    in_order = positions[indices]
+    low, high = (reach.reduceat(in_order, begins).astype(np.float64) for reach in (np.minimum, np.maximum))
     ends = [*begins[1:], len(splats)]
     windows = [screen_bounds(corners_of(*box), view).window for box in zip(low, high, strict=True)]
     groups = zip(begins.tolist(), ends, windows, strict=True)
-    return chosen, dict(zip(found.tolist(), (Group(*each) for each in groups), strict=True))
+    return indices, dict(zip(numbers.tolist(), (Group(*group) for group in groups), strict=True))
 
 
 def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:
-    """The groups that reach into a band of rows, and the pixels that they reach there."""
-    found = {}
+    """Returns the groups that reach into a band of rows, with their windows clipped to it."""
+    clipped = {}
     for sheet, (begin, end, window) in groups.items():
         top, bottom = max(window.y, band.y), min(window.y + window.height, band.y + band.height)
         if top < bottom:
-            found[sheet] = Group(begin, end, Window(window.x, top, window.width, bottom - top))
-    return found
+            clipped[sheet] = Group(begin, end, Window(window.x, top, window.width, bottom - top))
+    return clipped
 
 
 def closed(groups: dict[int, Group], slots: int) -> list[int]:
-    """The sheets that hold something, and after classification the two behind each."""
+    """Returns the sheets that may hold matter, ascending: `slots` sheets from each group's first sheet on."""
     return sorted({first + n for first in groups for n in range(slots)})
 
 
 def around(groups: dict[int, Group], first: int, last: int) -> Window:
-    """The pixels that the splats reach whose first sheets are among `first` to `last`."""
-    some = [groups[n].window for n in range(first, last + 1) if n in groups]
-    if not some:
+    """Returns the window of the groups whose first sheets are in first…last, inclusive; empty without groups."""
+    windows = [groups[n].window for n in range(first, last + 1) if n in groups]
+    if not windows:
         return Window(0, 0, 0, 0)
-    x, y = min(each.x for each in some), min(each.y for each in some)
-    right, bottom = max(each.x + each.width for each in some), max(each.y + each.height for each in some)
+    x, y = min(w.x for w in windows), min(w.y for w in windows)
+    right, bottom = max(w.x + w.width for w in windows), max(w.y + w.height for w in windows)
     return Window(x, y, right - x, bottom - y)

@@ -1,4 +1,4 @@
-"""Sheets drawn in tiles: splats sorted by first sheet, added up per sheet and pixel, and composited sheet by sheet."""
+"""Draws sheets in tiles: sorts splats by first sheet, adds them up per sheet and pixel, and composites the sheets."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ from splatgl.splat.splats import Splats
 from splatgl.splat.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.view import GridView
 
-# buffer binding of open sheets
+# buffer binding of the open sheets
 RINGS = 5
-# floats of a pixel's open sheets, see open_sheets.glsl
+# floats per pixel of the open sheets, see open_sheets.glsl
 RING = 36
-# most list entries of a tile per dispatch: with the sheets that follow each other, loop iterations stay below 65535
+# maximum list entries of a tile per dispatch: with the sheets between them, loop iterations stay below 65535
 MOST_ENTRIES = 30_000
-# voxels beyond a plane on which what it keeps may depend: a kernel's reach, and that of sheets
+# voxels beyond a clip plane that may contribute to the side it keeps: reach of a kernel and of the sheets
 AROUND_CUT = 6
-# most pixels per band: open sheets of pictures drawn in several passes take 4 RING bytes a pixel
+# maximum pixels per band: between several dispatches, open sheets take 4 RING bytes per pixel
 MOST_PIXELS = 2**20
 
 
 @dataclass(frozen=True)
 class Batches:
-    """Splats that are drawn while they are extracted. bands: of rows of the picture, drawn one after another.
+    """Batches of splats that are drawn while later ones are extracted.
 
-    of: gives their batches, nearest first, given what tells whether a box of voxels may still be seen in the band.
-    shell: draws a part of the picture, the samples of what lies between two sheets; see `Bricks.within`. near: the
-    voxels around the eye.
+    of: yields the batches of a band, nearest first; its argument tells whether a box of voxels may be visible there.
+    bands: number of bands of rows, drawn one after another. shell: range of sheets that are drawn, see
+    `Bricks.within`; None: all. near: voxels around the eye.
     """
 
     of: Callable[[IsVisible], Iterator[Splats]]
@@ -57,7 +57,7 @@ class Batches:
 
 
 class SheetTiles(Tiles):
-    """Reuses buffers and textures between pictures, as Tiles does."""
+    """Draws sheets in tiles; reuses its buffers and textures between pictures."""
 
     def __init__(
         self,
@@ -70,12 +70,12 @@ class SheetTiles(Tiles):
     ) -> None:
         super().__init__(ctx, programs, splats, whole)
         self.tables, self.order, self.batch = tables, SheetOrder(ctx, programs), Rewritten(ctx)
-        # of the picture, and whether it has any; tiles of the band that were drawn
+        # near sheets, and whether the picture has any; mask of the band's tiles that were drawn
         self.near, self.is_near, self.begun = near, False, np.zeros(0, bool)
         self.uniforms = {}
-        # between which depths it is drawn
+        # depths between which matter is drawn; None: all
         self.limits: Limits | None = None
-        # splats of the picture; whether those being drawn are its last; tiles whose open sheets are kept
+        # number of splats; whether the current splats are the last; mask of tiles whose open sheets are stored
         self.count, self.last = 0, False
         self.kept: np.ndarray | None = None
 
@@ -86,13 +86,13 @@ class SheetTiles(Tiles):
         self.batch.release()
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
-        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: is not used."""
+        """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
         texels = self._sorted(splats, plan)
         for window in bands_of(plan.window, MOST_PIXELS):
             self._draw_window(target, splats, plan, texels, window, portions)
 
     def _sorted(self, splats: Splats, plan: Plan, window: Window | None = None) -> Texels:
-        """Splats that may be seen in a window, or anywhere, in the order of sheets; sets `uniforms` and `count`."""
+        """Returns splats that a window (or the picture) may show, by first sheet; sets `uniforms` and `count`."""
         texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
         assert plan.resolved.sheets is not None
         self._begin_picture(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
@@ -104,7 +104,7 @@ class SheetTiles(Tiles):
         return texels
 
     def _begin_picture(self, splats: Splats, plan: Plan, near: NearField | None) -> None:
-        """Sets `uniforms`, and draws the sheets around the eye."""
+        """Sets `uniforms` and draws the near sheets."""
         self.uniforms = sheet_uniforms(splats, plan)
         self.uniforms |= self.near.draw(near, plan, float(str(self.uniforms["first_sheet"])))
         self.is_near = near is not None
@@ -112,16 +112,16 @@ class SheetTiles(Tiles):
     def _draw_window(
         self, target: Target, splats: Splats, plan: Plan, texels: Texels, window: Window, portions: Portions
     ) -> None:
-        """Composites a window of the picture; texels: of `_sorted`."""
+        """Composites a window of the picture. texels: result of `_sorted`."""
         band = self._begin(splats, plan, window)
         for which in pairwise(batch_starts(self.count, plan.hiding.depth_batches)):
             self.gather(target, plan, texels, which, band, ask=portions.ask)
         self._flush(target, plan)
 
     def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
-        """Composites batches of splats, no sheet of which comes before those of the batch before.
+        """Composites batches of splats whose sheets do not lie before the sheets of earlier batches.
 
-        whole: stands for all of them.
+        whole: describes all splats.
         """
         self._begin_picture(whole, plan, batches.near)
         if batches.shell is not None:
@@ -141,7 +141,7 @@ class SheetTiles(Tiles):
 
         clip = plan.resolved.clip
 
-        def seen(low: np.ndarray, high: np.ndarray) -> bool:
+        def is_visible(low: np.ndarray, high: np.ndarray) -> bool:
             if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
                 return False
             if not blocks_in_frustum(np.concatenate([low + high, high - low])[None] / 2, frustum)[0]:
@@ -153,7 +153,7 @@ class SheetTiles(Tiles):
             return not tiles[rows, max(x, 0) // COLUMNS : max(-(-(x + width) // COLUMNS), 0)].all()
 
         span = sheet_span(whole, plan)
-        for splats in batches.of(seen):
+        for splats in batches.of(is_visible):
             texels = self.batch.texels(splats.records)
             texels, count = self.order.sorted(len(splats), span, plan, texels, self.uniforms)
             self.count = count + 1
@@ -161,17 +161,17 @@ class SheetTiles(Tiles):
         self._flush(target, plan)
 
     def show(self, target: Target, whole: Splats, plan: Plan) -> None:
-        """Shows the values of a target that holds the joined parts of a picture."""
+        """Classifies the values of a target that holds the joined parts of a picture."""
         self._begin_picture(whole, plan, None)
         for window in bands_of(plan.window, MOST_PIXELS):
             self._begin(whole, plan, window)
-            # nothing is left of any tile but what it has to show
+            # no splats are left; each tile only has to classify its values
             self._keep()
             self.kept = np.ones(self.band.closed.size, bool)
             self._flush(target, plan)
 
     def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
-        """A new band; tiles beside the volume's box are closed."""
+        """Returns a new band, whose tiles beside the volume's box are closed."""
         self.kept, self.band = None, self.begin(window)
         band, self.begun = self.band, np.zeros(self.band.closed.size, bool)
         if splats.post is not None:
@@ -184,15 +184,15 @@ class SheetTiles(Tiles):
         super()._draw(target, plan, texels, which)
 
     def _flush(self, target: Target, plan: Plan) -> None:
-        """Composites the sheets that are still open, and those around the eye of tiles that no splat touched."""
+        """Composites the sheets that are still open, and the near sheets of tiles without splats."""
         self.last = True
         waiting = np.zeros_like(self.begun) if self.kept is None else self.kept.copy()
         if self.is_near:
             waiting |= ~(self.begun | self.band.closed)
-        tile = np.flatnonzero(waiting)
-        if len(tile):
-            lists = np.stack([tile, *np.zeros((3, len(tile)), np.int64)], axis=1).astype(np.uint32)
-            # a band of batches may have more tiles than a dispatch
+        indices = np.flatnonzero(waiting)
+        if len(indices):
+            lists = np.stack([indices, *np.zeros((3, len(indices)), np.int64)], axis=1).astype(np.uint32)
+            # a band of batches may exceed the tiles of a dispatch
             for first in range(0, len(lists), MOST_TILES):
                 self._add_up(target, plan, lists[first : first + MOST_TILES])
 
@@ -202,27 +202,27 @@ class SheetTiles(Tiles):
         self.begun[lists[:, 0]] = True
         self.bind_target(target)
         while len(lists):
-            now = lists.copy()
-            now[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + MOST_ENTRIES)
-            now[:, 3] = self.last & (now[:, 2] == lists[:, 2])
-            if not now[:, 3].all() and self.kept is None:
+            part = lists.copy()
+            part[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + MOST_ENTRIES)
+            part[:, 3] = self.last & (part[:, 2] == lists[:, 2])
+            if not part[:, 3].all() and self.kept is None:
                 self._keep()
             program = self._program("sheet_draw.comp", plan, {"CARRIED": self.kept is not None})
             set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
-            self._buffer(LISTS, now.nbytes).write(now)
-            still = self._buffer(OPEN, self.band.closed.size * 4)
-            still.clear()
-            program.run(len(now))
+            self._buffer(LISTS, part.nbytes).write(part)
+            flags = self._buffer(OPEN, self.band.closed.size * 4)
+            flags.clear()
+            program.run(len(part))
             self.ctx.memory_barrier()
-            open_ = np.frombuffer(still.read(self.band.closed.size * 4), np.uint32)[now[:, 0]] > 0
-            self.band.closed[now[~open_, 0]] = True
+            open_ = np.frombuffer(flags.read(self.band.closed.size * 4), np.uint32)[part[:, 0]] > 0
+            self.band.closed[part[~open_, 0]] = True
             if self.kept is not None:
-                self.kept[now[:, 0]] = open_ & (now[:, 3] == 0)
-            lists[:, 1] = now[:, 2]
-            lists = lists[(now[:, 3] == 0) & open_ & (lists[:, 1] < lists[:, 2])]
+                self.kept[part[:, 0]] = open_ & (part[:, 3] == 0)
+            lists[:, 1] = part[:, 2]
+            lists = lists[(part[:, 3] == 0) & open_ & (lists[:, 1] < lists[:, 2])]
 
     def _keep(self) -> None:
-        """Room for the open sheets of all tiles, empty at first."""
+        """Provides empty storage for the open sheets of all tiles."""
         tiles = self.band.closed.size
         size = tiles * RING * ROWS * LANES * 4
         self._buffer(RINGS, size).clear(size)
@@ -230,8 +230,8 @@ class SheetTiles(Tiles):
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         limited = self.limits is not None and name == "sheet_draw.comp"
-        own = {"LIMITED": limited, "NEAR": self.is_near} if name == "sheet_draw.comp" else {}
-        program = super()._program(name, plan, {**switches, **{switch: True for switch, on in own.items() if on}})
+        features = {"LIMITED": limited, "NEAR": self.is_near} if name == "sheet_draw.comp" else {}
+        program = super()._program(name, plan, {**switches, **{switch: True for switch, on in features.items() if on}})
         if self.limits is not None:
             set_uniforms(program, nearest_depth=NEAREST_UNIT, farthest_depth=FARTHEST_UNIT)
             self.limits.use()
@@ -239,10 +239,10 @@ class SheetTiles(Tiles):
 
 
 class BoxTiles(Tiles):
-    """Reuses buffers and textures between pictures, as Tiles does."""
+    """Draws boxes in tiles; reuses its buffers and textures between pictures."""
 
     drawing = "box_draw.comp"
-    # between which depths they are drawn; as one of several layers: makes a program keep their matter
+    # depths between which boxes are drawn; None: all. For one of several layers: sets up a program to store the matter
     limits: Limits | None = None
     keeping: Callable[[moderngl.ComputeShader], None] | None = None
 
@@ -257,27 +257,27 @@ class BoxTiles(Tiles):
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         if name != self.drawing:
             return super()._program(name, plan, switches)
-        own = {"LIMITED": self.limits is not None, "LAYERED": self.keeping is not None}
-        program = super()._program(name, plan, {**switches, **own})
+        features = {"LIMITED": self.limits is not None, "LAYERED": self.keeping is not None}
+        program = super()._program(name, plan, {**switches, **features})
         if self.keeping is not None:
             self.keeping(program)
         return program
 
 
-# most splats of a run: llvmpipe ends a loop after 65535 iterations; and the least runs, for all cores and lanes
+# maximum splats of a run (llvmpipe ends a loop after 65535 iterations); minimum runs, for all cores and lanes
 MOST_RUN, LEAST_RUNS = 60_000, 64
 # texture unit of the records, buffer binding of the cursors, and image unit of the order
 RECORDS_UNIT, CURSORS, IMAGE = 5, 0, 0
 
-# of sheets from the first: no end
+# range of sheets without ends
 EVERYWHERE = (-1e9, 1e9)
 
 
 def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
-    """Uniforms of sheets.glsl and sheet_composite.glsl."""
+    """Returns the uniforms of sheets.glsl, sheet_composite.glsl and the plan's features."""
     sheets, view, post = plan.resolved.sheets, plan.view, splats.post
     assert sheets is not None
-    found: Uniforms = {
+    uniforms: Uniforms = {
         "sheet_eye": tuple(view.eye_index - base_of(splats, view.eye_index)),
         "sheet_direction": tuple(index_direction(view)),
         "thickness": sheets.thickness,
@@ -291,30 +291,30 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "edges": window_edges(view, Window(0, 0, *view.size)),
     }
     if post is not None:
-        found |= class_uniforms(post)
-        found |= {
+        uniforms |= class_uniforms(post)
+        uniforms |= {
             "box_low": tuple(-0.5 - view.eye_index),
             "box_high": tuple(np.array(post.shape) - 0.5 - view.eye_index),
         }
-    return found | feature_uniforms(splats, plan)
+    return uniforms | feature_uniforms(splats, plan)
 
 
 def window_edges(view: GridView, window: Window) -> tuple[float, ...]:
-    """Slopes, or lengths in mean spacings, of the left, upper, right and lower edge of a window of samples."""
+    """Returns the left, upper, right and lower edge of a window of samples, as slopes or lengths in mean spacings."""
     x, y, width, height = window.box
     ends = np.array([[x, y], [x + width, y + height]]) - np.array(view.size) / 2
     return tuple((ends * view.pitch).ravel().tolist())
 
 
 def sheet_span(splats: Splats, plan: Plan) -> int:
-    """How many sheets the splats may belong to."""
+    """Returns the number of sheets that may be a splat's first sheet."""
     assert plan.resolved.sheets is not None
     first, last = plan.resolved.sheets.range(splats, plan.view)
     return last - first + 1
 
 
 class SheetOrder:
-    """Reuses its buffer and texture between pictures; they grow on demand."""
+    """Sorts splats by first sheet; reuses its buffer and texture between pictures, and enlarges them on demand."""
 
     def __init__(self, ctx: moderngl.Context, programs: Programs) -> None:
         self.ctx, self.programs = ctx, programs
@@ -329,9 +329,9 @@ class SheetOrder:
         self.cursors, self.order = None, None
 
     def sorted(self, count: int, number: int, plan: Plan, texels: Texels, uniforms: Uniforms) -> tuple[Texels, int]:
-        """The same records with their order by first sheet, and how many of them may be visible.
+        """Returns the records with their order by first sheet, and the number of records that may be visible.
 
-        count: of splats. number: of sheets.
+        count: number of splats. number: number of sheets.
         """
         runs = max(LEAST_RUNS, -(-count // (MOST_RUN * LANES)) * LANES)
         size = runs * (number + 1) * 4
@@ -339,14 +339,14 @@ class SheetOrder:
         cursors.clear(size)
         texels.records.use(RECORDS_UNIT)
         self._run(plan, True, {**uniforms, "count": count, "number": number}, runs)
-        found = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, number + 1)
-        # sheet by sheet, within a sheet run by run
-        until = np.cumsum(found.T, dtype=np.uint32).reshape(number + 1, runs)
-        cursors.write(np.ascontiguousarray((until - found.T).T))
+        counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, number + 1)
+        # ordered by sheet, then by run
+        until = np.cumsum(counts.T, dtype=np.uint32).reshape(number + 1, runs)
+        cursors.write(np.ascontiguousarray((until - counts.T).T))
         order = self._order(count)
         order.bind_to_image(IMAGE, read=False, write=True)
         self._run(plan, False, {**uniforms, "count": count, "number": number}, runs)
-        return Texels(texels.records, texels.rest, order), int(until[-1, 0]) - int(found[0, -1])
+        return Texels(texels.records, texels.rest, order), int(until[-1, 0]) - int(counts[0, -1])
 
     def _run(self, plan: Plan, counting: bool, uniforms: Uniforms, runs: int) -> None:
         program = self.programs.for_tiles("sheet_sort.comp", plan.program, {"COUNTING": counting})
