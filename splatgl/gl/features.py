@@ -122,9 +122,7 @@ def features_of(program: Program) -> list[Feature]:
 
 def feature_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     """Returns the uniforms of all features that are on."""
-    return {
-        name: value for feature in features_of(plan.program) for name, value in feature.uniforms(splats, plan).items()
-    }
+    return {name: value for row in features_of(plan.program) for name, value in row.uniforms(splats, plan).items()}
 
 
 class FieldTextures:

@@ -1,7 +1,4 @@
-"""Draws the sheets nearest to the eye, which are planes perpendicular to each ray, on a coarse grid of rays.
-
-They are drawn before the other sheets, which read them from textures.
-"""
+"""Draws the sheets nearest to the eye, which are planes perpendicular to each ray, on a coarse grid of rays."""
 
 from __future__ import annotations
 
@@ -109,9 +106,8 @@ class NearSheets:
 
 
 def grid_step(near: NearField, plan: Plan) -> int:
-    """Returns the distance of two rays of the grid, in pixels (or samples).
-
-    The error of linear interpolation between them stays within the tolerance, even for a field as rough as noise.
+    """Returns the distance of two rays of the grid, in pixels (or samples), between which linear interpolation stays
+    within the tolerance, even for a field as rough as noise.
     """
     view, sheets = plan.view, plan.resolved.sheets
     assert sheets is not None

@@ -137,10 +137,7 @@ class Programs:
     def for_screen(
         self, fragment: str, program: Program | None = None, more: Switches | None = None
     ) -> moderngl.Program:
-        """Returns the program of a fragment shader that covers the target.
-
-        program: sets the switches; None: the shader has none. more: additional switches.
-        """
+        """Returns the program of a fragment shader that covers the target. more: switches beside those of `program`."""
         chosen = self._read((fragment,), program, more or {}) if program else ()
         return self._drawing("whole.vert", fragment, chosen)
 

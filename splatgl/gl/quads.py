@@ -20,7 +20,7 @@ CORNERS = 4
 
 
 class Quads:
-    """The instanced-quad technique: needs only OpenGL 3.3 and supports every plan."""
+    """Draws splats as instanced quads; needs only OpenGL 3.3 and supports every plan."""
 
     def __init__(self, ctx: moderngl.Context, programs: Programs, splats: SplatBuffers) -> None:
         self.ctx, self.programs, self.splats = ctx, programs, splats

@@ -65,9 +65,8 @@ class Kind(NamedTuple):
 
 
 class SheetQuads:
-    """Draws sheets by quads; reuses its textures and buffer between pictures.
-
-    whole: draws one triangle over the bound framebuffer. frame: buffer of the uniform block Frame.
+    """Draws sheets by quads; reuses its textures and buffer between pictures. whole: draws one triangle over the bound
+    framebuffer. frame: buffer of the uniform block Frame.
     """
 
     def __init__(
@@ -183,9 +182,8 @@ class SheetQuads:
 
 
 class Ring:
-    """Ring buffer of the textures of a band's open sheets; with later classification, also of two earlier sheets.
-
-    values: texture of the picture's joined values and lengths, for blends of one value.
+    """Ring of textures of a band's open sheets; with later classification, also of two earlier sheets. values: texture
+    of the picture's joined values and lengths, for blends of one value.
     """
 
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:

@@ -52,10 +52,7 @@ class Band:
 
 
 class Tiles:
-    """Draws splats in tiles; reuses its buffers and textures between pictures, and enlarges them on demand.
-
-    whole: draws one triangle over the bound framebuffer.
-    """
+    """Draws splats in tiles; caches buffers and textures. whole: draws one triangle over the bound framebuffer."""
 
     # shader that composites tiles
     drawing = "tile_draw.comp"
