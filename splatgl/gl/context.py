@@ -88,7 +88,7 @@ def open_context(
         except BackendError as error:
             refusals.append(f"{name} says: {error}")
     switch_to(before)
-    what = "OpenGL on a graphics card" if require_gpu else "OpenGL"
+    subject = "OpenGL on a graphics card" if require_gpu else "OpenGL"
     fix = INSTALL.get(requested, INSTALL["egl"])
     if forked():
         fix = SPAWN
@@ -96,7 +96,7 @@ def open_context(
         fix = f"unset {REQUIRE_GPU} to draw in software"
     elif device is not None:
         fix = "leave the device out to take the first that works"
-    raise expected(what, "a context of version 3.3 or newer", "none (" + "; ".join(refusals) + ")", fix)
+    raise expected(subject, "a context of version 3.3 or newer", "none (" + "; ".join(refusals) + ")", fix)
 
 
 def adopt(loader: Loader) -> moderngl.Context:

@@ -1,4 +1,4 @@
-"""`sg.render` and `sg.depth_map`: scenes from volumes, arrays, files, splats and plotters, and their pictures."""
+"""`sg.render` and `sg.depth_map`: pictures and depths of volumes, arrays, files, splats, scenes and plotters."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def depth_map(
     at: float | str | None = None,
     **options: Any,
 ) -> np.ndarray:
-    """Eye-space depths float64 [H, W] of the picture that `render` draws with the same arguments: along the view
-    direction, world units, row 0 on top, of rays through pixel centres; NaN where there is nothing.
+    """Returns the eye-space depths of the picture that `render` draws with the same arguments: float64 [H, W], world
+    units along the view direction, of rays through pixel centres, row 0 on top; NaN where a ray meets no matter.
 
-    at: where the ray is absorbed by that share, from 0 (where anything is) to below 1; "max" or "min": at the largest
-    or least value; None: ½, or the value that mip and minip show. Needs no OpenGL. Raises InputError as `render`, for
-    splats, and for volumes that are read in parts.
+    at: a share from 0 (the first matter) to below 1: the depth at which the ray has lost this share of its light;
+    "max" or "min": the depth of the largest or least value; None: ½, or the value that mip and minip show. Needs no
+    OpenGL. Raises InputError like `render`, and for splats and volumes that are read in parts.
     """
     if is_splats(x):
         raise expected("depths", "a volume, an array or a file", "splats")
@@ -54,7 +54,7 @@ def depth_map(
     return depths(OpenScene.read(file), at)
 
 
-# options of the transfer function that are keywords; `unit` is the unit of an array, and `shading` a setting
+# options of the transfer function that are keywords; `unit` is the unit of an array, `shading` a setting
 TRANSFER = ("points", "gradient", "colormap", "window", "scale")
 
 
@@ -65,20 +65,19 @@ def render(
     settings: Settings | None = None,
     **options: Any,
 ) -> Image:
-    """The picture of `x`, with the defaults of `splatgl render`, and bit for bit its pixels.
+    """Draws `x` with the defaults of `splatgl render`; the pixels are the same bit for bit.
 
-    x: whatever `Volume.of` takes, a file, address, built-in scene or scene.toml, a Volume, or Splats; a Scene or a
-    plotter of PyVista, of which view and settings alone may be given.
+    x: anything that `Volume.of` accepts, a file, address, built-in scene or scene.toml, a Volume, or Splats; or a Scene
+    or PyVista plotter, which accept only options of the view and the settings.
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
     height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
-    colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (how many, or True); surfaces (smoothing
-    of segmentations, or True); clip (a condition,
-    plane, or several), crop, mask (whatever `Volume.masked` takes, or several); meshes; annotate (names, as on the
-    command line); threshold, memory; those of `load` or
-    `Volume.of` (spacing, array, …). background: linear RGB, or a name or "#rrggbb"; none leaves the image transparent.
-    `info["notes"]` lists what the command tells of a file. Nothing is compared with float64; `check` does. Raises
-    InputError for bad input, and if nothing is visible.
+    colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (their number, or True); surfaces
+    (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything that
+    `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory; options of
+    `load` or `Volume.of` (spacing, array, …). background: linear RGB, a name or "#rrggbb"; without one the image is
+    transparent. `info["notes"]` lists the notes that the command prints about a file. `render` does not compare the
+    picture with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
     if is_scene(x):
         if transfer is not None:
@@ -89,28 +88,28 @@ def render(
 
 
 def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background: bool = False) -> Image:
-    """The picture of a scene from `scene_of`, by the renderer that calls share.
+    """Draws a scene from `scene_of` with the shared renderer.
 
-    needs_background: whether a scene without a background is drawn on the default one.
+    needs_background: draw a scene without a background on the default background.
     """
-    how = DrawOptions(kept=True, memory=memory, check=0)
+    drawing = DrawOptions(kept=True, memory=memory, check=0)
     if is_splats(x):
         if not len(x):
             raise expected("splats", "at least one", "none")
-        image = draw_subject(x, file.view.camera(x, x), file.settings, how)
+        image = draw_subject(x, file.view.camera(x, x), file.settings, drawing)
         return Image(image.pixels, {**image.info, "version": __version__, "source": x.name})
     scene = OpenScene.read(file)
     if needs_background and "background" not in file.settings.given:
         scene = scene.with_background(AUTO)
     scene = scene.with_annotations(annotations_of(None, file))
-    image = draw(scene, how)
+    image = draw(scene, drawing)
     drawn_notes = image.info.get("notes", ())
     notes = (*scene.volume.notes, *(drawn_notes if isinstance(drawn_notes, tuple) else ()))
     return finish(Image(image.pixels, {**image.info, **({"notes": notes} if notes else {})}), scene)
 
 
 def is_splats(x: Any) -> bool:
-    """Whether `x` is Splats, whose module need not be imported to tell."""
+    """Whether `x` is Splats; does not import their module."""
     return any(base.__module__ == "splatgl.splat.splats" for base in type(x).__mro__)
 
 
@@ -121,32 +120,32 @@ def scene_of(
     settings: Settings | None,
     options: Mapping[str, Any],
 ) -> tuple[SceneFile, int | None]:
-    """The scene of `x` and the arguments of `render`, and the memory to draw in. A scene of splats has no volume."""
-    given, transfer = dict(options), _transfer(transfer)
-    memory, annotate, drawing = given.pop("memory", None), given.pop("annotate", None), names_of(ViewOptions, Settings)
+    """Returns the scene of `x` with the arguments of `render`, and the memory limit; for splats without a volume."""
+    rest, transfer = dict(options), _transfer(transfer)
+    memory, annotate, drawing = rest.pop("memory", None), rest.pop("annotate", None), names_of(ViewOptions, Settings)
     if is_splats(x):
-        others = [*transfer, *(name for name in given if name not in drawing), *["annotate"] * bool(annotate)]
+        others = [*transfer, *(name for name in rest if name not in drawing), *["annotate"] * bool(annotate)]
         if others:
             raise expected("splats", "a view and settings", ", ".join(others), "extract them with these")
         scene = SceneFile(x.name)
     else:
         reading = names_of(LoadOptions) if isinstance(x, str | Path) else [f.name for f in fields(ArrayOptions)]
         known = [*drawing, *TRANSFER, *SCENE, "transfer", "camera", "settings", "memory", "annotate", *reading]
-        for name in given:
-            this = f"options of the view, the settings, or {', '.join(reading)}"
-            refuse_unknown("options", [name], known, this)
-        scene = _source(x, {name: given.pop(name) for name in reading if name in given})
+        for name in rest:
+            allowed = f"options of the view, the settings, or {', '.join(reading)}"
+            refuse_unknown("options", [name], known, allowed)
+        scene = _source(x, {name: rest.pop(name) for name in reading if name in rest})
     if settings is not None:
         if not isinstance(settings, Settings):
             raise expected("settings", "Settings", type(settings).__name__)
         scene = replace(scene, settings=settings)
     if camera is not None:
-        viewing = [name for name in names_of(ViewOptions) if name in given]
+        viewing = [name for name in names_of(ViewOptions) if name in rest]
         scene = replace(scene, view=_fixed(camera, viewing))
     if annotate is not None:
         scene = replace(scene, annotate=parse_annotations(annotate) if isinstance(annotate, str) else check(annotate))
-    scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**given)
-    scene = scene if "blend" in given else scene.with_preset_blend()
+    scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**rest)
+    scene = scene if "blend" in rest else scene.with_preset_blend()
     return scene, parse_bytes(memory) if isinstance(memory, str) else memory
 
 
@@ -155,7 +154,7 @@ SCENE = ("threshold", "clip", "crop", "mask", "meshes", "clip_meshes", "surfaces
 
 
 def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
-    """The scene of a file, or of a volume in memory, with options of its reader."""
+    """Returns the scene of a file or of a volume in memory, with options of the reader."""
     if not isinstance(x, str | Path):
         volume = Volume.of(x, **reading)
         return SceneFile(volume.name or "array", held=volume)
@@ -166,7 +165,7 @@ def _source(x: Any, reading: dict[str, Any]) -> SceneFile:
 
 
 def _fixed(camera: Any, viewing: list[str]) -> ViewOptions:
-    """The view by a camera."""
+    """Returns the view of a camera. Raises InputError for other types, and for view options beside the camera."""
     from splatgl.splat.camera import Camera
 
     if not isinstance(camera, Camera):
@@ -177,7 +176,7 @@ def _fixed(camera: Any, viewing: list[str]) -> ViewOptions:
 
 
 def _transfer(transfer: Any) -> dict[str, Any]:
-    """The fields of a transfer function, or its preset."""
+    """Returns the fields of a transfer function, or its preset."""
     if isinstance(transfer, str | Path):
         if not str(transfer).endswith(".toml"):
             return {"preset": str(transfer)}
@@ -189,21 +188,21 @@ def _transfer(transfer: Any) -> dict[str, Any]:
     return dict(transfer or {})
 
 
-# options of the view of layers, and of a plotter's
+# options of the view of a scene of layers
 ORBIT = ("azimuth", "elevation", "fov", "size", "zoom", "up")
 
 
 def is_scene(x: Any) -> bool:
-    """Whether `x` is a scene of layers, a plotter of PyVista, or a window or renderer of VTK. Imports none of them."""
+    """Whether `x` is a scene of layers, a PyVista plotter, or a VTK window or renderer. Imports none of them."""
     layers = any(base.__module__ == "splatgl.splat.scene" for base in type(x).__mro__)
     return layers or any(hasattr(getattr(x, "renderer", x), name) for name in ("GetVolumes", "GetRenderers"))
 
 
 def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
-    """The picture of layers, or of what a plotter shows from its camera, on its background.
+    """Draws a scene of layers, or the view of a plotter on the plotter's background.
 
-    Of a plotter info["notes"] lists what it shows beside. camera, settings: instead of the plotter's. options: fields
-    of Settings, and of the view: of a plotter the size.
+    For a plotter info["notes"] lists the differences from its own picture. camera, settings: replace the plotter's.
+    options: fields of Settings, and of the view; for a plotter only the size.
     """
     from splatgl.splat.camera import Camera
     from splatgl.splat.scene import Scene
@@ -214,16 +213,16 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     known = () if camera is not None else ORBIT if layers else ("size",)
     for name in viewing:
         if name not in known:
-            what = f"fields of Settings{', ' if known else ''}{', '.join(known)}"
-            raise expected("options", what, name, "a scene has its transfer functions" if layers else "")
+            allowed = f"fields of Settings{', ' if known else ''}{', '.join(known)}"
+            raise expected("options", allowed, name, "a scene has its transfer functions" if layers else "")
     if "size" in viewing:
         viewing["size"] = ViewOptions(viewing["size"]).size
     scene = x if layers else Scene.of(x)
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     view = view or Camera.of(x, viewing.get("size"))
-    how = settings or (Settings() if layers else Settings.of(x))
+    base = settings or (Settings() if layers else Settings.of(x))
     with shared_renderer() as renderer:
-        image = renderer.render(scene, view, how.but(**drawing))
+        image = renderer.render(scene, view, base.but(**drawing))
     if layers:
         return image
     from splatgl.integrations.vtk.scene import list_differences

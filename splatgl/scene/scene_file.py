@@ -1,4 +1,4 @@
-"""`SceneFile`: description of a picture, as in a scene.toml or of a command's options.
+"""`SceneFile`: description of a picture, from a scene.toml or the options of a command.
 
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 
 def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
-    """InputError for masks that keep only transparent voxels."""
+    """Raises InputError if the masks keep only transparent voxels."""
     from splatgl.splat.opaque_bounds import Opaque
 
     if volume.masks and Opaque(volume, transfer).nothing:
@@ -62,7 +62,7 @@ def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
         raise expected(source, "voxels with an opacity that its masks keep", "none", fix)
 
 
-# types of the keys of a scene file that are no options
+# types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
     **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors")},
     **{name: list for name in ("layer", "mesh", "annotate")},
@@ -72,13 +72,13 @@ TABLES: dict[str, type] = {
 CHANNEL_KEYS = ("color_of", "window_of")
 # keys of a transfer function that labels do not have
 AMOUNT_KEYS = frozenset(("points", "colormap", "window", "scale", "gradient"))
-# keys of a layer that are no options; options of a scene and its layers with values that TOML holds
+# keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
 PLAIN = ("threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces", "annotate")
 
 
 def read_channel_color(text: str) -> tuple[str, str]:
-    """Channel and #rrggbb of CHANNEL=COLOR. Raises ValueError for other text."""
+    """Returns the channel and #rrggbb of CHANNEL=COLOR. Raises ValueError for other text."""
     name, _, color = text.rpartition("=")
     if not name:
         raise ValueError
@@ -86,7 +86,7 @@ def read_channel_color(text: str) -> tuple[str, str]:
 
 
 def read_channel_window(text: str) -> tuple[str, tuple[float, float]]:
-    """Channel and window of CHANNEL=LOW,HIGH. Raises ValueError for other text."""
+    """Returns the channel and window of CHANNEL=LOW,HIGH. Raises ValueError for other text."""
     name, _, window = text.rpartition("=")
     if not name:
         raise ValueError
@@ -95,7 +95,7 @@ def read_channel_window(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def read_labels(text: str) -> tuple[tuple[int, float], ...]:
-    """Labels and factors of their opacities of N or N:A, separated by commas; () of "all". Raises ValueError."""
+    """Returns labels and opacity factors from N or N:A, separated by commas; () for "all". Raises ValueError."""
     pairs = [part.partition(":") for part in text.split(",")] if text != "all" else []
     return tuple((int(number), float(factor or 1)) for number, _, factor in pairs)
 
@@ -134,7 +134,7 @@ class TransferChoice:
 
 
 def _several(value: Any) -> tuple[Any, ...]:
-    """One value or several as a tuple, () for ""."""
+    """Returns one value or several as a tuple, () for ""."""
     if isinstance(value, list | tuple):
         return tuple(value)
     return () if isinstance(value, str) and not value else (value,)
@@ -146,10 +146,10 @@ def _clip(value: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class SceneFile:
-    """Description of a picture: files and options. clip, mask, surfaces that are None in a layer are the scene's.
+    """Description of a picture: files and options. A layer whose clip, mask or surfaces is None takes the scene's.
 
     volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
-    their views and settings are ignored. annotate: names as of --annotate.
+    their views and settings are ignored. annotate: names as for --annotate.
     """
 
     volume: str
@@ -219,7 +219,7 @@ class SceneFile:
 
     @classmethod
     def read(cls, text: str) -> SceneFile:
-        """The layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or a colour map. Raises ValueError for other text."""
+        """Returns the layer of FILE[:LOOK[:OPACITY]]; LOOK: a preset or colour map. Raises ValueError otherwise."""
         source, look, opacity = split_look(text, lambda name: not name or bool(LOOK.fullmatch(name)))
         return cls(
             source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity
@@ -230,7 +230,7 @@ class SceneFile:
         """Reads a scene file. Raises InputError for a missing file, bad TOML, and unknown keys."""
         table = load_table(path, "a scene")
         scene = cls._of_table(str(path), table, TABLES)
-        camera, lines = table.get("camera", {}), table.get("vectors", {})
+        camera, vector_keys = table.get("camera", {}), table.get("vectors", {})
         refuse_unknown(f"{path} [camera]", camera, names_of(ViewOptions))
         with error_prefix(f"{path} [camera]"):
             view = ViewOptions(**camera)
@@ -238,43 +238,43 @@ class SceneFile:
             settings = Settings().but(**table.get("settings", {}))
         layers, meshes = [], []
         for place, layer in enumerate(table.get("layer", []), 1):
-            what = f"{path} [[layer]] {place}"
+            source = f"{path} [[layer]] {place}"
             if not isinstance(layer, dict):
-                raise expected(what, "a table", repr(layer))
-            layers.append(cls._of_table(what, layer, LAYER))
+                raise expected(source, "a table", repr(layer))
+            layers.append(cls._of_table(source, layer, LAYER))
         for place, mesh in enumerate(table.get("mesh", []), 1):
             meshes.append(MeshFile.of_table(f"{path} [[mesh]] {place}", mesh))
         with error_prefix(str(path)):
             annotate = check(table.get("annotate", []))
         with error_prefix(f"{path} [vectors]"):
-            refuse_unknown("vectors", lines, declared(Vectors))
-            vectors = Vectors(**lines)
+            refuse_unknown("vectors", vector_keys, declared(Vectors))
+            vectors = Vectors(**vector_keys)
         scene = replace(scene, view=view, settings=settings, annotate=annotate, vectors=vectors)
         scene = replace(scene, layers=tuple(layers), meshes=tuple(meshes))
         return scene.with_paths(lambda file: str(path.parent / file))
 
     @classmethod
-    def _of_table(cls, what: str, table: Mapping[str, Any], tables: Collection[str]) -> SceneFile:
-        """The scene of the options in a table, or one of its layers. tables: further keys."""
+    def _of_table(cls, source: str, table: Mapping[str, Any], tables: Collection[str]) -> SceneFile:
+        """Returns the scene, or one of the layers, from the options in a table. tables: further keys."""
         plain = [name for name in PLAIN if name != "annotate"]
-        refuse_unknown(what, table, sorted([*plain, *tables]))
+        refuse_unknown(source, table, sorted([*plain, *tables]))
         for key in tables:
             if not isinstance(table.get(key, TABLES[key]()), TABLES[key]):
-                raise expected(f"{what}: {key}", TABLES[key].__name__, repr(table[key]))
+                raise expected(f"{source}: {key}", TABLES[key].__name__, repr(table[key]))
         if "volume" not in table:
-            raise expected(what, "the key volume", ", ".join(table) or "an empty file")
-        with error_prefix(f"{what} [load]"):
+            raise expected(source, "the key volume", ", ".join(table) or "an empty file")
+        with error_prefix(f"{source} [load]"):
             refuse_unknown("load", table.get("load", {}), declared(LoadOptions))
             LoadOptions(**table.get("load", {}))
-        for key, this in (("clip", "conditions"), ("mask", "FILE[:N,N…][:outside], or several")):
+        for key, form in (("clip", "conditions"), ("mask", "FILE[:N,N…][:outside], or several")):
             if not all(isinstance(text, str) and text for text in _several(table.get(key, ()))):
-                raise expected(f"{what}: {key}", f"{this}, each in quotes", repr(table[key])[:80])
-        with error_prefix(what):
+                raise expected(f"{source}: {key}", f"{form}, each in quotes", repr(table[key])[:80])
+        with error_prefix(source):
             options = {name: table[name] for name in plain if name in table}
             return cls(table["volume"], table.get("load", {}), table.get("transfer", {}), **options)
 
     def with_paths(self, move: Callable[[str], str]) -> SceneFile:
-        """The scene with moved files; addresses, built-in scenes and values in memory stay."""
+        """Returns the scene with `move` applied to all files; addresses, built-in scenes and values in memory stay."""
 
         def place(name: str) -> str:
             return name if is_address(name) else move(name)
@@ -296,37 +296,37 @@ class SceneFile:
         )
 
     def with_absolute_paths(self) -> SceneFile:
-        """The scene for processes in other folders."""
+        """Returns the scene with absolute paths, for processes in other folders."""
         return self.with_paths(lambda file: str(Path(file).resolve()))
 
-    def with_options(self, **given: Any) -> SceneFile:
-        """The scene with options of the command line or keywords: of reading, transfer function, view, settings and of
-        the scene itself; with further layers and meshes. Raises InputError for their values.
+    def with_options(self, **options: Any) -> SceneFile:
+        """Returns the scene with options of the command line or keywords: of reading, the transfer function, the view,
+        the settings and the scene itself. Layers and meshes are added. Raises InputError for bad values.
         """
-        own = {name: given[name] for name in declared(SceneFile) if name in given}
-        layers = (*self.layers, *own.pop("layers", ()))
-        transfer = {name: given[name] for name in names_of(TransferChoice, Transfer) if name in given}
-        if "labels" in given:
-            layers = (*layers, SceneFile(given["labels"], transfer={"only_labels": transfer.pop("only_labels", ())}))
-        meshes = (*self.meshes, *map(MeshFile.of, _several(own.pop("meshes", ()))))
-        if given.get("clip_meshes"):
-            alone = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
-            meshes = tuple(replace(mesh, clip=True) for mesh in [MeshFile(self.volume)] * alone + [*meshes])
-        settings = {name: given[name] for name in names_of(Settings) if name in given}
+        scene_options = {name: options[name] for name in declared(SceneFile) if name in options}
+        layers = (*self.layers, *scene_options.pop("layers", ()))
+        transfer = {name: options[name] for name in names_of(TransferChoice, Transfer) if name in options}
+        if "labels" in options:
+            layers = (*layers, SceneFile(options["labels"], transfer={"only_labels": transfer.pop("only_labels", ())}))
+        meshes = (*self.meshes, *map(MeshFile.of, _several(scene_options.pop("meshes", ()))))
+        if options.get("clip_meshes"):
+            adds_volume = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
+            meshes = tuple(replace(mesh, clip=True) for mesh in [MeshFile(self.volume)] * adds_volume + [*meshes])
+        settings = {name: options[name] for name in names_of(Settings) if name in options}
         return replace(
             self,
-            **own,
+            **scene_options,
             layers=layers,
             meshes=meshes,
-            load={**self.load, **{name: given[name] for name in declared(LoadOptions) if name in given}},
+            load={**self.load, **{name: options[name] for name in declared(LoadOptions) if name in options}},
             transfer={**self.transfer, **transfer},
-            view=replace(self.view, **{name: given[name] for name in names_of(ViewOptions) if name in given}),
-            vectors=replace(self.vectors, **{VECTORS[name]: given[name] for name in VECTORS if name in given}),
+            view=replace(self.view, **{name: options[name] for name in names_of(ViewOptions) if name in options}),
+            vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
             settings=self.settings.but(**settings),
         )
 
     def to_toml(self, folder: Path) -> str:
-        """TOML text of the scene for a file in `folder`; paths below `folder` are relative, others absolute.
+        """Returns the scene as TOML text for a file in `folder`; paths below `folder` are relative, others absolute.
 
         Raises InputError for values that TOML cannot hold.
         """
@@ -334,9 +334,9 @@ class SceneFile:
 
         def relative(file: str) -> str:
             path = Path(file).resolve()
-            near = path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
+            location = path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
             # a file may have the name of a built-in scene
-            return f"./{near}" if near in SCENES else near
+            return f"./{location}" if location in SCENES else location
 
         scene = self.with_paths(relative)
         camera = {name: getattr(self.view, name) for name in declared(self.view) if name in non_default(self.view)}
@@ -348,22 +348,22 @@ class SceneFile:
             lines += mesh.lines()
         return "\n".join(lines) + "\n"
 
-    def _lines(self, prefix: str, more: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Lines that `_of_table` reads, and lines of more tables."""
+    def _lines(self, prefix: str, extra_tables: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Returns the lines that `_of_table` reads, and the lines of extra tables."""
         if self.held is not None:
             raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
         if not all(isinstance(mask, str) for mask in self.mask or ()):
             raise expected("scene", "masks in files, which a scene file can name", "one in memory")
         values = {"volume": self.volume, **{key: value for key, value in non_default(self).items() if key in PLAIN}}
         lines = [f"{name} = {toml_value(name, value)}" for name, value in values.items()]
-        for name, table in {"load": self.load, "transfer": self.transfer, **more}.items():
+        for name, table in {"load": self.load, "transfer": self.transfer, **extra_tables}.items():
             rows = {key: toml_value(f"{name} {key}", value) for key, value in table.items() if value is not None}
             lines += ["", f"[{prefix}{name}]"] if rows else []
             lines += [f"{key} = {text}" for key, text in rows.items()]
         return lines
 
     def require_one_volume(self) -> None:
-        """InputError for layers, meshes and vectors, which only some commands draw."""
+        """Raises InputError for layers, meshes, surfaces and vectors, which only some commands draw."""
         others = {
             "layers": len(self.layers) or None,
             "meshes": len(self.meshes) or None,
@@ -376,15 +376,15 @@ class SceneFile:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of all files: volume, colours, masks, meshes, and files of layers."""
+        """Names of all files: volume, colours, masks, meshes, and the files of layers."""
         color = self.load.get("color")
         masks = [parse_mask(mask)[0] for mask in self.mask or () if isinstance(mask, str)]
         meshes = [mesh.file for mesh in self.meshes if mesh.held is None]
-        below = [file for layer in self.layers for file in layer.files]
-        return (self.volume, *([color] if color else []), *masks, *meshes, *below)
+        layer_files = [file for layer in self.layers for file in layer.files]
+        return (self.volume, *([color] if color else []), *masks, *meshes, *layer_files)
 
     def open(self) -> Volume:
-        """The volume, masked: a built-in scene, a file, or the volume in memory; a flat stack gets its view."""
+        """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
         if self.held is not None:
             return self._prepare(self.held)
         if self.volume in SCENES and not self.load:
@@ -401,7 +401,7 @@ class SceneFile:
         return volume
 
     def _prepare(self, volume: Volume) -> Volume:
-        """The volume with its vectors and masks; a flat stack is seen along z, unless the view says otherwise."""
+        """Returns the volume with vectors and masks; a flat stack is seen along z, unless the view sets eye or up."""
         volume, view = self._mask(self.vectors.values(volume)), self.view
         volume = self._with_kind(volume)
         if view.eye is not None or view.up is not None:
@@ -409,48 +409,48 @@ class SceneFile:
         return orient_flat_stack(volume, has_note=view.azimuth is None and view.elevation is None)
 
     def _with_kind(self, volume: Volume) -> Volume:
-        """The volume as labels or amounts; options of the transfer function decide, too."""
+        """Returns the volume as labels or amounts; options of the transfer function decide, too."""
         if self.transfer.keys() & {"preset", "only_labels"}:
             return volume
         marked = mark_kind(volume)
         if self.surfaces is not None and marked.hints.values == MASK:
-            # two values, one of them a segment
+            # two values, one of which is a segment
             return marked.of_values("labels")
         if self.transfer.keys() & AMOUNT_KEYS and volume.labels is None:
             return replace(marked.of_values("amounts") if marked.labels is not None else marked, notes=volume.notes)
         return marked
 
     def cut(self, volume: Volume) -> SceneFile:
-        """The scene with the planes of `clip` and `crop` in its settings, and a view fitted to the cropped part."""
+        """Returns the scene with the planes of `clip` and `crop` in its settings and a view fitted to the crop."""
         if not (self.clip or self.crop):
             return self
         from splatgl.splat.clipping import Box, Part, clip_corners, crop_planes, parse_planes
 
-        around = crop_planes(self.crop, volume) if self.crop else ()
+        sides = crop_planes(self.crop, volume) if self.crop else ()
         planes = parse_planes(self.clip or (), Box.of([volume]))
-        settings = self.settings.but(clip=(*self.settings.clip, *planes, *around))
-        view = self.view.fitted(Part(clip_corners(around, volume.corners), volume.frame)) if around else self.view
+        settings = self.settings.but(clip=(*self.settings.clip, *planes, *sides))
+        view = self.view.fitted(Part(clip_corners(sides, volume.corners), volume.frame)) if sides else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
 
     def splats(
         self, volume: Volume, transfer: Transfer, progress: Progress | None = None, moving: bool = False
     ) -> Splats:
-        """Splats of the scene, classified by its settings. moving: whether pictures are motion-blurred."""
+        """Returns splats of the scene, classified by its settings. moving: whether pictures are motion-blurred."""
         from splatgl.splat.resolve import extract_for_settings
 
         return extract_for_settings(volume, transfer, self.settings, self.threshold, progress, moving)
 
     def with_preset_blend(self) -> SceneFile:
-        """The scene with the blend of its preset, unless its settings have one."""
+        """Returns the scene with the blend of its preset, unless the settings specify one."""
         name = self.transfer.get("preset")
         blend = preset_named(name).blend if isinstance(name, str) and "blend" not in self.settings.given else None
         return self if blend is None else replace(self, settings=self.settings.but(blend=blend))
 
     def transfer_for(self, volume: Volume) -> Transfer:
-        """The transfer function: the default or a preset, overridden by options; faint around lines."""
+        """Returns the transfer function: the default or a preset, overridden by options; faint around lines."""
         if self.vectors.drawn and not self.transfer.keys() & {"preset", "points", "only_labels"}:
-            plain = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
-            return plain.transfer_for(volume)
+            faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
+            return faint.transfer_for(volume)
         keys = {key: value for key, value in self.transfer.items() if key not in CHANNEL_KEYS}
         name = keys.pop("preset", None)
         if "only_labels" in keys:
@@ -463,11 +463,11 @@ class SceneFile:
             base = preset(name, volume) if name else default_transfer(volume)
             refuse_unknown("transfer", keys, declared(Transfer))
             if base.labels and keys.keys() & AMOUNT_KEYS:
-                given = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
-                raise expected("labels", "none of the options of amounts", given, "--values amounts draws amounts")
+                conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
+                raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")
             if keys.get("scale") == "log" and "points" not in keys:
                 base = logarithmic_transfer(base, volume)
-            # a surface has the light part of a map over its own window; over another window, the whole map
+            # a surface has the light part of a map over its default window, and the whole map over other windows
             colors = base_name(base.colormap) if "window" in keys else base.colormap
             transfer = replace(base, **{"colormap": colors, **keys})
         return transfer.weakened(self.opacity)
