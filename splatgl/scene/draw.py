@@ -37,7 +37,7 @@ class DrawOptions:
     kept: bool = False
     memory: int | None = option(
         None,
-        Kind("a number of bytes, such as 4GiB or 500MB", int, parse_bytes, "SIZE"),
+        Kind("a number of bytes", int, parse_bytes, "SIZE", written="a number of bytes, such as 4GiB or 500MB"),
         "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)",
         group=Group.SPEED,
     )

@@ -113,7 +113,7 @@ class TransferChoice:
     )
     only_labels: tuple[tuple[int, float], ...] = option(
         (),
-        Kind("labels N or N:A, separated by commas, or all", tuple, read_labels, "N[:A],N…"),
+        Kind("labels N or N:A", tuple, read_labels, "N[:A],N…", written="labels N or N:A, separated by commas, or all"),
         "labels of a segmentation to show, or all. A: a factor of their opacity",
         group=Group.TRANSFER,
     )

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl import reference
 from splatgl.data.scenes import ball
-from splatgl.gl.renderer import Renderer
 from splatgl.reference.field import field_integral
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.splat.camera import Camera
@@ -20,6 +19,9 @@ from splatgl.splat.settings import Footprint, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.studies.accuracy.ground_truth import Level
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 # radius of a ball in world units, its distance, and the angle of view
 RADIUS, DISTANCE, FOV = 10.0, 40.0, 36.0

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from splatgl.data.scenes import Formula
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import write_file
-from splatgl.gl.renderer import Renderer
 from splatgl.reference.blend import pixel_means
 from splatgl.reference.field import Field, field_integral
 from splatgl.reference.ray_integral import ray_integral
@@ -29,6 +28,9 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.studies.accuracy.methods import TRUTHS, Method
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 # (threshold, number of 2× downsamplings, kernel of values that are classified after reconstruction, else "") → splats
 Build = Callable[[float, int, str], Splats]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from splatgl.comparison.html_report import data_uri, heat_map, html_page, larges
 from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import write_file
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.content import (
     CONVERGENCE,
@@ -31,6 +31,9 @@ from splatgl.studies.accuracy.export import as_csv, as_json, as_markdown
 from splatgl.studies.accuracy.ground_truth import Subject, Truths
 from splatgl.studies.accuracy.methods import EXACT, PAPER, methods
 from splatgl.studies.accuracy.sweep import Results, SceneResults, Store
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 STYLE = "page.css"
 

@@ -10,20 +10,22 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl.comparison.compare import compare
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.convergence import STUDIES
 from splatgl.studies.accuracy.ground_truth import Level, Request, Subject, Truths
 from splatgl.studies.accuracy.methods import EXACT, TRUTHS, Method, axis_of, methods
 from splatgl.studies.accuracy.pareto import Point, Timing, finite_points
 from splatgl.studies.accuracy.vtk_peers import Peer
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 # pixels above `p999`, per cent
 WORST = 0.1

@@ -6,12 +6,15 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.gl.renderer import Renderer
 from splatgl.studies.stress import attenuation, cameras, grids, images, optics
 from splatgl.studies.stress.case import Bench, Case, Result, exception_check
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 CASES: dict[str, Case] = {
     case.name: case

@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from splatgl import reference
 from splatgl.data.volume import Volume
-from splatgl.gl.renderer import Renderer
 from splatgl.splat.camera import Camera, Vector
 from splatgl.splat.extract import extract
 from splatgl.splat.kernels import kernel
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
+
+if TYPE_CHECKING:
+    from splatgl.gl.renderer import Renderer
 
 # tolerance for comparison with closed forms: nothing is omitted for speed
 FINEST = 1e-6
