@@ -102,10 +102,12 @@ def command_reference() -> str:
 def _row(parser: argparse.ArgumentParser, action: argparse.Action) -> tuple[str, str]:
     """Cells of an option: how it is written, and its help."""
     formatter = parser._get_formatter()
-    written = formatter._format_action_invocation(action)
+    written = escape(formatter._format_action_invocation(action))
     text = formatter._expand_help(action) if action.help else ""
-    # a bar inside of backticks would end the cell
-    return f"<code>{escape(written).replace('|', '&#124;')}</code>", _escaped(text)
+    # a bar would end the cell even inside of backticks, brackets would be a link
+    for character in "|[]":
+        written = written.replace(character, f"&#{ord(character)};")
+    return f"<code>{written}</code>", _escaped(text)
 
 
 def _escaped(text: str) -> str:
