@@ -212,7 +212,7 @@ def write_nrrd(name: str) -> None:
     samples, header = blob(16, 16, 16), {}
     if name == "seg.nrrd":
         x, y, _ = np.meshgrid(*(np.linspace(-1, 1, 16),) * 3, indexing="ij")
-        samples, header = np.uint8(3 * (x < 0.3) + 4 * (y > 0.8)), {"spacings": [1, 0.9, 0.9]}
+        samples, header = (3 * (x < 0.3) + 4 * (y > 0.8)).astype(np.uint8), {"spacings": [1, 0.9, 0.9]}
     nrrd.write(name, samples, header)
 
 

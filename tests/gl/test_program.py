@@ -126,7 +126,7 @@ def covering(keys: set[tuple[object, ...]]) -> set[tuple[object, ...]]:
 
 
 # the cheapest stage that reads a feature, and its other switches
-STAGES: dict[str, tuple[str, dict[str, object]]] = {
+STAGES: dict[str, tuple[str, dict[str, str | int]]] = {
     **{
         name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1, "SHADING": 1})
         for name in ("WEIGHTED", "CLIPPED", "MASKED")

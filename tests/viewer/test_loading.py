@@ -49,7 +49,9 @@ class WithoutWindow(Viewer):
             files,
             History(state),
         )
-        self.coming, self.effects, self.said, self.freed = None, [], [], []
+        self.coming, self.effects = None, []
+        self.said: list[Any] = []
+        self.freed: list[State] = []
         self.bases = [style.base for style in document.styles]
         self.options, self.recent, self.panel = Options(), Recent(), None
         self.extractor, self.refiner = Extractor(lambda: None), Refiner(document.counts, 100, 0.033)
