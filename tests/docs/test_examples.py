@@ -53,8 +53,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+# seconds on software OpenGL
+SLOW = pytest.param("turntable", marks=pytest.mark.long)
+
+
 @pytest.mark.few(4)
-@pytest.mark.parametrize("name", [name for name in ARGUMENTS if name not in SPAWN])
+@pytest.mark.parametrize("name", [SLOW, *(name for name in ARGUMENTS if name not in (*SPAWN, "turntable"))])
 def test_examples(name: str, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments, count = ARGUMENTS[name]
     monkeypatch.setattr(sys, "argv", [name, *arguments])
