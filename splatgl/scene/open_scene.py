@@ -182,7 +182,9 @@ class OpenScene:
         if not any(np.isfinite(slab.samples).any() for slab in self.volume.slabs(1, halo=0)):
             return expected(file.volume, "finite samples", "none")
         this = f"voxels with an opacity above the threshold {file.threshold:g}"
-        return expected(file.volume, this, "none", "lower --threshold, or set --points to the values that matter")
+        clip = "clip or crop less, " if file.settings.clip or file.clip or file.crop else ""
+        fix = f"{clip}lower --threshold, or set --points to the values that matter"
+        return expected(file.volume, this, "none", fix)
 
 
 def provenance_of(file: SceneFile, transfer: Transfer) -> dict[str, object]:

@@ -233,6 +233,12 @@ def test_planes_that_leave_nothing() -> None:
         parse_planes(["x>0.9", "x<0.1"], Box(np.zeros(3), np.ones(3)))
 
 
+def test_cuts_that_leave_no_visible_voxel_are_named() -> None:
+    """The planes leave a part of the box, in which all voxels are transparent."""
+    with pytest.raises(sg.InputError, match="got none; clip or crop less, lower --threshold"):
+        sg.render("letter-f", clip="x>0.4", crop=":20,:,:", size=16)
+
+
 def test_corners_of_what_is_left() -> None:
     """Of a cube that loses a corner, and of a sheared box."""
     cube = corners_of(np.zeros(3), np.ones(3))
