@@ -61,6 +61,9 @@ def _run(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         print("splatgl: interrupted", file=sys.stderr)
         return INTERRUPTED
+    finally:
+        # a program that calls the command goes on with its own budget
+        set_budget(None)
 
 
 def _discard_output() -> None:
