@@ -1,4 +1,4 @@
-"""`LoadOptions`, and paths of datasets: FILE.h5:/NAME."""
+"""`LoadOptions`, paths of datasets (FILE.h5:/NAME), and the table of formats with the options of each."""
 
 from __future__ import annotations
 
@@ -231,3 +231,71 @@ class LoadOptions:
         if not re.fullmatch("[0-9]{1,9}", str(self.array)) or int(self.array) >= count:
             raise expected("array", f"a number from 0 to {count - 1}", repr(self.array))
         return int(self.array)
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: its name, suffixes, reader (module.function), supported options and magic bytes.
+
+    kinds: a volume is a "file", a "folder", or either. tells: function of a path (module.function) that recognizes the
+    format by the contents of a file or folder. lists: function that returns a line for each volume in it.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    reader: str
+    takes: tuple[str, ...] = ()
+    starts: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ("file",)
+    tells: str = ""
+    lists: str = ""
+
+
+_TERRAIN = ("color", "relief", "levels")
+_TIFF = ("array", "channel", "level", "time", "series")
+
+# all formats; each takes `spacing` and `values` too
+FORMATS = (
+    Format("NumPy", (".npy",), "raw.read_npy", starts=("NumPy",)),
+    Format("NumPy archive", (".npz",), "raw.read_npz", ("array",), ("ZIP",)),
+    Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
+    Format("NRRD", (".nrrd", ".nhdr"), "nrrd.read", ("array", "channel", "time", "anywhere"), ("NRRD",)),
+    Format("NIfTI", (".nii",), "nifti.read", ("array", "time")),
+    Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array", "time"), ("gzip",)),
+    Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",)),
+    Format("MGH", (".mgh",), "nifti.read_mgh", ("array",)),
+    Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
+    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), ("TIFF",), lists="tiff.list_images"),
+    Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere")),
+    Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
+    Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
+    Format("VTK pieces", (".pvti", ".pvtr"), "vtk_xml.read_parallel", ("array", "channel", "anywhere"), ("XML",)),
+    Format("VTK collection", (".pvd", ".vtm"), "vtk_xml.read_series", ("array", "channel", "anywhere"), ("XML",)),
+    Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",)),
+    Format("MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip",)),
+    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), ("HDF5",), lists="hdf5.list_datasets"),
+    Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
+    Format(
+        "Zarr",
+        (".zarr",),
+        "ome_zarr.read",
+        ("array", "channel", "level", "time"),
+        kinds=("folder",),
+        tells="ome_zarr.is_store",
+        lists="ome_zarr.list_images",
+    ),
+    Format(
+        "DICOM",
+        (".dcm", ".dicom", ".ima", ".zip"),
+        "dicom.read",
+        ("array", "channel", "series"),
+        # a preamble may be the header of a TIFF file
+        ("ZIP", "TIFF"),
+        ("file", "folder"),
+        "dicom_headers.is_dicom",
+        "dicom.list_series",
+    ),
+    Format("picture slices", (), "image_stack.read", kinds=("folder",), tells="image_stack.is_slices"),
+    Format("height picture", (".png", ".jpg", ".jpeg"), "heightmap.read_picture", _TERRAIN, ("PNG", "JPEG")),
+    Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN),
+)
