@@ -8,7 +8,7 @@ import math
 import re
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
 from typing import BinaryIO
@@ -16,7 +16,7 @@ from typing import BinaryIO
 import numpy as np
 
 from splatgl.data.volume import Hints
-from splatgl.errors import Choice, InputError, expected
+from splatgl.errors import InputError, expected
 from splatgl.fileio import byte_count, require_memory
 
 # parts of names of simulated fields, anywhere in a name, and whole words
@@ -73,9 +73,10 @@ Shape = tuple[int, int, int]
 def grid_shape(sizes: Sequence[int], what: str = "dimensions") -> Shape:
     """(D, H, W) from a header's sizes (x, y, z). Raises InputError unless all are positive."""
     if len(sizes) != 3:
-        raise expected(what, "three axes", f"{len(sizes)} ({_join_sizes(sizes)})")
+        raise expected(what, "three axes", f"{len(sizes)} ({'x'.join(map(str, sizes))})")
     if min(sizes) < 1:
-        raise expected(what, "at least one voxel along each axis", _join_sizes(sizes), "the header is damaged")
+        got = "x".join(map(str, sizes))
+        raise expected(what, "at least one voxel along each axis", got, "the header is damaged")
     x, y, z = (int(size) for size in sizes)
     return z, y, x
 
@@ -159,24 +160,6 @@ def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
     return path
 
 
-def selection(shape: Sequence[int], extra: Mapping[int, tuple[str, int | None]]) -> tuple[int | slice, ...]:
-    """An index that picks one entry along the axes in `extra`, and keeps the other axes.
-
-    extra: axis → (option's name, requested entry or None). Raises InputError naming the choices if one is missing.
-    """
-    index: list[int | slice] = [slice(None)] * len(shape)
-    for axis, (option, entry) in extra.items():
-        count = int(shape[axis])
-        if entry is None and count > 1:
-            fix = f"pick one with {option}=0 … {option}={count - 1}"
-            error = expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
-            raise Choice(str(error), option, [(f"0 … {count - 1}", f"along one axis of {' × '.join(map(str, shape))}")])
-        if entry is not None and entry >= count:
-            raise expected(option, f"a number from 0 to {count - 1}", entry)
-        index[axis] = entry or 0
-    return tuple(index)
-
-
 @contextmanager
 def decoder_errors(title: str) -> Iterator[None]:
     """Converts any exception of a decoder into one InputError.
@@ -209,10 +192,6 @@ def silence_libraries() -> Iterator[None]:
         finally:
             for logger, before in zip(loggers, disabled, strict=True):
                 logger.disabled = before
-
-
-def _join_sizes(sizes: Sequence[int]) -> str:
-    return "x".join(str(size) for size in sizes)
 
 
 # bytes split into words at a time: small beside a volume, large beside a call's cost

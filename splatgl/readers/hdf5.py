@@ -17,7 +17,7 @@ import subprocess
 import sys
 import zlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,6 @@ from splatgl.readers.common import (
     map_array,
     require_bytes,
     require_plausible,
-    selection,
 )
 from splatgl.readers.options import LoadOptions
 
@@ -58,14 +57,6 @@ _SPACINGS = (
 
 # an unlabelled first or last axis of at most so many entries is taken for channels
 _FEW = 16
-
-
-@dataclass(frozen=True)
-class _Axes:
-    """Numbers of the axes z, y, x of a dataset, and of its other axes with several entries."""
-
-    space: tuple[int, int, int]
-    others: tuple[int, ...]
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -83,20 +74,17 @@ def read(path: Path, options: LoadOptions) -> Volume:
         if axes is None:
             this, fix = "three axes, and a first or last one of few channels", "label its dimensions, or save a part"
             raise expected(dataset.name, this, _join_shape(dataset.shape), fix)
-        time = next((axis for axis in axes.others if kinds[axis] == "time"), None)
-        channels = _find_channels(path, dataset, axes, time, options)
+        others = [axis for axis, size in enumerate(dataset.shape) if size > 1 and axis not in axes]
+        time = next((axis for axis in others if kinds[axis] == "time"), None)
+        others = [axis for axis in others if axis != time]
+        channels = _find_channels(path, dataset, others, time, options)
         grid = _grid(path, dataset, axes, options)
 
         def read_channel(channel: int | None) -> Volume:
-            number = channel if channels.channels else options.channel_number
-            extra: dict[int, tuple[str, int | None]] = {
-                axis: ("channel", number if axis in axes.others else 0)
-                for axis in range(len(dataset.shape))
-                if axis not in axes.space
-            }
-            if time is not None:
-                extra[time] = ("time", options.time or 0)
-            index = selection(dataset.shape, extra)
+            picked: dict[int, str | int] = dict.fromkeys(set(range(len(dataset.shape))) - set(axes), 0)
+            picked |= dict.fromkeys(others, "channel") | ({} if time is None else {time: "time"})
+            number = channel if channels.channels else options.channel
+            index = replace(options, array=None, channel=number).index(dataset.shape, picked)
             samples: Any = read_samples(path, dataset, index, options.anywhere, _read_packing(dataset))
             return grid.volume(_transpose(samples, axes), "spacing", value_unit=_value_unit(dataset))
 
@@ -104,9 +92,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
         return channels.volume(replace(options, array=None), read_channel)
 
 
-def _find_channels(path: Path, dataset: Any, axes: _Axes, time: int | None, options: LoadOptions) -> ChannelSet:
-    """The time points, and the channels, named by number, if there is one more axis."""
-    others = [axis for axis in axes.others if axis != time]
+def _find_channels(path: Path, dataset: Any, others: list[int], time: int | None, options: LoadOptions) -> ChannelSet:
+    """The time points, and the channels, named by number, if there is one axis beside space and time."""
     count = dataset.shape[others[0]] if len(others) == 1 else 1
     channels = tuple(Channel(str(n)) for n in range(count)) if 1 < count <= MOST_CHANNELS else ()
     components = 1 if count == 1 and not others else MOST_CHANNELS**2
@@ -156,7 +143,7 @@ def _is_volume(node: Any) -> bool:
     if not has_real_numbers(node):
         return False
     axes = _find_axes(node.shape, _axis_kinds(node))
-    return axes is not None and min(node.shape[axis] for axis in axes.space) > 1
+    return axes is not None and min(node.shape[axis] for axis in axes) > 1
 
 
 def _axis_kinds(dataset: Any) -> list[str]:
@@ -186,32 +173,28 @@ def _attributes(scale: Any) -> dict[str, str]:
     return {name: attribute_text(scale, name) for name in ("units", "unit", "positive", "standard_name", "axis")}
 
 
-def _find_axes(shape: tuple[int, ...], kinds: list[str]) -> _Axes | None:
-    """The axes of space: those of known kind, else the three that remain without axes of one entry and without a short
-    first or last of four axes; None if that is ambiguous.
+def _find_axes(shape: tuple[int, ...], kinds: list[str]) -> list[int] | None:
+    """The numbers of the axes z, y, x: those of known kind, else the three that remain without axes of one entry and
+    without a short first or last of four axes; None if that is ambiguous.
     """
     if len(shape) < 3 or min(shape) < 1:
         return None
     long = [axis for axis, size in enumerate(shape) if size > 1]
     named = {kind: kinds.index(kind) for kind in "xyz" if kinds.count(kind) == 1}
     if len(named) == 3:
-        z, y, x = named["z"], named["y"], named["x"]
-        return _Axes((z, y, x), tuple(axis for axis in long if axis not in (z, y, x)))
+        return [named["z"], named["y"], named["x"]]
     times = [axis for axis in long if kinds[axis] in ("time", "c")]
     free = [axis for axis in range(len(shape)) if axis not in times]
     if len(free) > 3:
         free = [axis for axis in free if axis in long]
     if len(free) == 4 and min(shape[free[0]], shape[free[3]]) <= _FEW:
         free = free[1:] if shape[free[0]] <= shape[free[3]] else free[:3]
-    if len(free) != 3:
-        return None
-    z, y, x = free
-    return _Axes((z, y, x), tuple(axis for axis in long if axis not in free))
+    return free if len(free) == 3 else None
 
 
-def _transpose(samples: Any, axes: _Axes) -> Any:
+def _transpose(samples: Any, axes: list[int]) -> Any:
     """Transposes samples to z, y, x."""
-    order = np.argsort(axes.space).tolist()
+    order = np.argsort(axes).tolist()
     if order == [0, 1, 2]:
         return samples
     if not isinstance(samples, np.ndarray):
@@ -230,14 +213,13 @@ def _read_packing(dataset: Any) -> Packing | None:
     return Packing.of(scale, offset, next((fill for fill in fills if fill is not None and np.isfinite(fill)), None))
 
 
-def _grid(path: Path, dataset: Any, axes: _Axes, options: LoadOptions) -> Lattice:
+def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> Lattice:
     """The grid of the axes of space."""
     # the dimension scales of the axes of space, None for an axis without a number per sample
-    sizes = [dataset.shape[axis] for axis in axes.space]
+    sizes = [dataset.shape[axis] for axis in axes]
     all_scales = dimension_scales(dataset) or [None] * len(dataset.shape)
     scales = [
-        all_scales[axis] if _is_scale(all_scales[axis], size) else None
-        for axis, size in zip(axes.space, sizes, strict=True)
+        all_scales[axis] if _is_scale(all_scales[axis], size) else None for axis, size in zip(axes, sizes, strict=True)
     ]
     plain = [Coordinate(name, size) for name, size in zip("zyx", sizes, strict=True)]
     for name in () if all(scale is not None for scale in scales) else _SPACINGS:
@@ -295,14 +277,14 @@ def _is_scale(scale: Any, size: int) -> bool:
     return plain and not attribute_text(scale, "NAME").startswith(none)
 
 
-def _steps(numbers: np.ndarray | None, count: int, axes: _Axes) -> list[float] | None:
+def _steps(numbers: np.ndarray | None, count: int, axes: list[int]) -> list[float] | None:
     """Steps along z, y, x from one number, or one per axis of space or of the dataset; None for anything else."""
     if numbers is None or not np.isfinite(numbers).all():
         return None
     if numbers.size == 1:
         numbers = np.repeat(numbers, 3)
     if numbers.size == count > 3:
-        numbers = numbers[list(axes.space)]
+        numbers = numbers[axes]
     return numbers.tolist() if numbers.size == 3 and (numbers > 0).all() else None
 
 

@@ -19,7 +19,7 @@ from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import ChannelSet, split_components
-from splatgl.readers.common import decoder_errors, find_data_file, grid_shape, inflate, map_array, read_text, selection
+from splatgl.readers.common import decoder_errors, find_data_file, grid_shape, inflate, map_array, read_text
 from splatgl.readers.options import LoadOptions
 
 # numpy codes by ElementType; MetaIO's LONG always has four bytes
@@ -84,7 +84,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
     if options.channel is None and (is_color or (kind in "if" and channels == 3)):
         samples, color, vectors = split_components(samples, is_color)
     else:
-        samples = samples[selection(samples.shape, {3: ("channel", options.channel_number)})]
+        samples = samples[options.index(samples.shape, {3: "channel"})]
     direction, frame, notes = _direction(fields)
     return Volume(
         samples,

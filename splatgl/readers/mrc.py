@@ -17,7 +17,7 @@ from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count
-from splatgl.readers.common import bunzip, decoder_errors, grid_shape, inflate, map_array, require_bytes, selection
+from splatgl.readers.common import bunzip, decoder_errors, grid_shape, inflate, map_array, require_bytes
 from splatgl.readers.options import LoadOptions
 
 # bytes of the header; an extended one of `nsymbt` bytes follows
@@ -41,8 +41,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     # 2. one volume of a stack
     volumes = _count_volumes(header, columns[0])
     stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
-    number = options.array_number(volumes)
-    samples = stack[selection(stack.shape, {0: ("array", number)})]
+    samples = stack[options.index(stack.shape, {0: "array"})]
     # 3. axes: place[i] is the cell's axis (0 is x) of the file's axis i, columns first
     place = _axis_order(header)
     samples = samples.transpose([2 - place.index(axis) for axis in (2, 1, 0)])

@@ -27,7 +27,6 @@ from splatgl.readers.common import (
     has_whole_numbers,
     require_bytes,
     require_plausible,
-    selection,
 )
 from splatgl.readers.options import LoadOptions
 
@@ -111,7 +110,7 @@ def _check_sizes(sizes: list[int]) -> list[int]:
 
 def _mgh_volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
     long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
-    extra = {axis: ("array", options.array_number(sizes[axis]) if axis in long else 0) for axis in range(3, len(sizes))}
+    picked: dict[int, str | int] = {axis: "array" if axis in long else 0 for axis in range(3, len(sizes))}
     if not long and options.array is not None:
         options.array_number(1)
     with decoder_errors("image"):
@@ -119,7 +118,7 @@ def _mgh_volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
         proxy = image.dataobj
         scaled = (float(getattr(proxy, "slope", 1.0)), float(getattr(proxy, "inter", 0.0))) != (1.0, 0.0)
         stored = np.asanyarray(proxy) if scaled else np.asanyarray(proxy.get_unscaled())
-    samples = stored[selection(sizes, extra)].T
+    samples = stored[options.index(sizes, picked)].T
     converted = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
     return volume_on_grid(converted, image.affine[:3, :3], image.affine[:3, 3], "affine", unit="mm", frame="RAS")
 
@@ -168,12 +167,11 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
     if not arrays and times == 1:
         options.refuse("array", "a file of several time points or arrays")
     # if there are several arrays, `array` picks one, not a time point
-    time = options.time or 0 if arrays else options.time_number(times)
-    extra: dict[int, tuple[str, int | None]] = {3: ("time", time)} if len(sizes) > 3 else {}
-    for axis in range(4, len(sizes)):
-        extra[axis] = ("array", options.array_number(sizes[axis]) if sizes[axis] > 1 else 0)
+    picked: dict[int, str | int] = {axis: "array" if axis in arrays else 0 for axis in range(4, len(sizes))}
+    if len(sizes) > 3:
+        picked[3] = options.time or 0 if arrays else "time"
     # 2. samples
-    stored, slope, intercept = _read_stored(image.dataobj, selection(sizes, extra))
+    stored, slope, intercept = _read_stored(image.dataobj, options.index(sizes, picked))
     if stored.dtype.kind not in "buif":
         raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
     samples = _scale(stored.T, slope, intercept)

@@ -28,7 +28,6 @@ from splatgl.readers.common import (
     inflate,
     map_array,
     read_text,
-    selection,
 )
 from splatgl.readers.options import LoadOptions
 
@@ -101,8 +100,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     channel_set = ChannelSet(tuple(map(Channel, names)), together=True, times=count, step=step)
 
     def read_layer(layer: int | None) -> Volume:
-        component = options.channel_number if layer is None else layer
-        volume = _volume(header, stored, kinds, options, component)
+        volume = _volume(header, stored, kinds, options if layer is None else replace(options, channel=layer))
         known = tuple(label for at, label in segments if layer is None or at == layer)
         return replace(volume, labels=known or None) if volume.samples.dtype.kind in "bui" else volume
 
@@ -111,23 +109,19 @@ def read(path: Path, options: LoadOptions) -> Volume:
     return replace(volume, labels=tuple(label for _, label in segments)) if volume.channels else volume
 
 
-def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadOptions, entry: int | None) -> Volume:
-    """The volume of stored samples. entry: along axes that are neither space nor time."""
+def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadOptions) -> Volume:
+    """The volume of stored samples; `channel` picks along axes that are neither space nor time."""
     sizes, last = [int(size) for size in header["sizes"]], len(kinds) - 1
     space = _space_axes(header, sizes)
     others = [axis for axis in range(len(sizes)) if axis not in space]
-    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and entry is None]
-    extra: dict[int, tuple[str, int | None]] = {
-        last - axis: ("time", options.time_number(sizes[axis])) if kinds[axis] == "time" else ("channel", entry)
-        for axis in others
-        if axis not in whole[:1]
-    }
+    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and options.channel is None]
+    picked = {last - axis: "time" if kinds[axis] == "time" else "channel" for axis in others if axis not in whole[:1]}
     if not [axis for axis in others if kinds[axis] != "time"]:
         options.refuse("channel", "several numbers per voxel")
-    samples = stored[selection(stored.shape, extra)]
+    samples = stored[options.index(stored.shape, picked)]
     color = vectors = None
     if whole:
-        place = last - whole[0] - sum(axis < last - whole[0] for axis in extra)
+        place = last - whole[0] - sum(axis < last - whole[0] for axis in picked)
         samples, color, vectors = split_components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
     matrix, origin, notes = _grid(header, space)
     rotation: Any = header.get("measurement frame")

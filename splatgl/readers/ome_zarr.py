@@ -37,7 +37,7 @@ from splatgl.readers.channels import (
     parse_window,
 )
 from splatgl.readers.chunked import Chunked, Packing, TransposedChunks
-from splatgl.readers.common import decoder_errors, selection
+from splatgl.readers.common import decoder_errors
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
 from splatgl.readers.zarr_validation import check_array, check_files
@@ -428,18 +428,14 @@ def _describe_array(item: tuple[str, Any]) -> tuple[str, str]:
 
 
 def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tuple[int | slice, ...]:
-    extra: dict[int, tuple[str, int | None]] = {}
     long = [axis for axis, name in enumerate(names) if name not in "zyxt" and shape[axis] > 1]
     if len(long) > 1:
         raise expected(
             "axes", "one axis beside z, y, x and t", f"{[names[axis] for axis in long]}", "save a part of it"
         )
-    for axis, name in enumerate(names):
-        if name == "t":
-            extra[axis] = ("time", options.time_number(shape[axis]) if shape[axis] > 1 else 0)
-        elif name not in "zyx":
-            extra[axis] = ("channel", options.channel_number if axis in long else 0)
-    return selection(shape, extra)
+    picked: dict[int, str | int] = {axis: 0 for axis, name in enumerate(names) if name not in SPACE}
+    picked |= {axis: "time" for axis, name in enumerate(names) if name == "t" and shape[axis] > 1}
+    return options.index(shape, picked | dict.fromkeys(long, "channel"))
 
 
 def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.volume import Triple
-from splatgl.errors import InputError, expected
+from splatgl.errors import Choice, InputError, expected
 from splatgl.options import Group, Kind, check_options, non_default, option
 
 # endings of files that hold named datasets
@@ -203,12 +204,35 @@ class LoadOptions:
         """Names of the options that differ from their defaults."""
         return set(non_default(self))
 
-    @property
-    def channel_number(self) -> int | None:
-        """`channel` of a format without channel names. Raises InputError for a name."""
+    def channel_number(self, count: int) -> int | None:
+        """`channel` below `count` of a format without channel names, or None if it was not given."""
         if isinstance(self.channel, str):
             raise expected("channel", "a whole number", repr(self.channel))
+        if self.channel is not None and self.channel >= count:
+            raise expected("channel", f"a number from 0 to {count - 1}", self.channel)
         return self.channel
+
+    def index(self, shape: Sequence[int], picked: Mapping[int, str | int]) -> tuple[int | slice, ...]:
+        """The index of an array that picks one entry along some axes, and keeps the others.
+
+        picked: axis → the entry, or the option that states it: time, array or channel. Raises InputError for an entry
+        that the axis lacks, and Choice if the option has to pick one.
+        """
+        index: list[int | slice] = [slice(None)] * len(shape)
+        for axis, name in picked.items():
+            count = int(shape[axis])
+            if isinstance(name, int):
+                index[axis] = name
+                continue
+            numbers = {"time": self.time_number, "array": self.array_number, "channel": self.channel_number}
+            entry = numbers[name](count)
+            if entry is None and count > 1:
+                fix = f"pick one with {name}=0 … {name}={count - 1}"
+                error = expected("axes", "one sample per voxel", f"{count} along an extra axis", fix)
+                place = f"along one axis of {' × '.join(map(str, shape))}"
+                raise Choice(str(error), name, [(f"0 … {count - 1}", place)])
+            index[axis] = entry or 0
+        return tuple(index)
 
     def refuse(self, name: str, this: str) -> None:
         """InputError for an option that the file does not support; 0 is accepted. this: files that support it."""

@@ -25,7 +25,7 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
 from splatgl.readers.channels import mark_microscope
 from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
-from splatgl.readers.common import MAX_BYTES, decoder_errors, map_array, require_bytes, require_plausible, selection
+from splatgl.readers.common import MAX_BYTES, decoder_errors, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import describe_series, find_channels, find_pixels, read_survey, select_image
@@ -360,18 +360,15 @@ def _stack_axis(series: _Series) -> int | None:
 
 def _index(series: _Series, z: int, options: LoadOptions) -> tuple[int | slice, ...]:
     """The index that selects [z, y, x] from the series' axes."""
-    extra: dict[int, tuple[str, int | None]] = {}
+    picked: dict[int, str | int] = {}
     for axis, letter in enumerate(series.axes):
-        if axis == z or letter in "YX":
-            continue
-        if letter == "T":
-            entry: int | None = options.time_number(series.shape[axis])
-        else:
-            entry = options.channel_number if letter in "CS" else options.array_number(series.shape[axis])
-            entry = 0 if letter == "S" and _is_rgb(series) and _is_channelled(series) else entry
-        option = "time" if letter == "T" else "channel" if letter in "CS" else "array"
-        extra[axis] = (option, entry if axis in series.long else 0)
-    return selection(series.shape, extra)
+        if letter in "CS":
+            is_color = letter == "S" and _is_rgb(series) and _is_channelled(series)
+            picked[axis] = "channel" if axis in series.long and not is_color else 0
+        elif letter not in "YX":
+            picked[axis] = "time" if letter == "T" else "array"
+    picked.pop(z, None)
+    return options.index(series.shape, picked)
 
 
 def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> np.ndarray:

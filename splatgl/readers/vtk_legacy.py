@@ -72,8 +72,10 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
     if chosen.is_vectors:
         vectors = chosen
     field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
-    lengths = options.channel_number is None and chosen.is_vectors and field is not None
-    samples = _vector_lengths(field) if lengths and field is not None else _component(chosen, options)
+    if chosen.is_vectors and options.channel is None and field is not None:
+        samples = np.stack([np.linalg.norm(plane, axis=-1) for plane in field])
+    else:
+        samples = _component(chosen, options)
     hints = field_hints(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
     # arrays of points and of cells are listed together
     every = [*arrays, *(points if in_cells else cells)]
@@ -99,21 +101,12 @@ def _select_array(arrays: Sequence[PointArray], vectors: PointArray | None, opti
 
 def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
     count = chosen.components
-    if options.channel_number is None and count > 1:
+    number = options.channel_number(count)
+    if number is None and count > 1:
         fix = f"pick one with channel=0 … channel={count - 1}"
         error = expected("array", "one number per voxel", f"{count} in {chosen.name!r}", fix)
         raise Choice(str(error), "channel", [(f"0 … {count - 1}", f"numbers of each voxel in {chosen.name!r}")])
-    if options.channel_number is not None and options.channel_number >= count:
-        raise expected("channel", f"a number from 0 to {count - 1}", options.channel_number)
-    return chosen.read()[..., options.channel_number or 0]
-
-
-def _vector_lengths(vectors: np.ndarray) -> np.ndarray:
-    """Lengths float32 [D, H, W], plane by plane."""
-    lengths = np.empty(vectors.shape[:3], np.float32)
-    for plane, source in zip(lengths, vectors, strict=True):
-        plane[...] = np.linalg.norm(source, axis=-1)
-    return lengths
+    return chosen.read()[..., number or 0]
 
 
 # big-endian numpy codes; long has eight bytes, as 64-bit Unix writes it, and ids have four, as VTK writes them
