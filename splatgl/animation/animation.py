@@ -19,7 +19,7 @@ import numpy as np
 
 from splatgl.animation.camera_track import Track, Turning, keyframes, turning
 from splatgl.animation.movie import read_ahead, time_points, volumes
-from splatgl.annotations.annotate import annotated, check, check_size, check_time, on_ground, parse_annotations
+from splatgl.annotations.annotate import annotated, check_size, check_time, on_ground
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
@@ -87,6 +87,10 @@ class Animation:
         scenes = volumes(file, args.more)
         if len(scenes) > 1 and isinstance(args.time, slice):
             raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
+        names = file.annotate
+        check_size(names, file.view.size)
+        # the view is fitted to the box in all frames
+        scenes = [replace(scene, annotate=()) for scene in scenes]
         file = scenes[0]
         scene = OpenScene.read(file)
         if len(scenes) == 1:
@@ -103,7 +107,8 @@ class Animation:
         series = len(scenes) if len(scenes) > 1 else 0
         bands = _bands(scene, args.flow) if scene.is_single else 0
         only = None if bands or (series and scene.is_single) else _matter(scene, args)
-        names = _annotations(args.annotate, scenes)
+        if len(scenes) == 1:
+            check_time(names)
         subject = annotated_part(scene.volume) if "box" in names else _visible_part(scene, bands, only)
         track, count = _track(scene, subject, args, series)
         first, last = args.only or (0, count - 1)
@@ -237,18 +242,6 @@ def _track(scene: OpenScene, subject: Bounded, args: argparse.Namespace, series:
         still = view.camera(volume, Opaque(volume, scene.transfer) if series and scene.is_single else subject)
         _tell_size(turns.camera(0), still, subject, series > 1)
     return turns, count
-
-
-def _annotations(text: str | None, scenes: Sequence[SceneFile]) -> tuple[str, ...]:
-    """The annotations of a movie: of --annotate, else of its scene file; `time` shows the time of each volume.
-
-    Raises InputError for unsupported annotations, and for a time of one volume.
-    """
-    names = check(scenes[0].annotate) if text is None else parse_annotations(text)
-    check_size(names, scenes[0].view.size)
-    if len(scenes) == 1:
-        check_time(names)
-    return names
 
 
 def _tell_size(camera: Camera, still: Camera, subject: Bounded, series: bool) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
-from splatgl.options import Group, Kind, Option, declared, names_of
+from splatgl.options import Group, Option, declared, names_of
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import VECTORS, Vectors, is_mesh
@@ -20,14 +20,6 @@ from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
     from splatgl.distributed.worker import Drawing
-
-
-ANNOTATE = Option(
-    Kind.instance("names", str, metavar="NAMES"),
-    "scale, colorbar, axes, directions, box, title=TEXT. Or time=TEXT; several are separated by commas",
-    Group.PICTURE,
-    "basic",
-)
 
 
 def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
@@ -123,7 +115,7 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
     """The scene of a command's options; they override a scene.toml."""
     _refuse_many(args)
     source, array = inside(args.source)
-    given = {name: value for name, value in vars(args).items() if value is not None and name != "annotate"}
+    given = {name: value for name, value in vars(args).items() if value is not None}
     if is_mesh(source) and not hasattr(args, "meshes"):
         raise expected(source, "a volume", "a mesh", "splatgl render draws it")
     if isinstance(given.get("time"), slice):

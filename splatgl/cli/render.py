@@ -13,9 +13,7 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.cli.options import (
-    ANNOTATE,
     add_drawing,
-    add_option,
     add_options,
     add_source,
     add_workers,
@@ -30,7 +28,7 @@ from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.options import Group
 from splatgl.scene.background import requested_background
-from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, annotations_of, depths, draw, finish, progress_bar
+from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -93,7 +91,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.description = f"{parser.description}\n\n{EXAMPLES}"
     add_source(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help=".png, .jpg, .npy, .tif or .exr (default SOURCE.png)")
-    add_option(parser, "annotate", ANNOTATE)
+    add_options(parser, SceneFile, "annotate")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     output = group_of(parser, Group.OUTPUT)
     output.add_argument(
@@ -116,7 +114,10 @@ def run(args: argparse.Namespace) -> int:
     on_workers, file = uses_workers(args), scene_from(args)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     _check_outputs(args, output, file)
-    names = annotations_of(args.annotate, file, args.ref)
+    if args.ref is not None:
+        if args.annotate is not None:
+            raise expected("annotate", "no --ref, which compares pictures without annotations", args.ref)
+        file = replace(file, annotate=())
     reference = _reference(args.ref, output) if args.ref else None
     scene = OpenScene.read(file, args.quiet, is_alone=on_workers)
     color = requested_background(args, scene.file, reference.image if reference else None)
@@ -126,8 +127,7 @@ def run(args: argparse.Namespace) -> int:
         write_depths(args, scene if is_alone else replace(scene, is_quiet=True))
         if is_alone:
             return 0
-    scene = scene.with_annotations(names)
-    image = finish(_draw_on_workers(args, scene) if on_workers else draw(scene, DrawOptions.of(args)), scene)
+    image = finish(_draw_on_workers(args, scene), scene) if on_workers else draw(scene, DrawOptions.of(args))
     settings = scene.file.settings
     behind = settings.background if BLENDS[settings.blend].unbounded else None
     status = 0 if reference is None else _compare(args, image, reference, output, behind)

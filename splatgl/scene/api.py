@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.annotations.annotate import check, parse_annotations
 from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import AUTO
 from splatgl.data.image import Image
@@ -20,7 +19,7 @@ from splatgl.fileio import parse_bytes
 from splatgl.options import names_of, refuse_unknown
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.scene.draw import DrawOptions, annotations_of, depths, draw, draw_subject, finish
+from splatgl.scene.draw import DrawOptions, depths, draw, draw_subject
 from splatgl.scene.meshes import VECTORS
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -101,11 +100,10 @@ def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background
     scene = OpenScene.read(file)
     if needs_background and "background" not in file.settings.given:
         scene = scene.with_background(AUTO)
-    scene = scene.with_annotations(annotations_of(None, file))
     image = draw(scene, drawing)
     drawn_notes = image.info.get("notes", ())
     notes = (*scene.volume.notes, *(drawn_notes if isinstance(drawn_notes, tuple) else ()))
-    return finish(Image(image.pixels, {**image.info, **({"notes": notes} if notes else {})}), scene)
+    return Image(image.pixels, {**image.info, **({"notes": notes} if notes else {})})
 
 
 def is_splats(x: Any) -> bool:
@@ -122,15 +120,17 @@ def scene_of(
 ) -> tuple[SceneFile, int | None]:
     """Returns the scene of `x` with the arguments of `render`, and the memory limit; for splats without a volume."""
     rest, transfer = dict(options), _transfer(transfer)
-    memory, annotate, drawing = rest.pop("memory", None), rest.pop("annotate", None), names_of(ViewOptions, Settings)
+    memory, drawing = rest.pop("memory", None), names_of(ViewOptions, Settings)
+    if rest.get("annotate") is None:
+        rest.pop("annotate", None)
     if is_splats(x):
-        others = [*transfer, *(name for name in rest if name not in drawing), *["annotate"] * bool(annotate)]
+        others = [*transfer, *(name for name in rest if name not in drawing)]
         if others:
             raise expected("splats", "a view and settings", ", ".join(others), "extract them with these")
         scene = SceneFile(x.name)
     else:
         reading = names_of(LoadOptions) if isinstance(x, str | Path) else [f.name for f in fields(ArrayOptions)]
-        known = [*drawing, *TRANSFER, *SCENE, "transfer", "camera", "settings", "memory", "annotate", *reading]
+        known = [*drawing, *TRANSFER, *SCENE, "transfer", "camera", "settings", "memory", *reading]
         for name in rest:
             allowed = f"options of the view, the settings, or {', '.join(reading)}"
             refuse_unknown("options", [name], known, allowed)
@@ -142,15 +142,13 @@ def scene_of(
     if camera is not None:
         viewing = [name for name in names_of(ViewOptions) if name in rest]
         scene = replace(scene, view=_fixed(camera, viewing))
-    if annotate is not None:
-        scene = replace(scene, annotate=parse_annotations(annotate) if isinstance(annotate, str) else check(annotate))
     scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**rest)
     scene = scene if "blend" in rest else scene.with_preset_blend()
     return scene, parse_bytes(memory) if isinstance(memory, str) else memory
 
 
 # options of a scene that are keywords
-SCENE = ("threshold", "clip", "crop", "mask", "meshes", "clip_meshes", "surfaces", *VECTORS)
+SCENE = (*(name for name in names_of(SceneFile) if name != "layers"), "clip_meshes", *VECTORS)
 
 
 def _source(x: Any, reading: dict[str, Any]) -> SceneFile:

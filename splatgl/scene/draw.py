@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.annotations.annotate import check, check_size, check_time, parse_annotations
+from splatgl.annotations.annotate import check_time
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
 from splatgl.options import Group, Kind, option
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
-from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS, Settings
 
 if TYPE_CHECKING:
@@ -93,21 +92,22 @@ UNSUPPORTED = {
 
 
 def draw(scene: OpenScene, how: DrawOptions) -> Image:
-    """Draws a scene in this process, without annotations; `finish` adds them."""
+    """Draws a scene in this process, with its provenance and annotations."""
+    check_time(scene.file.annotate)
     if not scene.is_single:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits(how.memory)
-        return _draw_whole(scene, how)
+        return finish(_draw_whole(scene, how), scene)
     scene.check_masks()
-    scene, info = _choose_level(scene, how) if scene.volume.coarser else (scene, {})
-    image = _draw_in_bricks(scene, how) or _draw_whole(scene, how)
-    return Image(image.pixels, {**image.info, **info})
+    level, info = _choose_level(scene, how) if scene.volume.coarser else (scene, {})
+    image = _draw_in_bricks(level, how) or _draw_whole(level, how)
+    return finish(Image(image.pixels, {**image.info, **info}), scene)
 
 
 def finish(image: Image, scene: OpenScene) -> Image:
     """Adds the provenance and the annotations of its scene to a picture."""
     image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer)})
-    return annotate(image, scene) if scene.annotate else image
+    return annotate(image, scene) if scene.file.annotate else image
 
 
 def _choose_level(scene: OpenScene, how: DrawOptions) -> tuple[OpenScene, dict[str, object]]:
@@ -187,25 +187,12 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     from splatgl.annotations.annotate import annotated, omission_notes, on_ground
 
     color = scene.file.settings.background
-    image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.annotate, color)
+    image = annotated(image, scene.annotated_subject, scene.transfer, scene.camera, scene.file.annotate, color)
     image = on_ground(image, None if BLENDS[scene.settings.blend].unbounded else color)
     if not scene.is_quiet:
         for note in omission_notes(image):
             print(f"splatgl: {note}", file=sys.stderr)
     return image
-
-
-def annotations_of(text: str | None, file: SceneFile, reference: str | None = None) -> tuple[str, ...]:
-    """The annotations of a picture: of --annotate, else of its scene file; none in comparisons.
-
-    Raises InputError for unsupported annotations, before anything is drawn.
-    """
-    if text is not None and reference is not None:
-        raise expected("annotate", "no --ref, which compares pictures without annotations", reference)
-    names = () if reference is not None else check(file.annotate) if text is None else parse_annotations(text)
-    check_size(names, file.view.size)
-    check_time(names)
-    return names
 
 
 # share of the light that is absorbed at a pixel's depth, and what is searched for in blends of one value

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl import __version__
-from splatgl.annotations.annotate import ROOM
+from splatgl.annotations.annotate import ROOM, check_size
 from splatgl.annotations.canvas import Scale, Subject
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
@@ -42,22 +42,24 @@ LABELS = 512
 class OpenScene:
     """A scene whose first volume is read; other layers and meshes are read once they are needed.
 
-    file: the names and options; the planes of its clip and crop are in its settings. volume, transfer: of the first
-    layer. annotate: names of annotations. is_quiet: whether notes on files are not printed. is_moving: whether pictures
-    are motion-blurred. fixed_camera: the camera that a level of detail was chosen for.
+    file: the names and options; the planes of its clip and crop are in its settings, and its view shows a box with its
+    numbers. volume, transfer: of the first layer. is_quiet: whether notes on files are not printed. is_moving: whether
+    pictures are motion-blurred. fixed_camera: the camera that a level of detail was chosen for.
     """
 
     file: SceneFile
     volume: Volume
     transfer: Transfer
-    annotate: tuple[str, ...] = ()
     is_quiet: bool = True
     is_moving: bool = False
     fixed_camera: Camera | None = None
 
     @classmethod
     def read(cls, file: SceneFile, is_quiet: bool = True, is_alone: bool = False) -> OpenScene:
-        """Reads the first volume, and prints notes on it. is_alone: as of `print_notes`."""
+        """Reads the first volume, and prints notes on it. is_alone: as of `print_notes`. Raises InputError for a
+        picture too small for its annotations.
+        """
+        check_size(file.annotate, file.view.size)
         volume = file.open()
         print_notes(volume, is_quiet, is_alone)
         return cls.of(file, volume, is_quiet)
@@ -65,8 +67,10 @@ class OpenScene:
     @classmethod
     def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True) -> OpenScene:
         """The scene of a file and its volume, which is in memory."""
-        transfer = file.transfer_for(volume)
-        return cls(file.cut(volume), volume, transfer, is_quiet=is_quiet)
+        transfer, file = file.transfer_for(volume), file.cut(volume)
+        if "box" in file.annotate:
+            file = replace(file, view=file.view.fitted(annotated_part(volume)))
+        return cls(file, volume, transfer, is_quiet)
 
     @cached_property
     def is_single(self) -> bool:
@@ -106,7 +110,7 @@ class OpenScene:
         the box.
         """
         settings = self.file.settings if self.is_single else self.file.settings.but(clip=())
-        return without_background(settings, self.annotate)
+        return without_background(settings, self.file.annotate)
 
     @cached_property
     def camera(self) -> Camera:
@@ -134,13 +138,6 @@ class OpenScene:
         """Box, unit, frame and scales of the volume and the meshes, for annotations."""
         scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
         return replace(Subject.of(self.volume), scales=scales, empty=is_empty)
-
-    def with_annotations(self, names: tuple[str, ...]) -> OpenScene:
-        """The scene under annotations, with a view that shows the box and its numbers if there is one."""
-        if "box" not in names:
-            return replace(self, annotate=names)
-        view = self.file.view.fitted(annotated_part(self.volume))
-        return replace(self, file=replace(self.file, view=view), annotate=names)
 
     def with_background(self, color: Color | str | None, output: Path | None = None) -> OpenScene:
         """The scene on a background. color: None: as its settings say; AUTO: one that suits. output: the file to write,

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from splatgl.annotations.annotate import check
+from splatgl.annotations.annotate import check, parse_annotations
 from splatgl.data.color import srgb_of_name
 from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
@@ -74,7 +74,7 @@ CHANNEL_KEYS = ("color_of", "window_of")
 AMOUNT_KEYS = frozenset(("points", "colormap", "window", "scale", "gradient"))
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
-PLAIN = ("threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces", "annotate")
+PLAIN = ("threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces")
 
 
 def read_channel_color(text: str) -> tuple[str, str]:
@@ -138,6 +138,10 @@ def _several(value: Any) -> tuple[Any, ...]:
     if isinstance(value, list | tuple):
         return tuple(value)
     return () if isinstance(value, str) and not value else (value,)
+
+
+def _annotations(value: Any) -> tuple[str, ...]:
+    return parse_annotations(value) if isinstance(value, str) else check(value)
 
 
 def _clip(value: Any) -> tuple[Any, ...]:
@@ -210,7 +214,13 @@ class SceneFile:
         flag="--mesh",
         repeat=True,
     )
-    annotate: tuple[str, ...] = ()
+    annotate: tuple[str, ...] = option(
+        (),
+        Kind("names", _annotations, metavar="NAMES"),
+        "scale, colorbar, axes, directions, box, title=TEXT. Or time=TEXT; several are separated by commas",
+        group=Group.PICTURE,
+        level="basic",
+    )
     vectors: Vectors = field(default_factory=Vectors)
     held: Volume | None = None
 
@@ -244,20 +254,18 @@ class SceneFile:
             layers.append(cls._of_table(source, layer, LAYER))
         for place, mesh in enumerate(table.get("mesh", []), 1):
             meshes.append(MeshFile.of_table(f"{path} [[mesh]] {place}", mesh))
-        with error_prefix(str(path)):
-            annotate = check(table.get("annotate", []))
         with error_prefix(f"{path} [vectors]"):
             refuse_unknown("vectors", vector_keys, declared(Vectors))
             vectors = Vectors(**vector_keys)
-        scene = replace(scene, view=view, settings=settings, annotate=annotate, vectors=vectors)
-        scene = replace(scene, layers=tuple(layers), meshes=tuple(meshes))
+        scene = replace(
+            scene, view=view, settings=settings, layers=tuple(layers), meshes=tuple(meshes), vectors=vectors
+        )
         return scene.with_paths(lambda file: str(path.parent / file))
 
     @classmethod
     def _of_table(cls, source: str, table: Mapping[str, Any], tables: Collection[str]) -> SceneFile:
         """Returns the scene, or one of the layers, from the options in a table. tables: further keys."""
-        plain = [name for name in PLAIN if name != "annotate"]
-        refuse_unknown(source, table, sorted([*plain, *tables]))
+        refuse_unknown(source, table, sorted([*PLAIN, *tables]))
         for key in tables:
             if not isinstance(table.get(key, TABLES[key]()), TABLES[key]):
                 raise expected(f"{source}: {key}", TABLES[key].__name__, repr(table[key]))
@@ -270,7 +278,7 @@ class SceneFile:
             if not all(isinstance(text, str) and text for text in _several(table.get(key, ()))):
                 raise expected(f"{source}: {key}", f"{form}, each in quotes", repr(table[key])[:80])
         with error_prefix(source):
-            options = {name: table[name] for name in plain if name in table}
+            options = {name: table[name] for name in (*PLAIN, "annotate") if name in table}
             return cls(table["volume"], table.get("load", {}), table.get("transfer", {}), **options)
 
     def with_paths(self, move: Callable[[str], str]) -> SceneFile:
@@ -354,7 +362,8 @@ class SceneFile:
             raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
         if not all(isinstance(mask, str) for mask in self.mask or ()):
             raise expected("scene", "masks in files, which a scene file can name", "one in memory")
-        values = {"volume": self.volume, **{key: value for key, value in non_default(self).items() if key in PLAIN}}
+        plain = {key: value for key, value in non_default(self).items() if key in (*PLAIN, "annotate")}
+        values = {"volume": self.volume, **plain}
         lines = [f"{name} = {toml_value(name, value)}" for name, value in values.items()]
         for name, table in {"load": self.load, "transfer": self.transfer, **extra_tables}.items():
             rows = {key: toml_value(f"{name} {key}", value) for key, value in table.items() if value is not None}

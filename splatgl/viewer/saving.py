@@ -125,7 +125,7 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
     subject, settings = document.subject_at(1, scene.settings)
     image = draw(subject, scene.view.camera(document.volume, subject), settings)
-    return finish(image, OpenScene(scene, document.volume, transfer, scene.annotate))
+    return finish(image, OpenScene(scene, document.volume, transfer))
 
 
 def plain(image: Image) -> Image:
