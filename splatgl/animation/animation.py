@@ -26,7 +26,6 @@ from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import non_default
-from splatgl.scene.background import requested_background
 from splatgl.scene.draw import progress_bar
 from splatgl.scene.open_scene import OpenScene, annotated_part, print_notes, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
@@ -98,7 +97,6 @@ class Animation:
             if scenes[0] is not file:
                 scene = OpenScene.of(scenes[0], replace(scenes[0].open(), notes=()))
         print_notes(scene.volume, args.quiet)
-        scene = scene.with_background(requested_background(args, scene.file), Path(args.output))
         settings, view = scene.file.settings, scene.file.view
         if args.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from splatgl.animation.animation import FRAMES, FULL_TURN, Animation, Frames, draw_frames
 from splatgl.animation.movie import need, write_movie
-from splatgl.cli.options import add_drawing, add_source, add_workers, drawing_of, scene_from, uses_workers
+from splatgl.cli.options import (
+    add_drawing,
+    add_source,
+    add_workers,
+    drawing_of,
+    for_output,
+    record_of,
+    scene_from,
+    uses_workers,
+)
 from splatgl.errors import expected
 from splatgl.fileio import check_source
 from splatgl.options import Kind
@@ -85,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     """Renders the requested frames that do not exist yet; returns 0."""
     _check(args)
     on_workers = uses_workers(args)
-    animation = Animation.of(scene_from(args), args)
+    animation = Animation.of(for_output(scene_from(args), Path(args.output)), args)
     frames = Frames.at(args.output, animation.mark)
     if frames.movie:
         need(frames.movie)
@@ -101,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
         with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
             draw_frames(client, animation, frames, todo, drawing_of(args), args.quiet)
     elif todo:
-        with DrawOptions(args.backend, args.device, args.gpu).renderer() as renderer:
+        with record_of(args, DrawOptions).renderer() as renderer:
             animation.draw(renderer, frames, todo, args.quiet)
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
@@ -19,7 +19,15 @@ from splatgl.splat.settings import LIKE, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from splatgl.data.image import Image
     from splatgl.distributed.worker import Drawing
+
+    Record = TypeVar("Record", bound=DataclassInstance)
+
+# files for computations: they keep alpha, unless a colour is requested
+DATA = (".npy", ".exr")
 
 
 def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
@@ -122,10 +130,12 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
         if not hasattr(args, "more"):
             raise expected("--time", "one time point", "several", "splatgl animate draws them")
         del given["time"]
-    if given.get("background") == AUTO:
+    path, background = Path(source), given.get("background")
+    is_open = background is None and not (source.endswith(".toml") or "like" in given or given.get("paper"))
+    if background == AUTO:
         given["background"] = CLEAR
-    path = Path(source)
     scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)
+    scene = replace(scene, auto_background=is_open or background == AUTO)
     settings = Settings.paper() if given.get("paper") else scene.settings
     if "like" in given:
         settings = Settings.like(given["like"], **settings.given)
@@ -133,6 +143,25 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
     transfer = {**scene.transfer, **({} if "transfer" not in given else Transfer.load(given["transfer"]).fields)}
     scene = replace(scene, settings=settings, transfer=transfer).with_options(**{**named, **given})
     return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
+
+
+def record_of(args: argparse.Namespace, record: type[Record]) -> Record:
+    """A dataclass of the options that its fields have on the command line."""
+    given = {item.name: getattr(args, item.name, None) for item in fields(record)}
+    return record(**{name: value for name, value in given.items() if value is not None})
+
+
+def for_output(file: SceneFile, output: Path, reference: Image | None = None) -> SceneFile:
+    """The scene whose background suits the file to write: that of a reference, and none in files for computations.
+
+    An explicit background stays.
+    """
+    if not file.auto_background:
+        return file
+    match reference and reference.info.get("background"):
+        case [float() | int() as red, float() | int() as green, float() | int() as blue]:
+            file = replace(file, settings=file.settings.but(background=(red, green, blue)))
+    return replace(file, auto_background=reference is None and output.suffix.lower() not in DATA)
 
 
 def _refuse_many(args: argparse.Namespace) -> None:

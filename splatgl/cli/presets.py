@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.cli.options import add_backend, add_source, add_view, scene_from
+from splatgl.cli.options import add_backend, add_source, add_view, record_of, scene_from
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.scene.background import default_background
+from splatgl.scene.open_scene import default_background
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.presets import PRESETS, default_transfer, preset
 from splatgl.splat.settings import Settings
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     from splatgl.scene.draw import DrawOptions
 
     camera = scene.view.camera(volume, volume)
-    with DrawOptions(args.backend, args.device, args.gpu).renderer() as renderer:
+    with record_of(args, DrawOptions).renderer() as renderer:
         pictures = {name: draw_preset(renderer, scene, volume, camera, look) for name, look in looks.items()}
     write_file(output, sheet(pictures))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")

@@ -17,7 +17,10 @@ from splatgl.cli.options import (
     add_options,
     add_source,
     add_workers,
+    drawing_of,
+    for_output,
     group_of,
+    record_of,
     scene_from,
     uses_workers,
 )
@@ -27,7 +30,6 @@ from splatgl.data.image_files import require_library
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.options import Group
-from splatgl.scene.background import requested_background
 from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
@@ -37,6 +39,7 @@ from splatgl.splat.settings import BLENDS
 if TYPE_CHECKING:
     from splatgl.comparison.compare import Picture
     from splatgl.data.color import Color
+    from splatgl.distributed.worker import Drawing
 
 
 def depth_at(text: str) -> float | str:
@@ -61,20 +64,20 @@ def check_depth(args: argparse.Namespace, scene: SceneFile) -> None:
         raise expected("--depth", "another file than -o", str(path))
 
 
-def write_depths(args: argparse.Namespace, scene: OpenScene) -> None:
-    """Writes a depth map, and prints its range."""
+def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
+    """Writes a depth map, and prints its range. at: as of `depths`."""
     started = time.perf_counter()
-    depth, camera, settings = depths(scene, args.depth_at), scene.camera, scene.file.settings
-    share = OF_BLENDS.get(settings.blend, HALF) if args.depth_at is None else args.depth_at
+    depth, camera, settings = depths(scene, at), scene.camera, scene.file.settings
+    share = OF_BLENDS.get(settings.blend, HALF) if at is None else at
     unit = scene.volume.unit or "units"
     info = {"version": __version__, "source": Path(scene.file.volume).name, "depth_at": share, "unit": unit}
     view = {"eye": camera.eye.tolist(), "forward": camera.forward.tolist(), "perspective": camera.perspective}
-    save_map(depth, args.depth, {**info, **view})
-    if not args.quiet:
+    save_map(depth, path, {**info, **view})
+    if not scene.is_quiet:
         known = depth[np.isfinite(depth)]
         span = f"{known.min():g} to {known.max():g} {unit}" if len(known) else "none"
         seconds = time.perf_counter() - started
-        print(f"{args.depth}: depths {span} in {known.size / depth.size:.1%} of the pixels ({seconds:.2g} s)")
+        print(f"{path}: depths {span} in {known.size / depth.size:.1%} of the pixels ({seconds:.2g} s)")
 
 
 # modules that draw and compare are imported after the options are checked: bad input is reported at once
@@ -111,7 +114,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
-    on_workers, file = uses_workers(args), scene_from(args)
+    on_workers, file, how = uses_workers(args), scene_from(args), record_of(args, DrawOptions)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     _check_outputs(args, output, file)
     if args.ref is not None:
@@ -119,18 +122,19 @@ def run(args: argparse.Namespace) -> int:
             raise expected("annotate", "no --ref, which compares pictures without annotations", args.ref)
         file = replace(file, annotate=())
     reference = _reference(args.ref, output) if args.ref else None
+    file = for_output(file, output, reference.image if reference and args.background is None else None)
     scene = OpenScene.read(file, args.quiet, is_alone=on_workers)
-    color = requested_background(args, scene.file, reference.image if reference else None)
-    scene = scene.with_background(color, output)
     if args.depth is not None:
-        is_alone = args.output is None and args.ref is None
-        write_depths(args, scene if is_alone else replace(scene, is_quiet=True))
-        if is_alone:
+        write_depths(scene, args.depth, args.depth_at)
+        if args.output is None and reference is None:
             return 0
-    image = finish(_draw_on_workers(args, scene), scene) if on_workers else draw(scene, DrawOptions.of(args))
+    if on_workers:
+        image = finish(_draw_on_workers(scene, how, drawing_of(args), args.workers, args.scheduler), scene)
+    else:
+        image = draw(scene, how)
     settings = scene.file.settings
     behind = settings.background if BLENDS[settings.blend].unbounded else None
-    status = 0 if reference is None else _compare(args, image, reference, output, behind)
+    status = 0 if reference is None else _compare(image, reference, output, behind, args.quiet)
     if reference is not None and status == 0:
         return status
     image.save(output, args.bits, behind)
@@ -147,26 +151,25 @@ def _check_outputs(args: argparse.Namespace, output: Path, file: SceneFile) -> N
     check_depth(args, file)
 
 
-def _compare(args: argparse.Namespace, image: Image, reference: Picture, output: Path, background: Color | None) -> int:
+def _compare(image: Image, reference: Picture, output: Path, background: Color | None, is_quiet: bool) -> int:
     """Compares with --ref, and prints the verdict; returns 0, or 1 for a different picture."""
     from splatgl.cli.compare import DIFFERENT, SAME, check_against
 
     verdict = check_against(image, reference, output, background)
-    if not (verdict.same and args.quiet):
+    if not (verdict.same and is_quiet):
         print(verdict)
     return SAME if verdict.same else DIFFERENT
 
 
-def _draw_on_workers(args: argparse.Namespace, scene: OpenScene) -> Image:
+def _draw_on_workers(
+    scene: OpenScene, how: DrawOptions, drawing: Drawing, workers: int | None, scheduler: str | None
+) -> Image:
     """Draws the picture in parts on workers of Dask."""
-    from splatgl.cli.options import drawing_of
     from splatgl.distributed.cluster import connected
     from splatgl.distributed.render import Job, draw_parts
     from splatgl.splat.opaque_bounds import Opaque
 
-    DrawOptions.of(args).check_supported(
-        "workers", "a picture that is drawn by this process", "--workers or --scheduler"
-    )
+    how.check_supported("workers", "a picture that is drawn by this process", "--workers or --scheduler")
     file, settings = scene.file, scene.settings
     unsupported = {
         "--ambient-occlusion": settings.ambient_occlusion,
@@ -180,12 +183,10 @@ def _draw_on_workers(args: argparse.Namespace, scene: OpenScene) -> Image:
         if value:
             raise expected(name, "none, with --workers or --scheduler", value)
     camera = file.view.camera(scene.volume, Opaque(scene.volume, scene.transfer))
-    job = Job(
-        uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, drawing_of(args), camera, args.memory
-    )
-    notify = None if args.quiet else print
-    with connected(args.workers, args.scheduler, notify) as client, progress_bar("part", args.quiet) as progress:
-        image = draw_parts(client, job, None, progress, args.check is None)
+    job = Job(uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, drawing, camera, how.memory)
+    notify = None if scene.is_quiet else print
+    with connected(workers, scheduler, notify) as client, progress_bar("part", scene.is_quiet) as progress:
+        image = draw_parts(client, job, None, progress, how.check is None)
     if not image.info["splats"]:
         raise scene.nothing_visible()
     return image

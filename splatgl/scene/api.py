@@ -11,7 +11,6 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.data.arrays import ArrayOptions
-from splatgl.data.color import AUTO
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
@@ -97,9 +96,8 @@ def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background
             raise expected("splats", "at least one", "none")
         image = draw_subject(x, file.view.camera(x, x), file.settings, drawing)
         return Image(image.pixels, {**image.info, "version": __version__, "source": x.name})
-    scene = OpenScene.read(file)
-    if needs_background and "background" not in file.settings.given:
-        scene = scene.with_background(AUTO)
+    has_default = needs_background and "background" not in file.settings.given
+    scene = OpenScene.read(replace(file, auto_background=has_default))
     image = draw(scene, drawing)
     drawn_notes = image.info.get("notes", ())
     notes = (*scene.volume.notes, *(drawn_notes if isinstance(drawn_notes, tuple) else ()))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,12 +58,6 @@ class DrawOptions:
     savings: bool = option(
         False, Kind.flag(), "also measure the time saved by each skipped step", group=Group.SPEED, bare=True
     )
-
-    @classmethod
-    def of(cls, args: argparse.Namespace) -> DrawOptions:
-        """The drawing options of a command."""
-        names = [each.name for each in fields(cls) if getattr(args, each.name, None) is not None]
-        return cls(**{name: getattr(args, name) for name in names})
 
     @contextmanager
     def renderer(self) -> Iterator[Renderer]:

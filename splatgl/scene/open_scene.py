@@ -14,11 +14,11 @@ import numpy as np
 from splatgl import __version__
 from splatgl.annotations.annotate import ROOM, check_size
 from splatgl.annotations.canvas import Scale, Subject
+from splatgl.data.color import Color
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes
 from splatgl.readers.channels import TIME_HINT
-from splatgl.scene.background import with_background
 from splatgl.scene.meshes import is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile, check_masked
 from splatgl.splat.segment_surfaces import is_segmentation
@@ -26,7 +26,6 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.data.color import Color
     from splatgl.splat.camera import Camera
     from splatgl.splat.clipping import Part, Plane
     from splatgl.splat.scene import Layer, Scene
@@ -67,7 +66,12 @@ class OpenScene:
     @classmethod
     def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True) -> OpenScene:
         """The scene of a file and its volume, which is in memory."""
-        transfer, file = file.transfer_for(volume), file.cut(volume)
+        transfer, file, settings = file.transfer_for(volume), file.cut(volume), file.settings
+        if file.auto_background and not BLENDS[settings.blend].unbounded:
+            # several channels glow
+            glowing = replace(transfer, shading=False) if len(volume.channels) > 1 else transfer
+            settings = file.settings.but(background=default_background(glowing, settings))
+            file = replace(file, settings=settings)
         if "box" in file.annotate:
             file = replace(file, view=file.view.fitted(annotated_part(volume)))
         return cls(file, volume, transfer, is_quiet)
@@ -139,15 +143,6 @@ class OpenScene:
         scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
         return replace(Subject.of(self.volume), scales=scales, empty=is_empty)
 
-    def with_background(self, color: Color | str | None, output: Path | None = None) -> OpenScene:
-        """The scene on a background. color: None: as its settings say; AUTO: one that suits. output: the file to write,
-        if any.
-        """
-        # several channels glow
-        glowing = replace(self.transfer, shading=False) if len(self.volume.channels) > 1 else self.transfer
-        settings = with_background(self.file.settings, color, glowing, output)
-        return replace(self, file=replace(self.file, settings=settings))
-
     @property
     def has_matter(self) -> bool:
         """Whether there are splats or meshes."""
@@ -182,6 +177,15 @@ class OpenScene:
         clip = "clip or crop less, " if file.settings.clip or file.clip or file.crop else ""
         fix = f"{clip}lower --threshold, or set --points to the values that matter"
         return expected(file.volume, this, "none", fix)
+
+
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+
+
+def default_background(transfer: Transfer, settings: Settings) -> Color:
+    """Black behind what glows and behind values along rays, white behind shaded surfaces."""
+    surfaces = settings.shading == "on" or (settings.shading == "auto" and transfer.shading)
+    return WHITE if surfaces and settings.blend == "composite" else BLACK
 
 
 def provenance_of(file: SceneFile, transfer: Transfer) -> dict[str, object]:

@@ -154,6 +154,7 @@ class SceneFile:
 
     volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
     their views and settings are ignored. annotate: names as for --annotate.
+    auto_background: whether pictures have the background that suits their transfer function.
     """
 
     volume: str
@@ -223,6 +224,7 @@ class SceneFile:
     )
     vectors: Vectors = field(default_factory=Vectors)
     held: Volume | None = None
+    auto_background: bool = False
 
     def __post_init__(self) -> None:
         check_options(self)

@@ -12,7 +12,8 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.color import AUTO, CLEAR, read_background
 from splatgl.options import declared
-from splatgl.scene.background import BLACK, WHITE, default_background, with_background
+from splatgl.scene.open_scene import BLACK, WHITE, OpenScene, default_background
+from splatgl.scene.scene_file import SceneFile
 
 SURFACE = sg.Transfer([(0.4, 0.0), (0.6, 0.9)])
 GLOW = sg.Transfer([(0.4, 0.0), (0.6, 0.9)], shading=False)
@@ -66,19 +67,19 @@ def test_what_suits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "asked", "output", "right"),
+    ("settings", "is_auto", "background"),
     [
-        (sg.Settings(), AUTO, "a.png", WHITE),
-        (sg.Settings(), AUTO, "a.gif", WHITE),
-        (sg.Settings(), AUTO, "a.npy", None),
-        (sg.Settings(), BLACK, "a.npy", BLACK),
-        (sg.Settings(background=BLACK), CLEAR, "a.png", None),
-        (sg.Settings(background=BLACK), None, "a.png", BLACK),
-        (sg.Settings(blend="xray"), AUTO, "a.png", None),
+        (sg.Settings(), True, WHITE),
+        (sg.Settings(), False, None),
+        (sg.Settings(background=BLACK), False, BLACK),
+        (sg.Settings(blend="mip"), True, BLACK),
+        (sg.Settings(blend="xray"), True, None),
     ],
 )
-def test_what_is_behind(settings: sg.Settings, asked: object, output: str, right: object) -> None:
-    assert with_background(settings, asked, SURFACE, Path(output)).background == right
+def test_the_default_background_of_a_scene(settings: sg.Settings, is_auto: bool, background: object) -> None:
+    volume = sg.Volume(np.indices((4, 4, 4))[0].astype(np.float32))
+    file = SceneFile("ramp", transfer=SURFACE.fields, settings=settings, auto_background=is_auto)
+    assert OpenScene.of(file, volume).file.settings.background == background
 
 
 def test_a_picture_has_a_background(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
