@@ -17,7 +17,6 @@ from splatgl.splat.line_integral import Integral
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.splats import Splats
-from splatgl.splat.view import GridView
 
 # least component of a ray in index space: a ray along a face is in one of the two voxels
 LEAST = 1e-18
@@ -67,38 +66,27 @@ class BoxRays:
         return np.stack([np.maximum(entry, self.near[ray]), np.minimum(exit_, self.far[ray])])
 
 
-@dataclass(frozen=True, eq=False)
-class BoxRow:
-    """Boxes of voxels as footprints. view: of the rays; position [N, 3]: of all voxels, grid indices."""
-
-    view: GridView
-    resolved: Resolved
-    position: np.ndarray
-
-    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
-        """The lengths, in mean spacings, of rays [2, P] within boxes of splats [P]."""
-        rays = BoxRays.of(self.resolved, ray)
-        entry, exit_ = rays.ends(self.position[splat], np.arange(len(splat)))
-        return Integral(np.maximum(exit_ - entry, 0.0) * rays.stretch, np.ones(len(splat)))
-
-
 class BoxScene:
-    """Data shared by all windows of a picture of boxes."""
+    """Data shared by all windows of a picture of boxes, which are the footprints of its splats."""
 
     def __init__(self, splats: Splats, resolved: Resolved) -> None:
         assert splats.labels is not None
-        self.resolved, self.camera, self.normals = resolved, resolved.camera, splats.labels
+        self.resolved, self.camera, self.view, self.normals = resolved, resolved.camera, resolved.view, splats.labels
         self.blend, self.spacing = resolved.look.blend, splats.grid.mean_spacing
         self.position = splats.positions.astype(np.float64)
-        voxel = resolved.view.voxels(splats.positions)
-        self.boxes = pixel_boxes(resolved.view, "row1", voxel, self.camera)
-        self.row = BoxRow(resolved.view, resolved, self.position)
+        self.boxes = pixel_boxes(self.view, "row1", self.view.voxels(splats.positions), self.camera)
         self.order = np.arange(0)
         if len(splats):
             self.order = back_to_front(splats, order_for(splats, self.camera))[::-1]
         depth = splats.records["optical_depth"].astype(np.float64)
         self.depth = -np.expm1(-depth * splats.unit / self.spacing) if self.blend.peak else depth
         self.color = splats.colors.astype(np.float64)
+
+    def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
+        """The lengths, in mean spacings, of rays [2, P] within boxes of splats [P]."""
+        rays = BoxRays.of(self.resolved, ray)
+        entry, exit_ = rays.ends(self.position[splat], np.arange(len(splat)))
+        return Integral(np.maximum(exit_ - entry, 0.0) * rays.stretch, np.ones(len(splat)))
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""
@@ -143,7 +131,7 @@ class BoxScene:
     def _pass_boxes(self, window: Window, rays: BoxRays) -> Iterator[Passed]:
         """Yields the parts of boxes along rays, in drawing order; at least one chunk."""
         yield Passed(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
-        for pairs in pair_values(self.row, self.boxes, self.order, window, self.camera):
+        for pairs in pair_values(self, self.boxes, self.order, window, self.camera):
             ends = rays.ends(self.position[pairs.splat], pairs.pixel)
             some = ends[1] > ends[0]
             yield Passed(pairs.splat[some], pairs.pixel[some], ends[:, some])

@@ -17,9 +17,10 @@ from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FLUSH, GRAZING, Clip
 from splatgl.splat.culling import STRETCHED, Window
-from splatgl.splat.footprint import ROWS, Quads, Splat, on_quads, table_quad
+from splatgl.splat.footprint import ROWS, Quads, Splat, fill_depth, on_quads, table_quad
 from splatgl.splat.grid import Grid
 from splatgl.splat.line_integral import Integral, row1
+from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView, smallest_axis
 
 # relative enlargement of a box against rounding
@@ -206,6 +207,19 @@ class Row:
     def coverage(self) -> np.ndarray:
         """[N]: share of the widened footprint that the unwidened one covers."""
         return self.quads.coverage if self.quads else self.view.coverage(self.voxel[2])
+
+    def attenuate_depth(self, splats: Splats, attenuation: str) -> np.ndarray:
+        """Optical depths [N]; with attenuation fill, weakened by the share of their pixel that their matter fills."""
+        depth, view = splats.records["optical_depth"].astype(np.float64), self.view
+        if attenuation != "fill":
+            return depth
+        z = self.voxel[2]
+        ray = self.voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
+        length = np.sqrt((ray * ray).sum(axis=0))
+        along = view.index_from_eye @ (ray / np.where(length > 0, length, 1.0))
+        pixel = np.where(view.is_widened(z), view.pixel_side(z), 0.0)
+        widths = np.linalg.norm(view.eye_from_index, axis=0)
+        return fill_depth(depth, along, widths, pixel, self.coverage(), splats.runs)
 
     def on(self, splat: np.ndarray, ray: np.ndarray) -> Integral:
         """Line integrals of splats [P] along rays [2, P]."""

@@ -8,30 +8,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
+from splatgl.errors import expected
 from splatgl.reference.blend import ADD, Band, Part, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.layers import LayerScene, SurfaceScene, layers_of, resolve_layer
-from splatgl.reference.rays import Boxes, Row, Values, may_reach, pair_values, pixel_boxes
+from splatgl.reference.rays import Boxes, Row, may_reach, pair_values, pixel_boxes
 from splatgl.reference.sheets import SheetScene
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window, clip_behind_eye
 from splatgl.splat.extract_values import post_splats
-from splatgl.splat.footprint import fill_depth
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
+from splatgl.splat.motion_blur import moving_depth
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
 from splatgl.splat.scene import Scene, join_pictures, with_shared_casters
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats, record_type
-from splatgl.splat.view import GridView
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
@@ -54,52 +54,73 @@ def render(
     """
     started = time.perf_counter()
     settings = settings or Settings()
-    if isinstance(splats, Scene):
-        drawn, meshes = layers_of(splats, camera, settings), splats.surfaces(settings)
-        if len(drawn) > 1 or meshes:
-            return _render_layers(drawn, camera, settings, progress, meshes)
-        splats, settings = drawn[0]
+    drawings, info = _prepare(splats, camera, settings, row)
+    pictures = [draw_bands(*drawing, progress) for drawing in drawings]
+    picture = pictures[0] if len(pictures) == 1 else join_pictures(pictures, settings)
+    return Image(picture, {**info, "seconds": round(time.perf_counter() - started, 6)})
+
+
+def render_windows(
+    splats: Splats | Scene, camera: Camera, settings: Settings, windows: Sequence[Window]
+) -> list[np.ndarray]:
+    """Windows of pixels of the image, float64 [h, w, 4]: to check other images of many splats."""
+    drawings, _ = _prepare(splats, camera, settings, windows=windows)
+    parts = [_draw_windows(*drawing, windows) for drawing in drawings]
+    return parts[0] if len(parts) == 1 else [join_pictures(part, settings) for part in zip(*parts, strict=True)]
+
+
+def _prepare(
+    subject: Splats | Scene,
+    camera: Camera,
+    settings: Settings,
+    row: str = "row1",
+    windows: Sequence[Window] | None = None,
+) -> tuple[list[tuple[Drawing, Resolved]], dict[str, object]]:
+    """The drawing of the picture; in blends without an order, one of each layer, without background. And the picture's
+    info. windows: the only pixels that are drawn; None: all.
+    """
+    if isinstance(subject, Scene):
+        layers, meshes = layers_of(subject, camera, settings), subject.surfaces(settings)
+        if len(layers) > 1 or meshes:
+            drawings = _prepare_layers(layers, camera, settings, windows, meshes)
+            names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
+            background = None if settings.background is None else list(settings.background)
+            info = _provenance(layers[0][0], camera, drawings[0][1], "row1")
+            return drawings, {**info, "background": background, "layers": names, "splats": count}
+        subject, settings = layers[0]
     if row != "row1":
         kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
         settings = settings.but(classification="pre", compositing="splats", kernel=kernel)
-    splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
+    splats = clip_behind_eye(select_splats(subject, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
-    picture = _draw_bands(_scene(splats, resolved, row), resolved, progress)
-    return Image(picture, _provenance(splats, camera, resolved, row, time.perf_counter() - started))
+    scene = _scene(_select_reaching(splats, resolved, windows), resolved, row)
+    return [(scene, resolved)], _provenance(splats, camera, resolved, row)
 
 
-def _render_layers(
+def _prepare_layers(
     layers: Sequence[tuple[Splats, Settings]],
     camera: Camera,
     settings: Settings,
-    progress: Progress | None,
+    windows: Sequence[Window] | None,
     meshes: Sequence[Mesh],
-) -> Image:
-    """`render` for several layers."""
-    started = time.perf_counter()
-    if BLENDS[settings.blend].ordered:
-        resolved = with_shared_casters(
-            [resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers
-        )
-        scene = _layer_scene(
-            [(splats, layer) for (splats, _), layer in zip(layers, resolved, strict=True)], settings, meshes
-        )
-        picture, first = _draw_bands(scene, resolved[0], progress), resolved[0]
-    else:
-        alone = [(layer, layer_settings.but(background=None)) for layer, layer_settings in layers]
-        picture = join_pictures(
-            [render(layer, camera, layer_settings, progress=progress).pixels for layer, layer_settings in alone],
-            settings,
-        )
-        first = Resolved.of(layers[0][0], camera, settings)
-    info = _provenance(layers[0][0], camera, first, "row1", time.perf_counter() - started)
-    splats = [layer for layer, _ in layers]
-    return Image(picture, {**info, "layers": [layer.name for layer in splats], "splats": sum(map(len, splats))})
+) -> list[tuple[Drawing, Resolved]]:
+    """Drawings of several layers, or of layers with meshes."""
+    if not BLENDS[settings.blend].ordered:
+        if meshes:
+            raise expected("meshes", "blend composite", settings.blend)
+        return [_prepare(splats, camera, look.but(background=None), windows=windows)[0][0] for splats, look in layers]
+    resolved = with_shared_casters([resolve_layer(splats, camera, look) for splats, look in layers], layers)
+    near = [(_select_reaching(layer[0], look, windows), look) for layer, look in zip(layers, resolved, strict=True)]
+    shown = [layer for layer in near if len(layer[0])] or near[:1] if windows else near
+    scenes = [BoxScene(*layer) if layer[1].boxes else SheetScene(*layer) for layer in shown]
+    scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
+    if not meshes:
+        return [(scene, resolved[0])]
+    light = None if settings.shading == "off" else Light.of(settings.light, settings.light_from, settings.shadows > 0)
+    return [(SurfaceScene(scene, meshes, resolved[0].camera, light), resolved[0])]
 
 
-def _draw_bands(
-    scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, progress: Progress | None
-) -> np.ndarray:
+def draw_bands(scene: Drawing, resolved: Resolved, progress: Progress | None = None) -> np.ndarray:
     """Draws the picture in bands of rows: float64 [H, W, 4]."""
     fine = resolved.camera
     # all samples of a pixel are in the same band
@@ -110,55 +131,10 @@ def _draw_bands(
     return _mean(np.concatenate(drawn), resolved)
 
 
-def render_windows(
-    splats: Splats | Scene, camera: Camera, settings: Settings, windows: Sequence[Window]
-) -> list[np.ndarray]:
-    """Windows of pixels of the image, float64 [h, w, 4]: to check other images of many splats."""
-    if isinstance(splats, Scene):
-        drawn, meshes = layers_of(splats, camera, settings), splats.surfaces(settings)
-        if len(drawn) > 1 or meshes:
-            return _layer_windows(drawn, camera, settings, windows, meshes)
-        splats, settings = drawn[0]
-    splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
-    resolved = Resolved.of(splats, camera, settings)
-    return _windows(_scene(_select_reaching(splats, resolved, windows), resolved, "row1"), resolved, windows)
-
-
-def _layer_windows(
-    layers: Sequence[tuple[Splats, Settings]],
-    camera: Camera,
-    settings: Settings,
-    windows: Sequence[Window],
-    meshes: Sequence[Mesh],
-) -> list[np.ndarray]:
-    """`render_windows` for several layers."""
-    if not BLENDS[settings.blend].ordered:
-        alone = [(splats, layer_settings.but(background=None)) for splats, layer_settings in layers]
-        parts = [render_windows(splats, camera, layer_settings, windows) for splats, layer_settings in alone]
-        return [join_pictures(part, settings) for part in zip(*parts, strict=True)]
-    resolved = with_shared_casters(
-        [resolve_layer(splats, camera, layer_settings) for splats, layer_settings in layers], layers
-    )
-    near = [_select_reaching(splats, layer, windows) for (splats, _), layer in zip(layers, resolved, strict=True)]
-    pairs = list(zip(near, resolved, strict=True))
-    some = [pair for pair in pairs if len(pair[0])] or pairs[:1]
-    return _windows(_layer_scene(some, settings, meshes), resolved[0], windows)
-
-
-def _layer_scene(
-    layers: Sequence[tuple[Splats, Resolved]], settings: Settings, meshes: Sequence[Mesh]
-) -> SheetScene | BoxScene | LayerScene | SurfaceScene:
-    """Scene of layers and meshes."""
-    scenes = [BoxScene(*layer) if layer[1].boxes else sheet_scene(*layer) for layer in layers]
-    scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
-    if not meshes:
-        return scene
-    light = None if settings.shading == "off" else Light.of(settings.light, settings.light_from, settings.shadows > 0)
-    return SurfaceScene(scene, meshes, layers[0][1].camera, light)
-
-
-def _select_reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window]) -> Splats:
-    """Splats that may reach windows of pixels."""
+def _select_reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window] | None) -> Splats:
+    """Splats that may reach windows of pixels; None: all."""
+    if windows is None:
+        return splats
     some = may_reach(splats.records["position"], resolved.view, _sample_windows(windows, resolved))
     return splats.part(some, among_all=resolved.look.attenuation == "fill")
 
@@ -178,17 +154,22 @@ def render_windows_of(
     records = np.concatenate(parts)
     records = records[np.lexsort(records["position"].T)]
     splats = clip_behind_eye(post_splats(bricks.volume, bricks.post, records), camera)
-    return _windows(_scene(splats, resolved, "row1"), resolved, windows)
+    return _draw_windows(_scene(splats, resolved, "row1"), resolved, windows)
 
 
 def _sample_windows(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
-    """The windows in samples, if several samples are averaged, else in pixels."""
-    return [_samples(window, resolved) for window in windows] if resolved.averaged else list(windows)
+    """The windows in samples, with one more on each side for means; in pixels, if no samples are averaged."""
+    if not resolved.averaged:
+        return list(windows)
+    k, (width, height), fine = resolved.samples, resolved.camera.size, []
+    for window in windows:
+        left, top = max(window.x * k - 1, 0), max(window.y * k - 1, 0)
+        right, bottom = (window.x + window.width) * k + 1, (window.y + window.height) * k + 1
+        fine.append(Window(left, top, min(right, width) - left, min(bottom, height) - top))
+    return fine
 
 
-def _windows(
-    scene: _Scene | SheetScene | BoxScene | LayerScene | SurfaceScene, resolved: Resolved, windows: Sequence[Window]
-) -> list[np.ndarray]:
+def _draw_windows(scene: Drawing, resolved: Resolved, windows: Sequence[Window]) -> list[np.ndarray]:
     """Draws windows of the picture of a scene, averages samples and adds the background."""
     fine, k = _sample_windows(windows, resolved), resolved.samples
     parts = scene.parts(fine) if isinstance(scene, SheetScene) else [scene.part(window) for window in fine]
@@ -203,41 +184,48 @@ def _windows(
     return pictures
 
 
-def _samples(window: Window, resolved: Resolved) -> Window:
-    """The samples of a window's pixels, and one more on each side for their means."""
-    k, (width, height) = resolved.samples, resolved.camera.size
-    left, top = max(window.x * k - 1, 0), max(window.y * k - 1, 0)
-    right, bottom = (window.x + window.width) * k + 1, (window.y + window.height) * k + 1
-    return Window(left, top, min(right, width) - left, min(bottom, height) - top)
-
-
-def _scene(splats: Splats, resolved: Resolved, row: str) -> _Scene | SheetScene | BoxScene:
+def _scene(splats: Splats, resolved: Resolved, row: str) -> Drawing:
     if resolved.boxes:
         return BoxScene(splats, resolved)
-    return _Scene(splats, resolved, row) if resolved.sheets is None else sheet_scene(splats, resolved)
+    if resolved.sheets is not None:
+        return SheetScene(splats, resolved)
+    view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
+    voxel = view.voxels(splats.positions)
+    footprints = Row.of(view, row, voxel, splats.grid)
+    return SplatScene.of(splats, resolved, footprints, pixel_boxes(view, footprints.name, voxel, resolved.camera))
 
 
-class _Scene:
-    """Data shared by all windows: positions, boxes, order and colours of all splats."""
+@dataclass(frozen=True, eq=False)
+class SplatScene:
+    """Data shared by all windows of a picture of splats that composite one by one: footprints, their boxes of pixels,
+    and order, colour, depth and coverage (the remaining share of opacity) of all splats. isolated: see motion_blur.py;
+    None for still splats.
+    """
 
-    def __init__(self, splats: Splats, resolved: Resolved, row: str) -> None:
-        blend, camera = resolved.look.blend, resolved.camera
-        self.camera, self.blend = camera, blend
-        view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
-        voxel = view.voxels(splats.positions)
-        self.row = Row.of(view, row, voxel, splats.grid)
-        self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, camera)
-        self.order = np.arange(len(splats))
+    row: Row
+    boxes: Boxes
+    camera: Camera
+    blend: BlendMode
+    order: np.ndarray
+    color: np.ndarray
+    depth: np.ndarray
+    coverage: np.ndarray
+    isolated: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, splats: Splats, resolved: Resolved, row: Row, boxes: Boxes) -> SplatScene:
+        """The scene of splats with footprints `row`."""
+        blend, camera, attenuation = resolved.look.blend, resolved.camera, resolved.look.attenuation
+        order = np.arange(len(splats))
         if len(splats) and blend.ordered:
-            self.order = back_to_front(splats, order_for(splats, camera))[::-1]
-        self.color = splats.colors.astype(np.float64)
-        self.color = apply_light(self.color, splats, camera, voxel, resolved)
-        depth = splats.records["optical_depth"].astype(np.float64)
-        # opacity over the transfer function's reference length
-        self.depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing) if blend.peak else depth
-        self.coverage = self.row.coverage() if resolved.look.attenuation == "opacity" else np.ones(len(splats))
-        if resolved.look.attenuation == "fill":
-            self.depth = attenuate_depth(splats, view, voxel, self.row.coverage())
+            order = back_to_front(splats, order_for(splats, camera))[::-1]
+        color = apply_light(splats.colors.astype(np.float64), splats, camera, row.voxel, resolved)
+        depth = row.attenuate_depth(splats, attenuation)
+        if blend.peak:
+            # opacity over the transfer function's reference length
+            depth = -np.expm1(-depth * splats.unit / splats.grid.mean_spacing)
+        coverage = row.coverage() if attenuation == "opacity" else np.ones(len(splats))
+        return cls(row, boxes, camera, blend, order, color, depth, coverage)
 
     def band_height(self) -> int:
         """Rows of pixels drawn together."""
@@ -247,39 +235,17 @@ class _Scene:
         """A window of the picture, float64 [h, w, 4]."""
         gathered = Band.empty(window.height * window.width)
         for pairs in pair_values(self.row, self.boxes, self.order, window, self.camera):
-            if len(pairs.splat):
-                ADD[self.blend.join](gathered, self._part(pairs))
+            s, integral = pairs.splat, pairs.integral
+            if not len(s):
+                continue
+            depth = self.depth[s] * (integral.value / integral.peak if self.blend.peak else integral.value)
+            if self.isolated is not None:
+                depth = moving_depth(depth, self.depth[s] * integral.peak, self.isolated[s])
+            ADD[self.blend.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
         return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
 
-    def _part(self, pairs: Values) -> Part:
-        value = pairs.integral.value
-        if self.blend.peak:
-            value = value / pairs.integral.peak
-        splat = pairs.splat
-        return Part(pairs.pixel, self.depth[splat] * value, self.color[splat], self.coverage[splat])
 
-
-def sheet_scene(splats: Splats, resolved: Resolved) -> SheetScene:
-    """Scene of splats that add up within sheets."""
-    if splats.post is not None:
-        return SheetScene(splats, resolved, None)
-    depth = splats.records["optical_depth"].astype(np.float64)
-    if resolved.look.attenuation == "fill":
-        view = resolved.view
-        voxel = view.voxels(splats.positions)
-        depth = attenuate_depth(splats, view, voxel, view.coverage(voxel[2]))
-    return SheetScene(splats, resolved, depth)
-
-
-def attenuate_depth(splats: Splats, view: GridView, voxel: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """Optical depths [N] of voxels [3, N], attenuated by the share of their pixel that their matter fills."""
-    ray = voxel if view.perspective else np.array([[0.0], [0.0], [1.0]])
-    length = np.sqrt((ray * ray).sum(axis=0))
-    along = np.linalg.inv(view.eye_from_index) @ (ray / np.where(length > 0, length, 1.0))
-    widths = np.linalg.norm(view.eye_from_index, axis=0)
-    depth = splats.records["optical_depth"].astype(np.float64)
-    pixel = np.where(view.is_widened(voxel[2]), view.pixel_side(voxel[2]), 0.0)
-    return fill_depth(depth, along, widths, pixel, coverage, splats.runs)
+Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene
 
 
 def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:
@@ -287,7 +253,7 @@ def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:
     return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 
 
-def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str, seconds: float) -> dict[str, object]:
+def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str) -> dict[str, object]:
     return {
         "scene": splats.name,
         "splats": len(splats),
@@ -308,5 +274,4 @@ def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str, se
         "shading": resolved.look.shading,
         "background": None if resolved.background is None else list(resolved.background),
         "renderer": "float64 reference",
-        "seconds": round(seconds, 6),
     }

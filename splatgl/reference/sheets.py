@@ -316,14 +316,13 @@ MOST_SUMS = 2**24
 class SheetScene:
     """Data shared by all windows: positions, sheets, and the splats' terms in their sums."""
 
-    def __init__(self, splats: Splats, resolved: Resolved, depth: np.ndarray | None, row: str = "row1") -> None:
-        """depth [N]: attenuated optical depths of splats classified before; None: classified after."""
+    def __init__(self, splats: Splats, resolved: Resolved) -> None:
         assert resolved.sheets is not None
         self.resolved, self.sheets, self.camera = resolved, resolved.sheets, resolved.camera
         view = self.view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
         voxel = view.voxels(splats.positions)
         self.spacing = splats.grid.mean_spacing
-        self.row = Row.of(view, row, voxel, splats.grid)
+        self.row = Row.of(view, "row1", voxel, splats.grid)
         self.boxes: Boxes = pixel_boxes(view, self.row.name, voxel, self.camera)
         place = self.sheets.places(view, splats.positions)
         self.base = self.sheets.base(place)
@@ -335,9 +334,9 @@ class SheetScene:
             last = max(self.first + self.many, self.near.count)
             self.first = min(self.first, -1)
             self.many = last - self.first
-        if depth is not None:
-            color = splats.colors.astype(np.float64)
-            color = apply_light(color, splats, self.camera, voxel, resolved)
+        if splats.post is None:
+            color = apply_light(splats.colors.astype(np.float64), splats, self.camera, voxel, resolved)
+            depth = self.row.attenuate_depth(splats, resolved.look.attenuation)
             self.terms = depth[:, None] * np.concatenate([color, np.ones((len(splats), 1))], axis=1)
         else:
             self.field = SheetField.of(splats, resolved, view, self.near.count if self.near else 0)

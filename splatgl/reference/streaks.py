@@ -13,14 +13,11 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
-from splatgl.reference.blend import ADD, Band, Part, pixels
-from splatgl.reference.rays import Boxes, Row, pair_values, pixel_ends
-from splatgl.reference.renderer import attenuate_depth
+from splatgl.reference.rays import Boxes, Row, pixel_ends
+from splatgl.reference.renderer import SplatScene, draw_bands
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import Window
 from splatgl.splat.footprint import run_length_along
 from splatgl.splat.kernels import tabulate
-from splatgl.splat.lighting import apply_light
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
 from splatgl.splat.motion_blur import (
@@ -28,13 +25,11 @@ from splatgl.splat.motion_blur import (
     blur_table,
     energy_gain,
     isolation,
-    moving_depth,
     paper_gain,
     stretched_footprint,
 )
-from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import AVERAGED, Resolved
-from splatgl.splat.settings import BLENDS, BlendMode, Settings
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
@@ -145,10 +140,6 @@ def pass_kernels(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.nd
     return Passing(passed + further, across, length, gain)
 
 
-# samples per band
-BAND = 1 << 16
-
-
 def render(
     splats: Splats,
     camera: Camera,
@@ -166,70 +157,20 @@ def render(
         raise expected("shape", " or ".join(MOTIONS), repr(shape))
     if settings.antialias in AVERAGED or BLENDS[settings.blend].join == "max":
         raise expected("settings", "antialias paper or off, blend composite or xray", "others")
-    drawn = _Scene.of(splats, settings, streaks(splats, camera, motion, shutter), shape)
-    # the same bands as in the reference
-    width, height = camera.size
-    rows = max(1, BAND // width)
-    picture = np.concatenate(
-        [drawn.part(Window(0, top, width, min(rows, height - top))) for top in range(0, height, rows)]
-    )
-    if settings.background is not None and not BLENDS[settings.blend].unbounded:
-        picture = picture + (1 - picture[..., 3:]) * np.array([*settings.background, 1.0])
+    paths = streaks(splats, camera, motion, shutter)
+    resolved = Resolved.of(splats, paths.camera, settings, moving=True)
+    view, attenuation = replace(resolved.view, kernel=tabulate(resolved.kernel.name)), resolved.look.attenuation
+    row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
+    scene = SplatScene.of(splats, resolved, row, _boxes(view, paths))
+    if attenuation != "optical-depth":
+        lengths = length_of(view, paths)
+        if attenuation == "fill":
+            through = run_length_along(view.index_from_eye[:, :2] @ paths.step, splats.runs)
+            scene = replace(scene, isolated=isolation(lengths, through))
+        else:
+            scene = replace(scene, coverage=scene.coverage * energy_gain(view.kernel, lengths))
     info = {"scene": splats.name, "blend": settings.blend, "motion": shape, "shutter": shutter}
-    return Image(picture, {**info, "renderer": "float64 streaks"})
-
-
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """Data shared by all bands: the streaks' row and boxes, and order, colour, depth, coverage (the remaining share of
-    opacity) and isolation (see motion_blur.py) of all splats.
-    """
-
-    row: StreakRow
-    boxes: Boxes
-    camera: Camera
-    blend: BlendMode
-    order: np.ndarray
-    color: np.ndarray
-    depth: np.ndarray
-    coverage: np.ndarray
-    isolated: np.ndarray
-
-    @classmethod
-    def of(cls, splats: Splats, settings: Settings, paths: Streaks, shape: str) -> _Scene:
-        resolved = Resolved.of(splats, paths.camera, settings, moving=True)
-        blend, attenuation = resolved.look.blend, resolved.look.attenuation
-        view = replace(resolved.view, kernel=tabulate(resolved.kernel.name))
-        row = StreakRow(view, "row1", paths.middle, None, paths.step, shape)
-        order = np.arange(len(splats))
-        if blend.ordered:
-            order = back_to_front(splats, order_for(splats, paths.camera))[::-1]
-        color = splats.colors.astype(np.float64)
-        color = apply_light(color, splats, paths.camera, paths.middle, resolved)
-        depth = splats.records["optical_depth"].astype(np.float64)
-        coverage, isolated = np.ones(len(splats)), np.zeros(len(splats))
-        if attenuation != "optical-depth":
-            coverage = view.coverage(paths.middle[2])
-            lengths = length_of(view, paths)
-            if attenuation == "fill":
-                through = run_length_along(view.index_from_eye[:, :2] @ paths.step, splats.runs)
-                depth = attenuate_depth(splats, view, paths.middle, coverage) if resolved.view.antialias else depth
-                coverage, isolated = np.ones(len(splats)), isolation(lengths, through)
-            else:
-                coverage = coverage * energy_gain(view.kernel, lengths)
-        return cls(row, _boxes(view, paths), paths.camera, blend, order, color, depth, coverage, isolated)
-
-    def part(self, window: Window) -> np.ndarray:
-        """A window of the picture, float64 [h, w, 4]."""
-        gathered = Band.empty(window.height * window.width)
-        for pairs in pair_values(self.row, self.boxes, self.order, window, self.camera):
-            s = pairs.splat
-            if len(s):
-                depth = self.depth[s] * pairs.integral.value
-                if self.isolated.any():
-                    depth = moving_depth(depth, self.depth[s] * pairs.integral.peak, self.isolated[s])
-                ADD[self.blend.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
-        return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
+    return Image(draw_bands(scene, resolved), {**info, "renderer": "float64 streaks"})
 
 
 def length_of(view: GridView, paths: Streaks) -> np.ndarray:

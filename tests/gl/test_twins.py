@@ -18,7 +18,7 @@ import pytest
 import splatgl as sg
 from splatgl.data.color import srgb_from_linear
 from splatgl.reference.blend import blend_opacity, pixel_means
-from splatgl.reference.renderer import attenuate_depth
+from splatgl.reference.rays import Row
 from splatgl.splat.footprint import fill_depth, run_length_along, run_lengths
 from splatgl.splat.lighting import apply_light
 from splatgl.splat.resolve import END_CORRECTION
@@ -245,7 +245,7 @@ def test_matter_of_splats(grid: str, name: str, twin: Twin) -> None:
     expression = "in_optical_depth = a.x; in_runs = int(a.y + 0.5); result.x = attenuated_depth(v, a.z)"
     inputs = np.stack([splats.records["optical_depth"], splats.runs, coverage], axis=1)
     found = twin("splat_setup.glsl", expression, plan, splats, v=voxel.T, a=inputs)[:, 0]
-    right = attenuate_depth(splats, plan.view, voxel, coverage)
+    right = Row.of(plan.view, "row1", voxel, splats.grid).attenuate_depth(splats, "fill")
     assert coverage.max() < 1 and np.abs(found / right - 1).max() < 2e-5
 
 

@@ -12,7 +12,7 @@ import pytest
 import splatgl as sg
 from splatgl.reference import streaks
 from splatgl.reference.rays import pair_values
-from splatgl.reference.renderer import _Scene
+from splatgl.reference.renderer import SplatScene, _scene
 from splatgl.splat.culling import Window
 from splatgl.splat.error_bound import MOVED, ULP, Bound, bound
 from splatgl.splat.kernels import kernel
@@ -174,7 +174,8 @@ def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest
 
 def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     """The most splats that a pixel's ray meets, and the most of their depth, as the reference has them."""
-    scene = _Scene(splats, Resolved.of(splats, camera, SPLATS.but(blend="xray")), "row1")
+    scene = _scene(splats, Resolved.of(splats, camera, SPLATS.but(blend="xray")), "row1")
+    assert isinstance(scene, SplatScene)
     pixels = camera.size[0] * camera.size[1]
     count, depth = np.zeros(pixels), np.zeros(pixels)
     length, share = splats.records["optical_depth"], scene.row.coverage()
