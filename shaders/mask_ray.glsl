@@ -27,9 +27,9 @@ float mask_above(int row, float sheet) {
 // The kept rest of a part of which the mask less its edge is m at the ends and linear between. A part in a face is kept.
 vec2 kept_part(vec2 part, vec2 m) {
     if (max(abs(m.x), abs(m.y)) < FLUSH) return part;
-    float cross = mix(part.x, part.y, m.x / (m.x == m.y ? 1.0 : m.x - m.y));
-    if (m.x >= 0.0) return vec2(part.x, m.y >= 0.0 ? part.y : cross);
-    return m.y >= 0.0 ? vec2(cross, part.y) : part.xx;
+    float edge = mix(part.x, part.y, m.x / (m.x == m.y ? 1.0 : m.x - m.y));
+    if (m.x >= 0.0) return vec2(part.x, m.y >= 0.0 ? part.y : edge);
+    return m.y >= 0.0 ? vec2(edge, part.y) : part.xx;
 }
 
 // The share of light by the mask's normal; the rest is by the gradient of values.

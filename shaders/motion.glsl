@@ -14,7 +14,7 @@
 
 struct Streak {
     vec2 shift;  // from the path's middle in time to its mean position
-    vec2 step;   // from its start to its end; both across the view at the middle's depth
+    vec2 move;   // from its start to its end; both across the view at the middle's depth
 };
 
 vec3 eye_point(vec4 columns[3], vec4 eye, vec3 local) {

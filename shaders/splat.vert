@@ -54,7 +54,7 @@ void main() {
     if (SHEETS > 0) sheet_shares = sheet_weights(sheet_place(in_position) - float(sheet));
 
     path_center = v;
-    path_step = streak.step;
+    path_step = streak.move;
     path_isolation = inner_x = inner_y = vec3(0.0);
     if (path_step != vec2(0.0)) {
         bool widened = PERSPECTIVE == 0 || is_widened(v);

@@ -11,7 +11,7 @@ uniform sampler2D blur_table;
 struct Passing {
     float along;     // offset along the path, from its middle
     float across2;   // and across it, squared
-    float length;    // the path's
+    float size;      // the path's length
     float gain;      // the integral over F
 };
 
@@ -54,7 +54,7 @@ Passing passing(vec3 v, vec2 at, vec2 step_, Inner inner) {
 
 // F/F(0) at the path's point nearest to the ray: the pixel's maximum.
 float stretched(Passing p) {
-    float beyond = max(abs(p.along) - 0.5 * p.length, 0.0);
+    float beyond = max(abs(p.along) - 0.5 * p.size, 0.0);
     return radial(beyond * beyond + p.across2);
 }
 
@@ -77,8 +77,8 @@ float share(float t, int row, float part, int last) {
 
 // The mean of the footprint along the path, over F(0).
 float blurred(Passing p) {
-    float near = p.along - 0.5 * p.length, far = p.along + 0.5 * p.length;
-    if (p.length <= SHORT) {
+    float near = p.along - 0.5 * p.size, far = p.along + 0.5 * p.size;
+    if (p.size <= SHORT) {
         float middle = radial(p.along * p.along + p.across2);
         return middle + (radial(near * near + p.across2) - 2.0 * middle + radial(far * far + p.across2)) / 6.0;
     }
@@ -92,10 +92,10 @@ float blurred(Passing p) {
     vec4 line = texelFetch(blur_table, ivec2(texels.x - 1, row), 0);
     float area = hermite(line.rg, line.ba, place);
     int last = texels.x - 2;
-    return area * (share(far / chord, row, place, last) - share(near / chord, row, place, last)) / p.length;
+    return area * (share(far / chord, row, place, last) - share(near / chord, row, place, last)) / p.size;
 }
 
 float streak_shape(Passing p) {
     if (MOTION == MOTION_EXACT) return p.gain * blurred(p);
-    return p.gain * stretched(p) / (1.0 + p.length * frame.weaken);
+    return p.gain * stretched(p) / (1.0 + p.size * frame.weaken);
 }

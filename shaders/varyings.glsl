@@ -45,7 +45,7 @@ WIDENED_VARYING vec4 mixed;
 SHEETS_VARYING vec4 sheet_shares;      // of the sheets that share it, nearest first
 HALF_LINE_VARYING vec4 center;         // the voxel relative to the eye, see to_index; w is 1 if around the eye
 MOTION_VARYING vec3 path_center;       // the middle of a streak's path, eye axes
-MOTION_VARYING vec2 path_step;         // Streak's step; 0 for still splats
+MOTION_VARYING vec2 path_step;         // Streak's move; 0 for still splats
 MOTION_VARYING vec3 path_isolation;    // isolation, see dwelt_opacity, and Inner's shrink
 MOTION_VARYING vec3 inner_x;           // Inner's axes
 MOTION_VARYING vec3 inner_y;

@@ -74,7 +74,7 @@ def test_streaks(name: str, twin: Twin) -> None:
         vec3 v = eye_from_index() * l - frame.eye_from_base.xyz;
         Streak found = streak_of(v, eye_point(frame.first_from_index, frame.first_from_base, l),
                                  eye_point(frame.last_from_index, frame.last_from_base, l));
-        result = vec4(v.xy + found.shift, found.step)
+        result = vec4(v.xy + found.shift, found.move)
     """
     found = twin("motion.glsl", expression, plan, splats, l=local)
     ahead = right.middle[2] > max(NEAREST, 1.2 * view.reach)
@@ -95,7 +95,7 @@ def test_paths(name: str, twin: Twin, rng: np.random.Generator) -> None:
     splats, view, plan = moving("cubes", name)
     v = some_voxels(rng, view, splats)
     ends = v + rng.normal(0, 0.5, (2, *v.shape))
-    expression = "Streak found = streak_of(v, a, b); result = vec4(found.shift, found.step)"
+    expression = "Streak found = streak_of(v, a, b); result = vec4(found.shift, found.move)"
     found = twin("motion.glsl", expression, plan, splats, v=v.T, a=ends[0].T, b=ends[1].T).T
     right = np.concatenate(streak_of(v, ends[0], ends[1], view.perspective))
     assert np.abs(found - right).max() < 1e-6 * np.abs(v).max()
@@ -117,7 +117,7 @@ def test_kernels_on_their_paths(grid: str, name: str, twin: Twin, rng: np.random
     right = length_of(view, Streaks(plan.exposure.middle, v, step))
     assert np.abs(found[3] - right).max() < 1e-5 * right.max()
     at = some_steps(rng, view, v) / 2
-    expression = f"{BOTH} Passing it = passing(v, p, s, inner); result = vec4(it.along, it.across2, it.length, it.gain)"
+    expression = f"{BOTH} Passing it = passing(v, p, s, inner); result = vec4(it.along, it.across2, it.size, it.gain)"
     found = twin("footprint_eval.glsl streak.glsl", expression, plan, splats, v=v.T, s=step.T, p=at.T).T
     passed = pass_kernels(view, v, (v[:2] + at) / (v[2] if view.perspective else 1.0), step)
     rights = np.stack([passed.along, passed.across**2, passed.length, passed.gain])
