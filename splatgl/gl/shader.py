@@ -91,6 +91,7 @@ def declared_switches(name: str) -> frozenset[str]:
     return frozenset(_declared(name))
 
 
+@lru_cache(maxsize=64)
 def _declared(name: str) -> dict[str, str]:
     """Returns the default of each switch."""
     return {match[1]: match[2] for _, text in _expand(name, (), set()) if (match := SWITCH.match(text))}

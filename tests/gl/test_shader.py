@@ -13,14 +13,15 @@ from splatgl.gl import shader
 from splatgl.gl.program import build
 from splatgl.gl.shader import ShaderError, compose, folder
 from splatgl.gl.uniforms import FRAME, STYLE
+from tests.helpers.twins import read_again
 
 
 @pytest.fixture
 def shaders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(shader, "folder", lambda: tmp_path)
-    shader._read.cache_clear()
+    read_again()
     yield tmp_path
-    shader._read.cache_clear()
+    read_again()
 
 
 def test_switches_and_includes(shaders: Path) -> None:

@@ -33,6 +33,12 @@ KINDS = {1: "float", 2: "vec2", 3: "vec3", 4: "vec4"}
 Twin = Callable[..., np.ndarray]
 
 
+def read_again() -> None:
+    """Forgets the shader files, which a test has changed."""
+    shader._read.cache_clear()
+    shader._declared.cache_clear()
+
+
 @pytest.fixture
 def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Twin]:
     """twin(files, expression, plan, splats, state, **inputs): float64 [N, 4], what GLSL computes for each of N inputs.
@@ -42,7 +48,7 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     folder = tmp_path / "shaders"
     shutil.copytree(shader.folder(), folder)
     monkeypatch.setattr(shader, "folder", lambda: folder)
-    shader._read.cache_clear()
+    read_again()
 
     def computed(
         files: str,
@@ -56,7 +62,7 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             name: np.ascontiguousarray(value, np.float32).reshape(len(value), -1) for name, value in inputs.items()
         }
         (folder / "twin.vert").write_text(_source(folder, files.split(), expression, arrays))
-        shader._read.cache_clear()
+        read_again()
         known = shader.declared_switches("twin.vert")
         chosen = splat_switches(plan.program) if plan else {}
         chosen.update({name: value for name, value in (state or {}).items() if name.isupper()})
@@ -70,7 +76,7 @@ def twin(renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         return _run(renderer.ctx, program, arrays, made)
 
     yield computed
-    shader._read.cache_clear()
+    read_again()
 
 
 def _source(folder: Path, files: list[str], expression: str, arrays: Mapping[str, np.ndarray]) -> str:
