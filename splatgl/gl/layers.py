@@ -11,12 +11,12 @@ import numpy as np
 from splatgl.errors import InputError
 from splatgl.gl.buffers import DrawOrder, SplatBuffers
 from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.program import Programs
+from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import LANES, PAGE
 from splatgl.gl.sheet_tiles import BoxTiles, SheetTiles
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import Tables
-from splatgl.gl.tiles import Band, set_uniforms
+from splatgl.gl.tiles import Band
 from splatgl.splat.culling import Window
 from splatgl.splat.ordering import order_for
 from splatgl.splat.plan import Plan

@@ -15,9 +15,8 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.errors import InputError
-from splatgl.gl.program import Programs, use_blend
+from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.target import Target, check_size, settle
-from splatgl.gl.tiles import set_uniforms
 from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import map_places, map_tables
 from splatgl.splat.settings import BLENDS

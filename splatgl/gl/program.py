@@ -117,6 +117,13 @@ def _bind_blocks(program: Compiled) -> None:
             program[sampler] = unit
 
 
+def set_uniforms(program: Compiled, **values: object) -> None:
+    """Sets the uniforms; skips those that the program lacks."""
+    for name, value in values.items():
+        if name in program:
+            program[name] = value
+
+
 class Programs:
     """LRU cache of compiled programs; compiles a program on its first use."""
 

@@ -8,10 +8,9 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, SplatBuffers, chunks, indices
 from splatgl.gl.features import feature_uniforms
-from splatgl.gl.program import Programs, use_blend
+from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import BLUR_UNIT, HALF_LINE_UNIT
-from splatgl.gl.tiles import set_uniforms
 from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Plan
 from splatgl.splat.splats import MOST_KEPT, Splats

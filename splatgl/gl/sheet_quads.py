@@ -15,12 +15,12 @@ import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Instances, uneven
 from splatgl.gl.near_sheets import NearSheets
-from splatgl.gl.program import Programs, use_blend
+from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
 from splatgl.gl.sheet_tiles import sheet_uniforms
 from splatgl.gl.target import Portions, Target, settle
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables
-from splatgl.gl.tiles import bands_of, set_uniforms
+from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import frame_block
 from splatgl.splat.culling import Window, screen_bounds
 from splatgl.splat.grid import corners_of

@@ -14,11 +14,11 @@ from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.near_sheets import NOTHING, NearSheets
-from splatgl.gl.program import Programs
+from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import ABREAST, LANES
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_uniforms
-from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of, set_uniforms
+from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.bricks import IsVisible, Shell
 from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box

@@ -16,7 +16,7 @@ import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, uneven
 from splatgl.gl.features import Uniforms, feature_uniforms
-from splatgl.gl.program import Programs
+from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import ABREAST, LANES, LISTED, NOWHERE
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import HALF_LINE_UNIT
@@ -316,10 +316,3 @@ def _textures(program: Program) -> int:
     if program.bent:
         return 5 if program.seen.cubic else 7
     return 4 if program.look.sheets and not program.packed else 3
-
-
-def set_uniforms(program: moderngl.Program | moderngl.ComputeShader, **values: object) -> None:
-    """Sets the uniforms; skips those that the program lacks."""
-    for name, value in values.items():
-        if name in program:
-            program[name] = value
