@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import re
@@ -18,14 +17,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.animation.camera_track import Track, Turning, keyframes, turning
-from splatgl.animation.movie import read_ahead, time_points, volumes
+from splatgl.animation.movie import read_ahead, time_points
 from splatgl.annotations.annotate import annotated, check_size, check_time, on_ground
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
-from splatgl.options import non_default
+from splatgl.options import Group, Kind, check_options, non_default, option
 from splatgl.scene.draw import progress_bar
 from splatgl.scene.open_scene import OpenScene, annotated_part, print_notes, provenance_of, without_background
 from splatgl.scene.scene_file import SceneFile
@@ -58,6 +57,67 @@ ALIKE = 0.005
 LOOKS = 64
 
 
+# most degrees or time units per frame; beyond it sines lose all precision
+MAX_PACE = 1e9
+MAX_FRAMES = 1_000_000
+
+
+def _read_span(text: str) -> tuple[int, int]:
+    first, _, last = text.partition("-")
+    if not (first.isdecimal() and (last or first).isdecimal() and int(first) <= int(last or first)):
+        raise ValueError
+    return int(first), int(last or first)
+
+
+_option = partial(option, group=Group.ANIMATION)
+_COUNT = Kind.whole(1, MAX_FRAMES)
+_pace = partial(Kind.number, f"a number from {-MAX_PACE:g} to {MAX_PACE:g}", -MAX_PACE, MAX_PACE)
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Options of an animation: its frames, and the motion of the camera and the volume."""
+
+    frames: int | None = _option(None, _COUNT, f"number of frames of the whole animation (default {FRAMES})")
+    only: tuple[int, int] | None = _option(
+        None,
+        Kind("two frames", tuple, _read_span, "A-B", written="A-B, such as 10-19"),
+        "draw only frames A to B, counted from 0",
+    )
+    turntable: float | None = _option(
+        None,
+        _pace(metavar="DEG"),
+        f"total angle of a camera that orbits the volume (default {FULL_TURN:g})",
+    )
+    spin: float | None = _option(None, _pace(metavar="DEG"), "rotation of the volume per frame")
+    axis: tuple[float, float, float] | None = _option(
+        None, Kind.numbers(3, "X,Y,Z"), "axis of rotation through the centre (default: up)"
+    )
+    keyframes: str | None = _option(
+        None,
+        Kind.instance("the name of a file", str, metavar="FILE.toml"),
+        "views of some frames; the frames between are interpolated",
+    )
+    hold: int = _option(1, _COUNT, "frames for each volume of a series (default 1)")
+    flow: float | None = _option(
+        None, _pace(metavar="F"), "motion blur along the vectors of the volume, F times their length per frame"
+    )
+
+    def __post_init__(self) -> None:
+        check_options(self)
+        given = [f"--{name}" for name in ("turntable", "spin", "keyframes") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise expected("animate", "one of --turntable, --spin and --keyframes", " and ".join(given))
+
+    def degrees(self, count: int, series: bool) -> float:
+        """Rotation of the volume per frame in degrees; --turntable rotates it the other way."""
+        if self.spin is not None:
+            return self.spin
+        if self.turntable is None and series:
+            return 0.0
+        return -(FULL_TURN if self.turntable is None else self.turntable) / count
+
+
 @dataclass(frozen=True, eq=False)
 class Animation:
     """Frames of one volume or of a series. scenes: one for each volume, with a common transfer function. numbers: the
@@ -79,43 +139,44 @@ class Animation:
     over: Over | None = None
 
     @classmethod
-    def of(cls, file: SceneFile, args: argparse.Namespace) -> Animation:
-        """The animation of a scene and of the files in `args.more`. Reads the first volume, whose transfer function and
-        view apply to all volumes.
+    def of(
+        cls, scenes: list[SceneFile], timeline: Timeline, time: int | slice | None, bits: int, is_quiet: bool
+    ) -> Animation:
+        """The animation of scenes. Reads the first volume, whose transfer function and view apply to all volumes. time:
+        as of `time_points`.
         """
-        scenes = volumes(file, args.more)
-        if len(scenes) > 1 and isinstance(args.time, slice):
+        if len(scenes) > 1 and isinstance(time, slice):
             raise expected("--time", "one time point of each file", "several", "animate one file, or name one point")
-        names = file.annotate
-        check_size(names, file.view.size)
+        names = scenes[0].annotate
+        check_size(names, scenes[0].view.size)
         # the view is fitted to the box in all frames
         scenes = [replace(scene, annotate=()) for scene in scenes]
         file = scenes[0]
         scene = OpenScene.read(file)
         if len(scenes) == 1:
-            scenes = time_points(file, scene.volume, args.time)
+            scenes = time_points(file, scene.volume, time)
             if scenes[0] is not file:
                 scene = OpenScene.of(scenes[0], replace(scenes[0].open(), notes=()))
-        print_notes(scene.volume, args.quiet)
+        print_notes(scene.volume, is_quiet)
         settings, view = scene.file.settings, scene.file.view
-        if args.flow is not None and settings.motion == "off" and settings.moments is None:
+        if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
         scenes = [replace(scene, settings=settings, view=view, clip=None, crop="") for scene in scenes]
-        scene = replace(scene, file=scenes[0], is_quiet=args.quiet, is_moving=settings.shutter > 0)
+        scene = replace(scene, file=scenes[0], is_quiet=is_quiet, is_moving=settings.shutter > 0)
         series = len(scenes) if len(scenes) > 1 else 0
-        bands = _bands(scene, args.flow) if scene.is_single else 0
-        only = None if bands or (series and scene.is_single) else _matter(scene, args)
+        bands = _bands(scene, timeline.flow) if scene.is_single else 0
+        only = None if bands or (series and scene.is_single) else _matter(scene, timeline.flow)
         if len(scenes) == 1:
             check_time(names)
         subject = annotated_part(scene.volume) if "box" in names else _visible_part(scene, bands, only)
-        track, count = _track(scene, subject, args, series)
-        first, last = args.only or (0, count - 1)
+        track, count = _track(scene, subject, timeline, series)
+        first, last = timeline.only or (0, count - 1)
         if last >= count:
             raise expected("--only", f"frames from 0 to {count - 1}", f"{first}-{last}")
         over = Over(names, scene.annotated_subject, scene.volume.time_step) if names else None
         only = None if series else only
         numbers = range(first, last + 1)
-        return cls(scenes, scene.transfer, track, count, numbers, args.hold, args.flow, args.bits, only, bands, over)
+        return cls(scenes, scene.transfer, track, count, numbers, timeline.hold, timeline.flow, bits, only, bands, over)
 
     def shown(self, frame: int) -> int:
         """Index of the volume shown in a frame; a series repeats."""
@@ -206,10 +267,10 @@ class Animation:
         return max(moments_per_frame(subject, camera, settings, turn) for camera in cameras) or None
 
 
-def _matter(scene: OpenScene, args: argparse.Namespace) -> Matter:
+def _matter(scene: OpenScene, flow: float | None) -> Matter:
     """The subject of frames of one volume. Raises InputError if nothing is visible."""
     if not scene.is_single:
-        if args.flow is not None:
+        if flow is not None:
             raise expected("--flow", "a scene of one volume", "layers, channels or meshes")
         scene.check_fits()
     if not scene.has_matter:
@@ -227,16 +288,16 @@ def _visible_part(scene: OpenScene, bands: int, only: Matter | None) -> Bounded:
     return only.subject
 
 
-def _track(scene: OpenScene, subject: Bounded, args: argparse.Namespace, series: int) -> tuple[Track, int]:
+def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) -> tuple[Track, int]:
     """The camera track, and the number of frames. series: number of volumes, if there are several."""
     view, volume = scene.file.view, scene.volume
-    count = args.frames or (series * args.hold if series else FRAMES)
-    if args.keyframes:
-        track = keyframes(Path(args.keyframes), view, volume, subject)
-        return track, args.frames or track.last + 1
-    axis = None if args.axis is None else np.array(args.axis)
-    turns = turning(view, volume, subject, _degrees(args, count, series > 1), axis)
-    if not args.quiet:
+    count = timeline.frames or (series * timeline.hold if series else FRAMES)
+    if timeline.keyframes:
+        track = keyframes(Path(timeline.keyframes), view, volume, subject)
+        return track, timeline.frames or track.last + 1
+    axis = None if timeline.axis is None else np.array(timeline.axis)
+    turns = turning(view, volume, subject, timeline.degrees(count, series > 1), axis)
+    if not scene.is_quiet:
         still = view.camera(volume, Opaque(volume, scene.transfer) if series and scene.is_single else subject)
         _tell_size(turns.camera(0), still, subject, series > 1)
     return turns, count
@@ -250,15 +311,6 @@ def _tell_size(camera: Camera, still: Camera, subject: Bounded, series: bool) ->
         whole = "the whole of each volume of the series" if series else "the whole turn"
         note = f"the camera fits {whole}: frame 0 is {ratio:.3g} times as large as the picture of render"
         print(f"splatgl: {note}; --zoom changes it", file=sys.stderr)
-
-
-def _degrees(args: argparse.Namespace, count: int, series: bool) -> float:
-    """Rotation of the volume per frame in degrees; --turntable rotates it the other way."""
-    if args.spin is not None:
-        return float(args.spin)
-    if args.turntable is None and series:
-        return 0.0
-    return -float(args.turntable if args.turntable is not None else FULL_TURN) / count
 
 
 def _bands(scene: OpenScene, flow: float | None) -> int:

@@ -376,7 +376,7 @@ def test_movies_need_their_extra(
         (["-o", ""], "output: expected a name, got nothing"),
         (["-o", "a{frame}.png", "--keyframes", ""], "keyframes: expected a name, got nothing"),
         (["-o", "a{frame}.gif", "--fps", "1e-308"], "--fps: expected a number from 0.01"),
-        (["-o", "a{frame}.png", "--axis", "inf,0,1"], "axis: expected a direction"),
+        (["-o", "a{frame}.png", "--axis", "inf,0,1"], "--axis: expected 3 finite numbers"),
         (["-o", "a{frame.png"], "a name with {frame} in it"),
         (["-o", "a{frame}.jpg"], "ends in .png or .npy"),
         (["-o", "{frame}/a.png"], "in the file's name alone"),
