@@ -5,15 +5,15 @@ uniform uint layer;  // whose matter is kept
 uniform uint band;   // pixels of a layer in the heads
 uniform uint room;   // pages that there are; beyond them matter is only counted
 uniform float thin;  // largest optical depth of a piece that is joined from several
-uint kept_tile, kept_column;
+uint kept_tile, kept_lane;
 // a pixel's matter that is not kept yet, and its ends, in sheets
 vec4 waiting[ROWS];
 vec2 waiting_ends[ROWS];
 
-// Sets the tile and the column in it whose matter is kept.
-void set_column(uint tile, uint column) {
+// Sets the tile and the invocation of its group whose matter is kept.
+void set_column(uint tile, uint lane) {
     kept_tile = tile;
-    kept_column = column;
+    kept_lane = lane;
 }
 
 void begin_matter(int row) {
@@ -22,7 +22,7 @@ void begin_matter(int row) {
 
 // Keeps a piece of a pixel's matter. ends: in sheets from the first. Returns false beyond the room.
 bool keep_matter(int row, vec2 ends, vec4 matter) {
-    uint head = head_of(layer, band, kept_pixel(kept_tile, uint(row), kept_column));
+    uint head = head_of(layer, band, kept_pixel(kept_tile, uint(row), kept_lane));
     return keep_piece(head, room, packed_piece(ends, matter, style.brightest));
 }
 

@@ -1,5 +1,5 @@
 // Twin of layer_matter.glsl for a volume alone: keeps nothing.
-void set_column(uint tile, uint column) {}
+void set_column(uint tile, uint lane) {}
 
 void begin_matter(int row) {}
 

@@ -1,7 +1,7 @@
 // Stores the matter of layers along each pixel's ray: a list of pages, each of PAGE − 1 pieces and the number of the next
 // page. A piece holds its begin, in sheets from the first; red and green; its optical depth; blue and its length.
-#constant LANES
-#constant ROWS
+#constant COLUMNS
+#constant TILE_ROWS
 #constant PAGE
 #define LONGEST_PIECE 16.0
 layout(std430, binding = 7) buffer Pages { uvec4 kept_pages[]; };
@@ -12,8 +12,9 @@ uint head_of(uint layer, uint band, uint pixel) {
     return 4u * (1u + layer * band + pixel);
 }
 
-uint kept_pixel(uint tile, uint row, uint column) {
-    return (tile * uint(ROWS) + row) * uint(LANES) + column;
+// lane: of the invocation whose first pixel is `row` pixels above.
+uint kept_pixel(uint tile, uint row, uint lane) {
+    return (tile * uint(TILE_ROWS) + row) * uint(COLUMNS) + lane;
 }
 
 // Adds a piece to a pixel's list; false, and only counted, beyond the room of so many pages.

@@ -1,14 +1,14 @@
 // Composites the matter of several layers along each ray, nearest first: where layers overlap, extinctions and emissions
-// add up. Each invocation composites one column of its tile. Twin of splatgl/reference/layers.py.
+// add up. Each invocation composites its pixels of a tile. Twin of splatgl/reference/layers.py.
 // switch LAYERS 2       number of layers
+// switch LANES 8        invocations of a group
+// switch ROWS 8         pixels of an invocation, in a column
 // switch PERSPECTIVE 1  0: a parallel view
 // version 430
-#constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #include "frame.glsl"
 #include "optics.glsl"
 #include "layer_pages.glsl"
-#constant COLUMNS
 #define NOTHING 1e30
 
 layout(rgba32f, binding = 0) uniform writeonly image2D target;
@@ -59,12 +59,13 @@ void take(int n) {
 }
 
 void main() {
-    uint tile = gl_WorkGroupID.x, column = gl_LocalInvocationID.x;
-    ivec2 corner = origin + ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, ROWS);
+    uint tile = gl_WorkGroupID.x, lane = gl_LocalInvocationID.x;
+    ivec2 corner = origin + ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, TILE_ROWS);
+    corner += ivec2(lane % uint(COLUMNS), lane / uint(COLUMNS));
     for (int row = 0; row < ROWS; row++) {
-        ivec2 pixel = corner + ivec2(column, row);
+        ivec2 pixel = corner + ivec2(0, row);
         for (int n = 0; n < LAYERS; n++) {
-            set_layer(n, vec2(pixel) + 0.5, head_of(uint(n), band, kept_pixel(tile, uint(row), column)));
+            set_layer(n, vec2(pixel) + 0.5, head_of(uint(n), band, kept_pixel(tile, uint(row), lane)));
             take(n);
         }
         vec4 light = vec4(0.0);

@@ -1,10 +1,12 @@
 // Composites sheets tile by tile: each invocation adds its tile's list, which is in the order of first sheets, to the
-// open sheets of one column of pixels, and composites each sheet once the list has passed it.
+// open sheets of its pixels, and composites each sheet once the list has passed it.
 // Twin of splatgl/reference/sheets.py.
 // switch CARRIED 0    lists continue in other dispatches
+// switch CARD 0       a graphics card's shape: one pixel an invocation, splats in shared memory
+// switch LANES 8      invocations of a group
+// switch ROWS 8       pixels of an invocation, in a column
 // version 430
 // extension GL_ARB_shader_group_vote
-#constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
 #include "sheet_composite.glsl"
@@ -15,6 +17,9 @@ layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles 
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;           // opacity at which a tile terminates
 uniform bool partial;           // what is drawn is a part, which shows no value yet
+
+// Composites a tile's list. mine: its element of lists; lane: the invocation.
+void composite_tile(uvec4 mine, uint lane);
 
 // A splat's share of a pixel, and what it adds to sheets times their weights.
 float valued(Joined it, Ray ray, int row) {
@@ -40,6 +45,16 @@ void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
     if (STEPS > 0) masses[row] += shares * vec4(1.0);
 }
 
+// Adds a splat to a pixel's open sheets, by a weight in each.
+void add_splat(int row, Joined it, Ray ray, vec4 weights) {
+    vec4 shares = weights * valued(it, ray, row), term = term_of(it);
+    sum0[row] += term * shares.x;
+    sum1[row] += term * shares.y;
+    if (SHEETS > 2) sum2[row] += term * shares.z;
+    if (SHEETS > 3) sum3[row] += term * shares.w;
+    if (STEPS > 0) masses[row] += shares;
+}
+
 void open_pixel(int row) {
     sum0[row] = sum1[row] = sum2[row] = sum3[row] = masses[row] = vec4(0.0);
     middle[row] = before[row] = vec4(0.0);
@@ -48,126 +63,8 @@ void open_pixel(int row) {
     if (STEPS > 0 || LIMITED == 1) set_ray(row);
 }
 
-// The four entries of a list around one, and its first sheet.
-int next_base(uint at, uint end, out uvec4 names) {
-    at = min(at, end - 1u);
-    names = texelFetch(list, listed_at(at), 0);
-    uint n = names[at & 3u];
-    ivec2 texel = texel_of(n);
-    return sheet_base(uintBitsToFloat(PACKED == 1 ? texelFetch(shapes, texel, 0).w : texelFetch(matters, texel, 0).w));
-}
-
-#define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
-#define AT(row) (corner + ivec2(0, row))
-#define BEGIN(row) ray[row] = ray_of(first + vec2(0.0, row)); open_pixel(row);
-#define RESUME(row) light[row] = imageLoad(target, AT(row)); read_pixel(tile, row);
-#define ADD(row) add_four(row, four, ray[row], weights);
-#define TAKE(row) if (take_sheet(row, current)) seen = true;
-#define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
-#define CLOSE(row) close_sheet(row, current - 1);
-#define KEEP(row) write_pixel(tile, row);
-#define EMPTY(row) begin_matter(row);
-#define KEEP_MATTER(row) end_matter(row);
-#define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
-
-// Returns whether a condition holds in any column of the subgroup, which then stays together; without votes, in this one.
-bool any_column(bool so) {
-#ifdef GL_ARB_shader_group_vote
-    return anyInvocationARB(so);
-#else
-    return so;
-#endif
-}
-
 void main() {
-    uvec4 mine = lists[gl_WorkGroupID.x];
-    uint tile = mine.x, at = mine.y, end = mine.z;
-    ivec2 corner = ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, ROWS);
-    corner += origin + ivec2(gl_LocalInvocationID.x, 0);
-    first = vec2(corner) + 0.5;
-    set_column(tile, gl_LocalInvocationID.x);
-    Ray ray[ROWS];
-    EACH(BEGIN)
-    EACH(EMPTY)
-    coverage = table_quad(vec3(0.0)).coverage;
-    // the nearest open sheet, and how many sheets from it on may hold something
-    int current = 0, holding = 0;
-    bool begun = false;
-    if (CARRIED == 1) {
-        EACH(RESUME)
-        read_column(tile, current, holding, begun);
-    }
-    if (NEAR == 1 && !begun) {
-        current = planes().x;
-        holding = planes().y;
-    }
-    float least = 0.0;
-    uvec4 names;
-    // the volume's box along the rays, in sheets; its nearest splats may be before it
-    vec2 span = vec2(-1e9, 1e9);
-    if (STEPS > 0) {
-        span = vec2(1e9, -1e9);
-        EACH(SPAN)
-        for (uint then = (at & ~3u) + 4u; then < end; then += 4u) {
-            if (any_column(float(next_base(then, end, names) + SHEETS) >= floor(span.x))) break;
-            at = then;
-        }
-    }
-    int next = next_base(at, end, names);
-    while (at < end || (mine.w == 1u && holding > 0)) {
-        bool seen = false, waits = false, behind = false;
-        do {
-            if (holding <= 0) current = max(next, current);
-            do {
-                // the sheets around the eye may have no list
-                if (NEAR == 1 && at >= end) break;
-                // in the list's order; beyond its end the first repeats, without weight
-                uint group = at & ~3u;
-                Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
-                                           read_splat(group + 2u < end ? names.z : names.x),
-                                           read_splat(group + 3u < end ? names.w : names.x));
-                vec4 weights[4];
-                uint passed = at;
-                for (uint i = 0u; i < 4u; i++) {
-                    uint n = group + i;
-                    // in turn: rounding where the list was sorted may have put one before its sheet
-                    bool now = n == passed && n < end && sheet_base(four[i].last) <= current;
-                    weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
-                    passed += uint(now);
-                }
-                EACH(ADD)
-                // classified after, what they hold reaches a sheet further, which the next one ends
-                if (passed > at) holding = max(holding, SHEETS + (STEPS > 0 ? 2 : 0));
-                at = passed;
-                next = next_base(at, end, names);
-            } while (at < end && next <= current);
-            // a list that continues may hold more of this sheet
-            waits = at >= end && mine.w == 0u;
-            if (waits) break;
-            EACH(TAKE)
-            seen = any_column(seen);
-            current++;
-            holding--;
-            behind = STEPS > 0 && !any_column(float(current) - 1.5 < span.y);
-        } while (!seen && !behind && (at < end || holding > 0));
-        if (waits) break;
-        EACH(CLOSE)
-        if (behind) {
-            // nothing more is in the box; one value is shown of it when the list is complete
-            if (mine.w == 1u || !ONE_VALUE) least = 2.0;
-            break;
-        }
-        if (!IN_ORDER) continue;
-        least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
-                    min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
-        if (!any_column(least <= opaque)) break;
-    }
-    EACH(KEEP_MATTER)
-    EACH(END)
-    if (least <= opaque) open[tile] = 1u;
-    // of all columns, as those that have ended go on with the others
-    if (CARRIED == 1 && mine.w == 0u) {
-        EACH(KEEP)
-        write_column(tile, current, holding);
-    }
+    composite_tile(lists[gl_WorkGroupID.x], gl_LocalInvocationID.x);
 }
+
+#include "sheet_pixels.glsl" if CARD else "sheet_columns.glsl"

@@ -1,8 +1,8 @@
 // Sorts splats by their first sheet: counts those of each run by sheet, or writes their numbers in order. Splats beyond
 // the picture's edges come last. Each invocation processes one run of splats.
 // switch COUNTING 0  only counts
+// switch LANES 8     invocations of a group
 // version 430
-#constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #define VARYING
 #define FLAT

@@ -1,8 +1,8 @@
 // Counts the splats of each run that touch each tile, or lists them by tile in drawing order. Each invocation processes
 // one run of splats; within a tile's list, runs follow each other.
 // switch COUNTING 0  only counts
+// switch LANES 8     invocations of a group
 // version 430
-#constant LANES  // invocations of a group
 layout(local_size_x = LANES) in;
 #define VARYING
 #define FLAT

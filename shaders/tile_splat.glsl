@@ -45,33 +45,46 @@ float share_at(Joined it, Ray ray, float row) {
     return value;
 }
 
-Joined read_splat(uint n) {
+// Reads a splat's texels. head: centre, value or depth, half a side; matter: colour or gradient, and coverage or its
+// place in sheets.
+void read_texels(uint n, out vec4 head, out vec4 shape, out vec4 matter) {
     ivec2 texel = texel_of(n);
-    uvec4 head = texelFetch(heads, texel, 0);
-    uvec4 shape = texelFetch(shapes, texel, 0);
-    Joined it;
-    it.offset = first - uintBitsToFloat(head.xy);
-    it.shape = uintBitsToFloat(shape);
-    it.place = vec3(uintBitsToFloat(head.xy), FULL ? it.shape.x : it.shape.y);
-    if (FULL) {
-        it.splat = uintBitsToFloat(texelFetch(matters, texel, 0));
-        it.last = it.splat.a;
-        it.half_side = uintBitsToFloat(head.w);
-        it.around = it.half_side < 0.0;
-    } else {
-        uvec2 color = uvec2(head.w, shape.w);
-        it.splat.rgb = PACKED == 1 ? unpacked_gradient(uvec4(shape.xyz, head.w)) : unpacked_color(color) * style.brightest;
-        it.last = it.shape.w;
-        it.around = it.shape.x < 0.0;
+    uvec4 words = texelFetch(heads, texel, 0), others = texelFetch(shapes, texel, 0);
+    head = uintBitsToFloat(words);
+    shape = uintBitsToFloat(others);
+    if (FULL) matter = uintBitsToFloat(texelFetch(matters, texel, 0));
+    else {
+        vec3 color = unpacked_color(uvec2(words.w, others.w)) * style.brightest;
+        matter = vec4(PACKED == 1 ? unpacked_gradient(uvec4(others.xyz, words.w)) : color, shape.w);
     }
+}
+
+// The splat of these texels, without the terms of a bent one.
+Joined joined(vec4 head, vec4 shape, vec4 matter) {
+    Joined it;
+    it.offset = first - head.xy;
+    it.shape = shape;
+    it.place = vec3(head.xy, FULL ? shape.x : shape.y);
+    it.around = (FULL ? head.w : shape.x) < 0.0;
+    it.splat = vec4(matter.rgb, head.z);
+    it.last = matter.a;
+    it.half_side = head.w;
+    if (!BENT) it.shape.x *= it.offset.x;
+    return it;
+}
+
+Joined read_splat(uint n) {
+    vec4 head, shape, matter;
+    read_texels(n, head, shape, matter);
+    Joined it = joined(head, shape, matter);
     if (BENT) {
+        ivec2 texel = texel_of(n);
         it.bend = uintBitsToFloat(texelFetch(bends, texel, 0));
         if (CUBIC == 0) {
             it.cubic = uintBitsToFloat(texelFetch(cubics, texel, 0));
             it.mixed = uintBitsToFloat(texelFetch(mixeds, texel, 0));
         }
-    } else it.shape.x *= it.offset.x;
-    it.splat.a = uintBitsToFloat(head.z);
+    }
     return it;
 }
 

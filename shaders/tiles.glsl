@@ -7,7 +7,7 @@
 // switch PACKED 0  gradients of 17 bits a component
 #include "varyings.glsl"
 #constant COLUMNS  // pixels of a tile
-#constant ROWS
+#constant TILE_ROWS
 #constant ABREAST  // splats along a row of the textures
 #constant LISTED   // and fours of entries along one of the list
 #constant PIXEL_MARGIN
@@ -26,6 +26,12 @@ uniform ivec2 tiles;    // along x and y
 
 ivec2 texel_of(uint n) {
     return ivec2(int(n % ABREAST), int(n / ABREAST));
+}
+
+// The first pixel of an invocation of a tile's group: of rows of COLUMNS invocations, from the tile's first row on.
+ivec2 first_pixel(uint tile, uint lane) {
+    ivec2 corner = ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, TILE_ROWS);
+    return origin + corner + ivec2(lane % uint(COLUMNS), lane / uint(COLUMNS));
 }
 
 // A colour from 0 to 1 in two words: 21 bits a channel, of which green's are in both.
@@ -104,13 +110,13 @@ ivec2 reached_by(vec2 ends, float origin_, int side, int many) {
 
 // First and last row of tiles that an ellipse touches.
 ivec2 rows_of(float center, float height) {
-    return reached_by(vec2(center - height, center + height), float(origin.y), ROWS, tiles.y);
+    return reached_by(vec2(center - height, center + height), float(origin.y), TILE_ROWS, tiles.y);
 }
 
 // First and last tile that it touches in a row of tiles; none if the first is after the last.
 ivec2 span_of(vec2 center, Extent it, int row) {
-    float top = float(origin.y + row * ROWS) + 0.5 - center.y;
-    vec2 y = vec2(max(top, -it.height), min(top + float(ROWS - 1), it.height));
+    float top = float(origin.y + row * TILE_ROWS) + 0.5 - center.y;
+    vec2 y = vec2(max(top, -it.height), min(top + float(TILE_ROWS - 1), it.height));
     if (y.x > y.y) return ivec2(1, 0);
     // where x is furthest
     float furthest = it.k * it.height * it.height / max(length(vec2(it.width, it.k * it.height)), 1e-30);

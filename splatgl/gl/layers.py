@@ -12,7 +12,7 @@ from splatgl.errors import InputError
 from splatgl.gl.buffers import DrawOrder, SplatBuffers
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms
-from splatgl.gl.shader import LANES, PAGE
+from splatgl.gl.shader import PAGE
 from splatgl.gl.sheet_tiles import BoxTiles, SheetTiles
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import Tables
@@ -102,7 +102,7 @@ class LayerTiles(SheetTiles):
     ) -> int:
         """Composites a window; returns the number of pages it needs. If more than ROOM, nothing is composited."""
         band = self.begin(window)
-        pixels = band.closed.size * ROWS * LANES
+        pixels = band.closed.size * ROWS * COLUMNS
         heads, used = self._empty_heads(len(layers), pixels), 0
         for n, (splats, plan) in enumerate(layers):
             bind(splats, plan)

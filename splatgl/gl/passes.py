@@ -18,6 +18,7 @@ from splatgl.gl.meshes import Surfaces
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads, Streaks
+from splatgl.gl.shader import Shape
 from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.sheet_tiles import Batches, BoxTiles, SheetTiles
 from splatgl.gl.target import Portions, Target, Targets
@@ -45,12 +46,12 @@ class Technique(Protocol):
 
 
 class Passes:
-    """GL objects cached between pictures: programs, targets, tables and splat buffers."""
+    """GL objects cached between pictures: programs, targets, tables and splat buffers. shape: of compute shaders."""
 
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
         self.ctx = ctx
         self.owned = owned
-        self.programs = Programs(ctx, owned)
+        self.programs = Programs(ctx, owned, shape)
         self.targets = Targets(ctx, owned)
         self.tables = Tables(ctx, owned)
         self.fields = FieldTextures(ctx, owned)

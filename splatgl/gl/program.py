@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.features import FIELD_UNITS, features_of
-from splatgl.gl.shader import ShaderError, compose, declared_switches
+from splatgl.gl.shader import ShaderError, Shape, compose, declared_switches
 from splatgl.gl.uniforms import FRAME_BINDING, STYLE_BINDING
 from splatgl.splat.kernels import kernel, polynomials, single_polynomial
 from splatgl.splat.plan import Program
@@ -125,10 +125,10 @@ def set_uniforms(program: Compiled, **values: object) -> None:
 
 
 class Programs:
-    """LRU cache of compiled programs; compiles a program on its first use."""
+    """LRU cache of compiled programs; compiles a program on its first use. shape: of the compute shaders."""
 
-    def __init__(self, ctx: moderngl.Context, owned: ExitStack) -> None:
-        self.ctx = ctx
+    def __init__(self, ctx: moderngl.Context, owned: ExitStack, shape: Shape) -> None:
+        self.ctx, self.shape = ctx, shape
         # programs by shader files and switches, the most recently used last; number of compilations
         self.kept: dict[tuple[tuple[str, ...], Chosen], Compiled] = {}
         self.compiled = 0
@@ -154,7 +154,7 @@ class Programs:
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
         """Returns a compute shader of the tiles. more: additional switches."""
-        chosen = self._read((name,), program, more)
+        chosen = self._read((name,), program, {**self.shape.switches, **more})
         compiled = self._kept((name,), chosen, lambda: build_compute(self.ctx, name, dict(chosen)))
         return cast(moderngl.ComputeShader, compiled)
 

@@ -18,6 +18,7 @@ from splatgl.errors import InputError, expected
 from splatgl.gl.backends import hand_back
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
+from splatgl.gl.shader import choose_shape
 from splatgl.gl.sheet_tiles import Batches
 from splatgl.gl.target import check_size
 from splatgl.splat.bricks import Bricks, IsVisible
@@ -48,16 +49,23 @@ class Renderer:
     """Headless renderer. Use it in a `with` block, or call `close()`.
 
     backend: egl, osmesa, window or auto. device: index of the EGL device. require_gpu: fail with a software renderer.
-    Raises InputError if no context can be opened.
+    shape: of compute shaders, processor or card; None: SPLATGL_SHAPE, or by the device. Raises InputError if no context
+    can be opened.
     """
 
-    def __init__(self, backend: str = "auto", device: int | None = None, require_gpu: bool = False) -> None:
+    def __init__(
+        self,
+        backend: str = "auto",
+        device: int | None = None,
+        require_gpu: bool = False,
+        shape: str | None = None,
+    ) -> None:
         self.owned = ExitStack()
         self.ctx: moderngl.Context = open_context(backend, device, require_gpu=require_gpu or None)
         self.owned.callback(self.ctx.release)
         try:
             self.info = context_info(self.ctx)
-            self.passes = Passes(self.ctx, self.owned)
+            self.passes = Passes(self.ctx, self.owned, choose_shape(self.info.software, shape))
             # tiles are faster if the CPU blends
             self.tiles = self.info.software if self.ctx.version_code >= COMPUTE else None
         except BaseException:

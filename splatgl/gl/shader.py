@@ -8,6 +8,7 @@ ShaderError with file and line. The composed text records the origin of each lin
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatgl.errors import expected
 from splatgl.splat import (
     clipping,
     colormaps,
@@ -40,6 +42,39 @@ ERROR_LINE = re.compile(r"\b0[:(](\d+)")
 VERSION_LINE = re.compile(r"^// version (\d+)\s*$")
 EXTENSION_LINE = re.compile(r"^// extension (\w+)$")
 VERSION = 330
+
+
+# environment: name of the shape of compute shaders
+SHAPE = "SPLATGL_SHAPE"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Shape of compute shaders. lanes: invocations of a work group. rows: pixels in a column of a tile that an
+    invocation draws. A processor draws columns of pixels, a graphics card one pixel an invocation.
+    """
+
+    name: str
+    lanes: int
+    rows: int
+
+    @property
+    def switches(self) -> dict[str, int]:
+        """Switches of this shape in shaders."""
+        return {"CARD": self.name == "card", "LANES": self.lanes, "ROWS": self.rows}
+
+
+SHAPES = {shape.name: shape for shape in (Shape("processor", 8, 8), Shape("card", 64, 1))}
+
+
+def choose_shape(software: bool, name: str | None = None) -> Shape:
+    """Returns the shape of a name, of the environment variable SPLATGL_SHAPE, or of the device. software: whether the
+    device draws on the CPU. Raises InputError for an unknown name.
+    """
+    name = name or os.environ.get(SHAPE) or ("processor" if software else "card")
+    if name not in SHAPES:
+        raise expected(f"shape of compute shaders ({SHAPE})", " | ".join(SHAPES), name)
+    return SHAPES[name]
 
 
 class ShaderError(RuntimeError):
@@ -151,8 +186,6 @@ def _literal(value: str | int | bool) -> str:
 ABREAST, LISTED = 1024, 2048
 # cell ends per row of the classification table
 TABLE_ROW = 128
-# invocations per work group
-LANES = 8
 # entries of a page: pieces of matter, and last the number of the next page
 PAGE = 8
 # cursor of a terminated tile
@@ -177,7 +210,6 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "HALF_LINE_REACH": culling.HALF_LINE_REACH,
     "HAS_PLACE": culling.HAS_PLACE,
     "KNOWN": colormaps.KNOWN,
-    "LANES": LANES,
     "LARGEST_DEPTH": footprint.LARGEST_DEPTH,
     "LEAST": motion_blur.LEAST,
     "LEAST_MASS": sheets.LEAST_MASS,
@@ -200,10 +232,10 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "PIXEL_MARGIN": culling.PIXEL_MARGIN,
     "RIM_GROWTH": footprint.RIM_GROWTH,
     "RIM_START": footprint.RIM_START,
-    "ROWS": technique.ROWS,
     "RUN_OCTAVES": splats.OCTAVES,
     "SHORT": motion_blur.SHORT,
     "TABLE_ROW": TABLE_ROW,
+    "TILE_ROWS": technique.ROWS,
     "WEIGHTS": preintegration.WEIGHTS,
 }
 

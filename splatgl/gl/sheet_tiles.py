@@ -15,7 +15,7 @@ from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.near_sheets import NOTHING, NearSheets
 from splatgl.gl.program import Programs, set_uniforms
-from splatgl.gl.shader import ABREAST, LANES
+from splatgl.gl.shader import ABREAST
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_uniforms
 from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
@@ -224,7 +224,7 @@ class SheetTiles(Tiles):
     def _keep(self) -> None:
         """Provides empty storage for the open sheets of all tiles."""
         tiles = self.band.closed.size
-        size = tiles * RING * ROWS * LANES * 4
+        size = tiles * RING * ROWS * COLUMNS * 4
         self._buffer(RINGS, size).clear(size)
         self.kept = np.zeros(tiles, bool)
 
@@ -333,7 +333,8 @@ class SheetOrder:
 
         count: number of splats. number: number of sheets.
         """
-        runs = max(LEAST_RUNS, -(-count // (MOST_RUN * LANES)) * LANES)
+        lanes = self.programs.shape.lanes
+        runs = max(LEAST_RUNS, -(-count // (MOST_RUN * lanes)) * lanes)
         size = runs * (number + 1) * 4
         cursors = self._cursors(size)
         cursors.clear(size)
@@ -354,7 +355,7 @@ class SheetOrder:
         for name, value in values.items():
             if name in program:
                 program[name] = value
-        program.run(runs // LANES)
+        program.run(runs // self.programs.shape.lanes)
         self.ctx.memory_barrier()
 
     def _cursors(self, size: int) -> moderngl.Buffer:

@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, uneven
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.program import Programs, set_uniforms
-from splatgl.gl.shader import ABREAST, LANES, LISTED, NOWHERE
+from splatgl.gl.shader import ABREAST, LISTED, NOWHERE
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import HALF_LINE_UNIT
 from splatgl.splat.culling import BLOCK, Frustum, Window, blocks_in_frustum
@@ -194,7 +194,7 @@ class Tiles:
         Sets the cursors to the start of each run's part of each list.
         """
         across, down = _tiles(self.band.window)
-        runs = GROUPS * LANES
+        runs = GROUPS * self.programs.shape.lanes
         # plus a slot for splats that touch no tile
         size = runs * (across * down + 1) * 4
         cursors = self._buffer(CURSORS, size)
@@ -224,6 +224,8 @@ class Tiles:
         height = (total + 4) // (LISTED * 4) + 1
         listed = self._buffer(LISTED_BUFFER, height * LISTED * 16)
         self._run(plan, count, {"COUNTING": False}, total + 4)
+        if self.programs.shape.name == "card":
+            return
         if self.list is None or self.list.height < height:
             if self.list is not None:
                 self.list.release()
@@ -235,9 +237,10 @@ class Tiles:
     def _run(self, plan: Plan, count: int, switches: dict[str, bool], unread: int = 0) -> None:
         """Lists all splats, with at most ROUNDS iterations per dispatch. unread: a list entry that is never read."""
         program = self._program("tile_list.comp", plan, switches)
-        length = -(-count // (GROUPS * LANES))
+        runs = GROUPS * self.programs.shape.lanes
+        length = -(-count // runs)
         set_uniforms(program, count=count, length_=length, budget=ROUNDS, unread=unread)
-        lengths = np.clip(count - length * np.arange(GROUPS * LANES), 0, length)
+        lengths = np.clip(count - length * np.arange(runs), 0, length)
         # per run: splats done, and progress of the next splat, as a large splat may need several dispatches
         done = self._buffer(DONE, lengths.size * 16)
         done.clear()
@@ -250,9 +253,9 @@ class Tiles:
                 raise moderngl.Error("compute shaders do nothing")
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
-        assert self.list is not None
         carried = self.band.begun
-        self.list.use(LIST_UNIT)
+        if self.list is not None:
+            self.list.use(LIST_UNIT)
         self.bind_target(target)
         while len(lists):
             program = self._program(self.drawing, plan, {"CARRIED": carried})

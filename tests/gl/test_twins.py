@@ -31,10 +31,12 @@ CALL = re.compile(r"\b(\w+)\(")
 # functions that only move data, or only choose which other computes
 PLUMBING = {
     *("choose", "exact_quad", "give_matter", "listed_at", "plain_quad", "projected", "read_record", "read_splat"),
-    *("splat_quad", "texel_of", "unpacked_extent", "read_scaled", "next_base", "placed", "class_texel", "weight_at"),
+    *("splat_quad", "texel_of", "unpacked_extent", "scaled", "next_base", "placed", "class_texel", "weight_at"),
     *("open_pixel", "read_pixel", "write_pixel", "read_column", "write_column", "take_sheet", "any_column"),
     *("center_of", "take_plane", "is_plane", "planes", "set_mask_ray", "mask_above", "mask_part", "mask_face"),
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "add_matter", "end_matter"),
+    *("first_pixel", "read_texels", "joined", "stage_splat", "staged_splat", "wait_for_all", "is_opaque", "is_behind"),
+    *("composite_tile", "add_batch", "entry"),
     *("set_column", "begin_matter", "keep_matter", "set_layer", "take", "keep_piece", "boxed", "within_depths"),
 }
 # Python names of functions that GLSL names otherwise

@@ -90,10 +90,15 @@ def add_four(splats: list[np.ndarray], shares: np.ndarray, weights: list[np.ndar
     """[5, sheets, N]: sums of four splats' terms [4, N] and masses by weights [sheets, N]."""
     sums = np.zeros((5, *weights[0].shape))
     for splat, share, weight in zip(splats, shares, weights, strict=True):
-        by_sheet = weight * valued(splat, share, steps)
-        sums[:4] += term_of(splat, steps)[:, None] * by_sheet
-        sums[4] += by_sheet
+        add_splat(sums, splat, share, weight, steps)
     return sums
+
+
+def add_splat(sums: np.ndarray, splat: np.ndarray, share: np.ndarray, weight: np.ndarray, steps: int) -> None:
+    """Adds a splat to sums of add_four."""
+    by_sheet = weight * valued(splat, share, steps)
+    sums[:4] += term_of(splat, steps)[:, None] * by_sheet
+    sums[4] += by_sheet
 
 
 def join_value(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: str) -> np.ndarray:
@@ -282,17 +287,23 @@ def test_sums_of_four(count: int, steps: int, twin: Twin, rng: np.random.Generat
         sum0[0] = sum1[0] = sum2[0] = sum3[0] = masses[0] = vec4(0.0);
         add_four(0, four, Ray(1.0, 1.0, 1.0), weights);
     """
+    one = setup.replace(
+        "add_four(0, four, Ray(1.0, 1.0, 1.0), weights)",
+        """
+        for (int i = 0; i < 4; i++) add_splat(0, four[i], Ray(1.0, 1.0, 1.0), weights[i])""",
+    )
     shape = plan.kernel
     shares = shape.footprint(distance * np.arange(4)[:, None]) / shape.footprint(np.zeros(()))
     numbers = [i + 1 for i in range(4)]
     right = add_four([splat * n for n in numbers], shares, [weight / n for n in numbers], steps)
     inputs = {"s": splat.T, "w": weight.T, "a": distance}
-    for sheet in range(count):
-        found = twin("sheet_draw.comp", f"{setup} result = sum{sheet}[0]", plan, splats, **inputs)
-        assert np.abs(found.T - right[:4, sheet]).max() < 2e-4
-    if steps:
-        found = twin("sheet_draw.comp", f"{setup} result = masses[0]", plan, splats, **inputs)
-        assert np.abs(found.T - right[4]).max() < 2e-4
+    for adding in (setup, one):
+        for sheet in range(count):
+            found = twin("sheet_draw.comp", f"{adding} result = sum{sheet}[0]", plan, splats, **inputs)
+            assert np.abs(found.T - right[:4, sheet]).max() < 2e-4
+        if steps:
+            found = twin("sheet_draw.comp", f"{adding} result = masses[0]", plan, splats, **inputs)
+            assert np.abs(found.T - right[4]).max() < 2e-4
 
 
 def share_at(shape: Kernel, triangle: np.ndarray, offset: np.ndarray, ray: np.ndarray) -> np.ndarray:

@@ -1,0 +1,122 @@
+// Composites the sheets of a tile on a processor: each invocation draws a column of pixels, whose sheets end together.
+// The four entries of a list around one, and its first sheet.
+int next_base(uint at, uint end, out uvec4 names) {
+    at = min(at, end - 1u);
+    names = texelFetch(list, listed_at(at), 0);
+    uint n = names[at & 3u];
+    ivec2 texel = texel_of(n);
+    return sheet_base(uintBitsToFloat(PACKED == 1 ? texelFetch(shapes, texel, 0).w : texelFetch(matters, texel, 0).w));
+}
+
+#define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
+#define AT(row) (corner + ivec2(0, row))
+#define BEGIN(row) ray[row] = ray_of(first + vec2(0.0, row)); open_pixel(row);
+#define RESUME(row) light[row] = imageLoad(target, AT(row)); read_pixel(tile, row);
+#define ADD(row) add_four(row, four, ray[row], weights);
+#define TAKE(row) if (take_sheet(row, current)) seen = true;
+#define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
+#define CLOSE(row) close_sheet(row, current - 1);
+#define KEEP(row) write_pixel(tile, row);
+#define EMPTY(row) begin_matter(row);
+#define KEEP_MATTER(row) end_matter(row);
+#define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
+
+// Returns whether a condition holds in any column of the subgroup, which then stays together; without votes, in this one.
+bool any_column(bool so) {
+#ifdef GL_ARB_shader_group_vote
+    return anyInvocationARB(so);
+#else
+    return so;
+#endif
+}
+
+void composite_tile(uvec4 mine, uint lane) {
+    uint tile = mine.x, at = mine.y, end = mine.z;
+    ivec2 corner = first_pixel(tile, lane);
+    first = vec2(corner) + 0.5;
+    set_column(tile, lane);
+    Ray ray[ROWS];
+    EACH(BEGIN)
+    EACH(EMPTY)
+    coverage = table_quad(vec3(0.0)).coverage;
+    // the nearest open sheet, and how many sheets from it on may hold something
+    int current = 0, holding = 0;
+    bool begun = false;
+    if (CARRIED == 1) {
+        EACH(RESUME)
+        read_column(tile, current, holding, begun);
+    }
+    if (NEAR == 1 && !begun) {
+        current = planes().x;
+        holding = planes().y;
+    }
+    float least = 0.0;
+    uvec4 names;
+    // the volume's box along the rays, in sheets; its nearest splats may be before it
+    vec2 span = vec2(-1e9, 1e9);
+    if (STEPS > 0) {
+        span = vec2(1e9, -1e9);
+        EACH(SPAN)
+        for (uint then = (at & ~3u) + 4u; then < end; then += 4u) {
+            if (any_column(float(next_base(then, end, names) + SHEETS) >= floor(span.x))) break;
+            at = then;
+        }
+    }
+    int next = next_base(at, end, names);
+    while (at < end || (mine.w == 1u && holding > 0)) {
+        bool seen = false, waits = false, behind = false;
+        do {
+            if (holding <= 0) current = max(next, current);
+            do {
+                // the sheets around the eye may have no list
+                if (NEAR == 1 && at >= end) break;
+                // in the list's order; beyond its end the first repeats, without weight
+                uint group = at & ~3u;
+                Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
+                                           read_splat(group + 2u < end ? names.z : names.x),
+                                           read_splat(group + 3u < end ? names.w : names.x));
+                vec4 weights[4];
+                uint passed = at;
+                for (uint i = 0u; i < 4u; i++) {
+                    uint n = group + i;
+                    // in turn: rounding where the list was sorted may have put one before its sheet
+                    bool now = n == passed && n < end && sheet_base(four[i].last) <= current;
+                    weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
+                    passed += uint(now);
+                }
+                EACH(ADD)
+                // classified after, what they hold reaches a sheet further, which the next one ends
+                if (passed > at) holding = max(holding, SHEETS + (STEPS > 0 ? 2 : 0));
+                at = passed;
+                next = next_base(at, end, names);
+            } while (at < end && next <= current);
+            // a list that continues may hold more of this sheet
+            waits = at >= end && mine.w == 0u;
+            if (waits) break;
+            EACH(TAKE)
+            seen = any_column(seen);
+            current++;
+            holding--;
+            behind = STEPS > 0 && !any_column(float(current) - 1.5 < span.y);
+        } while (!seen && !behind && (at < end || holding > 0));
+        if (waits) break;
+        EACH(CLOSE)
+        if (behind) {
+            // nothing more is in the box; one value is shown of it when the list is complete
+            if (mine.w == 1u || !ONE_VALUE) least = 2.0;
+            break;
+        }
+        if (!IN_ORDER) continue;
+        least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
+                    min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
+        if (!any_column(least <= opaque)) break;
+    }
+    EACH(KEEP_MATTER)
+    EACH(END)
+    if (least <= opaque) open[tile] = 1u;
+    // of all columns, as those that have ended go on with the others
+    if (CARRIED == 1 && mine.w == 0u) {
+        EACH(KEEP)
+        write_column(tile, current, holding);
+    }
+}

@@ -1,0 +1,190 @@
+"""Compute shaders of a graphics card's shape draw the pictures of a processor's shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl import sheet_tiles, tiles
+from splatgl.gl.shader import SHAPES, choose_shape
+from splatgl.splat import bricks as bricking
+from splatgl.splat.bricks import Bricks, bricks_of
+from splatgl.splat.settings import Settings
+from tests.helpers.boxes import noise as label_noise
+from tests.helpers.boxes import splats_of
+from tests.helpers.bricks import cameras, noise
+from tests.helpers.meshes import knots
+from tests.helpers.noise import GRIDS
+from tests.helpers.splatting import SPLATS
+
+pytestmark = pytest.mark.compute
+# no pixel ends early: what lies behind a pixel that ends differs by the cutoff
+WHOLE = Settings(occlusion="off", antialias="off")
+# sums are added up in another order; layers round colours of pieces to 16 bits, and extremes are coloured by steps
+SAME, ROUNDED = 1e-6, 1e-5
+RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
+# splats composited one by one
+SINGLY = SPLATS.but(technique="tiles", occlusion="off")
+Draw = Callable[[sg.Renderer], np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def card() -> Iterator[sg.Renderer]:
+    with sg.Renderer(shape="card") as renderer:
+        yield renderer
+
+
+def volume(grid: str = "cubes") -> sg.Volume:
+    return sg.Volume(noise(np.random.default_rng(5), (13, 12, 14)), **GRIDS[grid])
+
+
+def values(view: str = "outside", grid: str = "cubes", transfer: sg.Transfer = RAMP, **change: object) -> Draw:
+    """Draws a volume whose values are classified after reconstruction. change: of the settings."""
+    scene = volume(grid)
+    settings = WHOLE.but(**change)
+    kind = "post-all" if settings.blend in ("mip", "minip", "mean") else "auto"
+    splats = sg.extract(scene, transfer, classification=kind)
+    return lambda renderer: renderer.render(splats, views(scene)[view], settings, verify_bound=False).pixels
+
+
+def classified(view: str = "outside", base: Settings = WHOLE, **change: object) -> Draw:
+    """Draws a volume that is classified before reconstruction."""
+    scene = volume()
+    splats = sg.extract(scene, RAMP, classification="pre")
+    settings = base.but(**change)
+    return lambda renderer: renderer.render(splats, views(scene)[view], settings, verify_bound=False).pixels
+
+
+def views(scene: sg.Volume) -> dict[str, sg.Camera]:
+    return cameras(scene) | {"far": sg.Camera.orbit(scene, 30, 20, size=(9, 10), zoom=0.5)}
+
+
+def masked() -> Draw:
+    scene = volume()
+    splats = sg.extract(scene.masked(scene.samples > 0.5), RAMP)
+    return lambda renderer: renderer.render(splats, cameras(scene)["outside"], WHOLE, verify_bound=False).pixels
+
+
+def labels(**change: object) -> Draw:
+    scene = label_noise(np.random.default_rng(7), "3:1")
+    settings = WHOLE.but(**change)
+    return lambda renderer: renderer.render(splats_of(scene), cameras(scene)["outside"], settings).pixels
+
+
+def layers(meshes: bool = False, boxes: bool = False) -> Draw:
+    both = [sg.Layer(volume(grid), RAMP) for grid in ("cubes", "1:2:5")[: 1 if meshes and not boxes else 2]]
+    if boxes:
+        scene = label_noise(np.random.default_rng(7), "cubes")
+        both[1] = sg.Layer(scene, sg.default_transfer(scene))
+    drawn = sg.Scene(both, meshes=knots(volume()) if meshes else [])
+    return lambda renderer: renderer.render(drawn, cameras(volume())["outside"], WHOLE).pixels
+
+
+def in_bricks(view: str = "outside", bands: int = 1, **change: object) -> Draw:
+    settings, scene = WHOLE.but(**change), volume()
+    found = bricks_of(scene, RAMP, settings)
+    assert found is not None
+    bricks = Bricks.of(scene, found.post, 7)
+    return lambda renderer: renderer.render_bricks(bricks, views(scene)[view], settings, bands=bands).pixels
+
+
+def moving() -> Draw:
+    scene = volume()
+    splats, motion = sg.extract(scene, RAMP), sg.Motion(spin=(0, 0, 9))
+    settings = WHOLE.but(moments=3)
+    return lambda renderer: renderer.render(splats, cameras(scene)["outside"], settings, motion).pixels
+
+
+KINDS: dict[str, Callable[[], Draw]] = {
+    "values": values,
+    "inside": lambda: values("inside"),
+    "parallel": lambda: values("parallel", "sheared"),
+    "beside, long voxels": lambda: values("beside", "1:2:5"),
+    "antialiased": lambda: values("outside", antialias="paper"),
+    "unlit": lambda: values(transfer=sg.Transfer(RAMP.points, colormap="hot", shading=False)),
+    "weighted": lambda: values(transfer=sg.Transfer(RAMP.points, gradient=[(0.0, 0.5), (0.2, 1.0)])),
+    "four sheets": lambda: values(sheets=4, steps=3),
+    "two sheets": lambda: values(sheets=2, steps=1),
+    "fine": lambda: values(tolerance=1e-6),
+    **{blend: lambda blend=blend: values(blend=blend) for blend in ("xray", "mip", "minip", "mean")},  # type: ignore[misc]
+    "light": lambda: values(light="glossy"),
+    "cues": lambda: values(ambient_occlusion=0.6, shadows=0.7),
+    "clip": lambda: values(clip=((0.3, 0.9, 0.2, 7.0),)),
+    "mask": masked,
+    "classified before": classified,
+    "classified before, xray": lambda: classified(blend="xray"),
+    **{
+        f"splat by splat, {blend}": lambda blend=blend: classified(base=SINGLY, blend=blend)  # type: ignore[misc]
+        for blend in ("composite", "xray", "mip")
+    },
+    "splat by splat, from inside": lambda: classified("inside", SINGLY),
+    "splat by splat, far": lambda: classified("far", SINGLY),
+    "splat by splat, far, opacity": lambda: classified("far", SINGLY, attenuation="opacity"),
+    "labels": labels,
+    "labels, xray": lambda: labels(blend="xray"),
+    "layers": layers,
+    "layers of labels": lambda: layers(boxes=True),
+    "meshes": lambda: layers(meshes=True),
+    "meshes in layers": lambda: layers(meshes=True, boxes=True),
+    "bricks": in_bricks,
+    "bricks from inside": lambda: in_bricks("inside", bands=2),
+    "bricks, mean": lambda: in_bricks(blend="mean"),
+    "motion": moving,
+}
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("kind", KINDS)
+def test_shapes_draw_the_same(
+    kind: str, renderer: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture of every kind, whose sides are no multiples of a tile's."""
+    monkeypatch.setattr(bricking, "BATCH", 200)
+    draw = KINDS[kind]()
+    right, drawn = draw(renderer), draw(card)
+    assert renderer.passes.programs.shape != card.passes.programs.shape
+    assert right.max() > 0.2
+    most = ROUNDED if "layers" in kind or kind in ("mip", "parallel") else SAME
+    assert np.abs(drawn - right).max() < most * max(float(right.max()), 1.0)
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(
+    "draw", [values, lambda: values(blend="mip"), lambda: layers(), lambda: classified(base=SPLATS)]
+)
+def test_portions_draw_the_same(
+    draw: Callable[[], Draw], renderer: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lists that go on in other dispatches."""
+    drawing = draw()
+    right = drawing(renderer)
+    monkeypatch.setattr(tiles, "MOST", 300)
+    monkeypatch.setattr(sheet_tiles, "MOST_ENTRIES", 21)
+    assert np.abs(drawing(card) - right).max() < ROUNDED
+
+
+def test_a_pixel_that_ends_hides_no_more_than_it_may(renderer: sg.Renderer, card: sg.Renderer) -> None:
+    scene = volume()
+    splats = sg.extract(scene, sg.Transfer([(0.45, 0), (0.6, 1.0)], unit=0.2))
+    camera, settings = cameras(scene)["outside"], WHOLE.but(occlusion="auto")
+    cutoff = card.plan(splats, camera, settings).hiding.cutoff
+    whole = renderer.render(splats, camera, WHOLE).pixels
+    assert 0 < cutoff < 1e-3
+    assert 0 < np.abs(card.render(splats, camera, settings).pixels - whole).max() < cutoff + SAME
+
+
+def test_the_device_or_a_name_chooses_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SPLATGL_SHAPE", raising=False)
+    assert choose_shape(software=True) == SHAPES["processor"]
+    assert choose_shape(software=False) == SHAPES["card"]
+    monkeypatch.setenv("SPLATGL_SHAPE", "card")
+    assert choose_shape(software=True) == SHAPES["card"]
+    assert choose_shape(True, "processor") == SHAPES["processor"]
+    monkeypatch.setenv("SPLATGL_SHAPE", "warp")
+    with pytest.raises(
+        sg.InputError, match=r"^shape of compute shaders \(SPLATGL_SHAPE\): expected processor \| card, got warp$"
+    ):
+        choose_shape(software=True)
