@@ -10,25 +10,30 @@ from pathlib import Path
 import numpy as np
 
 from splatgl import reference
+from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import ball
+from splatgl.data.volume import Label, Volume
 from splatgl.errors import InputError, expected
-from splatgl.gl.context import BACKENDS, ContextInfo, context_info, egl_devices, open_context
+from splatgl.gl.context import ContextInfo, context_info, egl_devices, open_context
+from splatgl.gl.large_volumes import render_slabs
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
-from splatgl.gl.shader import ShaderError
+from splatgl.gl.window_systems import BACKENDS
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion
 from splatgl.splat.presets import default_transfer
+from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
 
 PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
-# settings of images that are compared with float64 references by each technique of the context
-COMPARED = {"default": Settings(), "maximum": Settings(blend="mip"), "splats": Settings.like("0.1")}
 # largest error of a correct driver; voxels across the ball, and pixels a side
 MAX_ERROR, VOXELS, SIDE = 1e-3, 10, 24
 # so few degrees that its streaks equal the still image
 TURNING = Motion(spin=np.array([0.0, 0.0, 0.001]))
+# bytes for splats: so few that a volume is drawn in bricks
+FEW_BYTES = 1 << 20
+BRICKS = "bricks"
 
 
 def report(backend: str = "auto", device: int | None = None) -> tuple[str, bool]:
@@ -109,30 +114,70 @@ def _check_images(backend: str, device: int | None) -> tuple[list[str], bool]:
     """Lines with the techniques of the context and the error of each image, and whether all are correct."""
     with Renderer(backend, device) as renderer:
         tiles = renderer.tiles is not None
-        enabled = "tiles, quads, streaks; layers, meshes and volumes in bricks" if tiles else "quads and streaks"
-        lines = [f"  draws {enabled}"]
-        if not tiles:
-            lines.append("  without OpenGL 4.3: no compute shaders, so no tiles, and quads take longer")
-        results = [
-            _check_image(renderer, f"{name} by {technique}", settings.but(technique=technique))
-            for name, settings in COMPARED.items()
-            for technique in ("auto", "quads", "tiles")[: 2 + tiles]
-        ]
-        results.append(_check_image(renderer, "streaks", COMPARED["splats"].but(motion="exact"), TURNING))
-    return [*lines, *(line for line, _ in results)], all(right for _, right in results)
+        results = {name: _check_image(renderer, name, *image) for name, image in _images(tiles).items()}
+    enabled = "compute shaders: draws by tiles, quads and streaks"
+    if not tiles:
+        enabled = "no compute shaders, which OpenGL 4.3 has: draws by quads, which takes longer, and streaks"
+    return [f"  {enabled}", *(line for line, _ in results.values())], all(right for _, right in results.values())
 
 
-def _check_image(renderer: Renderer, name: str, settings: Settings, motion: Motion | None = None) -> tuple[str, bool]:
-    """Line with the error of an image of a ball, and whether it equals the float64 reference."""
+Subject = Volume | Scene
+
+
+def _images(tiles: bool) -> dict[str, tuple[Subject, Settings, Motion | None]]:
+    """Subject, settings and motion of each image by name. tiles: whether techniques include tiles."""
     volume = ball(VOXELS)
-    splats = extract(volume, default_transfer(volume))
+    inside = (volume.samples > np.median(volume.samples)).astype(np.uint8)
+    segments = Volume(inside, name="segments", labels=(Label(1, "inside", "#c04020"),))
+    low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
+    triangle = Mesh(np.array([low, high, (low[0], high[1], high[2])]), np.array([[0, 1, 2]]))
+    plain, like = Settings(), Settings.like("0.1")
+    both = Scene([Layer(volume), Layer(segments, default_transfer(segments))])
+    by_technique = {
+        "sheets": (volume, plain),
+        "maximum": (volume, plain.but(blend="mip")),
+        "splats": (volume, like),
+        "boxes": (segments, plain),
+    }
+    return {
+        "default": (volume, plain, None),
+        **{
+            f"{name} by {technique}": (subject, settings.but(technique=technique), None)
+            for name, (subject, settings) in by_technique.items()
+            for technique in ("quads", "tiles")[: 1 + tiles]
+        },
+        "streaks": (volume, like.but(motion="exact"), TURNING),
+        "layers": (both, plain, None),
+        "meshes": (Scene([Layer(volume)], meshes=[triangle]), plain, None),
+        BRICKS: (volume, plain, None),
+    }
+
+
+def _check_image(
+    renderer: Renderer, name: str, subject: Subject, settings: Settings, motion: Motion | None
+) -> tuple[str, bool]:
+    """Line with the error of an image, and whether it equals the float64 reference, or is refused by an OpenGL without
+    compute shaders.
+    """
+    volume = ball(VOXELS)
     camera = Camera.orbit(volume, azimuth=30, elevation=20, size=(SIDE, SIDE))
-    truth = reference.render(splats, camera, settings.but(technique="auto", motion="off")).pixels
+    splats = subject if isinstance(subject, Scene) else extract(subject, default_transfer(subject))
     try:
-        drawn = renderer.render(splats, camera, settings, motion, verify_bound=False).pixels
-    except (InputError, ShaderError) as error:
-        return f"  {name:18} FAILED {str(error).splitlines()[0]}", False
-    difference = float(np.abs(drawn - truth).max()) if np.isfinite(drawn).all() else np.inf
+        if name == BRICKS:
+            assert isinstance(subject, Volume)
+            drawn = render_slabs(subject, default_transfer(subject), camera, settings, FEW_BYTES, renderer=renderer)
+        else:
+            drawn = renderer.render(splats, camera, settings, motion, verify_bound=False)
+    except InputError as error:
+        if renderer.tiles is None and name != "default":
+            return f"  {name:18} none   {error}", True
+        return f"  {name:18} FAILED {error}", False
+    except Exception as error:
+        # a driver may fail anywhere
+        first = (str(error).splitlines() or [type(error).__name__])[0]
+        return f"  {name:18} FAILED {first}", False
+    truth = reference.render(splats, camera, settings.but(technique="auto", motion="off")).pixels
+    difference = float(np.abs(drawn.pixels - truth).max()) if np.isfinite(drawn.pixels).all() else np.inf
     check = Check(name, difference, 0.0, MAX_ERROR, required=True)
     return check_line(check), check.passed
 

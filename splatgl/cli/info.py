@@ -19,7 +19,9 @@ def add_info_parser(parser: Parser) -> None:
 
 def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl doctor`."""
-    parser.add_argument("--backend", default="auto", help="auto, egl, osmesa or window")
+    from splatgl.gl.window_systems import CHOICES
+
+    parser.add_argument("--backend", default="auto", help=CHOICES)
     parser.add_argument("--device", type=int, help="index of the EGL device")
     parser.set_defaults(run=_doctor)
 

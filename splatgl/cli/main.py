@@ -82,11 +82,12 @@ def _with_command(arguments: list[str]) -> list[str]:
             Parser(prog="splatgl").error(f"expected a command or a file first, got {arguments[0]}")
         return arguments
     from splatgl.data.scenes import SCENES
+    from splatgl.gl.window_systems import has_display
     from splatgl.readers.remote import is_address
 
     source = arguments[0]
     if source in SCENES or is_address(source) or os.path.exists(source):
-        if _has_display():
+        if has_display():
             return ["view", *arguments]
         line = shlex.join(["splatgl", "render", source, "-o", "picture.png"])
         raise expected("display", "one, to open a window", "none", f"{line} draws a picture")
@@ -100,11 +101,6 @@ def _nearest(word: str, known: Iterable[str]) -> str:
 
     near = nearest(word.partition("=")[0], known)
     return f" ({near})" if near else ""
-
-
-def _has_display() -> bool:
-    """Whether the environment names a display; always on macOS and Windows."""
-    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def _command_of(parser: argparse.ArgumentParser, name: str) -> Parser:

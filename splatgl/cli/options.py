@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
+from splatgl.gl.window_systems import CHOICES
 from splatgl.options import Group, Option, declared, names_of
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
@@ -49,8 +50,7 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:
     """Adds the OpenGL backend options."""
     group = group_of(parser, Group.OPENGL)
-    about = f"auto, egl, osmesa or window (default {default})"
-    group.add_argument("--backend", default=default, metavar="NAME", help=about)
+    group.add_argument("--backend", default=default, metavar="NAME", help=f"{CHOICES} (default {default})")
     about = "number of the EGL device, from 0; splatgl doctor lists them"
     group.add_argument("--device", type=int, metavar="N", help=about)
     group.add_argument("--gpu", action="store_true", help="fail if OpenGL is a software renderer")

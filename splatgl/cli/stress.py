@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from splatgl.cli.options import add_workers, drawing_of, uses_workers
 from splatgl.errors import expected
 from splatgl.fileio import check_folder, check_output, write_file
+from splatgl.gl.window_systems import CHOICES
 from splatgl.studies.stress import CASES, run_case
 from splatgl.studies.stress.case import Bench, Case, Check, Result
 from splatgl.studies.stress.report import PAGES, about, as_csv, as_json, as_markdown, heading, line, lines, verdict
@@ -34,7 +35,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--markdown", metavar="FILE", help="write the table as Markdown")
     parser.add_argument("--csv", metavar="FILE", help="write each check as a line of CSV")
     parser.add_argument("--json", metavar="FILE", help="write everything as JSON")
-    parser.add_argument("--backend", default="auto", metavar="NAME", help="auto, egl, osmesa or window (default auto)")
+    parser.add_argument("--backend", default="auto", metavar="NAME", help=f"{CHOICES} (default auto)")
     parser.add_argument("--device", type=int, metavar="N", help="number of the EGL device, from 0")
     parser.set_defaults(gpu=False)
     add_workers(parser)

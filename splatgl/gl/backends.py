@@ -1,9 +1,9 @@
-"""Opens contexts by EGL, OSMesa and GLFW.
+"""Opens contexts: headless ones of the platform (EGL, WGL of Windows, CGL of macOS), OSMesa's and GLFW's.
 
 OpenGL keeps one current context per thread, and the window systems are independent: if an EGL context is made current
 while an OSMesa one is, calls go to the wrong one. Each thread therefore stores its current loader and unbinds it before
-it binds another. EGL and GLX report the current context of another library of the process (Qt, VTK, another moderngl):
-it is unbound before a context of this module is bound, and bound again afterwards.
+it binds another. The current context of another library of the process (Qt, VTK, another moderngl) is unbound before
+a context of this module is bound, and bound again afterwards.
 
 A forked process has its parent's context memory, but not its threads and connections: with llvmpipe, draw calls hang,
 even in a new context of a library that the parent had used. This module refuses both.
@@ -19,21 +19,16 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
+from importlib import import_module
 from typing import Any, ClassVar, TypeVar
 
 from splatgl.errors import expected
+from splatgl.gl.window_systems import BACKENDS, CGL, EGL, WGL, Host, current_handle, current_host, has_display, load
 
 Opened = TypeVar("Opened")
 # core profiles in the order of the attempts: some drivers give exactly the requested version. 4.3 has compute shaders,
 # 3.3 is the oldest with instanced attributes and float targets
 VERSIONS = ((4, 6), (4, 5), (4, 3), (3, 3))
-# from egl.h
-EGL_DRAW, EGL_READ = 0x3059, 0x305A
-# functions that return handles
-EGL_ASKED = ("eglGetCurrentContext", "eglGetCurrentDisplay", "eglGetCurrentSurface")
-GLX_ASKED = ("glXGetCurrentContext", "glXGetCurrentDisplay", "glXGetCurrentDrawable", "glXGetCurrentReadDrawable")
 SPAWN = 'start worker processes with multiprocessing.get_context("spawn"), and open a Renderer in each'
 
 
@@ -52,63 +47,6 @@ def newest(create: Callable[[int, int], Opened]) -> Opened:
     raise refusal
 
 
-@dataclass(frozen=True)
-class Host:
-    """Context of another library that is current in this thread. unbind: leaves no context of its window system
-    current. bind: makes it current again, on the surfaces that it was drawing to.
-    """
-
-    unbind: Callable[[], object]
-    bind: Callable[[], object]
-
-
-def current_host() -> Host | None:
-    """Returns the current context of EGL or GLX in this thread: another library's, while no loader is current."""
-    return _of_egl() or _of_glx()
-
-
-def _of_egl() -> Host | None:
-    egl = _in_process("libEGL.so.1", EGL_ASKED, "eglMakeCurrent")
-    context = egl.eglGetCurrentContext() if egl else None
-    if egl is None or not context:
-        return None
-    interface, display = egl.eglQueryAPI(), egl.eglGetCurrentDisplay()
-    surfaces = egl.eglGetCurrentSurface(EGL_DRAW), egl.eglGetCurrentSurface(EGL_READ)
-
-    def bind() -> None:
-        egl.eglBindAPI(interface)
-        egl.eglMakeCurrent(display, *surfaces, context)
-
-    return Host(partial(egl.eglMakeCurrent, display, None, None, None), bind)
-
-
-def _of_glx() -> Host | None:
-    glx = _in_process("libGL.so.1", GLX_ASKED, "glXMakeContextCurrent")
-    context = glx.glXGetCurrentContext() if glx else None
-    if glx is None or not context:
-        return None
-    display, drawables = glx.glXGetCurrentDisplay(), (glx.glXGetCurrentDrawable(), glx.glXGetCurrentReadDrawable())
-    make_current = glx.glXMakeContextCurrent
-    return Host(partial(make_current, display, None, None, None), partial(make_current, display, *drawables, context))
-
-
-def _in_process(name: str, getters: tuple[str, ...], bind: str) -> ctypes.CDLL | None:
-    """Returns a library that the process has loaded, or None. getters: functions that return handles. bind: the
-    function that takes four handles.
-    """
-    if name not in _Process.libraries and hasattr(os, "RTLD_NOLOAD"):
-        try:
-            library = ctypes.CDLL(name, mode=os.RTLD_NOLOAD)
-            for function in getters:
-                getattr(library, function).restype = ctypes.c_void_p
-            getattr(library, bind).argtypes = [ctypes.c_void_p] * 4
-        except (OSError, AttributeError):
-            # not loaded, or without the functions of that window system
-            return None
-        _Process.libraries[name] = library
-    return _Process.libraries.get(name)
-
-
 class _Thread(threading.local):
     """State of a thread: the current loader, the context of another library that was current before it, and the loader
     that was current when a fork began.
@@ -120,12 +58,11 @@ class _Thread(threading.local):
 
 
 class _Process:
-    """State of the process: OpenGL libraries that it opened, loaded libraries that report the current context,
-    libraries that its parent opened before the fork, and the number of forks.
+    """State of the process: OpenGL libraries that it opened, libraries that its parent opened before the fork, and the
+    number of forks.
     """
 
     opened: ClassVar[set[str]] = set()
-    libraries: ClassVar[dict[str, ctypes.CDLL]] = {}
     inherited: ClassVar[set[str]] = set()
     forks: ClassVar[int] = 0
 
@@ -304,14 +241,19 @@ EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
 GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", *EGL_LIBRARIES)
 
 
-class EglLoader(Loader):
-    """EGL context on device number `device`, counted from 0 in the driver's order."""
+# module of glcontext, and functions of the window system, of each backend
+HEADLESS = {"egl": ("egl", EGL), "wgl": ("wgl", WGL), "cgl": ("darwin", CGL)}
 
-    backend = "egl"
 
-    def __init__(self, device: int) -> None:
-        super().__init__("EGL")
-        self._context, self._egl = _create_egl(device)
+class HeadlessLoader(Loader):
+    """Context that glcontext opens without a display: backend egl, wgl or cgl. device: of EGL, counted from 0 in the
+    driver's order.
+    """
+
+    def __init__(self, backend: str, device: int = 0) -> None:
+        self.backend, self._name = backend, backend.upper()
+        super().__init__(self._name)
+        self._context, self._library = _create_headless(backend, device)
         self._handle: int | None = None
         # glcontext leaves the new context current
         host = current_host()
@@ -324,33 +266,41 @@ class EglLoader(Loader):
         return int(self._context.load_opengl_function(name))
 
     def bind(self) -> None:
-        """Makes the EGL context current and stores its handle; raises BackendError if EGL refuses."""
-        # a host may have chosen OpenGL ES
-        self._egl.eglBindAPI(EGL_OPENGL_API)
+        """Makes the context current and stores its handle; raises BackendError if the system refuses."""
+        is_egl = self.backend == "egl"
+        if is_egl:
+            # a host may have chosen OpenGL ES
+            self._library.eglBindAPI(EGL_OPENGL_API)
         self._context.__enter__()
-        error = self._egl.eglGetError()
-        handle = self._egl.eglGetCurrentContext()
-        if error == EGL_BAD_ACCESS:
-            raise BackendError("EGL's context is current in another thread; give each thread a Renderer")
+        refused = is_egl and self._library.eglGetError() == EGL_BAD_ACCESS
+        handle = self._current()
+        if refused or (not handle and not is_egl):
+            raise BackendError(f"{self._name}'s context is current in another thread; give each thread a Renderer")
         if not handle or handle != (self._handle or handle):
-            raise BackendError("EGL's context is gone, as another library ended its display; open another Renderer")
+            gone = f"{self._name}'s context is gone, as another library ended its display"
+            raise BackendError(f"{gone}; open another Renderer")
         self._handle = handle
 
+    def _current(self) -> int | None:
+        return current_handle(self._library, HEADLESS[self.backend][1])
+
     def holds(self) -> bool:
-        """Whether EGL's current context is this one."""
-        return bool(self._egl.eglGetCurrentContext() == self._handle)
+        """Whether the window system's current context is this one."""
+        return bool(self._current() == self._handle)
 
     def unbind(self) -> None:
-        """Leaves no EGL context current."""
+        """Leaves no context of the window system current."""
         self._context.__exit__(None, None, None)
 
     def destroy(self) -> None:
-        """Frees the EGL context."""
+        """Frees the context."""
         self._context.release()
 
 
 def device_count() -> int:
-    """Returns the number of EGL devices, 0 if EGL cannot count them."""
+    """Returns the number of EGL devices, 0 if EGL cannot count them or the platform has none."""
+    if "egl" not in BACKENDS:
+        return 0
     egl = ctypes.CDLL(_first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES))
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
@@ -362,29 +312,36 @@ def device_count() -> int:
     return count.value if query(0, None, ctypes.byref(count)) else 0
 
 
-def _create_egl(device: int) -> tuple[Any, ctypes.CDLL]:
-    """Returns glcontext's EGL context and the library that reports the current context. Raises BackendError for the
+def _create_headless(backend: str, device: int) -> tuple[Any, ctypes.CDLL]:
+    """Returns glcontext's context and the library that reports the current context. Raises BackendError for the
     bare Exceptions of glcontext.
     """
+    name, api = HEADLESS[backend]
     try:
-        from glcontext import egl
-    except ImportError as error:  # not built on this system
-        raise BackendError(f"glcontext has no EGL here ({error})") from error
-    libegl = _first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES)
-    libgl = _first_library("GLCONTEXT_LINUX_LIBGL", GL_LIBRARIES)
-    library = ctypes.CDLL(libegl)
-    library.eglGetCurrentContext.restype = ctypes.c_void_p
+        # only the modules of this platform are built
+        module = import_module(f"glcontext.{name}")
+    except ImportError as error:
+        raise BackendError(f"glcontext has no {backend.upper()} here ({error})") from error
+    library, options = api.library, dict[str, Any]()
+    if backend == "egl":
+        library = _first_library("GLCONTEXT_LINUX_LIBEGL", EGL_LIBRARIES)
+        libgl = _first_library("GLCONTEXT_LINUX_LIBGL", GL_LIBRARIES)
+        options = {"libgl": libgl, "libegl": library, "device_index": device}
+    elif backend == "wgl":
+        options = {"libgl": library}
 
     def create(major: int, minor: int) -> Any:
-        version = 100 * major + 10 * minor
+        # macOS always gives its newest version
+        version = {} if backend == "cgl" else {"glversion": 100 * major + 10 * minor}
         try:
-            return egl.create_context(
-                mode="standalone", libgl=libgl, libegl=libegl, glversion=version, device_index=device
-            )
+            return module.create_context(mode="standalone", **options, **version)
         except Exception as error:
             raise BackendError(str(error)) from error
 
-    return newest(create), library
+    try:
+        return newest(create), load(library, api)
+    except (OSError, AttributeError) as error:
+        raise BackendError(f"{library} could not be loaded ({error})") from error
 
 
 def _first_library(variable: str, names: tuple[str, ...]) -> str:
@@ -487,7 +444,7 @@ class WindowLoader(Loader):
     backend = "window"
 
     def __init__(self, size: tuple[int, int] = HIDDEN_SIZE, title: str = "splatgl", visible: bool = False) -> None:
-        super().__init__("the window system's OpenGL" if _has_display() else "OSMesa")
+        super().__init__("the window system's OpenGL" if has_display() else "OSMesa")
         self.window = _create_window(size, title, visible)
         self.make_current()
 
@@ -535,7 +492,7 @@ def _create_window(size: tuple[int, int], title: str, visible: bool) -> Any:
         raise BackendError(f"GLFW could not be loaded ({error})") from error
     with _glfw_errors():
         # Without a display only the null platform starts, and only with OSMesa
-        headless = not _has_display()
+        headless = not has_display()
         glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL if headless else glfw.ANY_PLATFORM)
         started = glfw.init()
     if not started:
@@ -563,13 +520,6 @@ def _hint(glfw: Any, visible: bool, version: tuple[int, int]) -> None:
     glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
     glfw.window_hint(glfw.OPENGL_FORWARD_COMPAT, sys.platform == "darwin")  # required by macOS, refused by OSMesa
     glfw.window_hint(glfw.VISIBLE, visible)
-
-
-def _has_display() -> bool:
-    """Whether the environment names a display; always true on macOS and Windows."""
-    if sys.platform in ("darwin", "win32"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Opens a core context of OpenGL 3.3 or newer by EGL, OSMesa or a hidden window, and describes it."""
+"""Opens a core context of OpenGL 3.3 or newer by one of the platform's backends, and describes it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from splatgl.errors import InputError, expected
 from splatgl.gl.backends import (
     SPAWN,
     BackendError,
-    EglLoader,
+    HeadlessLoader,
     Loader,
     OsmesaLoader,
     WindowLoader,
@@ -25,14 +25,8 @@ from splatgl.gl.backends import (
     forked,
     switch_to,
 )
+from splatgl.gl.window_systems import BACKENDS, INSTALL
 
-BACKENDS = ("egl", "osmesa", "window")  # the order in which "auto" tries them
-# How to install a missing backend; "auto" needs only the first
-INSTALL = {
-    "egl": "install software OpenGL with: sudo apt-get install libegl1 libgl1 libgl1-mesa-dri",
-    "osmesa": "install it with: sudo apt-get install libosmesa6",
-    "window": "set DISPLAY, or install what draws without one: sudo apt-get install libosmesa6",
-}
 REQUIRE_GPU = "SPLATGL_REQUIRE_GPU"  # environment: 1 refuses software renderers
 GL_SHADING_LANGUAGE_VERSION = 0x8B8C  # gl.h
 # Substrings of GL_RENDERER, lower case, of renderers on the CPU
@@ -43,7 +37,7 @@ SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software
 class ContextInfo:
     """Backend of a context, and the strings and limits that OpenGL reports."""
 
-    backend: str  # egl, osmesa or window
+    backend: str  # of BACKENDS
     vendor: str
     renderer: str
     version: str
@@ -63,8 +57,9 @@ def open_context(
 ) -> moderngl.Context:
     """Opens the newest core context of OpenGL 3.3 to 4.6, current in this thread; free it with its `release()`.
 
-    backend: egl, osmesa, window, or auto, which takes the first of these that opens. device: the EGL device, counted
-    from 0, which restricts the backend to egl; None takes the first graphics card, else the first device that opens.
+    backend: egl, osmesa or window, on Windows wgl or window, on macOS cgl or window; auto takes the first of these that
+    opens. device: the EGL device, counted from 0, which restricts the backend to egl; None takes the first graphics
+    card, else the first device that opens.
     require_gpu refuses software renderers; None reads the environment variable SPLATGL_REQUIRE_GPU. Draw inside
     `with current(ctx):` where several contexts are open. A forked process can neither use its parent's contexts nor
     open one of a library that its parent had opened. Raises InputError with each backend's failure and what to install.
@@ -73,8 +68,9 @@ def open_context(
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
     if device is not None and device < 0:
         raise expected("device", "an EGL device number from 0", device)
-    if device is not None and backend not in ("auto", "egl"):
-        raise expected("device", "none, since only egl chooses one", device, "leave it out or use the backend egl")
+    if device is not None and (backend not in ("auto", "egl") or "egl" not in BACKENDS):
+        fix = "leave it out or use the backend egl" if "egl" in BACKENDS else "leave it out"
+        raise expected("device", "none, since only egl chooses one", device, fix)
     if require_gpu is None:
         require_gpu = os.environ.get(REQUIRE_GPU, "") not in ("", "0")
 
@@ -89,7 +85,7 @@ def open_context(
             refusals.append(f"{name} says: {error}")
     switch_to(before)
     subject = "OpenGL on a graphics card" if require_gpu else "OpenGL"
-    fix = INSTALL.get(requested, INSTALL["egl"])
+    fix = INSTALL.get(requested, INSTALL[BACKENDS[0]])
     if forked():
         fix = SPAWN
     elif require_gpu:
@@ -203,9 +199,9 @@ def _openers(name: str, device: int | None) -> list[Callable[[], Loader]]:
         return [OsmesaLoader]
     if name == "window":
         return [WindowLoader]
-    # A driver that cannot count its devices may still open its first
+    # A driver that cannot count its devices may still open its first; others than EGL have one
     numbers = range(max(device_count(), 1)) if device is None else (device,)
-    return [partial(EglLoader, number) for number in numbers]
+    return [partial(HeadlessLoader, name, number) for number in numbers]
 
 
 def _glsl_version(loader: Loader) -> str:

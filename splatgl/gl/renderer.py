@@ -48,9 +48,9 @@ COMPUTE = 430
 class Renderer:
     """Headless renderer. Use it in a `with` block, or call `close()`.
 
-    backend: egl, osmesa, window or auto. device: index of the EGL device. require_gpu: fail with a software renderer.
-    shape: of compute shaders, processor or card; None: SPLATGL_SHAPE, or by the device. Raises InputError if no context
-    can be opened.
+    backend: egl, osmesa, window or auto, as `open_context`. device: index of the EGL device. require_gpu: fail with a
+    software renderer. shape: of compute shaders, processor or card; None: SPLATGL_SHAPE, or by the device. Raises
+    InputError if no context can be opened.
     """
 
     def __init__(

@@ -17,6 +17,7 @@ from splatgl.errors import InputError, expected
 from splatgl.gl.backends import BackendError, WindowLoader, hand_back
 from splatgl.gl.context import adopt, current
 from splatgl.gl.program import build
+from splatgl.gl.window_systems import DISPLAY_FIX
 
 # drawn below a picture without a background
 GROUNDS = ("black", "white", "checks")
@@ -55,7 +56,9 @@ class Screen:
             _check_shown(self.loader)
             self.ctx = adopt(self.loader)
         except BackendError as error:
-            raise expected("display", "one that opens a window", error, "set DISPLAY, or use splatgl render") from error
+            raise expected(
+                "display", "one that opens a window", error, f"{DISPLAY_FIX}, or use splatgl render"
+            ) from error
         finally:
             hand_back()
         self.owned.callback(self.ctx.release)

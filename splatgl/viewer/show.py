@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import time
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError
+from splatgl.gl.window_systems import has_display
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -62,13 +62,6 @@ def in_notebook() -> bool:
     python = sys.modules.get("IPython")
     shell = python.get_ipython() if python is not None else None
     return shell is not None and hasattr(shell, "kernel")
-
-
-def has_display() -> bool:
-    """Whether a window can be opened: always, but on Unix only with a display."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _window(scene: SceneFile, sized: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -19,12 +20,13 @@ import pytest
 import splatgl as sg
 from splatgl.cli import doctor
 from splatgl.errors import InputError
-from splatgl.gl import backends
+from splatgl.gl import backends, program
 from splatgl.gl import context as contexts
 from splatgl.gl.backends import BackendError, current_loader, switch_to
-from splatgl.gl.context import BACKENDS, context_info, current, is_software, open_context
+from splatgl.gl.context import context_info, current, is_software, open_context
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.gl.shader import ShaderError
+from splatgl.gl.window_systems import BACKENDS
 from tests.helpers.memory import resident_mebibytes
 
 Open = Callable[..., moderngl.Context]
@@ -275,6 +277,9 @@ def test_doctor_reports(opened: Open) -> None:
     assert ok
     for word in ("Python", "moderngl", "pyrr", *BACKENDS, "over rgba32f", "linear filter", "textures up to"):
         assert word in text
+    assert "draws by tiles, quads and streaks" in text
+    for name in doctor._images(tiles=True):
+        assert any(line.startswith(f"{name} ok") for line in lines_of(text)), name
 
 
 @pytest.mark.long
@@ -286,28 +291,61 @@ def test_doctor_says_when_blending_is_wrong(opened: Open, monkeypatch: pytest.Mo
     assert not ok and "WRONG" in text
 
 
-@pytest.mark.long
+def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """Leaves the doctor these images."""
+    images = doctor._images(tiles=True)
+    monkeypatch.setattr(doctor, "_images", lambda tiles: {name: images[name] for name in names})
+
+
+def lines_of(text: str) -> list[str]:
+    return [" ".join(line.split()) for line in text.splitlines()]
+
+
 def test_doctor_says_when_the_default_can_not_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shader of tiles that is refused, as by a driver: what other techniques draw is no excuse."""
     need("egl")
-    kept, told = sg.Renderer.render, []
+    kept = program.build_compute
 
-    def render(
-        self: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings: sg.Settings, *more: Any, **how: Any
-    ) -> sg.Image:
-        if settings.technique == "auto":
-            raise ShaderError("sheet_close.frag: 0:1(10): error: GLSL 4.30 is not supported\nand more")
-        told.append(settings.technique)
-        drawn = kept(self, splats, camera, settings, *more, **how)
-        return sg.Image(drawn.pixels + 0.01 * (settings.blend == "mip"), drawn.info)
+    def build(ctx: moderngl.Context, name: str, switches: Any) -> moderngl.ComputeShader:
+        if name.startswith("sheet_"):
+            raise ShaderError(f"{name}: 0:1(10): error: unsupported\nand more")
+        return kept(ctx, name, switches)
 
-    monkeypatch.setattr(sg.Renderer, "render", render)
+    monkeypatch.setattr(program, "build_compute", build)
+    only(monkeypatch, "default", "sheets by quads", "sheets by tiles")
     text, ok = doctor.report("egl")
     assert not ok and "pictures are WRONG" in text and "pictures are right" not in text
-    lines = [" ".join(line.split()) for line in text.splitlines()]
-    assert "default by auto FAILED sheet_close.frag: 0:1(10): error: GLSL 4.30 is not supported" in lines
-    for technique in set(told):
-        assert any(line.startswith(f"default by {technique} ok") for line in lines)
-        assert any(line.startswith(f"maximum by {technique} WRONG 0.01") for line in lines)
+    lines = lines_of(text)
+    for name in ("default", "sheets by tiles"):
+        assert any(
+            re.fullmatch(rf"{name} FAILED sheet_\w+.comp: 0:1\(10\): error: unsupported", line) for line in lines
+        )
+    assert any(line.startswith("sheets by quads ok") for line in lines)
+
+
+def test_doctor_says_when_an_image_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    need("egl")
+    kept = sg.Renderer.render
+
+    def render(self: sg.Renderer, splats: sg.Splats, *more: Any, **how: Any) -> sg.Image:
+        drawn = kept(self, splats, *more, **how)
+        return sg.Image(drawn.pixels + 0.01 * (splats.labels is not None), drawn.info)
+
+    monkeypatch.setattr(sg.Renderer, "render", render)
+    only(monkeypatch, "default", "boxes by quads")
+    text, ok = doctor.report("egl")
+    assert not ok and "pictures are WRONG" in text and "pictures are right" not in text
+    lines = lines_of(text)
+    assert any(line.startswith("default ok") for line in lines)
+    assert any(line.startswith("boxes by quads WRONG 0.01") for line in lines)
+
+
+def test_the_doctors_bricks_are_bricks() -> None:
+    need("egl")
+    volume, settings, _ = doctor._images(tiles=True)["bricks"]
+    camera = sg.Camera.orbit(volume, size=(doctor.SIDE,) * 2)
+    drawn = sg.render_slabs(volume, sg.default_transfer(volume), camera, settings, doctor.FEW_BYTES)
+    assert drawn.info["bricks"] > 0
 
 
 def test_doctor_without_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
