@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.errors import InputError, expected
+from splatgl.platforms import free_memory
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,8 +66,6 @@ def byte_count(shape: Sequence[int], dtype: np.dtype) -> int:
 
 # share of the available memory that is used unless a budget is set
 SHARE = 0.5
-# free bytes where the system reports none
-ASSUMED_FREE = 4 << 30
 # the budget that was set, if any
 _budget: list[int] = []
 
@@ -106,46 +105,8 @@ def require_memory(
 
 
 def budget() -> int:
-    """Memory budget in bytes: as set, else SHARE of what the system and the control group leave free."""
-    if _budget:
-        return _budget[0]
-    free = [_available(), *(limit - used for limit, used in _group_limits())]
-    return int(SHARE * max(min(free), 0))
-
-
-def _available() -> int:
-    """Free bytes by Linux or psutil; else the machine's memory, or ASSUMED_FREE where neither is known (Windows)."""
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        (line,) = (line for line in lines if line.startswith("MemAvailable:"))
-        return int(line.split()[1]) << 10
-    except (OSError, ValueError):
-        pass
-    try:
-        import psutil
-
-        return int(psutil.virtual_memory().available)
-    except ImportError:
-        pass
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):
-        return ASSUMED_FREE
-
-
-def _group_limits() -> list[tuple[int, int]]:
-    """(limit, use) of the memory of the control group, version 1 or 2."""
-    limits = []
-    root = Path("/sys/fs/cgroup")
-    for limit, used in (
-        ("memory.max", "memory.current"),
-        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),
-    ):
-        try:
-            limits.append((int((root / limit).read_text()), int((root / used).read_text())))
-        except (OSError, ValueError):
-            continue
-    return limits
+    """Memory budget in bytes: as set, else SHARE of the free memory."""
+    return _budget[0] if _budget else int(SHARE * free_memory())
 
 
 # longest file in bytes: a transfer function with a node for each of 65536 values

@@ -18,7 +18,7 @@ from splatgl.gl.context import ContextInfo, context_info, egl_devices, open_cont
 from splatgl.gl.large_volumes import render_slabs
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
-from splatgl.gl.window_systems import BACKENDS
+from splatgl.platforms import BACKENDS
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion

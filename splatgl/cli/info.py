@@ -7,6 +7,7 @@ from functools import partial
 
 from splatgl.cli.parser import Parser
 from splatgl.errors import Choice
+from splatgl.platforms import CHOICES
 
 
 def add_info_parser(parser: Parser) -> None:
@@ -19,8 +20,6 @@ def add_info_parser(parser: Parser) -> None:
 
 def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl doctor`."""
-    from splatgl.gl.window_systems import CHOICES
-
     parser.add_argument("--backend", default="auto", help=CHOICES)
     parser.add_argument("--device", type=int, help="index of the EGL device")
     parser.set_defaults(run=_doctor)

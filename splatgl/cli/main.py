@@ -82,7 +82,7 @@ def _with_command(arguments: list[str]) -> list[str]:
             Parser(prog="splatgl").error(f"expected a command or a file first, got {arguments[0]}")
         return arguments
     from splatgl.data.scenes import SCENES
-    from splatgl.gl.window_systems import has_display
+    from splatgl.platforms import has_display
     from splatgl.readers.remote import is_address
 
     source = arguments[0]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.data.color import AUTO, CLEAR
 from splatgl.errors import expected
-from splatgl.gl.window_systems import CHOICES
 from splatgl.options import Group, Option, declared, names_of
+from splatgl.platforms import CHOICES
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import VECTORS, Vectors, is_mesh

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from splatgl.cli.options import add_workers, drawing_of, uses_workers
 from splatgl.errors import expected
 from splatgl.fileio import check_folder, check_output, write_file
-from splatgl.gl.window_systems import CHOICES
+from splatgl.platforms import CHOICES
 from splatgl.studies.stress import CASES, run_case
 from splatgl.studies.stress.case import Bench, Case, Check, Result
 from splatgl.studies.stress.report import PAGES, about, as_csv, as_json, as_markdown, heading, line, lines, verdict

@@ -23,7 +23,8 @@ from importlib import import_module
 from typing import Any, ClassVar, TypeVar
 
 from splatgl.errors import expected
-from splatgl.gl.window_systems import BACKENDS, CGL, EGL, WGL, Host, current_handle, current_host, has_display, load
+from splatgl.gl.window_systems import CGL, EGL, WGL, Host, current_handle, current_host, load
+from splatgl.platforms import BACKENDS, has_display
 
 Opened = TypeVar("Opened")
 # core profiles in the order of the attempts: some drivers give exactly the requested version. 4.3 has compute shaders,

@@ -25,7 +25,7 @@ from splatgl.gl.backends import (
     forked,
     switch_to,
 )
-from splatgl.gl.window_systems import BACKENDS, INSTALL
+from splatgl.platforms import BACKENDS, INSTALL
 
 REQUIRE_GPU = "SPLATGL_REQUIRE_GPU"  # environment: 1 refuses software renderers
 GL_SHADING_LANGUAGE_VERSION = 0x8B8C  # gl.h

@@ -17,7 +17,7 @@ from splatgl.errors import InputError, expected
 from splatgl.gl.backends import BackendError, WindowLoader, hand_back
 from splatgl.gl.context import adopt, current
 from splatgl.gl.program import build
-from splatgl.gl.window_systems import DISPLAY_FIX
+from splatgl.platforms import DISPLAY_FIX
 
 # drawn below a picture without a background
 GROUNDS = ("black", "white", "checks")

@@ -1,7 +1,4 @@
-"""Window systems of this platform: backends that open contexts, and the contexts of other libraries of the process.
-
-EGL, GLX, WGL (Windows) and CGL (macOS) report which context is current in a thread.
-"""
+"""Window systems (EGL, GLX, WGL of Windows, CGL of macOS), which report the context that is current in a thread."""
 
 from __future__ import annotations
 
@@ -12,28 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
-
-# backends in the order in which "auto" tries them
-BACKENDS = {"win32": ("wgl", "window"), "darwin": ("cgl", "window")}.get(sys.platform, ("egl", "osmesa", "window"))
-CHOICES = f"{', '.join(('auto', *BACKENDS[:-1]))} or {BACKENDS[-1]}"
-WINDOWS_DRIVER = "install the driver of the graphics card, or Mesa's opengl32.dll beside python.exe"
-# how to get a window
-DISPLAY_FIX = {"win32": WINDOWS_DRIVER, "darwin": "log in to the desktop of macOS"}.get(sys.platform, "set DISPLAY")
-# how to install a missing backend; "auto" needs only the first
-INSTALL = {
-    "egl": "install software OpenGL with: sudo apt-get install libegl1 libgl1 libgl1-mesa-dri",
-    "osmesa": "install it with: sudo apt-get install libosmesa6",
-    "window": DISPLAY_FIX
-    + (", or install what draws without one: sudo apt-get install libosmesa6" if "osmesa" in BACKENDS else ""),
-    "wgl": WINDOWS_DRIVER,
-    "cgl": "update macOS, which brings OpenGL 4.1",
-}
-
-
-def has_display() -> bool:
-    """Whether a window can be opened: always on Windows and macOS, elsewhere if the environment names a display."""
-    names = ("DISPLAY", "WAYLAND_DISPLAY")
-    return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in names)
 
 
 class Api(NamedTuple):

@@ -18,6 +18,7 @@ from typing import Any
 
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import shorten_name
+from splatgl.platforms import user_folder
 
 # number of attempts; seconds between the first two, which double; seconds for a connection and for each part of an
 # answer
@@ -43,7 +44,7 @@ def address_name(address: str) -> str:
 def cache_folder() -> Path:
     """The folder of fetched files: SPLATGL_CACHE, else splatgl in the user's cache folder."""
     folder = os.environ.get("SPLATGL_CACHE")
-    return Path(folder) if folder else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "splatgl"
+    return Path(folder) if folder else user_folder("cache") / "splatgl"
 
 
 class Remote:

@@ -16,6 +16,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
 from splatgl.fileio import write_file
+from splatgl.platforms import user_folder
 from splatgl.readers import list_volumes, load
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import MeshFile, is_mesh
@@ -308,10 +309,7 @@ class Recent:
         """The list of the user; empty where it is turned off, or where there is no folder for it."""
         if environment.get(SWITCH, "on").lower() in OFF:
             return cls()
-        folder = Path(environment.get("XDG_STATE_HOME", ""))
-        if not folder.is_absolute():
-            home = environment.get("HOME", "") or os.path.expanduser("~")
-            folder = Path(home) / ".local" / "state"
+        folder = user_folder("state", environment)
         if not folder.is_absolute():
             return cls()
         file = folder / "splatgl" / "recent.json"

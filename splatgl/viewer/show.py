@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError
-from splatgl.gl.window_systems import has_display
+from splatgl.platforms import has_display
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatgl import fileio
+from splatgl import platforms
+from splatgl.fileio import budget
 
 # found by each Python that starts, the processes of readers among them: modules and functions that Windows has not, and
 # paths that only Linux has
@@ -86,8 +87,8 @@ def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: py
 
 
 def test_memory_that_nobody_tells_is_assumed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fileio, "Path", lambda name: Path("/nowhere") / name.lstrip("/"))
+    monkeypatch.setattr(platforms, "Path", lambda name: Path("/nowhere") / name.lstrip("/"))
     monkeypatch.setitem(sys.modules, "psutil", None)
-    assert 2**28 < fileio._available() < 2**50
+    assert 2**28 < platforms.free_memory() < 2**50
     monkeypatch.delattr(os, "sysconf")
-    assert fileio._available() == fileio.ASSUMED_FREE and fileio.budget() == fileio.ASSUMED_FREE // 2
+    assert platforms.free_memory() == platforms.ASSUMED_FREE and budget() == platforms.ASSUMED_FREE // 2

@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "splatgl"
 # Rooms by level. A room imports rooms of lower levels only.
 LEVELS = (
-    ("errors",),
+    ("errors", "platforms"),
     ("fileio", "options"),
     ("data",),
     ("readers",),

@@ -26,7 +26,7 @@ from splatgl.gl.backends import BackendError, current_loader, switch_to
 from splatgl.gl.context import context_info, current, is_software, open_context
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.gl.shader import ShaderError
-from splatgl.gl.window_systems import BACKENDS
+from splatgl.platforms import BACKENDS
 from tests.helpers.memory import resident_mebibytes
 
 Open = Callable[..., moderngl.Context]
