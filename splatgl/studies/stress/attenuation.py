@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
@@ -109,8 +109,7 @@ def edge_scene(m: float) -> tuple[Splats, int, int]:
     "paper's column: a F/m², in float64",
     "each form's own sum in float64",
 )
-def _thick_edge(bench: Bench) -> list[Check]:
-    checks = []
+def _thick_edge(bench: Bench) -> Iterator[Check]:
     paper = [sum_edge(m, "paper") for m in EDGE_ZOOMS]
     for form in FORMS:
         drawn = [draw_edge(m, partial(bench.draw, attenuation=form)) for m in EDGE_ZOOMS]
@@ -121,9 +120,8 @@ def _thick_edge(bench: Bench) -> list[Check]:
         edges = list(zip(drawn, right, paper, strict=True))
         alphas = [(a.outside, b.outside, c.outside) for a, b, c in edges]
         halves = [(a.crossing, b.crossing, c.crossing) for a, b, c in edges]
-        checks.append(check_rows(f"{form}, α outside", alphas, EDGE_BOUND))
-        checks.append(check_rows(f"{form}, 50 %", halves, CROSSING_BOUND))
-    return checks
+        yield check_rows(f"{form}, α outside", alphas, EDGE_BOUND)
+        yield check_rows(f"{form}, 50 %", halves, CROSSING_BOUND)
 
 
 STIFF = Group()
@@ -176,7 +174,7 @@ def skin_cameras(pitch: float = 0.5) -> tuple[Camera, Camera]:
     "seen from the skin's side, also at 2 and 4 voxels a pixel, through the fog, and slanted; attenuation auto",
     "closed form: the skin's colour; (1 − e^−τ) fog + e^−τ skin",
 )
-def _skin_over_fog(bench: Bench) -> list[Check]:
+def _skin_over_fog(bench: Bench) -> Iterator[Check]:
     splats = skin_and_fog()
     front, back = skin_cameras()
     skin = np.array([*RED, 1.0])
@@ -184,7 +182,6 @@ def _skin_over_fog(bench: Bench) -> list[Check]:
     angle = np.radians(20.0)
     target = np.array([0.21, 0.13, 1.0])
     slanted = Camera.look_at(target - 60 * np.array([np.sin(angle), 0.0, -np.cos(angle)]), target, UP, 0.5, (1, 1))
-    checks = []
     for name, camera, right, bound in (
         ("from the skin", front, skin, 1e-6),
         ("through the fog", back, from_behind(), SKIN_BOUND),
@@ -193,8 +190,7 @@ def _skin_over_fog(bench: Bench) -> list[Check]:
         ("slanted by 20°", slanted, from_behind(angle), SKIN_BOUND),
     ):
         drawn, paper = map(middle, bench.both(splats, camera))
-        checks.append(check(name, drawn, right, bound, paper))
-    return checks
+        yield check(name, drawn, right, bound, paper)
 
 
 def shell(place: float, width: tuple[int, int], thickness: float = SHELL_THICKNESS, averaged: bool = True) -> Splats:
@@ -226,8 +222,7 @@ def shell_view(m: float, slant: float) -> tuple[Camera, tuple[int, int]]:
     "samples averaged over voxels, 0.5 to 8 voxels a pixel, straight on and at 50°; −ln(1−α)/(τ sec θ)",
     "1: the shell's optical depth, wherever it lies",
 )
-def _thin_shell(bench: Bench) -> list[Check]:
-    checks = []
+def _thin_shell(bench: Bench) -> Iterator[Check]:
     for slant in (0.0, 50.0):
         rows = []
         for m in STIFF_ZOOMS:
@@ -237,8 +232,7 @@ def _thin_shell(bench: Bench) -> list[Check]:
                 images = bench.both(shell(place, width), camera)
                 drawn, paper = (optical_depth(pixels[0, 0, 3]) / right for pixels in images)
                 rows.append((drawn, 1.0, paper))
-        checks.append(check_rows(f"slanted by {slant:g}°" if slant else "straight", rows, RIPPLE_BOUND))
-    return checks
+        yield check_rows(f"slanted by {slant:g}°" if slant else "straight", rows, RIPPLE_BOUND)
 
 
 def tilted_sheet(rows: int) -> tuple[Splats, Camera, np.ndarray]:
@@ -275,8 +269,7 @@ def sheet_rows(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     "opacity 0.5, from 0.55 to 2 z_k, 65 and 257 rows; −ln(1−α)/(τ sec θ), and its step from row to row",
     "1; 0",
 )
-def _sheet_across_z_k(bench: Bench) -> list[Check]:
-    checks = []
+def _sheet_across_z_k(bench: Bench) -> Iterator[Check]:
     for rows in (65, 257):
         splats, camera, right = tilted_sheet(rows)
         chosen, _ = sheet_rows(camera)
@@ -286,9 +279,8 @@ def _sheet_across_z_k(bench: Bench) -> list[Check]:
             bench.paper(splats, camera),
         )
         drawn, weak, paper = (optical_depth(alpha(pixels)[chosen, 0]) / right[chosen] for pixels in images)
-        checks.append(check(f"{rows} rows", drawn, 1.0, RIPPLE_BOUND, paper))
-        checks.append(check(f"{rows} rows, its steps", np.diff(drawn), 0.0, RIPPLE_BOUND, np.diff(weak)))
-    return checks
+        yield check(f"{rows} rows", drawn, 1.0, RIPPLE_BOUND, paper)
+        yield check(f"{rows} rows, its steps", np.diff(drawn), 0.0, RIPPLE_BOUND, np.diff(weak))
 
 
 WALLS = Group()
@@ -348,9 +340,8 @@ class Wall:
         return np.asarray(np.linalg.norm(rays, axis=-1) / np.abs(to_wall))
 
 
-def _wall(opacity: float, bench: Bench) -> list[Check]:
+def _wall(opacity: float, bench: Bench) -> Iterator[Check]:
     """Checks a closed wall's optical depth at each zoom, straight and oblique; of `auto`, its opacity."""
-    checks = []
     for perspective in (True, False):
         for slant in (0.0, SLANT):
             depths, opacities = [], []
@@ -366,9 +357,8 @@ def _wall(opacity: float, bench: Bench) -> list[Check]:
                 opacities.append((auto, -np.expm1(-right), weak))
             name = ("perspective" if perspective else "parallel") + (f", {SLANT:g}°" if slant else ", straight")
             ratios, _, weak_ratios = zip(*depths, strict=True)
-            checks.append(check(name, ratios, 1.0, RIPPLE_BOUND, weak_ratios))
-            checks.append(check_rows(f"auto, α, {name}", opacities, SEEN_BOUND))
-    return checks
+            yield check(name, ratios, 1.0, RIPPLE_BOUND, weak_ratios)
+            yield check_rows(f"auto, α, {name}", opacities, SEEN_BOUND)
 
 
 def printed_form(view: Wall, opacity: float) -> float:

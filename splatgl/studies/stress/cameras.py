@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from splatgl.splat.camera import Camera
@@ -62,7 +64,7 @@ def _in_kernel(bench: Bench) -> list[Check]:
     "20×18×16 random voxels, all nearer than z_k, 48×48 pixels, 70°",
     "float64 reference",
 )
-def _places(bench: Bench) -> list[Check]:
+def _places(bench: Bench) -> Iterator[Check]:
     splats = random_splats((20, 18, 16))
     eyes = {
         "on a voxel": ((10.0, 9.0, 8.0), (1.0, 0.2, 0.1)),
@@ -73,12 +75,10 @@ def _places(bench: Bench) -> list[Check]:
         "astride near plane": ((10.2, 8.7, 8.0 - NEAR), (0.0, 0.0, 1.0)),
         "on the near plane": ((10.0, 9.0, 8.0 + NEAR), (0.0, 0.0, -1.0)),
     }
-    checks = []
     for name, (eye, view) in eyes.items():
         up = (0.0, 0.0, 1.0) if abs(view[2]) < 1 else (0.0, 1.0, 0.0)
         camera = Camera.look_at(eye, np.add(eye, view), up, 70.0, (48, 48))
-        checks.append(bench.check_reference(name, splats, camera))
-    return checks
+        yield bench.check_reference(name, splats, camera)
 
 
 @EYE.case(
@@ -87,8 +87,8 @@ def _places(bench: Bench) -> list[Check]:
     "nine opaque layers, each of its own colour, across the axis; only the nearest is visible",
     "the nearest layer's colour",
 )
-def _axes(bench: Bench) -> list[Check]:
-    checks, count = [], 9
+def _axes(bench: Bench) -> Iterator[Check]:
+    count = 9
     for perspective in (True, False):
         rows = []
         for axis in range(3):
@@ -100,8 +100,7 @@ def _axes(bench: Bench) -> list[Check]:
                 images = bench.both(splats, _along(axis, side, perspective))
                 drawn, paper = (middle(pixels)[:3] for pixels in images)
                 rows.append((drawn, colors[0] if side > 0 else colors[-1], paper))
-        checks.append(check_rows("perspective" if perspective else "orthographic", rows, 1e-6))
-    return checks
+        yield check_rows("perspective" if perspective else "orthographic", rows, 1e-6)
 
 
 def _along(axis: int, side: float, perspective: bool) -> Camera:
@@ -145,13 +144,11 @@ LATTICES = ((1.5, 1.6e-4), (16.0, 2.6e-6), (64.0, 2.6e-6))
     "9³ random voxels, seen along an axis and obliquely, 33×33 pixels",
     "float64 reference",
 )
-def _narrow(bench: Bench) -> list[Check]:
+def _narrow(bench: Bench) -> Iterator[Check]:
     splats, target = random_splats((9, 9, 9)), np.full(3, 4.0)
-    checks = []
     for name, view in (("along z", (0.0, 0.0, 1.0)), ("oblique", (0.48, 0.6, 0.64))):
         camera = Camera.look_at(target - 2e5 * np.array(view), target, UP, 0.002, (33, 33))
-        checks.append(bench.check_reference(f"9³ voxels {name}", splats, camera))
-    return checks
+        yield bench.check_reference(f"9³ voxels {name}", splats, camera)
 
 
 @LENSES.case(
@@ -182,12 +179,11 @@ def _far_voxel(bench: Bench) -> list[Check]:
     "8³ random voxels, 120×240 pixels, z_k = 10.5 voxels",
     "float64 reference",
 )
-def _wide_85(bench: Bench) -> list[Check]:
-    splats, checks = random_splats((8, 8, 8)), []
+def _wide_85(bench: Bench) -> Iterator[Check]:
+    splats = random_splats((8, 8, 8))
     for name, eye in (("from before", (3.5, 3.5, -3.0)), ("from inside", (3.6, 3.3, 3.2))):
         camera = Camera.look_at(eye, np.add(eye, (0.1, 0.05, 1.0)), UP, 170.0, (120, 240))
-        checks.append(bench.check_reference(name, splats, camera))
-    return checks
+        yield bench.check_reference(name, splats, camera)
 
 
 # 512 pixels high: z_k = 0.4468 voxels; a kernel that reaches the eye plane is left unchanged
@@ -197,18 +193,17 @@ def _wide_85(bench: Bench) -> list[Check]:
     "four splats round the eye, X-ray; 6³ random voxels; 65×512 pixels",
     "closed form: half a line through the kernel; float64 reference",
 )
-def _wide_89(bench: Bench) -> list[Check]:
+def _wide_89(bench: Bench) -> Iterator[Check]:
     camera = ahead(fov=179.8, size=(65, 512))
     rays, rows = rays_of(camera), []
     for voxel in ((0.0, 0.0, 0.2), (0.3, -0.4, 1.0), (0.0, 1.2, -0.3), (0.0, 0.0, 1.55)):
         drawn, paper = map(alpha, bench.both(dots([voxel]), camera, blend="xray"))
         rows.append((drawn, half_line(kernel("crawfis-max"), np.broadcast_to(voxel, rays.shape), rays), paper))
-    checks = [check_rows("kernels round the eye", rows, HALF_LINE_BOUND)]
+    yield check_rows("kernels round the eye", rows, HALF_LINE_BOUND)
     splats = random_splats((6, 6, 6))
     for name, eye in (("from before", (2.5, 2.5, -4.0)), ("from inside", (2.6, 2.3, 2.2))):
         view = Camera.look_at(eye, np.add(eye, (0.0, 0.0, 1.0)), UP, 179.8, (65, 512))
-        checks.append(bench.check_reference(f"6³ voxels {name}", splats, view, NO_Z_K_BOUND))
-    return checks
+        yield bench.check_reference(f"6³ voxels {name}", splats, view, NO_Z_K_BOUND)
 
 
 @LENSES.case(
@@ -242,8 +237,7 @@ def _parallel_zoom(bench: Bench) -> list[Check]:
     "kernel exp(−2r²), X-ray, m = 1.5, 16 and 64",
     "the sheet's optical depth within the lattice's ripple, 1.6e−4 and 2.6e−6, and the table's 2e−5",
 )
-def _lattice_sums(bench: Bench) -> list[Check]:
-    checks = []
+def _lattice_sums(bench: Bench) -> Iterator[Check]:
     for m, ripple in LATTICES:
         half = int(np.ceil(2 * m)) + int(2 * m) + 2
         splats = block((2 * half + 1, 2 * half + 1, 1), 0.5)
@@ -251,5 +245,4 @@ def _lattice_sums(bench: Bench) -> list[Check]:
         images = bench.both(splats, camera, blend="xray", kernel="gaussian")
         drawn, paper = (alpha(pixels) / np.log(2) for pixels in images)
         # an orthographic view uses the same radial table
-        checks.append(check(f"m = {m:g}", drawn, 1.0, ripple + SHAPE_BOUND, paper))
-    return checks
+        yield check(f"m = {m:g}", drawn, 1.0, ripple + SHAPE_BOUND, paper)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from splatgl import reference
 from splatgl.data.volume import Volume
-from splatgl.splat.camera import Camera, Vector
+from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.kernels import kernel
 from splatgl.splat.settings import Settings
@@ -61,9 +61,9 @@ class Check:
     @property
     def share(self) -> float:
         """Error over bound; infinite if a bound of 0 is violated."""
-        if self.ok:
-            return self.error / self.bound if self.bound > 0 else 0.0
-        return self.error / self.bound if 0 < self.bound < np.inf and np.isfinite(self.error) else float("inf")
+        if self.ok and self.bound == 0:
+            return 0.0
+        return self.error / self.bound if 0 < self.bound < np.inf and np.isfinite(self.error) else np.inf
 
 
 class Bench:
@@ -106,29 +106,30 @@ class Bench:
         return check(what, drawn, self.truth(splats, camera), bound, paper)
 
 
+Run = Callable[[Bench], Iterable[Check]]
+
+
 @dataclass(frozen=True)
 class Case:
     """name: its identifier. stresses: the extreme property. how: scene, view and settings. right: source of the result.
 
-    run draws it and returns its checks.
+    run draws it and returns or yields its checks.
     """
 
     name: str
     stresses: str
     how: str
     right: str
-    run: Callable[[Bench], list[Check]]
+    run: Run
 
 
 class Group(list[Case]):
     """Cases in the order of their definition."""
 
-    def case(
-        self, name: str, stresses: str, how: str, right: str
-    ) -> Callable[[Callable[[Bench], list[Check]]], Callable[[Bench], list[Check]]]:
+    def case(self, name: str, stresses: str, how: str, right: str) -> Callable[[Run], Run]:
         """Decorator that adds a function as a case."""
 
-        def add(run: Callable[[Bench], list[Check]]) -> Callable[[Bench], list[Check]]:
+        def add(run: Run) -> Run:
             self.append(Case(name, stresses, how, right, run))
             return run
 
@@ -248,19 +249,19 @@ def block(shape: tuple[int, int, int], opacity: float, spacing: tuple[float, flo
     return voxels(Volume(samples, spacing), transfer(((0.0, 0.0), (1.0, opacity))))
 
 
-def noise(shape: tuple[int, int, int], opacity: float, seed: int = 1998) -> np.ndarray:
+def noise(shape: tuple[int, int, int], opacity: float) -> np.ndarray:
     """Random samples [z, y, x] from 0 to `opacity`, float32."""
-    return np.random.default_rng(seed).uniform(0.0, opacity, shape[::-1]).astype(np.float32)
+    return np.random.default_rng(1998).uniform(0.0, opacity, shape[::-1]).astype(np.float32)
 
 
-def random_splats(shape: tuple[int, int, int], spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Splats:
+def random_splats(shape: tuple[int, int, int]) -> Splats:
     """Splats of random opacities up to 0.3."""
-    return voxels(Volume(noise(shape, 0.3), spacing), transfer())
+    return voxels(Volume(noise(shape, 0.3)), transfer())
 
 
-def ahead(eye: Vector = (0.0, 0.0, 0.0), fov: float = 60.0, size: tuple[int, int] = (33, 33)) -> Camera:
-    """A perspective eye that looks along +z."""
-    return Camera.look_at(eye, np.asarray(eye, np.float64) + np.array([0.0, 0.0, 1.0]), UP, fov, size)
+def ahead(fov: float, size: tuple[int, int] = (33, 33)) -> Camera:
+    """Perspective camera at the origin that looks along +z."""
+    return Camera.look_at((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), UP, fov, size)
 
 
 def parallel(

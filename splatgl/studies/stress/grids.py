@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -62,7 +63,7 @@ def _types(bench: Bench) -> list[Check]:
     "8³ voxels, a step of opacity; shaded and not",
     "opacity of the picture of the same voxels as 0 and 1, bit for bit",
 )
-def _dynamic_range(bench: Bench) -> list[Check]:
+def _dynamic_range(bench: Bench) -> Iterator[Check]:
     rng = np.random.default_rng(38)
     exponent = rng.uniform(-38.0, 38.0, (8, 8, 8))
     cases = (
@@ -71,7 +72,6 @@ def _dynamic_range(bench: Bench) -> list[Check]:
         ("float64, 1e±308", np.sign(exponent) * 10.0 ** (308.0 * np.abs(exponent) / 38.0), 0.0),
         ("largest numbers", np.where(exponent > 0, np.finfo(np.float64).max, np.finfo(np.float64).min), 0.0),
     )
-    checks = []
     for name, samples, edge in cases:
         # a step at `edge`: values above it have opacity 0.2; the exact image is that of 0 and 1
         look = Transfer(points=((edge, 0.0), (edge, 0.2)), window=(-1.0, 1.0) if edge == 0 else (0.0, 1.0))
@@ -79,11 +79,10 @@ def _dynamic_range(bench: Bench) -> list[Check]:
         flat = Transfer(look.points, window=look.window, shading=False)
         right, _ = map(alpha, _both(bench, (samples >= edge).astype(np.uint8), plain))
         drawn, paper = map(alpha, _both(bench, samples, flat))
-        checks.append(check(name, drawn, right, 0.0, paper))
+        yield check(name, drawn, right, 0.0, paper)
         # shaded: no gradient direction may be lost to overflow; light is at least its ambient part
         shaded, _ = map(alpha, _both(bench, samples, look))
-        checks.append(check(f"{name}, shaded", shaded, right, 0.0))
-    return checks
+        yield check(f"{name}, shaded", shaded, right, 0.0)
 
 
 def _steep(dtype: str, scale: float, bench: Bench) -> list[Check]:
@@ -113,15 +112,13 @@ for _bits, _limit, _extreme in (
     "8³ voxels, a ramp, shaded",
     "the picture of the ramp 0, 1, 2, …",
 )
-def _denormals(bench: Bench) -> list[Check]:
+def _denormals(bench: Bench) -> Iterator[Check]:
     _, _, x = np.mgrid[0:8, 0:8, 0:8]
-    checks = []
     right, _ = _both(bench, x.astype(np.float64), transfer(((0.0, 0.0), (8.0, 0.4)), shading=True))
     for name, least in DENORMALS:
         look = transfer(((0.0, 0.0), (8 * least, 0.4)), shading=True)
         drawn, paper = _both(bench, (x * least).astype(name), look)
-        checks.append(check(f"{name}, multiples of {least:.1g}", drawn, right, 1e-6, paper))
-    return checks
+        yield check(f"{name}, multiples of {least:.1g}", drawn, right, 1e-6, paper)
 
 
 @SAMPLES.case(
@@ -130,15 +127,14 @@ def _denormals(bench: Bench) -> list[Check]:
     "9×10×11 voxels, a tenth of them broken; one whole slice; everything",
     "the picture without those voxels",
 )
-def _broken(bench: Bench) -> list[Check]:
+def _broken(bench: Bench) -> Iterator[Check]:
     look = transfer(((0.0, 0.0), (1.0, 0.4)))
     clean = noise((9, 10, 11), 0.9).astype(np.float32) + np.float32(0.1)
     holes = np.random.default_rng(3).uniform(size=clean.shape) < 0.1
     right, _ = _both(bench, np.where(holes, np.float32(0), clean), look)
-    checks = []
     for name, value in (("NaN", np.nan), ("+Inf", np.inf), ("−Inf", -np.inf)):
         drawn, paper = _both(bench, np.where(holes, np.float32(value), clean), look)
-        checks.append(check(name, drawn, right, 0.0, paper))
+        yield check(name, drawn, right, 0.0, paper)
     # a slice of NaN is a gap; gradients of its neighbours use only finite samples
     ramp = np.broadcast_to(np.arange(9, dtype=np.float32)[None, None, :] / 8, (8, 8, 9)).copy()
     gap = ramp.copy()
@@ -146,13 +142,13 @@ def _broken(bench: Bench) -> list[Check]:
     shaded = transfer(((-1.0, 0.4), (1.0, 0.4)), shading=True)
     whole, cut = voxels(Volume(ramp), shaded), voxels(Volume(gap), shaded)
     normals = cut.records["normal"].astype(np.float64) - whole.records["normal"][whole.positions[:, 2] != 4]
-    checks.append(check("gradients at a gap", normals, 0.0, 0.0))
+    yield check("gradients at a gap", normals, 0.0, 0.0)
     camera = _orbit(Volume(ramp))
     right = bench.draw(dots(cut.positions, cut.depths, cut.colors), camera)
     drawn, paper = bench.both(cut, camera, shading="off")
-    checks.append(check("an all-NaN slice", drawn, right, 1e-6, paper))
+    yield check("an all-NaN slice", drawn, right, 1e-6, paper)
     drawn, paper = _both(bench, np.full((3, 4, 5), np.nan), look)
-    return [*checks, check("all NaN", drawn, 0.0, 0.0, paper)]
+    yield check("all NaN", drawn, 0.0, 0.0, paper)
 
 
 @SAMPLES.case(
@@ -161,13 +157,12 @@ def _broken(bench: Bench) -> list[Check]:
     "4 voxels a pixel of parallel rays",
     "closed form: 1 − exp(−τ Σ F(d)); the background",
 )
-def _tiny(bench: Bench) -> list[Check]:
+def _tiny(bench: Bench) -> Iterator[Check]:
     shape = kernel("crawfis-max")
     tau = -np.log1p(-0.4)
     look = transfer(((0.0, 0.0), (1.0, 0.4)), unit=1.0)
     camera = parallel(0.25, (33, 33))
     across, down = np.meshgrid(*camera.slopes())
-    checks = []
     for size in ((1, 1, 1), (1, 5, 4), (5, 1, 4), (5, 4, 1)):
         origin = (-(size[0] - 1) / 2, -(size[1] - 1) / 2, -(size[2] - 1) / 2)
         splats = voxels(Volume(np.ones(size[::-1], np.uint8), origin=origin), look)
@@ -175,16 +170,16 @@ def _tiny(bench: Bench) -> list[Check]:
         distance = np.hypot(across[..., None, None] - x[:, None], down[..., None, None] - y)
         right = -np.expm1(-tau * size[2] * shape.footprint(distance).sum(axis=(2, 3)))
         drawn, paper = map(alpha, bench.both(splats, camera))
-        checks.append(check("×".join(map(str, size)), drawn, right, SHAPE_BOUND, paper))
+        yield check("×".join(map(str, size)), drawn, right, SHAPE_BOUND, paper)
     background = (0.2, 0.3, 0.4)
     empty = voxels(Volume(np.zeros((3, 3, 3), np.uint8)), look)
     drawn = bench.draw(empty, _orbit(Volume(np.zeros((3, 3, 3)))), background=background)
     ground = np.array([*background, 1.0]).astype(np.float32)
-    checks.append(check("nothing in it", drawn, ground, 0.0))
+    yield check("nothing in it", drawn, ground, 0.0)
     # one value: no range to stretch, no gradient to shade by
     drawn, paper = _both(bench, np.full((3, 3, 3), 7.0), Transfer(points=((7.0, 0.4),)))
     plain, _ = _both(bench, np.ones((3, 3, 3)), Transfer(points=((1.0, 0.4),), shading=False))
-    return [*checks, check("one value", drawn, plain, 0.0, paper)]
+    yield check("one value", drawn, plain, 0.0, paper)
 
 
 SPACE = Group()
@@ -224,13 +219,11 @@ def _volume(spacing: Triple = (1.0, 1.0, 1.0), origin: Triple = (0.0, 0.0, 0.0))
     "14×12×10 random voxels, shaded, cubic or 1:1.3:0.6, 48×48 pixels",
     "the picture with spacing 1",
 )
-def _scale(bench: Bench) -> list[Check]:
-    checks = []
+def _scale(bench: Bench) -> Iterator[Check]:
     for size in (1e-9, 1e9):
-        checks.append(_same(bench, f"spacing {size:.0e}", _volume((size,) * 3), _volume()))
+        yield _same(bench, f"spacing {size:.0e}", _volume((size,) * 3), _volume())
         box = (size, 1.3 * size, 0.6 * size)
-        checks.append(_same(bench, f"{size:.0e}, not cubic", _volume(box), _volume((1.0, 1.3, 0.6))))
-    return checks
+        yield _same(bench, f"{size:.0e}, not cubic", _volume(box), _volume((1.0, 1.3, 0.6)))
 
 
 @SPACE.case(
@@ -239,7 +232,7 @@ def _scale(bench: Bench) -> list[Check]:
     "one splat on 12 rays; 12×12×4 voxels seen flat and edge on",
     "closed form: F(D)/|S⁻¹d̂|; float64 reference",
 )
-def _flat_voxels(bench: Bench) -> list[Check]:
+def _flat_voxels(bench: Bench) -> Iterator[Check]:
     shape = kernel("crawfis-max")
     spacing = np.array([1.0, 1.0, 1000.0])
     mean = 10.0
@@ -257,7 +250,7 @@ def _flat_voxels(bench: Bench) -> list[Check]:
             right = float(shape.footprint(np.asarray(distance))) / np.linalg.norm(along) / mean
             drawn, paper = bench.both(dot, camera, blend="xray", antialias="off")
             rows.append((drawn[0, 0, 3], right, paper[0, 0, 3]))
-    checks = [check_rows("one voxel", rows, SHAPE_BOUND * max(float(right) for _, right, _ in rows))]
+    yield check_rows("one voxel", rows, SHAPE_BOUND * max(float(right) for _, right, _ in rows))
     volume = Volume(noise((12, 12, 4), 0.3), (1.0, 1.0, 1000.0))
     splats = voxels(volume, transfer(unit=1.0))
     views = (
@@ -269,8 +262,7 @@ def _flat_voxels(bench: Bench) -> list[Check]:
         fov = 2.0 if eye[2] > -1e4 else 0.1
         camera = Camera.look_at(eye, volume.center, (0.0, 1.0, 0.1), fov, SIZE)
         drawn, exact = (draw(splats, camera, attenuation="optical-depth") for draw in (bench.draw, bench.truth))
-        checks.append(check(f"volume {name}", drawn, exact, bound, bench.paper(splats, camera)))
-    return checks
+        yield check(f"volume {name}", drawn, exact, bound, bench.paper(splats, camera))
 
 
 @SPACE.case(
@@ -279,12 +271,10 @@ def _flat_voxels(bench: Bench) -> list[Check]:
     "14×12×10 random voxels, shaded, 48×48 pixels",
     "the picture at the origin",
 )
-def _offsets(bench: Bench) -> list[Check]:
-    checks = []
+def _offsets(bench: Bench) -> Iterator[Check]:
     for far in (1e7, 1e9):
         for name, origin in (("x, y, z", (far, -far, far)), ("x", (far, 0.0, 0.0))):
-            checks.append(_same(bench, f"{far:.0e} along {name}", _volume(origin=origin), _volume()))
-    return checks
+            yield _same(bench, f"{far:.0e} along {name}", _volume(origin=origin), _volume())
 
 
 @SPACE.case(
@@ -293,26 +283,25 @@ def _offsets(bench: Bench) -> list[Check]:
     "the same samples stored otherwise, or all of it turned with the eye",
     "the picture of the plain volume",
 )
-def _directions(bench: Bench) -> list[Check]:
+def _directions(bench: Bench) -> Iterator[Check]:
     samples = noise(SHAPE, 0.4)
     right, _ = _picture(bench, Volume(samples))
-    checks, last = [], np.array(samples.shape[::-1]) - 1.0
+    last = np.array(samples.shape[::-1]) - 1.0
     # a reversed axis, with a negative direction
     for axis, name in enumerate("xyz"):
         flip = np.eye(3)
         flip[axis, axis] = -1.0
         flipped = Volume(np.flip(samples, 2 - axis), origin=tuple(np.eye(3)[axis] * last), direction=flip)
         drawn, paper = _picture(bench, flipped)
-        checks.append(check(f"−{name}", drawn, right, SAME, paper))
+        yield check(f"−{name}", drawn, right, SAME, paper)
     # rotation of volume and eye
     q, _ = np.linalg.qr(np.random.default_rng(12).normal(size=(3, 3)))
     rotation = np.asarray(q * np.sign(np.linalg.det(q)))
     volume = Volume(samples, origin=(3.0, -2.0, 1.0), direction=rotation)
     drawn, paper = _picture(bench, volume, rotation)
-    checks.append(check("turned", drawn, right, SAME, paper))
+    yield check("turned", drawn, right, SAME, paper)
     # axes permuted: z, y, x read as x, z, y
     volume = Volume(np.ascontiguousarray(samples.transpose(1, 2, 0)), direction=RENAMED)
     drawn, paper = _picture(bench, volume)
     # overlapping splats of a plane are drawn in another order, which affects colours but not opacity
-    checks.append(check("axes renamed, opacity", alpha(drawn), alpha(right), SAME, alpha(paper)))
-    return checks
+    yield check("axes renamed, opacity", alpha(drawn), alpha(right), SAME, alpha(paper))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -88,8 +88,7 @@ def down() -> Camera:
     "values that rise by 1 a voxel, spikes of 0.6 from 2 to 2e-6 values wide; classified after reconstruction",
     "closed form: the spike's area over the slope",
 )
-def _spikes(bench: Bench) -> list[Check]:
-    checks = []
+def _spikes(bench: Bench) -> Iterator[Check]:
     for width in (1.0, 0.1, 1e-3, 1e-6):
         # an opacity of 0.6 at the top; its area over the spike
         at = (np.arange(20_000) + 0.5) / 20_000
@@ -98,8 +97,7 @@ def _spikes(bench: Bench) -> list[Check]:
             optical_depth(middle(bench.draw(after(slope(), spike, width), down()))[3])
             for spike in (((z - width, 0.0), (z, 0.6), (z + width, 0.0)) for z in (11.0, 11.37, 12.5, 12.81))
         ]
-        checks.append(check(f"{2 * width:g} values wide", drawn, right, SLOPE * right))
-    return checks
+        yield check(f"{2 * width:g} values wide", drawn, right, SLOPE * right)
 
 
 @CLASSES.case(
@@ -108,16 +106,14 @@ def _spikes(bench: Bench) -> list[Check]:
     "values that rise by 1, 1e-38 and 1e37 a voxel; classified after reconstruction",
     "closed form: the way behind the step",
 )
-def _steps(bench: Bench) -> list[Check]:
-    checks = []
+def _steps(bench: Bench) -> Iterator[Check]:
     for scale in (1.0, 1e-38, 1e37):
         drawn, right = [], []
         for z in (9.5, 10.2, 13.01):
             points = ((z * scale, 0.0), (z * scale, 0.05))
             drawn.append(optical_depth(middle(bench.draw(after(slope(scale), points), down()))[3]))
             right.append((2 * SIDE - 0.5 - z) * -np.log1p(-0.05))
-        checks.append(check(f"{scale:g} a voxel", drawn, right, SLOPE * FOG))
-    return checks
+        yield check(f"{scale:g} a voxel", drawn, right, SLOPE * FOG)
 
 
 @CLASSES.case(
@@ -126,12 +122,10 @@ def _steps(bench: Bench) -> list[Check]:
     "boxes of constant value along an axis; classified after reconstruction",
     "closed form: 1 − e^−τ",
 )
-def _depths(bench: Bench) -> list[Check]:
-    checks = []
+def _depths(bench: Bench) -> Iterator[Check]:
     for depth in DEPTHS:
         drawn = middle(bench.draw(fog(depth), down()))[3]
-        checks.append(check(f"τ = {depth:g} a voxel", drawn, -np.expm1(-depth * SIDE), CONSTANT, relative=True))
-    return checks
+        yield check(f"τ = {depth:g} a voxel", drawn, -np.expm1(-depth * SIDE), CONSTANT, relative=True)
 
 
 def chord(camera: Camera, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -150,8 +144,7 @@ def chord(camera: Camera, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     "fog in a box from outside and inside, its edges and corners; classified after reconstruction",
     "closed form: 1 − e^−τ of each ray's chord",
 )
-def _boxes(bench: Bench) -> list[Check]:
-    checks = []
+def _boxes(bench: Bench) -> Iterator[Check]:
     for spacing in ((1.0, 1.0, 1.0), (1.0, 1.0, 16.0), (8.0, 0.5, 1.0)):
         size = np.array(spacing)
         low, high = -0.5 * size, (SIDE - 0.5) * size
@@ -161,8 +154,7 @@ def _boxes(bench: Bench) -> list[Check]:
             length = chord(camera, low, high)
             right = -np.expm1(-FOG / float(np.prod(size)) ** (1 / 3) * length)
             drawn = alpha(bench.draw(splats, camera))
-            checks.append(check(f"{':'.join(f'{s:g}' for s in spacing)}, {name}", drawn, right, 5 * CONSTANT))
-    return checks
+            yield check(f"{':'.join(f'{s:g}' for s in spacing)}, {name}", drawn, right, 5 * CONSTANT)
 
 
 @CLASSES.case(
@@ -171,8 +163,7 @@ def _boxes(bench: Bench) -> list[Check]:
     "plates 1 to 4 voxels thick, a step of opacity at half their value; classified after reconstruction",
     "by symmetry: the step lies midway between two voxels; limits may widen a plate of one by 0.4 voxels",
 )
-def _gaps(bench: Bench) -> list[Check]:
-    checks = []
+def _gaps(bench: Bench) -> Iterator[Check]:
     thin = -2 * THIN * np.log1p(-0.2)
     for thick, between, name, bound in (
         (1, 3, FREE, 0.1),
@@ -185,8 +176,7 @@ def _gaps(bench: Bench) -> list[Check]:
         splats = after(samples, ((0.5, 0.0), (0.5, 0.2)), kernel=name)
         drawn = optical_depth(middle(bench.draw(splats, down(), kernel=name))[3])
         what = f"{thick} voxels, {between} apart, {name}"
-        checks.append(check(what, drawn, -2 * thick * np.log1p(-0.2), bound))
-    return checks
+        yield check(what, drawn, -2 * thick * np.log1p(-0.2), bound)
 
 
 METHODS = Group()
@@ -274,8 +264,7 @@ def _wider_than_picture(bench: Bench) -> list[Check]:
     "one splat in parallel rays at multiples of R/16, X-ray, both kernels",
     "closed form: F(d), 0 from R on",
 )
-def _rim(bench: Bench) -> list[Check]:
-    checks = []
+def _rim(bench: Bench) -> Iterator[Check]:
     for name in ("crawfis-max", "gaussian"):
         shape = kernel(name)
         # pixel centres at multiples of R/16, including the axis
@@ -284,10 +273,9 @@ def _rim(bench: Bench) -> list[Check]:
         dot = dots([(0.0, 0.0, 0.0)])
         right = np.where(distance < shape.radius * (1 - 1e-9), shape.footprint(distance), 0.0)
         drawn, paper = map(alpha, bench.both(dot, camera, blend="xray", kernel=name))
-        checks.append(check(f"{name}, all of it", drawn, right, SHAPE_BOUND, paper))
+        yield check(f"{name}, all of it", drawn, right, SHAPE_BOUND, paper)
         beyond = distance >= shape.radius * (1 - 1e-9)
-        checks.append(check(f"{name}, from R on", drawn[beyond], 0.0, 1e-6, paper[beyond]))
-    return checks
+        yield check(f"{name}, from R on", drawn[beyond], 0.0, 1e-6, paper[beyond])
 
 
 @IMAGES.case(
@@ -296,13 +284,11 @@ def _rim(bench: Bench) -> list[Check]:
     "10³ random voxels, shaded",
     "float64 reference",
 )
-def _sizes(bench: Bench) -> list[Check]:
+def _sizes(bench: Bench) -> Iterator[Check]:
     volume = Volume(noise((10, 10, 10), 0.3))
     splats = voxels(volume, transfer(shading=True))
-    checks = []
     for size in IMAGE_SIZES:
         # the long side spans 40°, a single pixel 1°
         fov = 40.0 if size[1] > 1 else 40.0 / size[0] if size[0] > 1 else 1.0
         camera = Camera.look_at((25.0, -20.0, 15.0), volume.center, (0, 0, 1), fov, size)
-        checks.append(bench.check_reference(f"{size[0]}×{size[1]}", splats, camera))
-    return checks
+        yield bench.check_reference(f"{size[0]}×{size[1]}", splats, camera)

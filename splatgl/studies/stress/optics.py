@@ -152,7 +152,7 @@ def _distance_to_edge(
     "edges the result lies between those of boxes smaller and larger by a kernel's reach",
     "closed form: 1 − exp(−σL)",
 )
-def _fog(bench: Bench) -> list[Check]:
+def _fog(bench: Bench) -> Iterator[Check]:
     """Rays clear of the edges by inside (True, False); those nearer edges under None."""
     rows: dict[bool | None, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {False: [], True: [], None: []}
     radius = kernel("crawfis-max").radius
@@ -162,11 +162,9 @@ def _fog(bench: Bench) -> list[Check]:
         rows[view.inside].append((drawn[clear], -np.expm1(-depth[clear]), paper[clear]))
         limits = (-np.expm1(-paths(view, reach)[0]) for reach in (-radius, radius))
         rows[None].append((drawn[~clear], np.clip(drawn, *limits)[~clear], paper[~clear]))
-    checks = []
     for inside, where in ((False, "from outside"), (True, "from inside"), (None, "nearer edges")):
         drawn, right, paper = map(np.concatenate, zip(*rows[inside], strict=True))
-        checks.append(check(f"{len(drawn)} rays {where}", drawn, right, FOG_BOUND, paper, inside is not None))
-    return checks
+        yield check(f"{len(drawn)} rays {where}", drawn, right, FOG_BOUND, paper, inside is not None)
 
 
 OPACITY = Group()
@@ -239,14 +237,14 @@ def _corrections(bench: Bench) -> list[Check]:
     "17 splats side by side, and behind one another, faintest or densest first, each of its own colour",
     "closed form: Σ Π exp(−τ) (1 − exp(−τ)) c",
 )
-def _depth_range(bench: Bench) -> list[Check]:
+def _depth_range(bench: Bench) -> Iterator[Check]:
     tau = np.array(DEPTHS)
     count = len(tau)
     # side by side, five voxels apart: each alone
     row = dots(np.multiply.outer(5.0 * np.arange(count), (1.0, 0.0, 0.0)), tau / peak())
     images = bench.both(row, parallel(5.0 / 5, (5 * count, 1), (2.5 * (count - 1), 0.0)))
     drawn, paper = (alpha(pixels)[0, 2::5] for pixels in images)
-    checks = [check("side by side", drawn, -np.expm1(-tau), 2 * ROUNDING, paper, relative=True)]
+    yield check("side by side", drawn, -np.expm1(-tau), 2 * ROUNDING, paper, relative=True)
     # one behind the other on a ray, the faintest nearest, and reversed
     colors = np.random.default_rng(7).uniform(0.2, 1.0, (count, 3))
     for name, order in (("faintest first", np.arange(count)), ("densest first", np.arange(count)[::-1])):
@@ -255,8 +253,7 @@ def _depth_range(bench: Bench) -> list[Check]:
         light = np.exp(-np.concatenate([[0.0], np.cumsum(tau[order])[:-1]])) * -np.expm1(-tau[order])
         right = np.append(light @ colors[order], -np.expm1(-tau.sum()))
         drawn, paper = bench.both(row_of_dots(z, tau / peak(), colors), parallel(1.0, (1, 1)))
-        checks.append(check(name, drawn[0, 0], right, 2 * ROUNDING, paper[0, 0]))
-    return checks
+        yield check(name, drawn[0, 0], right, 2 * ROUNDING, paper[0, 0])
 
 
 # each term above the last digit of the sum over sixteen decades must contribute
