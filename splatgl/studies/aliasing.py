@@ -34,20 +34,20 @@ FASTEST, POINTS, DEPTHS = 4.0, 401, 40
 VISIBLE_ALPHA = 0.5
 
 
-def finer(draw: Draw, splats: Splats, camera: Camera, settings: Settings, times: int = TIMES) -> np.ndarray:
-    """float64 [times·H, times·W, 4]: the image at more samples a pixel, with the original pixels' antialiasing.
+def finer(draw: Draw, splats: Splats, camera: Camera, settings: Settings) -> np.ndarray:
+    """float64 [TIMES·H, TIMES·W, 4]: the image at more samples a pixel, with the original pixels' antialiasing.
 
     A ray offset from a pixel's centre equals a ray through the centre of an oppositely sheared scene: the image is
-    drawn times² times, with the scene sheared by fractions of a pixel.
+    drawn TIMES² times, with the scene sheared by fractions of a pixel.
     """
     width, height = camera.size
-    fine = np.zeros((height, times, width, times, 4))
-    offsets = (np.arange(times) + 0.5) / times - 0.5
+    fine = np.zeros((height, TIMES, width, TIMES, 4))
+    offsets = (np.arange(TIMES) + 0.5) / TIMES - 0.5
     for j, down in enumerate(offsets):
         for i, across in enumerate(offsets):
             sheared, view = _shear(splats, camera, across, down)
             fine[:, j, :, i] = draw(sheared, view, settings).pixels
-    return fine.reshape(height * times, width * times, 4)
+    return fine.reshape(height * TIMES, width * TIMES, 4)
 
 
 def _shear(splats: Splats, camera: Camera, across: float, down: float) -> tuple[Splats, Camera]:
@@ -107,11 +107,10 @@ class Reach:
         beside = edge[:-2, 1:-1] | edge[2:, 1:-1] | edge[1:-1, :-2] | edge[1:-1, 2:]
         return np.asarray(beside & ~nearer & (beyond > LINE_SEEN))
 
-    def window(self, times: int = TIMES) -> np.ndarray:
-        """float64 [times·H, times·W]: 1 well beyond z_k, 0 elsewhere, with a smooth transition."""
+    def window(self) -> np.ndarray:
+        """float64 [TIMES·H, TIMES·W]: 1 well beyond z_k, 0 elsewhere, with a smooth transition."""
         inner = soft(self.beyond.astype(np.float64), SOFT) > 0.98
-        large = np.kron(inner.astype(np.float64), np.ones((times, times)))
-        return soft(large, SOFT * times)
+        return soft(np.kron(inner.astype(np.float64), np.ones((TIMES, TIMES))), SOFT * TIMES)
 
 
 def world(splats: Splats) -> np.ndarray:
@@ -126,15 +125,15 @@ def share_beyond(splats: Splats, camera: Camera) -> float:
     return float((depth >= camera.z_k(splats.grid.smallest_spacing)).mean()) if len(splats) else 0.0
 
 
-def aliasing_energy(fine: np.ndarray, window: np.ndarray, times: int = TIMES) -> float:
+def aliasing_energy(fine: np.ndarray, window: np.ndarray) -> float:
     """Mean square, over the window, of the colours' content above half a cycle a pixel along either axis.
 
-    fine [times·H, times·W, 4]: `finer`; window: `Reach.window`. Per sample and channel, linear light.
+    fine [TIMES·H, TIMES·W, 4]: `finer`; window: `Reach.window`. Per sample and channel, linear light.
     """
     total = float((window * window).sum())
     if not total > 0:
         return 0.0
-    down, across = (np.abs(np.fft.fftfreq(n)) * times for n in window.shape)
+    down, across = (np.abs(np.fft.fftfreq(n)) * TIMES for n in window.shape)
     fast = np.maximum(down[:, None], across[None]) > 0.5
     energy = 0.0
     for channel in range(3):

@@ -14,7 +14,7 @@ import numpy as np
 
 from splatgl.splat.footprint import Splat, switch_depth
 from splatgl.splat.kernels import Kernel, kernel
-from splatgl.studies.figures.footprint_errors import ALL, Form, Plane, Space, Voxel, cumulative, surfaces, voxels
+from splatgl.studies.figures.footprint_errors import ALL, VOXELS, Form, Space, Voxel, cumulative, plane_of, surfaces
 from splatgl.studies.figures.paper_setup import PAPER, Setting, Stretched
 from splatgl.studies.tables import PAGE
 
@@ -47,7 +47,7 @@ class Claim:
 
 def near_axis() -> Claim:
     """Fig. 9, first voxel."""
-    voxel = voxels()[0]
+    voxel = VOXELS[0]
     row5, row4 = _levels(voxel)
     spike = 255 * float(voxel.plane.spike(ALL["row4"])[0] / voxel.plane.top()[0])
     return Claim(
@@ -63,8 +63,7 @@ def near_axis() -> Claim:
 
 def close_to_z_k() -> Claim:
     """Fig. 9, second voxel, and a few voxels behind it."""
-    at = voxels()[1]
-    levels = [_levels(Voxel(at.setting, "", at.y, at.z + behind)) for behind in (0, 5, 10)]
+    levels = [_levels(Voxel(PAPER.edge, PAPER.z_k + behind)) for behind in (0, 5, 10)]
     pairs = "; ".join(f"{row5:.2f} and {row4:.3f}" for row5, row4 in levels)
     return Claim(
         "close to z_k",
@@ -78,12 +77,12 @@ def close_to_z_k() -> Claim:
 
 def far_off() -> Claim:
     """Fig. 9, third voxel."""
-    row5, row4 = _levels(voxels()[2])
+    row5, row4 = _levels(VOXELS[2])
     return Claim(
         "at the back",
         "far behind z_k and off the axis both err by less than 8 levels",
         "M98 §4.2, Fig. 9",
-        f"row 5 {row5:.3f}, row 4 {row4:.3f} levels at y = 256, z = {voxels()[2].z:.3f}",
+        f"row 5 {row5:.3f}, row 4 {row4:.3f} levels at y = 256, z = {VOXELS[2].z:.3f}",
         max(row5, row4) < 8,
         (row5, row4),
     )
@@ -92,9 +91,9 @@ def far_off() -> Claim:
 def in_between() -> Claim:
     """Row 4 along the volume's edge, between the second and the third voxel."""
     dz = np.arange(0.0, PAPER.back - PAPER.z_k, 3.0)
-    levels = _edge(dz).levels(ALL["row4"])
+    levels = plane_of(dz, PAPER.edge).levels(ALL["row4"])
     fine = dz[levels.argmax()] + np.arange(-3.0, 3.5)
-    levels = _edge(fine).levels(ALL["row4"])
+    levels = plane_of(fine, PAPER.edge).levels(ALL["row4"])
     top, where = float(levels.max()), float(fine[levels.argmax()])
     return Claim(
         "between",
@@ -128,7 +127,7 @@ def switch_near() -> Claim:
     half = np.radians(30)
     depths = [switch_depth(PAPER.kernel, half, PAPER.n, PAPER.edge, tau) for tau in TOLERANCES]
     behind = tuple(float((depth - 1) * PAPER.z_k) for depth in depths)
-    there = _edge(np.array([SWITCH]))
+    there = plane_of(SWITCH, PAPER.edge)
     extra = float((there.levels(ALL["row5"]) - there.levels(ALL["row4"]))[0])
     listed = ", ".join(f"{b:.0f}" for b in behind)
     return Claim(
@@ -250,11 +249,6 @@ def whole_volume() -> Claim:
 
 def _levels(voxel: Voxel) -> tuple[float, float]:
     return float(voxel.plane.levels(ALL["row5"])[0]), float(voxel.plane.levels(ALL["row4"])[0])
-
-
-def _edge(dz: np.ndarray) -> Plane:
-    """Voxels at the volume's edge, dz beyond z_k."""
-    return Plane(PAPER.kernel, PAPER.z_k, np.full(len(dz), PAPER.edge), PAPER.z_k + dz)
 
 
 CLAIMS: tuple[Callable[[], Claim], ...] = (

@@ -5,9 +5,8 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -79,26 +78,39 @@ def sheet(height: float, width: float = COLUMN) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def encode(figure: Figure, suffix: str, about: Mapping[str, str], maker: str) -> bytes:
+def encode(figure: Figure, suffix: str, about: Mapping[str, str], maker: str, dpi: int = RESOLUTION) -> bytes:
     """The bytes of a .png or .svg, deterministic; about: Title and Description; maker: the program."""
     buffer = io.BytesIO()
     if suffix == ".svg":
         figure.savefig(buffer, format="svg", metadata={**about, "Creator": maker, "Date": None})
     else:
-        figure.savefig(buffer, format="png", dpi=RESOLUTION, metadata={**about, "Software": maker})
+        figure.savefig(buffer, format="png", dpi=dpi, metadata={**about, "Software": maker})
     return buffer.getvalue()
 
 
-def bare(axes: Axes) -> None:
-    """Removes frame and ticks; equal aspect ratio."""
-    axes.set_aspect("equal")
+def bare(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
+    """Sets the limits, and an equal aspect ratio; removes frame and ticks."""
+    axes.set(xlim=x, ylim=y, aspect="equal")
     axes.set_axis_off()
+
+
+def draw_eye(axes: Axes, below: float) -> None:
+    """Draws the eye, a dot at the origin, with its name `below`."""
+    axes.plot(0, 0, "o", color=BLACK, ms=4)
+    axes.text(0, -below, "eye", ha="center", va="top")
 
 
 def measure(axes: Axes, start: tuple[float, float], end: tuple[float, float], color: str = BLACK) -> None:
     """A double-headed arrow between two points, as a dimension line."""
     arrow = {"arrowstyle": "<|-|>,head_width=0.12,head_length=0.25", "color": color, "lw": 0.7, "shrinkA": 0}
     axes.annotate("", end, start, arrowprops={**arrow, "shrinkB": 0}, annotation_clip=False)
+
+
+def draw_isolines(
+    axes: Axes, surface: tuple[np.ndarray, ...], levels: Sequence[float], line: dict[str, Any], width: float
+) -> None:
+    """Draws isolines of a surface (x, y, value) in a style of LINES."""
+    axes.contour(*surface, levels, colors=[line["color"]], linestyles=[line["linestyle"]], linewidths=width)
 
 
 def plain(text: str) -> dict[str, Any]:
@@ -108,7 +120,7 @@ def plain(text: str) -> dict[str, Any]:
 
 
 # directions to try, best first: right, above, below, left, and between
-DIRECTIONS = ((1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1))
+DIRECTIONS = np.array([(1, 0), (1, 1), (1, -1), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1)])
 # distances from the point to try, pixels; from the second on, with a leader line
 REACHES = (7.0, 17.0, 30.0, 46.0, 64.0)
 LED = REACHES[1]
@@ -118,49 +130,20 @@ POINT, MARGIN = 4.5, 1.5
 LINE, STEP = 1.0, 5.0
 
 
-@dataclass(frozen=True)
-class LabelBox:
-    """A rectangle, pixels."""
+class Place(NamedTuple):
+    """Position of a label: its lower left corner [2], and the end of its leader line [2], if it has one; pixels."""
 
-    left: float
-    bottom: float
-    right: float
-    top: float
-
-    def touches(self, others: np.ndarray) -> bool:
-        """Whether any of [N, 4] left, bottom, right, top overlaps it."""
-        if not len(others):
-            return False
-        apart = (others[:, 0] > self.right) | (others[:, 2] < self.left)
-        apart |= (others[:, 1] > self.top) | (others[:, 3] < self.bottom)
-        return not bool(apart.all())
-
-    def within(self, frame: LabelBox) -> bool:
-        """Whether all of it is inside `frame`."""
-        inside = self.left >= frame.left and self.right <= frame.right
-        return inside and self.bottom >= frame.bottom and self.top <= frame.top
-
-    @property
-    def row(self) -> tuple[float, float, float, float]:
-        """(left, bottom, right, top), as `touches` takes rows."""
-        return self.left, self.bottom, self.right, self.top
-
-
-@dataclass(frozen=True)
-class Place:
-    """Position of a label: its lower left corner, and whether it has a leader line; pixels."""
-
-    left: float
-    bottom: float
-    led: bool
+    corner: np.ndarray
+    leader: np.ndarray | None
 
 
 def places(
-    points: np.ndarray, sizes: Sequence[tuple[float, float]], frame: LabelBox, lines: Sequence[np.ndarray] = ()
+    points: np.ndarray, sizes: np.ndarray, frame: np.ndarray, lines: Sequence[np.ndarray] = ()
 ) -> list[Place | None]:
-    """A position for each label of `sizes` beside points [N, 2], most important first.
+    """A position for each label of `sizes` [N, 2] beside points [N, 2], most important first.
 
-    lines: polygons [M, 2] that labels avoid if possible. None for labels without space within `frame`.
+    lines: polygons [M, 2] that labels avoid if possible. None for labels without space within `frame` (left, bottom,
+    right, top).
     """
     taken = np.concatenate([points - POINT, points + POINT], axis=1)
     along = np.concatenate([np.zeros((0, 2)), *(_along(line) for line in lines)])
@@ -170,9 +153,9 @@ def places(
         place = _place(point, size, frame, np.concatenate([taken, drawn])) or _place(point, size, frame, taken)
         placed.append(place)
         if place is not None:
-            box = (place.left, place.bottom, place.left + size[0], place.bottom + size[1])
-            leader = _along(np.array([point, _nearest(point, place, size)]))
-            taken = np.concatenate([taken, [box], np.concatenate([leader - LINE, leader + LINE], axis=1)])
+            leader = _along(np.array([point, np.clip(point, place.corner, place.corner + size)]))
+            boxes = [[*place.corner, *(place.corner + size)]], np.concatenate([leader - LINE, leader + LINE], axis=1)
+            taken = np.concatenate([taken, *boxes])
     return placed
 
 
@@ -182,28 +165,24 @@ def _along(line: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((0, 2)), *parts])
 
 
-def _nearest(point: np.ndarray, place: Place, size: tuple[float, float]) -> np.ndarray:
-    """End of a leader line from the point at its label."""
-    low = np.array([place.left, place.bottom])
-    return np.asarray(np.clip(point, low, low + size))
-
-
-def _place(point: np.ndarray, size: tuple[float, float], frame: LabelBox, taken: np.ndarray) -> Place | None:
+def _place(point: np.ndarray, size: np.ndarray, frame: np.ndarray, taken: np.ndarray) -> Place | None:
     for reach in REACHES:
-        for across, up in DIRECTIONS:
+        for direction in DIRECTIONS:
             # the label's side or corner nearest to the point is `reach` away
-            scale = reach / np.hypot(across, up)
-            left = point[0] + across * scale - (size[0] if across < 0 else size[0] / 2 if across == 0 else 0)
-            bottom = point[1] + up * scale - (size[1] if up < 0 else size[1] / 2 if up == 0 else 0)
-            box = LabelBox(left - MARGIN, bottom - MARGIN, left + size[0] + MARGIN, bottom + size[1] + MARGIN)
-            place = Place(float(left), float(bottom), reach >= LED)
-            if box.within(frame) and not box.touches(taken) and not (place.led and _crosses(point, place, size, taken)):
-                return place
+            corner = point + direction * (reach / np.hypot(*direction)) - size * (1 - direction) / 2
+            low, high = corner - MARGIN, corner + size + MARGIN
+            if (low < frame[:2]).any() or (high > frame[2:]).any() or _touches(low, high, taken):
+                continue
+            if reach < LED:
+                return Place(corner, None)
+            end = np.clip(point, corner, corner + size)
+            path = _along(np.array([point, end]))
+            # the line may cross its point only
+            if not any(_touches(at, at, taken) for at in path[np.abs(path - point).max(axis=1) > 2 * POINT]):
+                return Place(corner, end)
     return None
 
 
-def _crosses(point: np.ndarray, place: Place, size: tuple[float, float], taken: np.ndarray) -> bool:
-    """Whether a leader line crosses anything but its point."""
-    path = _along(np.array([point, _nearest(point, place, size)]))
-    path = path[np.abs(path - point).max(axis=1) > 2 * POINT]
-    return any(LabelBox(x, y, x, y).touches(taken) for x, y in path.tolist())
+def _touches(low: np.ndarray, high: np.ndarray, taken: np.ndarray) -> bool:
+    """Whether a box from `low` to `high` [2] overlaps any of [N, 4] left, bottom, right, top."""
+    return bool(((taken[:, :2] <= high) & (taken[:, 2:] >= low)).all(axis=1).any())

@@ -12,19 +12,17 @@ from splatgl.studies.accuracy.diagram import _figure, picture, plot_styles
 from splatgl.studies.accuracy.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.studies.accuracy.pareto import Timing
 from splatgl.studies.accuracy.sweep import Row, SceneResults
-from splatgl.studies.plots import LabelBox, places
+from splatgl.studies.plots import places
 
-FRAME = LabelBox(0.0, 0.0, 400.0, 300.0)
+FRAME = np.array([0.0, 0.0, 400.0, 300.0])
 HEAD = {"version": "0", "machine": {"renderer": "llvmpipe (LLVM)"}}
 
 
 def test_labels_overlap_nothing(rng: np.random.Generator) -> None:
     points = rng.uniform((20, 20), (380, 280), (30, 2))
-    sizes = [(rng.uniform(20, 60), 9.0) for _ in points]
+    sizes = np.array([(rng.uniform(20, 60), 9.0) for _ in points])
     found = places(points, sizes, FRAME, [points[:6]])
-    boxes = [
-        (p.left, p.bottom, p.left + w, p.bottom + h) for p, (w, h) in zip(found, sizes, strict=True) if p is not None
-    ]
+    boxes = [(*p.corner, *(p.corner + size)) for p, size in zip(found, sizes, strict=True) if p is not None]
     assert len(boxes) > 20
     for a, b in combinations(boxes, 2):
         assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
@@ -35,15 +33,15 @@ def test_labels_overlap_nothing(rng: np.random.Generator) -> None:
 
 
 def test_a_label_without_room_is_left_out() -> None:
-    small = LabelBox(0.0, 0.0, 30.0, 12.0)
-    assert places(np.array([[15.0, 6.0]]), [(60.0, 9.0)], small) == [None]
+    small = np.array([0.0, 0.0, 30.0, 12.0])
+    assert places(np.array([[15.0, 6.0]]), np.array([(60.0, 9.0)]), small) == [None]
 
 
 def test_the_first_label_is_nearest() -> None:
     points = np.array([[100.0, 100.0], [300.0, 200.0]])
-    first, second = places(points, [(30.0, 9.0)] * 2, FRAME)
-    assert first and second and not first.led
-    assert first.left == pytest.approx(107.0)
+    first, second = places(points, np.array([(30.0, 9.0)] * 2), FRAME)
+    assert first and second and first.leader is None
+    assert first.corner[0] == pytest.approx(107.0)
 
 
 def test_axes_differ_without_colour() -> None:

@@ -69,7 +69,7 @@ def test_figure_10_row_4_has_the_stored_errors_but_for_spikes(fig10: Surfaces) -
 def test_errors_of_figure_9() -> None:
     """The voxels of Fig. 9, rows 5 and 4."""
     right = [(0.2225, 0.0006), (27.11, 0.149), (7.812, 7.808)]
-    for voxel, pair in zip(footprint_errors.voxels(), right, strict=True):
+    for voxel, pair in zip(footprint_errors.VOXELS, right, strict=True):
         for row, level, digit in zip(("row5", "row4"), pair, (5e-3, 5e-4), strict=True):
             swept = voxel.levels(row, np.linspace(-0.96, 0.96, 1001)).max()
             assert float(voxel.plane.levels(ALL[row])[0]) == pytest.approx(level, abs=digit)

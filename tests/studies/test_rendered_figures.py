@@ -20,9 +20,9 @@ from splatgl.studies.figures.rendered import (
     PAPER,
     PICTURES,
     ROOM,
-    Panel,
     RenderedFigure,
     by_moments,
+    enlarge,
     sheet,
 )
 from tests.helpers.figures import refused
@@ -46,7 +46,7 @@ def test_panels_are_pixel_for_pixel(rng: np.random.Generator) -> None:
     first, second = rng.random((2, 4, 5, 3))
     line = np.zeros((8, 10), bool)
     line[2, 3] = True
-    found = sheet([[Panel.of(first, "one", 2), Panel.of(second, "two", 2, line)], [Panel.of(first, "", 3)]])
+    found = sheet([[(enlarge(first, 2), "one"), (enlarge(second, 2, line), "two")], [(enlarge(first, 3), "")]])
     shown = np.rint(sg.Image(np.dstack([first, np.ones((4, 5))])).straight()[..., :3] * 255)
     assert (found[MARGIN : MARGIN + 8 : 2, MARGIN : MARGIN + 10 : 2] == shown).all()
     left = MARGIN + 10 + GAP

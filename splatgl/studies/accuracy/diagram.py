@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from splatgl.studies.accuracy.content import caption, group_digits, rivals
 from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
 from splatgl.studies.accuracy.pareto import Point, stairs
 from splatgl.studies.accuracy.sweep import SceneResults
-from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, LabelBox, encode, places, sheet, style
+from splatgl.studies.plots import BLACK, BLUE, GRAY, GREEN, ORANGE, RED, encode, places, sheet, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Plot
@@ -93,9 +92,7 @@ def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> 
 def _encode(figure: Figure, title: str, head: Mapping[str, Any]) -> dict[str, bytes]:
     about = {"Title": title, "Description": head["machine"]["renderer"]}
     maker = f"splatgl {head['version']}"
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=RESOLUTION, metadata={**about, "Software": maker})
-    return {".png": buffer.getvalue(), ".svg": encode(figure, ".svg", about, maker)}
+    return {suffix: encode(figure, suffix, about, maker, RESOLUTION) for suffix in (".png", ".svg")}
 
 
 def _figure(scene: SceneResults, head: Mapping[str, Any]) -> Figure:
@@ -149,9 +146,7 @@ def _panel(plot: Plot, scene: SceneResults, truth: str) -> dict[str, Any]:
     x, y = _places(stairs(rivals(truth, scene)), least)
     steps = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
     (shown["front"],) = plot.plot(*steps, color=BLACK, linewidth=2.6, alpha=0.18, solid_capstyle="round", zorder=1)
-    plot.set_xscale("log")
-    plot.set_yscale("log")
-    plot.set_xlabel("milliseconds for a frame")
+    plot.set(xscale="log", yscale="log", xlabel="milliseconds for a frame")
     plot.set_title(f"{TITLES[truth]}\n{caption(scene, truth)}", fontsize=7.5)
     plot.grid(True, which="major", color="#e4e4e4", linewidth=0.5, zorder=0)
     plot.margins(0.12, 0.1)
@@ -226,21 +221,24 @@ def _label(plot: Plot, scene: SceneResults, truth: str, canvas: FigureCanvasAgg)
     texts = [_text(p.name, {point.name for point in points}) for p in order]
     renderer = canvas.get_renderer()
     drawn = [plot.text(0, 0, text, fontsize=LABEL, zorder=6) for text in texts]
-    sizes = [(box.width, box.height) for box in (text.get_window_extent(renderer) for text in drawn)]
+    sizes = np.array([text.get_window_extent(renderer).size for text in drawn])
     lines = [plot.transData.transform(line.get_xydata()) for line in plot.lines if line.get_linestyle() != "None"]
     for point in points:
         spread = [(1e3 * seconds, point.error or NOTHING * least) for seconds in (point.time.low, point.time.high)]
         lines.append(plot.transData.transform(spread))
-    positions = places(where, sizes, LabelBox(*plot.bbox.extents), lines)
+    positions = places(where, sizes, np.array(plot.bbox.extents), lines)
     back = plot.transData.inverted()
-    for text, place, point, (width, height) in zip(drawn, positions, where, sizes, strict=True):
+    for text, place, point in zip(drawn, positions, where, strict=True):
         if place is None:
             text.remove()
             continue
-        left, bottom = back.transform((place.left, place.bottom))
-        text.set_position((float(left), float(bottom)))
-        text.set_verticalalignment("bottom")
-        if place.led:
-            nearest = np.clip(point, (place.left, place.bottom), (place.left + width, place.bottom + height))
-            ends = back.transform([point, nearest])
-            plot.plot(*ends.T, color=GRAY, linewidth=0.4, zorder=2, scalex=False, scaley=False)
+        text.set(position=back.transform(place.corner).tolist(), verticalalignment="bottom")
+        if place.leader is not None:
+            plot.plot(
+                *back.transform([point, place.leader]).T,
+                color=GRAY,
+                linewidth=0.4,
+                zorder=2,
+                scalex=False,
+                scaley=False,
+            )

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from splatgl.splat.footprint import FORMS, ROWS, Splat, row1
 from splatgl.splat.kernels import Kernel
-from splatgl.studies.figures.paper_setup import PAPER, Setting, Stretched
-from splatgl.studies.plots import BLACK, COLUMN, GRAY, LINES, sheet
+from splatgl.studies.figures.paper_setup import PAPER, Stretched
+from splatgl.studies.plots import BLACK, COLUMN, GRAY, LINES, draw_isolines, sheet
 from splatgl.studies.tables import Table
 
 if TYPE_CHECKING:
@@ -36,22 +37,21 @@ INTEGRAL_RANGE = (2e-5, 90.0)
 
 @dataclass(frozen=True)
 class Voxel:
-    """One of the figure's voxels, at (0, y, z) in `setting`."""
+    """Voxel at (0, y, z) of the paper's volume. name: its title in the figure."""
 
-    setting: Setting
-    name: str
     y: float
     z: float
+    name: str = ""
 
     @property
     def plane(self) -> Plane:
         """Plane with this voxel alone."""
-        return Plane(self.setting.kernel, self.setting.z_k, np.array([self.y]), np.array([self.z]))
+        return Plane(PAPER.kernel, PAPER.z_k, np.array([self.y]), np.array([self.z]))
 
     @property
     def shape(self) -> Stretched:
         """The voxel's kernel after antialiasing."""
-        return Stretched(self.setting.kernel, self.y, self.z, self.setting.z_k)
+        return Stretched(PAPER.kernel, self.y, self.z, PAPER.z_k)
 
     def angles(self, place: np.ndarray) -> np.ndarray:
         """Angles of sweep positions from the axis, degrees."""
@@ -64,14 +64,11 @@ class Voxel:
         return np.asarray(255 * difference(ALL[form], splat)[0] / top)
 
 
-def voxels(setting: Setting = PAPER) -> tuple[Voxel, Voxel, Voxel]:
-    """Near the axis and the front; far off it at z_k; far off it at the back."""
-    z_k = setting.z_k
-    return (
-        Voxel(setting, "front, near the axis", 16.0, setting.front + 2),
-        Voxel(setting, "$z_k$, far off the axis", setting.edge, z_k),
-        Voxel(setting, "back, far off the axis", setting.edge, setting.back),
-    )
+VOXELS = (
+    Voxel(16.0, PAPER.front + 2, "front, near the axis"),
+    Voxel(PAPER.edge, PAPER.z_k, "$z_k$, far off the axis"),
+    Voxel(PAPER.edge, PAPER.back, "back, far off the axis"),
+)
 
 
 def integral_errors() -> Figure:
@@ -80,34 +77,29 @@ def integral_errors() -> Figure:
 
     figure = sheet(5.6)
     axes = figure.subplots(3, 2)
-    for number, (voxel, (left, right)) in enumerate(zip(voxels(), axes, strict=True)):
+    for number, (voxel, (left, right)) in enumerate(zip(VOXELS, axes, strict=True)):
         _shape(left, voxel)
         _errors(right, voxel)
         left.set_title(f"({'abc'[number]}) {voxel.name}", loc="left")
         right.set_title(f"$y$ = {voxel.y:.0f}, $z$ = {voxel.z:.1f}", loc="right")
-    axes[2, 0].set_xlabel("ray angle (°)")
-    axes[2, 1].set_xlabel("ray angle (°)")
+    for lowest in axes[2]:
+        lowest.set_xlabel("ray angle (°)")
     lines = [Line2D([], [], label=NAMES[form], **LINES[form]) for form in (*PLANAR, *SPATIAL)]
-    kernels: list[tuple[str, dict[str, Any]]] = [
-        ("trapezoid (row 1)", LINES["row1"]),
-        ("box (row 2)", LINES["row2"]),
-    ]
-    shapes = [Line2D([], [], label=name, **look) for name, look in kernels]
+    kernels = {"trapezoid (row 1)": "row1", "box (row 2)": "row2"}
+    shapes = [Line2D([], [], label=name, **LINES[row]) for name, row in kernels.items()]
     figure.legend(handles=shapes + lines, loc="outside lower center", ncols=2, frameon=False, handlelength=2.6)
     return figure
 
 
 def _shape(axes: Axes, voxel: Voxel) -> None:
     """Draws isolines over angle and depth: in perspective space all rays are vertical."""
-    radius = voxel.setting.kernel.radius
+    radius = PAPER.kernel.radius
     place = np.linspace(-1, 1, 241)
     slope, depth = np.meshgrid(voxel.plane.slope(place[None])[0], np.linspace(-1.15, 1.15, 241) * radius)
     z = voxel.z + depth
     for box, look, width in ((False, LINES["row1"], 0.8), (True, LINES["row2"], 1.4)):
-        drawn: dict[str, Any] = {"colors": [look["color"]], "linestyles": [look["linestyle"]], "linewidths": width}
-        axes.contour(
-            np.degrees(np.arctan(slope)), depth, voxel.shape.value(slope * z, z, box), INTEGRAL_ISOLINES, **drawn
-        )
+        value = voxel.shape.value(slope * z, z, box)
+        draw_isolines(axes, (np.degrees(np.arctan(slope)), depth, value), INTEGRAL_ISOLINES, look, width)
     for form, ends in (("row5", quad(voxel, grid_aligned=True)), ("row4", quad(voxel, grid_aligned=False))):
         axes.plot(np.degrees(np.arctan(ends[:, 1] / ends[:, 0])), ends[:, 0] - voxel.z, lw=1.3, **LINES[form])
     axes.set_ylabel("$z - z_v$ (voxels)", labelpad=1)
@@ -119,7 +111,7 @@ def quad(voxel: Voxel, grid_aligned: bool) -> np.ndarray:
     """[N, 2]: points (z, y) of the drawn quad, which is m·R to either side of the voxel."""
     length = np.hypot(voxel.y, voxel.z)
     direction = np.array([0.0, 1.0]) if grid_aligned else np.array([-voxel.y, voxel.z]) / length
-    half = voxel.shape.m * voxel.setting.kernel.radius
+    half = voxel.shape.m * PAPER.kernel.radius
     return np.array([voxel.z, voxel.y]) + np.outer(np.linspace(-half, half, 41), direction)
 
 
@@ -128,7 +120,7 @@ def _errors(axes: Axes, voxel: Voxel) -> None:
     for form in drawn_forms(voxel):
         levels = voxel.levels(form, place)
         axes.semilogy(voxel.angles(place), np.where(levels > 0, levels, np.nan), **LINES[form])
-    if voxel.z < voxel.setting.z_k:
+    if voxel.z < PAPER.z_k:
         axes.text(0.5, 0.93, "form c: exact", transform=axes.transAxes, ha="center", va="top", color=GRAY)
     axes.axhline(1.0, color=BLACK, lw=0.4)
     axes.set_ylim(*INTEGRAL_RANGE)
@@ -140,7 +132,7 @@ def _errors(axes: Axes, voxel: Voxel) -> None:
 
 def drawn_forms(voxel: Voxel) -> tuple[str, ...]:
     """Forms in the figure; before z_k form c is exact, so that b has nothing to correct."""
-    return (*PLANAR, *SPATIAL) if voxel.z >= voxel.setting.z_k else ("row5", "row4")
+    return (*PLANAR, *SPATIAL) if voxel.z >= PAPER.z_k else ("row5", "row4")
 
 
 def _angles(axes: Axes, voxel: Voxel) -> None:
@@ -154,10 +146,10 @@ def _angles(axes: Axes, voxel: Voxel) -> None:
 def integral_table() -> Table:
     """Errors by the ray's angle, in levels; before z_k form c stands for b and b′."""
     place, rows = np.linspace(-1, 1, 201), []
-    for voxel in voxels():
+    for voxel in VOXELS:
         forms = (*drawn_forms(voxel), "c", "c")[:4]
         columns = [voxel.angles(place), *[voxel.levels(form, place) for form in forms]]
-        rows += [(voxel.y, voxel.z, *[float(v) for v in row]) for row in zip(*columns, strict=True)]
+        rows += [(voxel.y, voxel.z, *row) for row in np.stack(columns, axis=1).tolist()]
     return Table(("y", "z", "angle (deg)", "row 5", "row 4", "form b or c", "form b' or c"), tuple(rows))
 
 
@@ -187,32 +179,29 @@ class Surfaces:
     errors: dict[str, np.ndarray]
     top: np.ndarray
 
-    def levels(self, row: str) -> np.ndarray:
-        """The same in 1/255 of row 1's largest value there."""
-        return np.asarray(255 * self.errors[row] / self.top)
-
 
 @lru_cache(maxsize=4)
-def surfaces(dz: tuple[float, ...] = DEPTHS, y: tuple[float, ...] = OFFSETS, setting: Setting = PAPER) -> Surfaces:
+def surfaces(dz: tuple[float, ...] = DEPTHS, y: tuple[float, ...] = OFFSETS) -> Surfaces:
     """The four surfaces over depths z_k + dz and offsets y."""
-    plane, shape = _plane(dz, y, setting), (len(dz), len(y))
-    errors = {row: (plane.error(ALL[row]).value / setting.kernel.scale).reshape(shape) for row in SURFACE_ROWS}
-    return Surfaces(np.array(dz), np.array(y), errors, (plane.top() / setting.kernel.scale).reshape(shape))
+    plane, shape = plane_of(dz, y), (len(dz), len(y))
+    errors = {row: (plane.error(ALL[row]) / PAPER.kernel.scale).reshape(shape) for row in SURFACE_ROWS}
+    return Surfaces(np.array(dz), np.array(y), errors, (plane.top() / PAPER.kernel.scale).reshape(shape))
 
 
 @lru_cache(maxsize=4)
-def cumulative(row: str, setting: Setting = PAPER) -> np.ndarray:
+def cumulative(row: str) -> np.ndarray:
     """[depths, offsets]: Σ |row − row 1| over a footprint's rays, per pixel width, in the table's units."""
-    plane = _plane(DEPTHS, OFFSETS, setting)
+    plane = plane_of(DEPTHS, OFFSETS)
     place = np.linspace(-1, 1, PLANE_RAYS)[None]
-    error = difference(ALL[row], plane.splat(place)) / setting.kernel.scale
-    step = plane.reach * (2 / (PLANE_RAYS - 1)) * setting.z_k
+    error = difference(ALL[row], plane.splat(place)) / PAPER.kernel.scale
+    step = plane.reach * (2 / (PLANE_RAYS - 1)) * PAPER.z_k
     return np.asarray((error.sum(axis=1) * step).reshape(len(DEPTHS), len(OFFSETS)))
 
 
-def _plane(dz: tuple[float, ...], y: tuple[float, ...], setting: Setting) -> Plane:
-    across, depth = np.meshgrid(y, setting.z_k + np.array(dz))
-    return Plane(setting.kernel, setting.z_k, across.ravel(), depth.ravel())
+def plane_of(dz: ArrayLike, y: ArrayLike) -> Plane:
+    """Voxels of the paper's volume at all depths z_k + dz and offsets y."""
+    across, depth = np.meshgrid(y, PAPER.z_k + np.asarray(dz))
+    return Plane(PAPER.kernel, PAPER.z_k, across.ravel(), depth.ravel())
 
 
 def error_surfaces() -> Figure:
@@ -241,9 +230,7 @@ def _surface(axes: Axes3D, grid: Surfaces, row: str) -> str:
     isolines = np.linspace(0, 1, SURFACE_ISOLINES + 2)[1:-1] * height.max()
     axes.contour(dz, y, height, isolines, zdir="z", offset=floor, colors=BLACK, linewidths=0.5)
     axes.plot([0, 0], [grid.y[0], grid.y[-1]], floor, color=BLACK, lw=0.8, dashes=(4, 2))
-    axes.set_zlim(floor, height.max())
-    axes.set_xlim(grid.dz[0], grid.dz[-1])
-    axes.set_ylim(grid.y[0], grid.y[-1])
+    axes.set(xlim=grid.dz[[0, -1]], ylim=grid.y[[0, -1]], zlim=(floor, height.max()))
     _frame(axes, height.max())
     axes.text2D(0.0, 0.9, f"$\\times 10^{{{power}}}$", transform=axes.transAxes, fontsize=6.5)
     return f"${top * 10.0**-power:.3f} \\times 10^{{{power}}}$"
@@ -251,9 +238,8 @@ def _surface(axes: Axes3D, grid: Surfaces, row: str) -> str:
 
 def _frame(axes: Axes3D, top: float) -> None:
     """Sets ticks, labels and viewing direction."""
-    axes.set_xticks([0, 200, 400])
-    axes.set_yticks([0, 128, 256])
-    axes.set_zticks(_ticks(top))
+    step = next(s for s in (0.5, 1.0, 2.0, 5.0) if top / s < 4.5)
+    axes.set(xticks=[0, 200, 400], yticks=[0, 128, 256], zticks=np.arange(0.0, top + 1e-9, step))
     axes.tick_params(labelsize=6.5, pad=-3.5, length=1)
     axes.set_xlabel("$z_v - z_k$", labelpad=-6.5, fontsize=7.5)
     axes.set_ylabel("$y_v$", labelpad=-7, fontsize=7.5)
@@ -266,20 +252,13 @@ def _frame(axes: Axes3D, top: float) -> None:
         axis._axinfo["grid"].update(linewidth=0.3, color="#bbbbbb")
 
 
-def _ticks(top: float) -> list[float]:
-    step = next(s for s in (0.5, 1.0, 2.0, 5.0) if top / s < 4.5)
-    return [float(t) for t in np.arange(0.0, top + 1e-9, step)]
-
-
 def surface_table() -> Table:
     """The surfaces of Fig. 10 at its grid of voxels."""
     grid = surfaces()
-    rows = []
-    for i, dz in enumerate(grid.dz):
-        for j, y in enumerate(grid.y):
-            errors = [float(grid.errors[row][i, j]) for row in SURFACE_ROWS]
-            rows.append((float(dz), float(y), *errors, float(grid.top[i, j])))
-    return Table(("z_v - z_k", "y", *SURFACE_ROWS, "largest row1"), tuple(rows))
+    dz, y = np.meshgrid(grid.dz, grid.y, indexing="ij")
+    columns = [dz, y, *(grid.errors[row] for row in SURFACE_ROWS), grid.top]
+    rows = tuple(map(tuple, np.stack(columns, axis=-1).reshape(-1, len(columns)).tolist()))
+    return Table(("z_v - z_k", "y", *SURFACE_ROWS, "largest row1"), rows)
 
 
 Form = Callable[[Splat], np.ndarray]
@@ -351,13 +330,13 @@ class Plane:
         voxel = np.stack([np.zeros_like(self.y), self.y, self.z], axis=-1)[:, None]
         return Splat(self.kernel, voxel, np.stack([np.zeros_like(slope), slope], axis=-1), self.z_k, planar)
 
-    def error(self, form: Form) -> Peak:
-        """The largest |form − row 1| of each voxel, excluding its rim (see `spike`)."""
-        return self._peak(lambda splat: difference(form, splat))
+    def error(self, form: Form) -> np.ndarray:
+        """[N]: the largest |form − row 1|, excluding the rim (see `spike`)."""
+        return self._largest(partial(difference, form))
 
     def top(self) -> np.ndarray:
         """[N]: the largest value of row 1."""
-        return self._peak(row1).value
+        return self._largest(row1)
 
     def spike(self, form: Form) -> np.ndarray:
         """[N]: the largest |form − row 1| where either footprint ends.
@@ -368,12 +347,11 @@ class Plane:
         rims = np.concatenate([self._rims(row1), self._rims(form)], axis=1)
         return np.asarray(difference(form, self.splat(rims)).max(axis=1))
 
-    def _peak(self, value: Callable[[Splat], np.ndarray]) -> Peak:
-        """Largest value within row 1's footprint except its rim; place in the sweep."""
+    def _largest(self, value: Form) -> np.ndarray:
+        """[N]: the largest value within row 1's footprint except its rim."""
         low, high = (INSIDE * self._rims(row1)).T[:, :, None]
         middle, half = (low + high) / 2, (high - low) / 2
-        peak = maximum(lambda at: value(self.splat(middle + half * at[..., 0])), len(self.y), 1, PLANE_RAYS)
-        return Peak(peak.value, middle + half * peak.place)
+        return maximum(lambda at: value(self.splat(middle + half * at[..., 0])), len(self.y), 1, PLANE_RAYS).value
 
     def _rims(self, form: Form) -> np.ndarray:
         """Places [N, 2] just outside of a footprint, on either side."""
@@ -386,7 +364,7 @@ class Plane:
 
     def levels(self, form: Form) -> np.ndarray:
         """[N]: the largest error in levels, 1/255 of row 1's largest value."""
-        return np.asarray(255 * self.error(form).value / self.top())
+        return np.asarray(255 * self.error(form) / self.top())
 
 
 @dataclass(frozen=True)
@@ -415,17 +393,13 @@ class Space:
         ray = v[:, None] + step[..., :1] * radial[:, None] + step[..., 1:] * across[:, None]
         return Splat(self.kernel, v[:, None], ray[..., :2] / ray[..., 2:], self.z_k)
 
-    def error(self, form: Form, rays: int = SPACE_RAYS) -> Peak:
-        """The largest |form − row 1| of each voxel."""
-        return maximum(lambda place: difference(form, self.splat(place)), len(self.voxel), 2, rays)
-
-    def top(self, rays: int = SPACE_RAYS) -> np.ndarray:
-        """[N]: the largest value of row 1."""
-        return maximum(lambda place: row1(self.splat(place)), len(self.voxel), 2, rays).value
-
     def levels(self, form: Form) -> np.ndarray:
         """[N]: the largest error in levels, 1/255 of row 1's largest value."""
-        return np.asarray(255 * self.error(form).value / self.top())
+
+        def largest(value: Form) -> np.ndarray:
+            return maximum(lambda place: value(self.splat(place)), len(self.voxel), 2, SPACE_RAYS).value
+
+        return np.asarray(255 * largest(partial(difference, form)) / largest(row1))
 
 
 def difference(form: Form, splat: Splat) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +11,20 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.footprint import Splat, row1
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.studies.figures.paper_setup import Stretched, straight_ahead
-from splatgl.studies.plots import BLACK, BLUE, GRAY, LINES, PALE, RED, bare, measure, plain, sheet
+from splatgl.studies.plots import (
+    BLACK,
+    BLUE,
+    GRAY,
+    LINES,
+    PALE,
+    RED,
+    bare,
+    draw_eye,
+    draw_isolines,
+    measure,
+    plain,
+    sheet,
+)
 from splatgl.studies.tables import Table
 
 if TYPE_CHECKING:
@@ -90,16 +103,13 @@ def _orientation_side_view(axes: Axes, sight: Sight) -> None:
         axes.plot(*point, MARKS[name], color=COLORS[name], ms=4.5, mec="white", mew=0.4, zorder=4)
     near = sight.points["row1"]
     axes.plot(*np.stack([voxel, near]).T, color=BLACK, lw=0.7, linestyle=":")
-    axes.plot(0, 0, "o", color=BLACK, ms=4)
-    axes.text(0, -0.15, "eye", ha="center", va="top")
+    draw_eye(axes, 0.15)
     axes.text(end + 0.05, sight.slope * end, "pixel’s ray", va="center")
     top = voxel + across * radius
     axes.text(top[0] - 0.08, top[1] + 0.05, "ray-perpendicular", color=BLUE, ha="right", va="bottom")
     axes.text(sight.z + 0.1, sight.y + radius + 0.1, "grid-aligned", color=RED, ha="left", va="bottom")
     axes.text(sight.z + 0.14, sight.y + 0.05, "$\\mathbf{v}$", va="bottom")
-    axes.set_xlim(-0.35, end + 1.1)
-    axes.set_ylim(-0.5, sight.y + radius + 0.45)
-    bare(axes)
+    bare(axes, (-0.35, end + 1.1), (-0.5, sight.y + radius + 0.45))
 
 
 def _profile(axes: Axes, sight: Sight) -> None:
@@ -112,10 +122,8 @@ def _profile(axes: Axes, sight: Sight) -> None:
         label = f"{names[name]}: $d$ = {distance:.3f}, $F/F(0)$ = {share:.3f}"
         axes.plot([distance, distance], [0, share], color=COLORS[name], lw=0.7)
         axes.plot(distance, share, MARKS[name], color=COLORS[name], ms=4.5, mec="white", mew=0.4, label=label)
-    axes.set_xlabel("distance $d$ from the voxel (voxels)")
-    axes.set_ylabel("$F(d)/F(0)$")
-    axes.set_xlim(0, sight.kernel.radius)
-    axes.set_ylim(0, 1.05)
+    axes.set(xlabel="distance $d$ from the voxel (voxels)", ylabel="$F(d)/F(0)$")
+    axes.set(xlim=(0, sight.kernel.radius), ylim=(0, 1.05))
     axes.legend(frameon=False, loc="upper right", handlelength=1, borderaxespad=0.2)
 
 
@@ -193,14 +201,10 @@ def eye_space() -> Figure:
     slopes = scene.slopes
     for depth in scene.marked:
         measure(axes, (depth, depth * slopes[3]), (depth, depth * slopes[4]), RED)
-        text = plain(f"{scene.pitch(depth):.2f}$\\,s$")
-        axes.text(depth, y[0] - 0.95, color=RED, **text)
+        axes.text(depth, y[0] - 0.95, color=RED, **plain(f"{scene.pitch(depth):.2f}$\\,s$"))
     axes.text(z[0] - 0.5, y[0] - 0.95, "ray distance", ha="right", va="center", color=RED)
-    axes.plot(0, 0, "o", color=BLACK, ms=4)
-    axes.text(0, -0.5, "eye", ha="center", va="top")
-    axes.set_xlim(-0.6, z[-1] + 1)
-    axes.set_ylim(y[0] - 1.5, y[-1] + 1.6)
-    bare(axes)
+    draw_eye(axes, 0.5)
+    bare(axes, (-0.6, z[-1] + 1), (y[0] - 1.5, y[-1] + 1.6))
     return figure
 
 
@@ -229,9 +233,7 @@ def perspective_space() -> Figure:
         measure(axes, (depth, -half), (depth, half), RED)
         axes.text(depth, -top - 0.8, color=RED, **plain(f"{2 * half:.2f}$\\,p$"))
     axes.text(z[0] - 0.5, -top - 0.8, "voxel distance", ha="right", va="center", color=RED)
-    axes.set_xlim(-0.6, z[-1] + 1)
-    axes.set_ylim(-top - 1.3, top + 1.2)
-    bare(axes)
+    bare(axes, (-0.6, z[-1] + 1), (-top - 1.3, top + 1.2))
     return figure
 
 
@@ -275,9 +277,7 @@ def similar_triangles() -> Figure:
     axes.text(1, 1.5 * pitch + 0.08, "image plane", ha="center")
     axes.text(z_k, 0.58, "voxel", ha="center")
     axes.text(1.9, 0.66, r"$\frac{p}{z_{\mathrm{img}}} = \frac{s}{z_k}$", ha="center", va="center", fontsize=11)
-    axes.set_xlim(-0.25, z_k + 0.7)
-    axes.set_ylim(-1.3, 0.95)
-    bare(axes)
+    bare(axes, (-0.25, z_k + 0.7), (-1.3, 0.95))
     return figure
 
 
@@ -339,13 +339,10 @@ def _stretch_side_view(axes: Axes) -> None:
         axes.plot(voxel.z, 0, ".", color=BLACK, ms=4)
     axes.plot([z_k, z_k], [-2.9, 2.9], color=BLACK, lw=0.8, dashes=(5, 2))
     axes.text(z_k, 3.45, **plain("$z_k$"))
-    axes.plot(0, 0, "o", color=BLACK, ms=4)
-    axes.text(0, -0.6, "eye", ha="center", va="top")
+    draw_eye(axes, 0.6)
     axes.text(DEPTHS[-1] * z_k, 0.45, "as it is", color=RED, ha="center", va="bottom", fontsize=7)
     axes.text(DEPTHS[-1] * z_k - 1.75, 2.9, "stretched", color=BLUE, ha="right", va="center", fontsize=7)
-    axes.set_xlim(-0.6, end)
-    axes.set_ylim(-4.3, 4.3)
-    bare(axes)
+    bare(axes, (-0.6, end), (-4.3, 4.3))
 
 
 def footprint_pixels(depth: float, stretch: bool) -> np.ndarray:
@@ -370,8 +367,7 @@ def _patch(axes: Axes, depth: float, stretch: bool) -> None:
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=BLUE if stretch else RED, lw=1.0))
     if not share.any():
         axes.text(0, -2.2, color=RED, fontsize=7, **plain("lost"))
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(xticks=[], yticks=[])
 
 
 def growing_table() -> Table:
@@ -402,8 +398,7 @@ def trapezoid_and_box() -> Figure:
         axes.plot(ends, edge / voxel.z_k * ends, color=PALE, lw=0.6)
     z, y = np.meshgrid(np.linspace(near, far, 301), np.linspace(-reach, reach, 301))
     for box, look in ((False, LINES["row1"]), (True, LINES["row4"])):
-        drawn: dict[str, Any] = {"colors": [look["color"]], "linestyles": [look["linestyle"]], "linewidths": 0.9}
-        axes.contour(z, y, voxel.value(y, z, box), ISOLINES, **drawn)
+        draw_isolines(axes, (z, y, voxel.value(y, z, box)), ISOLINES, look, 0.9)
         axes.plot(*voxel.outline(box).T, lw=1.3, **look)
     axes.plot(voxel.z, 0, ".", color=BLACK, ms=4)
     # the two differ most at the far corners
@@ -422,9 +417,7 @@ def trapezoid_and_box() -> Figure:
     axes.text((voxel.z + back) / 2, -reach + 0.35, **plain("$R$"))
     axes.annotate("", (near + 0.9, -reach - 0.1), (near, -reach - 0.1), arrowprops={"arrowstyle": "->", "lw": 0.7})
     axes.text(near + 1.0, -reach - 0.1, "$z$", va="center")
-    axes.set_xlim(near - 0.2, far + 0.3)
-    axes.set_ylim(-reach - 0.4, reach + 0.7)
-    bare(axes)
+    bare(axes, (near - 0.2, far + 0.3), (-reach - 0.4, reach + 0.7))
     return figure
 
 
@@ -433,5 +426,5 @@ def trapezoid_table() -> Table:
     voxel = far_voxel()
     depth = voxel.z + np.linspace(-1, 1, 9) * voxel.kernel.radius
     trapezoid, box = (voxel.kernel.radius * voxel.width(depth, b) for b in (False, True))
-    rows = [tuple(float(v) for v in row) for row in zip(depth, trapezoid, box, trapezoid - box, strict=True)]
-    return Table(("z", "trapezoid half width", "box half width", "difference"), tuple(rows))
+    rows = np.stack([depth, trapezoid, box, trapezoid - box], axis=1).tolist()
+    return Table(("z", "trapezoid half width", "box half width", "difference"), tuple(map(tuple, rows)))

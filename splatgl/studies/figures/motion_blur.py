@@ -69,9 +69,7 @@ def _picture(axes: Axes, part: str) -> None:
         axes.text(float(middle[0]), float(middle[1]), "$l$", color=BLUE, ha="center", va="center")
     letter, words = {"footprint": ("a", "cut"), "stretched": ("b", "stretched"), "exact": ("c", "exact")}[part]
     axes.set_title(f"({letter}) {words}")
-    axes.set_xlim(-SHOWN, SHOWN)
-    axes.set_ylim(-SHOWN, SHOWN)
-    bare(axes)
+    bare(axes, (-SHOWN, SHOWN), (-SHOWN, SHOWN))
 
 
 def _outline(axes: Axes, radius: float, half: float, along: np.ndarray, across: np.ndarray) -> None:
@@ -97,11 +95,8 @@ def _profile(axes: Axes) -> None:
         axes.plot([side * LENGTH] * 2, [0, 0.62], color=BLUE, lw=0.6, dashes=(3, 1.5))
     axes.text(0, 0.06, **{**plain("$l$ = 3 voxels"), "color": BLUE})
     measure(axes, (-LENGTH / 2, 0.13), (LENGTH / 2, 0.13), BLUE)
-    axes.set_xlabel("$u$ along the path (voxels)")
-    axes.set_ylabel("value$/F(0)$")
-    axes.set_xlim(-SHOWN, SHOWN)
-    axes.set_ylim(0, 1.55)
-    axes.set_yticks([0, 0.5, 1.0])
+    axes.set(xlabel="$u$ along the path (voxels)", ylabel="value$/F(0)$")
+    axes.set(xlim=(-SHOWN, SHOWN), ylim=(0, 1.55), yticks=[0, 0.5, 1.0])
     axes.legend(frameon=False, loc="upper center", ncols=1, handlelength=2.6, borderaxespad=0.1, labelspacing=0.2)
 
 

@@ -59,11 +59,6 @@ class Setting:
         """Slope of the picture's edge: tan of the half-angle."""
         return self.camera.extent / 2
 
-    @property
-    def peak(self) -> float:
-        """F(0) of the unstretched kernel of unit volume."""
-        return float(self.kernel.footprint(np.zeros(())))
-
 
 PAPER = Setting()
 

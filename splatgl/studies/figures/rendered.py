@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -61,17 +61,22 @@ PACES, FRAMES = (1.0, 5.0), 24
 # shutter angle of the figures in degrees, and moments of the reference
 SHUTTER, TIMES = 180.0, 16
 
-Rows = list[tuple[str, str, str]]
+Rows = Iterator[tuple[str, str, str]]
 
 
 def metrics(shown: RenderedFigure) -> Table:
     """Metrics of the figure."""
-    rows = [("beyond z_k", f"{100 * share_beyond(shown.splats, shown.camera):.1f} % of {len(shown.splats)} splats", "")]
+    return Table(("what", "value", "against standard"), tuple(_measure(shown)))
+
+
+def _measure(shown: RenderedFigure) -> Rows:
+    yield "beyond z_k", f"{100 * share_beyond(shown.splats, shown.camera):.1f} % of {len(shown.splats)} splats", ""
     if shown.figure.number != 14:
-        rows += _measure_still(shown)
+        yield from _measure_still(shown)
     if shown.figure.spin:
-        rows += _measure_motion(shown)
-    return Table(("what", "value", "against standard"), tuple(rows))
+        if shown.blur is not None:
+            yield from _measure_blur(shown)
+        yield from _measure_motion(shown)
 
 
 def _measure_still(shown: RenderedFigure) -> Rows:
@@ -79,46 +84,44 @@ def _measure_still(shown: RenderedFigure) -> Rows:
     draw, splats, camera = shown.draw, shown.splats, shown.camera
     reach = Reach.of(draw, splats, camera)
     window = reach.window()
-    rows: Rows = []
     for blend, kernel, ways in KINDS:
         off = shown.settings(0, blend).but(background=None, kernel=kernel)
         right = draw(splats, camera, off.but(antialias="supersample"))
-        energy = aliasing_energy(finer(draw, splats, camera, off), window)
-        error = mean_square(draw(splats, camera, off), right, reach.beyond)
-        what = f"{blend}, {kernel}"
-        rows.append((f"{what}: aliasing energy, standard", f"{energy:.3e}", ""))
-        rows.append((f"{what}: mean squared error, standard", f"{error:.3e}", ""))
+        variants = {"standard": off}
         for way in ways:
-            on = off.but(antialias="paper", attenuation=way)
             name = f"antialiased ({way})" if len(ways) > 1 else "antialiased"
-            left = aliasing_energy(finer(draw, splats, camera, on), window)
-            off_by = mean_square(draw(splats, camera, on), right, reach.beyond)
-            rows.append((f"{what}: aliasing energy, {name}", f"{left:.3e}", _ratio(energy, left)))
-            rows.append((f"{what}: mean squared error, {name}", f"{off_by:.3e}", _ratio(error, off_by)))
+            variants[name] = off.but(antialias="paper", attenuation=way)
+        standard: dict[str, float] = {}
+        for name, settings in variants.items():
+            errors = {
+                "aliasing energy": aliasing_energy(finer(draw, splats, camera, settings), window),
+                "mean squared error": mean_square(draw(splats, camera, settings), right, reach.beyond),
+            }
+            for metric, value in errors.items():
+                ratio = _ratio(standard[metric], value) if standard else ""
+                yield f"{blend}, {kernel}: {metric}, {name}", f"{value:.3e}", ratio
+            standard = standard or errors
         if blend == "xray":
             noise = f"÷ {noise_ratio(splats, camera, kernel):.2f}"
-            rows.append((f"{what}: aliasing energy, noise at these depths", "by the kernel's spectrum", noise))
+            yield f"{blend}, {kernel}: aliasing energy, noise at these depths", "by the kernel's spectrum", noise
     # quads: tiles end behind opaque splats, which rounds the same sums otherwise
     before = shown.settings(1).but(background=None, technique="quads")
     changed, count = differing_before(draw, splats, camera, before)
-    rows.append(("before z_k: pixels that antialiasing changes", f"{changed} of {count}", ""))
-    return rows
+    yield "before z_k: pixels that antialiasing changes", f"{changed} of {count}", ""
 
 
 def _measure_motion(shown: RenderedFigure) -> Rows:
-    """Figs. 12 to 14: energy and errors of motion blur, flicker over the rotation, popping."""
-    rows = _measure_blur(shown) if shown.blur is not None else []
+    """Figs. 12 to 14: flicker over the rotation, popping."""
     for spin in dict.fromkeys((*PACES, shown.figure.spin)):
         frames = shown.figure.frames if shown.figure.number == 14 else FRAMES
         variances = [flicker(strip) for strip in shown.strips(spin, frames)]
         for v, value in enumerate(variances):
             what = f"variance of frame differences at {spin:g}°: ({'abcd'[v]})"
-            rows.append((what, f"{value:.3e}", _ratio(variances[0], value)))
+            yield what, f"{value:.3e}", _ratio(variances[0], value)
     track = shown.turned(1.0)
     for pop in popping(shown.draw, shown.splats, track.camera, shown.settings(1)):
         what = f"popping: largest change in 0.01° at {pop.angle:.2f}°, where the order changes"
-        rows.append((what, f"{pop.change:.3f}", f"{pop.usual:.3f} beside it"))
-    return rows
+        yield what, f"{pop.change:.3f}", f"{pop.usual:.3f} beside it"
 
 
 def _measure_blur(shown: RenderedFigure) -> Rows:
@@ -126,22 +129,23 @@ def _measure_blur(shown: RenderedFigure) -> Rows:
     splats, camera, turn = shown.splats, shown.track.camera(1), shown.track.turn
     paths = streaks(splats, camera, turn, SHUTTER)
     longest = float(paths.pixels(splats.grid.mean_spacing).max(initial=0.0))
-    rows = [(f"longest path in half a frame of {shown.figure.spin:g}°", f"{longest:.1f} pixels", "")]
+    yield f"longest path in half a frame of {shown.figure.spin:g}°", f"{longest:.1f} pixels", ""
     many = Moments(shown.draw, turn, SHUTTER, TIMES)
     sums = shown.settings(1, "xray").but(background=None)
     energy, right = (
         float(draw(splats, camera, sums).pixels[..., 3].sum(dtype=np.float64))
         for draw in (shown.drawer(3, shown.track), many)
     )
-    rows.append((f"energy of blurred splats, X-ray, by that of {TIMES} moments", f"{energy / right:.6f}", ""))
+    yield f"energy of blurred splats, X-ray, by that of {TIMES} moments", f"{energy / right:.6f}", ""
     truth = many(splats, camera, shown.settings(1).but(antialias="supersample"))
     everywhere = np.ones(camera.size[::-1], dtype=bool)
     errors = [
         mean_square(shown.drawer(v, shown.track)(splats, camera, shown.settings(v)), truth, everywhere)
         for v in shown.variants
     ]
-    what = f"mean squared error against 4×4 samples, {TIMES} moments"
-    return rows + [(f"{what}: ({'abcd'[v]})", f"{e:.3e}", _ratio(errors[0], e)) for v, e in enumerate(errors)]
+    for v, error in enumerate(errors):
+        what = f"mean squared error against 4×4 samples, {TIMES} moments: ({'abcd'[v]})"
+        yield what, f"{error:.3e}", _ratio(errors[0], error)
 
 
 def _ratio(standard: float, value: float) -> str:
@@ -356,8 +360,9 @@ class RenderedFigure:
     def turned(self, spin: float) -> Turning:
         """The scene rotating by `spin` degrees per frame; a flat scene without a view gets a low one."""
         view = self.scene.view
-        if view == ViewOptions(size=view.size) and _is_flat(self.volume):
-            view = _low_view(self.volume, view.size)
+        low = _low_view(self.volume, view.size) if view == ViewOptions(size=view.size) else None
+        if low is not None:
+            view = low
         elif self.scene.volume == self.figure.source and self.figure.zoom != 1 and view.zoom is None:
             view = replace(view, zoom=self.figure.zoom)
         return turning(view, self.volume, self.splats, spin)
@@ -393,24 +398,22 @@ def picture(shown: RenderedFigure) -> np.ndarray:
     """The figure, uint8 [H, W, 3]."""
     figure = shown.figure
     if figure.number == 14:
-        strips = shown.strips(figure.spin, figure.frames)
-        rows = _content_rows(strips, shown.settings(0).background or BLACK)
-        panels = [Panel.of(s[rows], VARIANTS[v], figure.times) for v, s in enumerate(strips)]
-        return sheet([panels[:2], panels[2:]] if len(panels) > 2 else [panels])
-    still = Reach.of(shown.draw, shown.splats, shown.camera) if not figure.spin else None
-    line = still.line(figure.times) if still else None
-    camera = shown.track.camera(1 if figure.spin else 0)
-    pictures = [shown.drawer(v, shown.track)(shown.splats, camera, shown.settings(v)).pixels for v in shown.variants]
+        pictures = shown.strips(figure.spin, figure.frames)
+    else:
+        camera = shown.track.camera(1 if figure.spin else 0)
+        pictures = [
+            shown.drawer(v, shown.track)(shown.splats, camera, shown.settings(v)).pixels for v in shown.variants
+        ]
     rows = _content_rows(pictures, shown.settings(0).background or BLACK)
-    dots = slice(rows.start * figure.times, rows.stop * figure.times)
-    panels = [
-        Panel.of(p[rows], VARIANTS[v], figure.times, None if line is None else line[dots])
-        for v, p in enumerate(pictures)
-    ]
+    line = None
+    if not figure.spin:
+        dots = slice(rows.start * figure.times, rows.stop * figure.times)
+        line = Reach.of(shown.draw, shown.splats, shown.camera).line(figure.times)[dots]
+    panels = [(enlarge(p[rows], figure.times, line), VARIANTS[v]) for v, p in enumerate(pictures)]
     lines = [panels[:2], panels[2:]] if len(panels) > 2 else [panels]
     if figure.detail:
         part = _find_largest_change(pictures[0], pictures[1], figure.detail)
-        lines.append([Panel.of(p[part], "", figure.detail) for p in pictures])
+        lines.append([(enlarge(p[part], figure.detail), "") for p in pictures])
     return sheet(lines)
 
 
@@ -434,77 +437,60 @@ def _find_largest_change(first: np.ndarray, second: np.ndarray, times: int) -> t
     return slice(int(y), int(y) + tall), slice(int(x), int(x) + wide)
 
 
-def by_moments(count: int, shutter: float = 180.0) -> Motioned:
+def by_moments(count: int) -> Motioned:
     """Motion blur by the mean of `count` moments."""
-    return lambda draw, track: Moments(draw, track.turn, shutter, count)
+    return lambda draw, track: Moments(draw, track.turn, SHUTTER, count)
 
 
-def _is_flat(volume: Volume) -> bool:
-    """Whether a volume is a coloured terrain without view hints."""
-    extent = np.ptp(volume.corners, axis=0)
-    has_no_view = volume.color is not None and volume.hints.eye is None
-    return has_no_view and bool(extent[2] < FLAT * min(extent[0], extent[1]))
-
-
-def _low_view(volume: Volume, size: tuple[int, int]) -> ViewOptions:
-    """The built-in terrain's view, scaled to a volume of any width."""
+def _low_view(volume: Volume, size: tuple[int, int]) -> ViewOptions | None:
+    """The built-in terrain's view, scaled to any coloured terrain without view hints; None for other volumes."""
     low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
-    width = float(high[0] - low[0])
-    x, y = (float(m) for m in (low + high)[:2] / 2)
-    eye = (x, float(low[1]) - LOW_EYE * width, float(low[2]) + LOW_HEIGHT * width)
-    return ViewOptions(size=size, eye=eye, look_at=(x, y, float(low[2]) + LOW_TARGET * width), fov=60.0)
+    width, depth, height = (high - low).tolist()
+    if volume.color is None or volume.hints.eye is not None or height >= FLAT * min(width, depth):
+        return None
+    (_, front, bottom), (x, y, _) = low.tolist(), ((low + high) / 2).tolist()
+    eye = (x, front - LOW_EYE * width, bottom + LOW_HEIGHT * width)
+    return ViewOptions(size=size, eye=eye, look_at=(x, y, bottom + LOW_TARGET * width), fov=60.0)
 
 
 # sizes in sheet pixels: gap between panels, outer margin, text height, and room for the caption below a panel
 GAP, MARGIN, TEXT, ROOM = 12, 10, 15, 26
 PAPER, INK = (255, 255, 255), (0, 0, 0)
-# width of the white edge around black lines, in pixels
-EDGE = 1
 
 
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """A panel: uint8 [H, W, 3] sRGB as placed on the sheet, and its caption."""
+def enlarge(pixels: np.ndarray, times: int, line: np.ndarray | None = None) -> np.ndarray:
+    """uint8 sRGB of opaque linear pixels [H, W, 3 or 4], enlarged by times × times; line: enlarged pixels drawn black,
+    with a white edge.
+    """
+    from PIL import Image, ImageFilter
 
-    shown: np.ndarray
-    words: str
-
-    @classmethod
-    def of(cls, pixels: np.ndarray, words: str, times: int = 1, line: np.ndarray | None = None) -> Panel:
-        """From opaque linear pixels [H, W, 3 or 4], enlarged by times × times; line: enlarged pixels drawn black."""
-        shown = np.rint(srgb_from_linear(np.clip(pixels[..., :3], 0.0, 1.0)) * 255).astype(np.uint8)
-        shown = np.repeat(np.repeat(shown, times, axis=0), times, axis=1)
-        if line is not None:
-            wide = np.pad(line, EDGE)
-            around = np.zeros_like(line)
-            for y in range(2 * EDGE + 1):
-                for x in range(2 * EDGE + 1):
-                    around |= wide[y : y + line.shape[0], x : x + line.shape[1]]
-            shown[around] = PAPER
-            shown[line] = INK
-        return cls(shown, words)
+    shown = np.rint(srgb_from_linear(np.clip(pixels[..., :3], 0.0, 1.0)) * 255).astype(np.uint8)
+    shown = np.repeat(np.repeat(shown, times, axis=0), times, axis=1)
+    if line is not None:
+        shown[np.asarray(Image.fromarray(line.astype(np.uint8)).filter(ImageFilter.MaxFilter(3))) > 0] = PAPER
+        shown[line] = INK
+    return shown
 
 
-def sheet(rows: Sequence[Sequence[Panel]]) -> np.ndarray:
-    """uint8 [H, W, 3]: rows of panels, lettered (a), (b), … in reading order."""
+def sheet(rows: Sequence[Sequence[tuple[np.ndarray, str]]]) -> np.ndarray:
+    """uint8 [H, W, 3]: rows of pictures with captions, lettered (a), (b), … in reading order."""
     from PIL import Image, ImageDraw
 
-    width = max(sum(p.shown.shape[1] + GAP for p in row) - GAP for row in rows) + 2 * MARGIN
-    height = sum(max(p.shown.shape[0] for p in row) + ROOM + GAP for row in rows) - GAP + 2 * MARGIN
+    width = max(sum(shown.shape[1] + GAP for shown, _ in row) - GAP for row in rows) + 2 * MARGIN
+    height = sum(max(len(shown) for shown, _ in row) + ROOM + GAP for row in rows) - GAP + 2 * MARGIN
     page = Image.new("RGB", (width, height), PAPER)
     pen, font = ImageDraw.Draw(page), load_font(TEXT)
     letters = iter("abcdefghijklmnop")
     top = MARGIN
     for row in rows:
-        tall = max(p.shown.shape[0] for p in row)
+        tall = max(len(shown) for shown, _ in row)
         left = MARGIN
-        for panel in row:
-            page.paste(Image.fromarray(panel.shown), (left, top))
-            middle = left + panel.shown.shape[1] / 2
-            if panel.words:
-                words = f"({next(letters)}) {panel.words}"
-                pen.text((middle, top + tall + ROOM / 2), words, INK, font=font, anchor="mm")
-            left += panel.shown.shape[1] + GAP
+        for shown, words in row:
+            page.paste(Image.fromarray(shown), (left, top))
+            middle = left + shown.shape[1] / 2, top + tall + ROOM / 2
+            if words:
+                pen.text(middle, f"({next(letters)}) {words}", INK, font=font, anchor="mm")
+            left += shown.shape[1] + GAP
         top += tall + ROOM + GAP
     return np.asarray(page)
 
