@@ -87,13 +87,18 @@ UNSUPPORTED = {
 def draw(scene: OpenScene, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
     check_time(scene.file.annotate)
-    if not scene.is_single:
+    level, info, image = scene, dict[str, object](), None
+    if scene.is_single:
+        scene.check_masks()
+        if scene.volume.coarser:
+            level, info = _choose_level(scene, how)
+        image = _draw_in_bricks(level, how)
+    else:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits(how.memory)
-        return finish(_draw_whole(scene, how), scene)
-    scene.check_masks()
-    level, info = _choose_level(scene, how) if scene.volume.coarser else (scene, {})
-    image = _draw_in_bricks(level, how) or _draw_whole(level, how)
+    image = image or draw_subject(level.subject, level.camera, level.settings, how)
+    if not (image.info["splats"] or image.info.get("triangles")):
+        raise level.nothing_visible()
     return finish(Image(image.pixels, {**image.info, **info}), scene)
 
 
@@ -140,19 +145,8 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
         if how.explain:
             print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(most))
-    if not image.info["splats"]:
-        raise scene.nothing_visible()
-    return check_bricks(image, bricks, scene.camera, scene.settings) if how.check is None else image
-
-
-def _draw_whole(scene: OpenScene, how: DrawOptions) -> Image:
-    """Draws all splats and meshes. Raises InputError if nothing is visible."""
-    if scene.is_single and not len(scene.splats):
-        raise scene.nothing_visible()
-    image = draw_subject(scene.subject, scene.camera, scene.settings, how)
-    if not (image.info["splats"] or image.info.get("triangles")):
-        raise scene.nothing_visible()
-    return image
+    is_checked = how.check is None and image.info["splats"]
+    return check_bricks(image, bricks, scene.camera, scene.settings) if is_checked else image
 
 
 def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:

@@ -20,7 +20,7 @@ from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes
 from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import is_mesh, surfaces_of
-from splatgl.scene.scene_file import SceneFile, check_masked
+from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.segment_surfaces import is_segmentation
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
@@ -151,8 +151,12 @@ class OpenScene:
         return bool(self.scene.meshes) or any(map(len, self.scene.splats(self.file.settings)))
 
     def check_masks(self) -> None:
-        """InputError for masks that keep nothing visible."""
-        check_masked(self.file.volume, self.volume, self.transfer)
+        """Raises InputError if the masks keep only transparent voxels."""
+        from splatgl.splat.opaque_bounds import Opaque
+
+        if self.volume.masks and Opaque(self.volume, self.transfer).nothing:
+            fix = "set the points to the values that matter, or take another mask"
+            raise expected(self.file.volume, "voxels with an opacity that its masks keep", "none", fix)
 
     def check_fits(self, memory: int | None = None) -> None:
         """InputError for a layer that could be drawn in bricks only. memory: bytes; None: half of what is free."""

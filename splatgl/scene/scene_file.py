@@ -53,15 +53,6 @@ if TYPE_CHECKING:
     from splatgl.splat.splats import Splats
 
 
-def check_masked(source: str, volume: Volume, transfer: Transfer) -> None:
-    """Raises InputError if the masks keep only transparent voxels."""
-    from splatgl.splat.opaque_bounds import Opaque
-
-    if volume.masks and Opaque(volume, transfer).nothing:
-        fix = "set the points to the values that matter, or take another mask"
-        raise expected(source, "voxels with an opacity that its masks keep", "none", fix)
-
-
 # types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
     **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors")},
