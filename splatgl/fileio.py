@@ -8,6 +8,7 @@ import math
 import os
 import re
 import stat
+import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
@@ -185,12 +186,24 @@ def atomic_write(target: Path) -> Iterator[Path]:
                     temporary = file.name
                 yield Path(temporary)
                 os.chmod(temporary, mode)
-                os.replace(temporary, real)
+                _replace(temporary, real)
             finally:
                 if temporary and os.path.exists(temporary):
                     os.unlink(temporary)
     except OSError as error:
         raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
+
+
+def _replace(temporary: str, real: Path) -> None:
+    """Renames a file to one that may exist. Raises OSError; Windows replaces no file that is open."""
+    try:
+        os.replace(temporary, real)
+    except PermissionError:
+        if sys.platform != "win32":
+            raise
+        raise OSError(
+            errno.EACCES, "it is open, here or in another program; close it, or choose another name"
+        ) from None
 
 
 def shorten_name(name: str) -> str:

@@ -294,8 +294,11 @@ class HeadlessLoader(Loader):
         self._context.__exit__(None, None, None)
 
     def destroy(self) -> None:
-        """Frees the context."""
+        """Frees the context. What is current stays current, which WGL and CGL do not provide for."""
+        host = None if self.backend == "egl" else current_host()
         self._context.release()
+        if host is not None:
+            host.bind()
 
 
 def device_count() -> int:

@@ -10,7 +10,6 @@ permitted. Only filters with bounded results are run.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import subprocess
@@ -298,8 +297,8 @@ _PART_BYTES = 2**20
 _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
 _PROBE = Path(__file__).with_name("hdf5_probe.py")
 
-# seconds until the probe of a file is ended, on systems where it cannot limit its processor time
-_PROBE_TIMEOUT = None if importlib.util.find_spec("resource") else 60.0
+# seconds until the probe of a file is ended, which limits its processor time itself where the system can
+_PROBE_TIMEOUT = 60.0
 # files that passed the probe: path, bytes, time
 _PROBED: set[tuple[str, int, int]] = set()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import sys
 from contextlib import suppress
 
@@ -13,8 +14,10 @@ except ImportError:
     # on Windows, the waiting process ends this one
     resource = None  # type: ignore[assignment]
 
-# most processor time in seconds: ten thousand objects take about one
-SECONDS = 3
+# most seconds of processor time, bytes of memory, and bytes of a memory dump; ten thousand objects take about a second
+LIMITS = {"RLIMIT_CPU": 3, "RLIMIT_AS": 16 << 30, "RLIMIT_CORE": 0}
+# of SetErrorMode: no window tells of a crash
+SILENT = 0x1 | 0x2
 # printed before the file is opened: a later failure is the file's fault
 STARTED = "looking"
 
@@ -73,10 +76,18 @@ def read_node(_name: str, node: object) -> None:
             return
 
 
+def limit_process() -> None:
+    """Limits time and memory of this process, where the system can."""
+    for name, most in LIMITS.items() if resource is not None else ():
+        # macOS refuses some
+        with suppress(OSError, ValueError, AttributeError):
+            resource.setrlimit(getattr(resource, name), (most, most))
+    if sys.platform == "win32":
+        ctypes.windll.kernel32.SetErrorMode(SILENT)
+
+
 if __name__ == "__main__":
-    if resource is not None:
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    limit_process()
     print(STARTED, flush=True)
     try:
         with h5py.File(sys.argv[1], "r", locking=False) as opened:

@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from splatgl import platforms
-from splatgl.fileio import budget
-
-# found by each Python that starts, the processes of readers among them: modules and functions that Windows has not, and
-# paths that only Linux has
-HIDDEN = """
-import os, pathlib, signal, sys
-for name in ("resource", "fcntl", "pwd", "grp", "termios", "tty", "pty", "psutil"):
-    sys.modules[name] = None
-for name in ("sysconf", "fork", "register_at_fork", "sched_getaffinity", "getuid", "geteuid", "getgid", "getpgid",
-             "killpg", "chown", "fchmod", "mkfifo", "statvfs", "getloadavg", "RTLD_NOLOAD"):
-    if hasattr(os, name):
-        delattr(os, name)
-for name in ("SIGHUP", "SIGKILL", "SIGALRM", "SIGUSR1", "alarm", "setitimer"):
-    if hasattr(signal, name):
-        delattr(signal, name)
-real = pathlib.Path.read_text
-def read_text(self, *args, **options):
-    if str(self).startswith(("/proc", "/sys")):
-        raise FileNotFoundError(str(self))
-    return real(self, *args, **options)
-pathlib.Path.read_text = read_text
-"""
+from splatgl.data.mask import parse_mask
+from splatgl.errors import InputError
+from splatgl.fileio import budget, write_file
+from splatgl.readers.options import inside
+from splatgl.readers.remote import is_address
+from splatgl.scene.meshes import LOOK, split_look
+from tests.helpers.other_system import HIDDEN
 
 
 @pytest.fixture
@@ -47,6 +34,62 @@ def run(environment: dict[str, str], *arguments: str) -> str:
     told = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True)
     assert told.returncode == 0, told.stderr
     return told.stdout
+
+
+# what Mesa answers there, versions that are requested, folders below the home folder, and words of the doctor
+SYSTEMS = {
+    "win32": ({}, "wgl 460 450", ("AppData/Local",) * 2, "driver of the graphics card"),
+    "darwin": (
+        {"MESA_GL_VERSION_OVERRIDE": "4.1", "MESA_GLSL_VERSION_OVERRIDE": "410"},
+        "cgl 410",
+        ("Library/Caches", "Library/Application Support"),
+        "desktop of macOS",
+    ),
+}
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_another_system(tmp_path: Path, elsewhere: dict[str, str], system: str) -> None:
+    """All modules are imported, a file is read and drawn, and the doctor speaks of that system alone."""
+    h5py = pytest.importorskip("h5py")
+    mesa, versions, folders, words = SYSTEMS[system]
+    samples = np.random.default_rng(3).random((4, 5, 6), np.float32)
+    np.save(tmp_path / "v.npy", samples)
+    with h5py.File(tmp_path / "v.h5", "w") as file:
+        file["v"] = samples
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "XDG_CACHE_HOME", "XDG_STATE_HOME", "LOCALAPPDATA"):
+        elsewhere.pop(name, None)
+    text = run(elsewhere | mesa, "-m", "tests.helpers.other_system", system, str(tmp_path))
+    assert "pictures are right" in text and f"backend {versions}\n" in text and words in text
+    assert "apt-get" not in text and "EGL" not in text.replace("only egl chooses", "") and "osmesa" not in text
+    assert "folder " + " ".join(f"/home/{folder}" for folder in folders) in text
+    assert ("draws by tiles" in text) == (system == "win32")
+    refused = "v.npy: cannot be written: it is open, here or in another program; close it, or choose another name"
+    assert (refused in text) == (system == "win32")
+    assert np.load(tmp_path / "w.npy").max() > 0.1
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_a_drive_is_no_option() -> None:
+    assert inside(r"C:\v.h5:/a/b") == (r"C:\v.h5", "/a/b") and inside(r"C:\v.h5") == (r"C:\v.h5", None)
+    assert split_look(r"C:\m.stl:bone:0.5", str.isalpha) == (r"C:\m.stl", "bone", 0.5)
+    for look in (str.isalpha, lambda text: LOOK.fullmatch(text) is not None):
+        assert split_look(r"C:\m.stl", look) == (r"C:\m.stl", "", 1.0)
+    assert parse_mask(r"C:\m.nii:1,2:outside") == (r"C:\m.nii", (1, 2), True)
+    assert parse_mask(r"C:\m.nii") == (r"C:\m.nii", (), False)
+    assert not is_address(r"C:\v.nrrd") and not is_address("C:/v.nrrd") and is_address("s3://v.nrrd")
+
+
+def test_a_refusal_is_of_that_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where files that are open can be replaced, another reason is passed on."""
+
+    def refuse(source: str, target: str) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(InputError, match=r"w: cannot be written: Operation not permitted$"):
+        write_file(tmp_path / "w", b"w")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.long
@@ -84,6 +127,30 @@ def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
     hdf5_file._PROBED.clear()
     hdf5_file._probe(file)
+
+
+def test_the_look_at_hdf5_is_limited_where_it_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """macOS refuses some limits; Windows has none, but windows that tell of a crash, and wait for a click."""
+    pytest.importorskip("h5py")
+    from splatgl.readers import hdf5, hdf5_probe
+
+    limited, modes = dict[str, tuple[int, int]](), list[int]()
+
+    def limit(name: str, most: tuple[int, int]) -> None:
+        if name == "memory":
+            raise ValueError("current limit exceeds maximum limit")
+        limited[name] = most
+
+    there = SimpleNamespace(RLIMIT_CPU="time", RLIMIT_AS="memory", RLIMIT_CORE="dump", setrlimit=limit)
+    monkeypatch.setattr(hdf5_probe, "resource", there)
+    hdf5_probe.limit_process()
+    assert limited == {"time": (3, 3), "dump": (0, 0)} and hdf5._PROBE_TIMEOUT == 60.0
+    kernel = SimpleNamespace(SetErrorMode=modes.append)
+    monkeypatch.setattr(ctypes, "windll", SimpleNamespace(kernel32=kernel), raising=False)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(hdf5_probe, "resource", None)
+    hdf5_probe.limit_process()
+    assert modes == [3]
 
 
 def test_memory_that_nobody_tells_is_assumed(monkeypatch: pytest.MonkeyPatch) -> None:
