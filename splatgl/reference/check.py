@@ -46,15 +46,16 @@ def check(
     image, windows, checked = _compared(
         image, settings, rows, lambda windows: render_windows(splats, camera, settings, windows)
     )
-    if field and windows and isinstance(splats, Splats):
+    if field and windows:
+        ((layer, look),) = splats.drawn(settings)
         inside = np.zeros(image.pixels.shape[:2], bool)
         for w in windows:
             inside[w.y : w.y + w.height, w.x : w.x + w.width] = True
         shown = np.flatnonzero(_is_visible(image.pixels, settings) & inside)
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
-        drawn = select_splats(splats, settings, moving=False)
+        drawn = select_splats(layer, look, moving=False)
         samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
-        far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, settings)
+        far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, look)
         checked["field"] = {"pixels": len(pixels), **_errors(far)}
     return image
 
@@ -91,10 +92,11 @@ def check_input(splats: Splats | Scene, camera: Camera, settings: Settings, rows
         raise expected("--check", f"{least} to {height} rows" + " with --field" * field, rows)
     if not field:
         return
-    if not isinstance(splats, Splats):
+    (layer, settings), *others = splats.drawn(settings)
+    if others or splats.surfaces(settings):
         raise expected("--field", "a picture of one volume", "layers or meshes")
-    selected = select_splats(splats, settings, moving=False)
-    why = why_classified_before(splats.source, selected, settings, moving=False)
+    selected = select_splats(layer, settings, moving=False)
+    why = why_classified_before(layer.source, selected, settings, moving=False)
     if why:
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
 

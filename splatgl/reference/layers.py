@@ -16,10 +16,10 @@ from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.sheets import Pieces, SheetScene, add_behind
 from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import colors_at
-from splatgl.splat.culling import Window, clip_behind_eye
+from splatgl.splat.culling import Window
 from splatgl.splat.lighting import Light, surface_light
-from splatgl.splat.resolve import Resolved, select_splats
-from splatgl.splat.scene import Scene, check_layer, common_samples
+from splatgl.splat.resolve import Resolved
+from splatgl.splat.scene import check_layer
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 
@@ -42,15 +42,6 @@ class LayerScene:
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
         """Light [P, 4] of a window's pixels between distances [P], world units."""
         return merge_pieces([layer.pieces(window, near, far) for layer in self.layers])
-
-
-def layers_of(scene: Scene, camera: Camera, settings: Settings) -> list[tuple[Splats, Settings]]:
-    """Splats and settings of all layers that have splats, or of the first; all with the same samples per pixel."""
-    drawn = common_samples(scene.drawn(settings), camera, settings)
-    return [
-        (clip_behind_eye(select_splats(splats, layer_settings, moving=False), camera), layer_settings)
-        for splats, layer_settings in drawn
-    ]
 
 
 def resolve_layer(splats: Splats, camera: Camera, settings: Settings) -> Resolved:

@@ -17,7 +17,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.errors import expected
 from splatgl.reference.blend import ADD, Band, Part, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
-from splatgl.reference.layers import LayerScene, SurfaceScene, layers_of, resolve_layer
+from splatgl.reference.layers import LayerScene, SurfaceScene, resolve_layer
 from splatgl.reference.rays import Boxes, Row, may_reach, pair_values, pixel_boxes
 from splatgl.reference.sheets import SheetScene
 from splatgl.splat.bricks import Bricks
@@ -29,7 +29,7 @@ from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
-from splatgl.splat.scene import Scene, join_pictures, with_shared_casters
+from splatgl.splat.scene import Scene, common_samples, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats, record_type
 
@@ -79,19 +79,20 @@ def _prepare(
     """The drawing of the picture; in blends without an order, one of each layer, without background. And the picture's
     info. windows: the only pixels that are drawn; None: all.
     """
-    if isinstance(subject, Scene):
-        layers, meshes = layers_of(subject, camera, settings), subject.surfaces(settings)
-        if len(layers) > 1 or meshes:
-            drawings = _prepare_layers(layers, camera, settings, windows, meshes)
-            names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
-            background = None if settings.background is None else list(settings.background)
-            info = _provenance(layers[0][0], camera, drawings[0][1], "row1")
-            return drawings, {**info, "background": background, "layers": names, "splats": count}
-        subject, settings = layers[0]
+    layers, meshes = subject.drawn(settings), subject.surfaces(settings)
+    if len(layers) > 1 or meshes:
+        shared = common_samples(layers, camera, settings)
+        layers = [(clip_behind_eye(select_splats(splats, look, moving=False), camera), look) for splats, look in shared]
+        drawings = _prepare_layers(layers, camera, settings, windows, meshes)
+        names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
+        background = None if settings.background is None else list(settings.background)
+        info = _provenance(layers[0][0], camera, drawings[0][1], "row1")
+        return drawings, {**info, "background": background, "layers": names, "splats": count}
+    splats, settings = layers[0]
     if row != "row1":
         kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
         settings = settings.but(classification="pre", compositing="splats", kernel=kernel)
-    splats = clip_behind_eye(select_splats(subject, settings, moving=False), camera)
+    splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     scene = _scene(_select_reaching(splats, resolved, windows), resolved, row)
     return [(scene, resolved)], _provenance(splats, camera, resolved, row)

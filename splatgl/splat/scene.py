@@ -222,11 +222,7 @@ class Scene:
 
     def moments(self, camera: Camera, settings: Settings, motion: Motion) -> int:
         """Number of pictures whose mean a moving picture is: that of the fastest layer; 1: a sharp picture."""
-        if settings.moments is not None:
-            return settings.moments
-        if settings.motion == "off" or settings.shutter == 0:
-            return 1
-        return max(count_moments(splats, camera, motion, settings.shutter) for splats, _ in self.drawn(settings))
+        return count_layer_moments(self.drawn(settings), camera, settings, motion)
 
     @property
     def corners(self) -> np.ndarray:
@@ -282,15 +278,13 @@ def plan_scene(
     Raises InputError for settings that several layers or meshes do not support: compositing splat by splat, streaks and
     flows; and with meshes, blends other than composite.
     """
-    if not isinstance(subject, Scene):
-        return ScenePlan((plan(subject, camera, settings, motion, tiles),))
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
     if len(layers) == 1 and not meshes:
         return ScenePlan((plan(layers[0][0], camera, layers[0][1], motion, tiles),))
     changes: dict[str, Any] = {}
     if motion is not None and not motion.still:
         check_blur_supported("of layers", settings, motion.flow is not None)
-        changes = {"motion": "off", "moments": subject.moments(camera, settings, motion)}
+        changes = {"motion": "off", "moments": count_layer_moments(layers, camera, settings, motion)}
     is_ordered = BLENDS[settings.blend].ordered
     if not is_ordered:
         if meshes:
@@ -305,6 +299,17 @@ def plan_scene(
         lit = with_shared_casters([layer.resolved for layer in plans], pairs)
         plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
     return ScenePlan(plans, meshes, subject.notes, settings.background)
+
+
+def count_layer_moments(
+    layers: Sequence[tuple[Splats, Settings]], camera: Camera, settings: Settings, motion: Motion
+) -> int:
+    """As `Scene.moments`, of the layers that a scene draws."""
+    if settings.moments is not None:
+        return settings.moments
+    if settings.motion == "off" or settings.shutter == 0:
+        return 1
+    return max(count_moments(splats, camera, motion, settings.shutter) for splats, _ in layers)
 
 
 def moments_per_frame(subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion) -> int:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 from weakref import WeakKeyDictionary, ref
 
 import numpy as np
@@ -25,9 +25,11 @@ from splatgl.splat.grid import Grid, Lattice, columns, corners_of, index_rows, l
 from splatgl.splat.preintegration import ValueClassifier
 
 if TYPE_CHECKING:
+    from splatgl.data.mesh import Mesh
     from splatgl.splat.extract import Source
     from splatgl.splat.label_normals import LabelNormals
     from splatgl.splat.mask_field import MaskField
+    from splatgl.splat.settings import Settings
 
 
 class Same:
@@ -243,6 +245,7 @@ class Splats:
     frame: str | None = None
     labels: LabelNormals | None = None
     unmasked: int = 0
+    notes: ClassVar[tuple[str, ...]] = ()
 
     def __len__(self) -> int:
         return len(self.records)
@@ -288,6 +291,14 @@ class Splats:
         records["optical_depth"] = depths
         records["color"] = colors[order]
         return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
+
+    def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
+        """The splats as the only layer of a picture, as of `Scene.drawn`."""
+        return [(self, settings)]
+
+    def surfaces(self, settings: Settings) -> tuple[Mesh, ...]:
+        """No meshes, as of `Scene.surfaces`."""
+        return ()
 
     @property
     def positions(self) -> np.ndarray:
