@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from splatgl.gl.renderer import Renderer
-    from splatgl.studies.accuracy.html import Strip
     from splatgl.studies.accuracy.sweep import Results, Tick
 
 
@@ -139,7 +138,7 @@ def _prepare(
         print(f"{count} truths by workers; this process measures times afterwards")
 
 
-def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> Strip:
+def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> str:
     from splatgl.studies.accuracy.ground_truth import Truths
     from splatgl.studies.accuracy.html import strip
 

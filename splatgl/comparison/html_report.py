@@ -50,12 +50,13 @@ def largest_difference(actual: Image, right: Image, mask: np.ndarray | None = No
     return worst if mask is None else np.where(mask, worst, np.float32(0))
 
 
-def heat_map(difference: np.ndarray) -> np.ndarray:
-    """Heat map of the difference from 0 to its maximum, sRGB uint8 [H, W, 3]."""
+def heat_map(difference: np.ndarray, most: float | None = None) -> np.ndarray:
+    """Heat map of the difference from 0 to `most`, by default its maximum, sRGB uint8 [H, W, 3]."""
     at = np.linspace(0, len(HEAT) - 1, SHADES)
     shades = np.stack([np.interp(at, np.arange(len(HEAT)), channel) for channel in HEAT.T], axis=-1)
     # any difference is brighter than black
-    place = np.ceil(difference / (difference.max() or np.float32(1)) * np.float32(SHADES - 1)).astype(np.uint16)
+    share = np.minimum(difference / np.float32(most or difference.max() or 1), np.float32(1))
+    place = np.ceil(share * np.float32(SHADES - 1)).astype(np.uint16)
     return np.take(np.rint(shades).astype(np.uint8), place, axis=0, mode="clip")
 
 

@@ -102,7 +102,7 @@ def _summaries(results: Results) -> Table:
         width, height = scene.about["size"]
         size = f"{group_digits(scene.about['splats'])}, {width}×{height}"
         nearest = f"{number(summary.nearest.error)}, {summary.nearest.name}" if summary.nearest else ""
-        errors = map(number, (*summary.filtered, summary.least, *summary.field))
+        errors = map(number, (*summary.filtered, summary.best.error if summary.best else None, *summary.field))
         rows.append((scene.name, size, *drawing, cost, *errors, nearest))
     return Table(SUMMARY_HEAD, tuple(rows))
 
@@ -127,25 +127,22 @@ def _scene(scene: SceneResults) -> Iterator[Block]:
                 yield _table(f"Peers: {TRUTHS[truth]}", [(*_cells(scene, row, truth), "") for row in peers])
         yield Text((PEERS,))
     yield _all(scene)
-    omitted = _omissions(scene)
-    if omitted.rows:
-        yield omitted
+    omitted = [(row.method, row.omitted) for row in scene.rows if row.omitted]
+    omitted += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
+    omitted += [(row.method, "not timed: interrupted") for row in scene.rows if row.timing is None and not row.omitted]
+    if omitted:
+        yield Table(("what", "why"), tuple(omitted), "Left out", folded=True)
 
 
 def _cells(scene: SceneResults, row: Row, truth: str) -> tuple[str, ...]:
-    errors = {name: row.error(truth, name) for name in ("rmse", "maximum", "p999", "share_over", "energy", "flip")}
-    share = errors["share_over"]
-    return (
-        row.method,
-        milliseconds(row.timing),
-        relative(row.timing, scene.usual),
-        number(errors["rmse"]),
-        number(errors["maximum"]),
-        number(errors["p999"]),
-        "" if share is None else f"{100 * share:.2g} %",
-        number(errors["energy"]),
-        number(errors["flip"]),
+    """Cells of FRONT_HEAD but the last."""
+    rmse, maximum, p999, energy, flip = (
+        number(row.error(truth, name)) for name in ("rmse", "maximum", "p999", "energy", "flip")
     )
+    share = row.error(truth, "share_over")
+    over = "" if share is None else f"{100 * share:.2g} %"
+    times = milliseconds(row.timing), relative(row.timing, scene.timing(EXACT))
+    return (row.method, *times, rmse, maximum, p999, over, energy, flip)
 
 
 def _front(scene: SceneResults, truth: str) -> Table:
@@ -214,30 +211,16 @@ def _all(scene: SceneResults) -> Table:
     for row in scene.rows:
         if row.omitted:
             continue
-        times = milliseconds(row.timing), relative(row.timing, scene.usual), number(row.extraction)
+        times = milliseconds(row.timing), relative(row.timing, scene.timing(EXACT)), number(row.extraction)
         cells = [row.method, axis_of(row.method).name, *times]
         for truth in truths:
             point = next((p for p in points[truth] if p.name == row.method), None)
             error = number(row.error(truth))
             cells.append(f"{error} {dominance(point, points[truth])}" if point else error)
         rows.append((*cells, f"the same picture as {row.same_as}" if row.same_as else ""))
-    head = (
-        "method",
-        "what is varied",
-        "ms a frame",
-        "times exact's",
-        "s to extract",
-        *(f"RMSE, {NAMES[truth]}" for truth in truths),
-        "",
-    )
+    errors = (f"RMSE, {NAMES[truth]}" for truth in truths)
+    head = ("method", "what is varied", "ms a frame", "times exact's", "s to extract", *errors, "")
     return Table(head, tuple(rows), f"All {len(rows)} methods", folded=True)
-
-
-def _omissions(scene: SceneResults) -> Table:
-    rows = [(row.method, row.omitted) for row in scene.rows if row.omitted]
-    rows += [(f"{row.method}, {NAMES[truth]}", why) for row in scene.rows for truth, why in row.missing.items()]
-    rows += [(row.method, "not timed: interrupted") for row in scene.rows if row.timing is None and not row.omitted]
-    return Table(("what", "why"), tuple(rows), "Left out", folded=True)
 
 
 def _convergence(results: Results) -> Iterator[Block]:
@@ -340,33 +323,34 @@ class Summary:
     """Key results of a scene; None if unknown.
 
     old, new: drawing errors of the paper's settings and of exact splats; cost: ratio of their times, new over old.
-    filtered: errors of both against supersampling. least: smallest error against the ray integral, by `best`. field:
-    errors of exact splats and of the default settings against the field; nearest: the rival nearest to the field.
+    filtered: errors of both against supersampling. best: the rival nearest to the ray integral. field: errors of exact
+    splats and of the default settings against the field; nearest: the rival nearest to the field.
     """
 
     old: float | None
     new: float | None
     cost: float | None
     filtered: tuple[float | None, float | None]
-    least: float | None
-    best: str
+    best: Point | None
     field: tuple[float | None, float | None]
     nearest: Point | None
 
     @classmethod
     def of(cls, scene: SceneResults) -> Summary:
         """Compares a scene's rows of the paper's settings, of exact splats, and of the default settings."""
-        paper, exact = scene.row(PAPER), scene.row(EXACT)
-        before, now = (row.timing if row else None for row in (paper, exact))
-        cost = now.over(before).median if now and before else None
-        old, new = (row.error("reference") if row else None for row in (paper, exact))
-        unfiltered, filtered = (row.error("sampled") if row else None for row in (paper, exact))
-        best = min(rivals("integral", scene), key=lambda p: p.error, default=None)
-        least, name = (best.error, best.name) if best else (None, "")
-        default = scene.row(DEFAULT)
-        field = exact.error("field") if exact else None, default.error("field") if default else None
-        nearest = min(rivals("field", scene), key=lambda p: p.error, default=None)
-        return cls(old, new, cost, (unfiltered, filtered), least, name, field, nearest)
+        before, now = scene.timing(PAPER), scene.timing(EXACT)
+        best, nearest = (
+            min(rivals(truth, scene), key=lambda p: p.error, default=None) for truth in ("integral", "field")
+        )
+        return cls(
+            old=scene.error(PAPER, "reference"),
+            new=scene.error(EXACT, "reference"),
+            cost=now.over(before).median if now and before else None,
+            filtered=(scene.error(PAPER, "sampled"), scene.error(EXACT, "sampled")),
+            best=best,
+            field=(scene.error(EXACT, "field"), scene.error(DEFAULT, "field")),
+            nearest=nearest,
+        )
 
     @property
     def gain(self) -> float | None:
@@ -377,13 +361,9 @@ class Summary:
 def conclusion(scene: SceneResults) -> list[str]:
     """Sentences about the results."""
     summary = Summary.of(scene)
-    texts = (
-        _drawing(summary),
-        _filtering(scene, summary),
-        _splatting(summary),
-        _members_of_front(scene),
-        _field(scene, summary),
-    )
+    points = rivals("reference", scene)
+    on_front = f"**On the front** when drawing: {_members(points)}" if points else ""
+    texts = _drawing(summary), _filtering(scene, summary), _splatting(summary), on_front, _field(scene, summary)
     return [text for text in texts if text]
 
 
@@ -394,8 +374,8 @@ def caption(scene: SceneResults, truth: str) -> str:
         return f"exact against 1998: error ÷ {times(summary.gain)}, time × {summary.cost:.2g}"
     if truth == "sampled" and summary.filtered[1]:
         return f"exact is {number(summary.filtered[1])} away, 1998 {number(summary.filtered[0])}"
-    if truth == "integral" and summary.least:
-        return f"nothing comes below {number(summary.least)}"
+    if truth == "integral" and summary.best and summary.best.error:
+        return f"nothing comes below {number(summary.best.error)}"
     if truth == "field" and summary.nearest and all(summary.field):
         exact, default = map(number, summary.field)
         return f"the default is {default} away, exact splats {exact}"
@@ -430,18 +410,12 @@ def _filtering(scene: SceneResults, summary: Summary) -> str:
 
 
 def _splatting(summary: Summary) -> str:
-    if summary.least is None:
+    if summary.best is None:
         return ""
     return (
-        f"**Splatting itself**, which blends overlapping splats in the wrong order, leaves {number(summary.least)} "
-        f"against the ray integral, however well it is drawn ({summary.best})."
+        f"**Splatting itself**, which blends overlapping splats in the wrong order, leaves "
+        f"{number(summary.best.error)} against the ray integral, however well it is drawn ({summary.best.name})."
     )
-
-
-def _members_of_front(scene: SceneResults) -> str:
-    """Members of the front for drawing errors."""
-    points = rivals("reference", scene)
-    return f"**On the front** when drawing: {_members(points)}" if points else ""
 
 
 def _field(scene: SceneResults, summary: Summary) -> str:

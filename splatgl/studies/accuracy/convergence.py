@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -54,15 +55,9 @@ class Study:
     def line(self, renderer: Renderer, level: Level) -> dict[str, Any]:
         """Record for the store."""
         pairs = list(self.pairs(renderer, level.name == "full"))
-        return {
-            "study": self.name,
-            "unit": self.unit,
-            "expected": self.expected,
-            "floor": self.floor,
-            "values": [pair[0] for pair in pairs],
-            "errors": [pair[1] for pair in pairs],
-            "orders": orders(pairs),
-        }
+        about = {"study": self.name, "unit": self.unit, "expected": self.expected, "floor": self.floor}
+        values, errors = zip(*pairs, strict=True)
+        return {**about, "values": list(values), "errors": list(errors), "orders": orders(pairs)}
 
 
 def orders(pairs: list[Pair]) -> list[float | None]:
@@ -86,55 +81,37 @@ def _splats(spacing: float) -> Splats:
     return extract(ball(RADIUS, (spacing,) * 3), _transfer(), classification="pre")
 
 
-def _camera(size: int, fov: float = FOV) -> Camera:
+def _camera(size: int) -> Camera:
     # off the axes, so that no lattice plane is a row of pixels
     eye = DISTANCE * np.array([0.48, -0.8, 0.36])
-    return Camera.look_at(eye, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), fov, (size, size))
+    return Camera.look_at(eye, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), FOV, (size, size))
 
 
 def _rmse(drawn: np.ndarray, right: np.ndarray) -> float:
     return float(np.sqrt(((drawn - right) ** 2).mean() / (right**2).mean()))
 
 
-def table(renderer: Renderer, full: bool) -> Iterator[Pair]:
-    """Texels of a footprint table, against the float64 reference, before z_k."""
-    yield from _tables(renderer, "table", (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())))
-
-
-def radial(renderer: Renderer, full: bool) -> Iterator[Pair]:
-    """Entries of a radial table, against the float64 reference, before z_k."""
-    yield from _tables(renderer, "auto", (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())))
-
-
-def _tables(renderer: Renderer, kind: Footprint, sizes: tuple[int, ...]) -> Iterator[Pair]:
+def tables(kind: Footprint, renderer: Renderer, full: bool) -> Iterator[Pair]:
+    """Texels of a footprint table, or entries of a radial one, against the float64 reference, before z_k."""
     splats, camera = _splats(1.0), _camera(SIZE)
     right = reference.render(splats, camera, Settings.like("0.1", antialias="off")).pixels
-    for size in sizes:
-        settings = Settings.like(
-            "0.1", antialias="off", footprint=kind, table_size=size, align="exact", occlusion="off"
-        )
-        yield size, _rmse(renderer.render(splats, camera, settings).pixels, right)
+    settings = Settings.like("0.1", antialias="off", footprint=kind, align="exact", occlusion="off")
+    for size in (16, 32, 64, 128, 256, 512, *((1024, 2048) if full else ())):
+        yield size, _rmse(renderer.render(splats, camera, settings.but(table_size=size)).pixels, right)
 
 
 def voxels(renderer: Renderer, full: bool) -> Iterator[Pair]:
     """Voxels along the ball's radius; X-ray sums against the ball's own line integrals."""
     camera = _camera(SIZE)
-    closest = _closest(camera)
+    x, y = np.meshgrid(*camera.slopes())
+    # distances of the rays from the ball's centre
+    closest = DISTANCE * np.sqrt((x * x + y * y) / (1 + x * x + y * y))
     inner = closest < INNER * RADIUS
     right = _depths(closest)[inner]
     for count in (4, 6, 8, 12, 16, *((24, 32, 48, 64) if full else ())):
         settings = Settings.like("0.1", blend="xray", antialias="off")
         drawn = renderer.render(_splats(RADIUS / count), camera, settings).pixels[..., 3]
         yield count, _rmse(drawn[inner].astype(np.float64), right)
-
-
-def _closest(camera: Camera) -> np.ndarray:
-    """[H, W]: distance of each pixel's ray from the ball's centre, world units."""
-    width, height = camera.size
-    pitch = camera.extent / height
-    x = (np.arange(width) + 0.5 - width / 2) * pitch
-    y = ((np.arange(height) + 0.5 - height / 2) * pitch)[:, None]
-    return np.asarray(DISTANCE * np.sqrt((x * x + y * y) / (1 + x * x + y * y)))
 
 
 def _depths(closest: np.ndarray) -> np.ndarray:
@@ -172,10 +149,9 @@ def picture(renderer: Renderer, full: bool) -> Iterator[Pair]:
 def samples(renderer: Renderer, full: bool) -> Iterator[Pair]:
     """Samples along an axis of a pixel, against many more, voxels smaller than pixels."""
     splats, camera = _splats(0.5), _camera(12)
-    counts = (1, 2, 3, 4, 6, 8, *((12, 16) if full else ()))
     most = Settings.like("0.1", antialias="supersample", samples=48, occlusion="off")
     right = renderer.render(splats, camera, most).pixels.astype(np.float64)
-    for count in counts:
+    for count in (1, 2, 3, 4, 6, 8, *((12, 16) if full else ())):
         yield count, _rmse(renderer.render(splats, camera, most.but(samples=count)).pixels, right)
 
 
@@ -188,9 +164,7 @@ def slabs(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 
 def points(renderer: Renderer, full: bool) -> Iterator[Pair]:
-    """Points a voxel at which the field is classified, against many more: the discretization error of the fourth
-    truth.
-    """
+    """Points a voxel at which the field is classified, against many more: the fourth truth's discretization error."""
     volume, camera = ball(RADIUS), _camera(12)
 
     def smooth(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -203,8 +177,8 @@ def points(renderer: Renderer, full: bool) -> Iterator[Pair]:
 
 
 STUDIES = (
-    Study("table size", "texels a side", 2, "float32 from 1e−6 on", table),
-    Study("radial table size", "entries", 2, "float32 from 1e−6 on", radial),
+    Study("table size", "texels a side", 2, "float32 from 1e−6 on", partial(tables, "table")),
+    Study("radial table size", "entries", 2, "float32 from 1e−6 on", partial(tables, "auto")),
     Study("voxel size", "voxels a radius", 2, "the kernels' sum is 1 to 1 %, and averages out along a ray", voxels),
     Study("voxel size beyond z_k", "voxels a radius", 2, "float32's blending of thousands of splats a pixel", distance),
     Study("picture size", "pixels a side", 2, "what one splat can't know of its pixel", picture),

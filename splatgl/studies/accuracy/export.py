@@ -7,8 +7,8 @@ from typing import Any
 
 from splatgl.studies import tables
 from splatgl.studies.accuracy.content import Diagram, blocks, rivals
-from splatgl.studies.accuracy.methods import TRUTHS
-from splatgl.studies.accuracy.pareto import dominance
+from splatgl.studies.accuracy.methods import EXACT, TRUTHS
+from splatgl.studies.accuracy.pareto import Timing, dominance
 from splatgl.studies.accuracy.sweep import Results, Row, SceneResults, Store
 from splatgl.studies.tables import Heading, Table, Text
 
@@ -27,19 +27,9 @@ def as_markdown(results: Results, diagrams: Mapping[str, str]) -> str:
 
 ERRORS = ("rmse", "maximum", "p999", "share_over", "energy", "flip")
 FIELDS = (
-    *(
-        "scene",
-        "axis",
-        "method",
-        "same_as",
-        "omitted",
-        "splats",
-        "extraction",
-        "seconds",
-        "seconds_low",
-        "seconds_high",
-    ),
-    *("rounds", "times_exact", "times_exact_low", "times_exact_high", "tolerance", "bound"),
+    *("scene", "axis", "method", "same_as", "omitted", "splats", "extraction"),
+    *("seconds", "seconds_low", "seconds_high", "rounds", "times_exact", "times_exact_low", "times_exact_high"),
+    *("tolerance", "bound"),
     *(f"{truth}_{name}" for truth in TRUTHS for name in ERRORS),
     *(f"{truth}_standing" for truth in TRUTHS),
 )
@@ -63,28 +53,15 @@ def as_json(results: Results, store: Store) -> str:
 
 
 def _cells(scene: SceneResults, row: Row) -> dict[str, Any]:
-    cells: dict[str, Any] = {
-        "scene": scene.name,
-        "axis": row.axis,
-        "method": row.method,
-        "same_as": row.same_as,
-        "omitted": "; ".join([*filter(None, (row.omitted,)), *(f"{name}: {why}" for name, why in row.missing.items())]),
-        "splats": row.splats,
-        "extraction": row.extraction,
-        "tolerance": row.tolerance,
-        "bound": row.bound,
-    }
+    names = ("axis", "method", "same_as", "omitted", "splats", "extraction", "tolerance", "bound")
+    cells: dict[str, Any] = {"scene": scene.name, **{name: getattr(row, name) for name in names}}
+    reasons = [row.omitted, *(f"{name}: {why}" for name, why in row.missing.items())]
+    cells["omitted"] = "; ".join(filter(None, reasons))
+    exact = scene.timing(EXACT)
     if row.timing is not None:
-        timing = row.timing
-        cells |= {
-            "seconds": timing.median,
-            "seconds_low": timing.low,
-            "seconds_high": timing.high,
-            "rounds": timing.count,
-        }
-        if scene.usual is not None:
-            ratio = timing.over(scene.usual)
-            cells |= {"times_exact": ratio.median, "times_exact_low": ratio.low, "times_exact_high": ratio.high}
+        cells |= {**_times("seconds", row.timing), "rounds": row.timing.count}
+        if exact is not None:
+            cells |= _times("times_exact", row.timing.over(exact))
     for truth, errors in row.errors.items():
         cells |= {f"{truth}_{name}": errors.get(name) for name in ERRORS}
         points = rivals(truth, scene)
@@ -92,3 +69,7 @@ def _cells(scene: SceneResults, row: Row) -> dict[str, Any]:
         if point is not None:
             cells[f"{truth}_standing"] = str(dominance(point, points))
     return cells
+
+
+def _times(name: str, timing: Timing) -> dict[str, float]:
+    return {name: timing.median, f"{name}_low": timing.low, f"{name}_high": timing.high}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -17,15 +16,7 @@ from splatgl.data.image import Image
 from splatgl.errors import InputError
 from splatgl.fileio import write_file
 from splatgl.splat.settings import Settings
-from splatgl.studies.accuracy.content import (
-    CONVERGENCE,
-    NAMES,
-    Block,
-    Diagram,
-    Pictures,
-    blocks,
-    number,
-)
+from splatgl.studies.accuracy.content import CONVERGENCE, NAMES, Block, Diagram, Pictures, blocks, number
 from splatgl.studies.accuracy.diagram import convergence, picture
 from splatgl.studies.accuracy.export import as_csv, as_json, as_markdown
 from splatgl.studies.accuracy.ground_truth import Subject, Truths
@@ -38,15 +29,15 @@ if TYPE_CHECKING:
 STYLE = "page.css"
 
 
-def page(results: Results, diagrams: Mapping[str, bytes], strips: Mapping[str, Strip]) -> str:
-    """The whole page. diagrams: PNG files by scene; strips: thumbnails by scene."""
+def page(results: Results, diagrams: Mapping[str, bytes], strips: Mapping[str, str]) -> str:
+    """The whole page. diagrams: PNG files by scene; strips: HTML of the thumbnails by scene."""
     css = files("splatgl.studies.accuracy").joinpath(STYLE).read_text(encoding="utf-8")
     title = "Error against run time: " + ", ".join(scene.name for scene in results.scenes)
     parts = [_block(block, diagrams, strips) for block in blocks(results)]
     return html_page(title, css, ["<main>", *parts, "</main>"])
 
 
-def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, Strip]) -> str:
+def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, str]) -> str:
     match block:
         case Diagram(scene):
             if scene not in diagrams:
@@ -54,36 +45,15 @@ def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, Str
             data = base64.b64encode(diagrams[scene]).decode("ascii")
             return f'<img class="diagram" alt="{escape(scene)}" src="data:image/png;base64,{data}">'
         case Pictures(scene):
-            return _strip(strips[scene]) if scene in strips else ""
+            return strips.get(scene, "")
         case _:
             return block.html()
-
-
-def _strip(strip: Strip) -> str:
-    """A column per method: its image, and its difference from each truth."""
-    scales = "; ".join(
-        f"{NAMES[truth]}: black is none, pale {number(strip.scales[truth])} and more"
-        for truth in COMPARED
-        if any(truth in thumbnail.differences for thumbnail in strip.thumbnails)
-    )
-    columns = "".join(map(_column, strip.thumbnails))
-    kind = "strip squares" if strip.small else "strip"
-    return f'<h3>Pictures, and their differences on one scale ({scales})</h3><div class="{kind}">{columns}</div>'
-
-
-def _column(thumbnail: Thumbnail) -> str:
-    pictures = [f'<img alt="{escape(thumbnail.name)}" src="{thumbnail.picture}">']
-    for truth in COMPARED:
-        if truth in thumbnail.differences:
-            name = NAMES[truth]
-            pictures.append(f'<img alt="difference, {name}" src="{thumbnail.differences[truth]}"><i>{name}</i>')
-    return f"<figure><figcaption>{escape(thumbnail.name)}</figcaption>{''.join(pictures)}</figure>"
 
 
 PAGE = "report.html"
 
 
-def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, Strip]) -> list[str]:
+def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, str]) -> list[str]:
     """Writes all possible files; returns a line about them, and a line about missing files."""
     written = {"report.csv": as_csv(results).encode(), "report.json": as_json(results, store).encode()}
     left_out = []
@@ -120,29 +90,11 @@ COMPARED = ("reference", "sampled", "field")
 SQUARES = 128
 
 
-@dataclass(frozen=True)
-class Thumbnail:
-    """One method's picture and its differences, as data URIs, by truth."""
+def strip(renderer: Renderer, subject: Subject, scene: SceneResults, truths: Truths) -> str:
+    """HTML of thumbnails, the truths first: a column per method with its image and its difference from each truth.
 
-    name: str
-    picture: str
-    differences: dict[str, str]
-
-
-@dataclass(frozen=True)
-class Strip:
-    """A scene's thumbnails, the truth first. scales: the brightest difference, by truth.
-
-    small: whether pixels are shown as squares.
+    The methods draw again; the images are bitwise identical.
     """
-
-    thumbnails: tuple[Thumbnail, ...]
-    scales: dict[str, float]
-    small: bool
-
-
-def strip(renderer: Renderer, subject: Subject, scene: SceneResults, truths: Truths) -> Strip:
-    """Thumbnails of the methods, drawn again: the images are bitwise identical."""
     rows = {name: row for name in SHOWN if (row := scene.row(name)) is not None and not row.omitted}
     drawn: dict[str, Image] = {}
     differences: dict[tuple[str, str], np.ndarray] = {}
@@ -155,11 +107,25 @@ def strip(renderer: Renderer, subject: Subject, scene: SceneResults, truths: Tru
     scales = {t: _scale([d for (name, of), d in differences.items() if of == t and name != PREVIEW]) for t in COMPARED}
     peak = max((float(image.pixels.max()) for image in drawn.values()), default=1.0) or 1.0
     peak = peak if subject.settings.blend == "xray" else 1.0
-    cells = [Thumbnail(name, data_uri(to_display(right, peak)), {}) for name, right in _truth(truths, subject.settings)]
+    columns = [_column(name, to_display(right, peak), {}) for name, right in _truth(truths, subject.settings)]
     for name in rows:
-        heats = {t: _heat(differences[name, t], scales[t]) for t in COMPARED if (name, t) in differences}
-        cells.append(Thumbnail(name, data_uri(to_display(drawn[name], peak)), heats))
-    return Strip(tuple(cells), scales, max(subject.camera.size) <= SQUARES)
+        heats = {t: heat_map(differences[name, t], scales[t]) for t in COMPARED if (name, t) in differences}
+        columns.append(_column(name, to_display(drawn[name], peak), heats))
+    legend = "; ".join(
+        f"{NAMES[truth]}: black is none, pale {number(scales[truth])} and more"
+        for truth in COMPARED
+        if any(of == truth for _, of in differences)
+    )
+    kind = "strip squares" if max(subject.camera.size) <= SQUARES else "strip"
+    head = f"<h3>Pictures, and their differences on one scale ({legend})</h3>"
+    return f'{head}<div class="{kind}">{"".join(columns)}</div>'
+
+
+def _column(name: str, shown: np.ndarray, heats: Mapping[str, np.ndarray]) -> str:
+    pictures = [f'<img alt="{escape(name)}" src="{data_uri(shown)}">']
+    for truth, heat in heats.items():
+        pictures.append(f'<img alt="difference, {NAMES[truth]}" src="{data_uri(heat)}"><i>{NAMES[truth]}</i>')
+    return f"<figure><figcaption>{escape(name)}</figcaption>{''.join(pictures)}</figure>"
 
 
 def _truth(truths: Truths, settings: Settings) -> Iterator[tuple[str, Image]]:
@@ -173,11 +139,3 @@ def _truth(truths: Truths, settings: Settings) -> Iterator[tuple[str, Image]]:
 
 def _scale(differences: list[np.ndarray]) -> float:
     return max((float(np.percentile(d, BRIGHTEST)) for d in differences), default=0.0) or 1.0
-
-
-def _heat(difference: np.ndarray, scale: float) -> str:
-    """Heat map from 0 to `scale`, which is set by an extra pixel that is cropped afterwards."""
-    clipped = np.minimum(difference, np.float32(scale))
-    with_scale = np.pad(clipped, ((0, 1), (0, 0)))
-    with_scale[-1, 0] = scale
-    return data_uri(heat_map(with_scale)[:-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 # resolution of errors in decades: 26 %
@@ -118,8 +118,3 @@ def cheapest(points: Sequence[Point], limits: Sequence[float] = ERRORS) -> list[
         return min(below, key=lambda p: (p.time.median, p.error), default=None)
 
     return [(limit, fastest(limit)) for limit in limits]
-
-
-def finite_points(points: Iterable[Point]) -> list[Point]:
-    """The points with finite errors."""
-    return [point for point in points if math.isfinite(point.error)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 import statistics
 import time
@@ -20,8 +21,8 @@ from splatgl.errors import InputError, expected
 from splatgl.splat.settings import Settings
 from splatgl.studies.accuracy.convergence import STUDIES
 from splatgl.studies.accuracy.ground_truth import Level, Request, Subject, Truths
-from splatgl.studies.accuracy.methods import EXACT, TRUTHS, Method, axis_of, methods
-from splatgl.studies.accuracy.pareto import Point, Timing, finite_points
+from splatgl.studies.accuracy.methods import TRUTHS, Method, axis_of, methods
+from splatgl.studies.accuracy.pareto import Point, Timing
 from splatgl.studies.accuracy.vtk_peers import Peer
 
 if TYPE_CHECKING:
@@ -67,7 +68,6 @@ class Row:
     tolerance: float | None = None
     splats: int = 0
     extraction: float | None = None
-    drawn: dict[str, Any] = field(default_factory=dict)
 
     def error(self, truth: str, name: str = "rmse") -> float | None:
         """Error of that name against that truth; None if not measured."""
@@ -86,20 +86,23 @@ class SceneResults:
         """Row of a method; None if there is none."""
         return next((row for row in self.rows if row.method == method), None)
 
-    @property
-    def usual(self) -> Timing | None:
-        """Time of exact splats, the baseline for other methods."""
-        row = self.row(EXACT)
+    def timing(self, method: str) -> Timing | None:
+        """Time of a method; None if not timed."""
+        row = self.row(method)
         return row.timing if row else None
 
-    def points(self, truth: str, name: str = "rmse", same: bool = False) -> list[Point]:
-        """Methods with time and error. same: with methods whose image is the same as another's."""
-        points = []
-        for row in self.rows:
-            error = row.error(truth, name)
-            if row.timing is not None and error is not None and (same or not row.same_as):
-                points.append(Point(row.method, error, row.timing))
-        return finite_points(points)
+    def error(self, method: str, truth: str) -> float | None:
+        """RMSE of a method against that truth; None if not measured."""
+        row = self.row(method)
+        return row.error(truth) if row else None
+
+    def points(self, truth: str) -> list[Point]:
+        """Methods with time and finite error, without those whose image is the same as another's."""
+        return [
+            Point(row.method, error, row.timing)
+            for row in self.rows
+            if (error := row.error(truth)) is not None and row.timing and not row.same_as and math.isfinite(error)
+        ]
 
     @property
     def truths(self) -> list[str]:
@@ -128,18 +131,14 @@ class Results:
 
 
 def _scene(store: Store, about: dict[str, Any]) -> SceneResults:
-    name = about["scene"]
-    times: dict[str, dict[int, float]] = {}
-    for line in store.of("time", scene=name):
-        times.setdefault(line["method"], {})[line["round"]] = line["seconds"]
-    return SceneResults(name, about, tuple(_row(line, times) for line in store.of("picture", scene=name)))
-
-
-def _row(line: dict[str, Any], times: dict[str, dict[int, float]]) -> Row:
-    # identical images share their timing
-    seconds = times.get(line["same_as"] or line["method"], {})
-    values = {column.name: line[column.name] for column in fields(Row) if column.name in line}
-    return Row(timing=Timing.of(seconds) if seconds else None, **values)
+    name, rows = about["scene"], []
+    for line in store.of("picture", scene=name):
+        # identical images share their timing
+        times = store.of("time", scene=name, method=line["same_as"] or line["method"])
+        timing = Timing.of({time["round"]: time["seconds"] for time in times}) if times else None
+        values = {column.name: line[column.name] for column in fields(Row) if column.name in line}
+        rows.append(Row(timing=timing, **values))
+    return SceneResults(name, about, tuple(rows))
 
 
 NAME = "runs.jsonl"
@@ -160,19 +159,13 @@ class Store:
         """Starts or resumes a store. Raises InputError to resume another report."""
         self.path = path
         self.lines: list[dict[str, Any]] = list(_read(path)) if resume and path.exists() else []
-        first = {"kind": "head", **head}
-        if self.lines:
-            old = self.lines[0]
-            other = [name for name in first if old.get(name) != first[name]]
-            if other:
-                what = f"{other[0]} {first[other[0]]!r}"
-                got = repr(old.get(other[0]))
-                raise expected(f"{path} --resume", what, got, "leave out --resume to begin anew")
-        try:
-            # drop a truncated line
-            path.write_text("".join(f"{_text(line)}\n" for line in self.lines), encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        for name, value in {"kind": "head", **head}.items() if self.lines else ():
+            old = self.lines[0].get(name)
+            if old != value:
+                fix = "leave out --resume to begin anew"
+                raise expected(f"{path} --resume", f"{name} {value!r}", repr(old), fix)
+        # without a truncated line
+        self._write("w", self.lines)
         if not self.lines:
             self.add("head", **head)
 
@@ -180,12 +173,15 @@ class Store:
         """Writes a record, and returns it."""
         line = {"kind": kind, **values}
         self.lines.append(line)
+        self._write("a", [line])
+        return line
+
+    def _write(self, mode: str, lines: Sequence[Mapping[str, Any]]) -> None:
         try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(f"{_text(line)}\n")
+            with self.path.open(mode, encoding="utf-8") as file:
+                file.writelines(f"{json.dumps(line, ensure_ascii=False)}\n" for line in lines)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from error
-        return line
 
     def of(self, kind: str, **values: Any) -> list[dict[str, Any]]:
         """Records of that kind with those values."""
@@ -194,10 +190,6 @@ class Store:
             for line in self.lines
             if line["kind"] == kind and all(line.get(name) == value for name, value in values.items())
         ]
-
-
-def _text(line: Mapping[str, Any]) -> str:
-    return json.dumps(line, ensure_ascii=False)
 
 
 def _read(path: Path) -> Iterator[dict[str, Any]]:
@@ -236,10 +228,6 @@ def select_methods(level: Level, only: tuple[str, ...] = (), peers: bool = False
     return [m for m in known if (m.peer and peers) or (m in named and (not m.peer or only))]
 
 
-def _empty_line(method: Method) -> dict[str, object]:
-    return {"axis": axis_of(method.name).name, "method": method.name, "same_as": "", "omitted": ""}
-
-
 class Sweep:
     """Records images and times of a scene in a store. flip: whether FLIP is measured."""
 
@@ -259,29 +247,24 @@ class Sweep:
                 plan = self.renderer.plan(splats, self.subject.camera, settings)
                 self.plans.setdefault((plan.key, id(splats)), method.name)
             if not done:
-                line = self._peer_picture(method) if method.peer else self._picture(method)
+                line = {"axis": axis_of(method.name).name, "method": method.name, "same_as": "", "omitted": ""}
+                try:
+                    line |= self._peer_picture(method) if method.peer else self._picture(method)
+                except InputError as error:
+                    line["omitted"] = str(error)
                 self.store.add("picture", scene=self.subject.name, **line)
 
-    def _picture(self, method: Method) -> dict[str, object]:
-        """Record of a method."""
-        line = _empty_line(method)
-        try:
-            splats, settings = self.subject.inputs(method)
-            plan = self.renderer.plan(splats, self.subject.camera, settings)
-        except InputError as error:
-            return {**line, "omitted": str(error)}
+    def _picture(self, method: Method) -> dict[str, Any]:
+        """Record of a method. Raises InputError if the scene does not allow it."""
+        splats, settings = self.subject.inputs(method)
+        plan = self.renderer.plan(splats, self.subject.camera, settings)
         if not len(splats):
-            return {**line, "omitted": "no splat is left"}
-
+            raise InputError("no splat is left")
         # equal plans give equal images
-        key = (plan.key, id(splats))
-        if key in self.plans:
-            line["same_as"] = self.plans[key]
-        else:
-            self.plans[key] = method.name
+        first = self.plans.setdefault((plan.key, id(splats)), method.name)
         image = self.renderer.render(splats, self.subject.camera, settings)
         return {
-            **line,
+            "same_as": "" if first == method.name else first,
             "splats": len(splats),
             "extraction": round(self.subject.seconds[id(splats)], 6),
             "tolerance": settings.tolerance,
@@ -290,14 +273,9 @@ class Sweep:
             **self._measure(image, settings, method),
         }
 
-    def _peer_picture(self, method: Method) -> dict[str, object]:
-        """Record of a method of a peer."""
-        line = _empty_line(method)
-        try:
-            image = self._peer(method).frame()[0]
-        except InputError as error:
-            return {**line, "omitted": str(error)}
-        return {**line, **self._measure(image, self.subject.settings, method)}
+    def _peer_picture(self, method: Method) -> dict[str, Any]:
+        """Record of a method of a peer. Raises InputError if the peer cannot draw the scene."""
+        return self._measure(self._peer(method).frame()[0], self.subject.settings, method)
 
     def _peer(self, method: Method) -> Peer:
         if method.name not in self.peers:
@@ -313,13 +291,11 @@ class Sweep:
             peer.close()
         self.peers.clear()
 
-    def _measure(self, image: Image, settings: Settings, method: Method) -> dict[str, object]:
-        """Errors against the method's truths, and reasons for missing ones; a missing field is recorded with the
-        scene.
-        """
-        measured: dict[str, object] = {}
-        missing: dict[str, str] = {}
+    def _measure(self, image: Image, settings: Settings, method: Method) -> dict[str, Any]:
+        """Errors against the method's truths, and reasons for missing ones."""
+        measured, missing = {}, {}
         for truth in axis_of(method.name).measured:
+            # a missing field is recorded with the scene
             if truth == "field" and self.subject.no_field:
                 continue
             # an image classified after reconstruction has no truth of splats
