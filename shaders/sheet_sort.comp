@@ -10,6 +10,7 @@ layout(local_size_x = LANES) in;
 #include "sheets.glsl"
 #include "tiles.glsl"
 #include "records.glsl"
+#include "first_sheet.glsl"
 
 layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and sheet: the count, or the next position
 layout(r32ui, binding = 0) writeonly uniform uimage2D order;
@@ -17,9 +18,7 @@ uniform usampler2D records;
 
 uniform uint count;
 uniform uint length_;  // of a run
-uniform int near_base;  // of splats with a lower first sheet, no sheet is drawn
 uniform uint number;   // of sheets; the next slot is of splats beyond the edges
-uniform vec4 edges;    // slopes, or lengths, of the left, upper, right and lower edge of the pixels that are drawn
 
 void main() {
     uint run = gl_GlobalInvocationID.x;
@@ -28,11 +27,7 @@ void main() {
     uint end = min(n + length_, count);
     for (; n < end; n++) {
         vec3 position = record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0));
-        vec3 v = eye_from_index() * (position - frame.base.xyz) - frame.eye_from_base.xyz;
-        bool drawn = reaches(v, edges) && (PERSPECTIVE == 0 || v.z > -frame.depth_reach);
-        int base = sheet_base(sheet_place(position));
-        uint sheet = uint(clamp(base, 0, int(number) - 1));
-        uint slot = column + (drawn && base >= near_base ? sheet : number);
+        uint slot = column + first_sheet_of(position, number);
         uint place = cursors[slot];
         if (COUNTING == 0) imageStore(order, texel_of(place), uvec4(n));
         cursors[slot] = place + 1u;

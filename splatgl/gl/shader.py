@@ -186,8 +186,12 @@ def _literal(value: str | int | bool) -> str:
 ABREAST, LISTED = 1024, 2048
 # cell ends per row of the classification table
 TABLE_ROW = 128
+# invocations per work group of a card's sort, and pairs that a group sorts
+SORT_LANES, SORT_BLOCK = 256, 4096
 # entries of a page: pieces of matter, and last the number of the next page
 PAGE = 8
+# states of a tile on a card: the next dispatch continues it; light passes it no more
+CONTINUED, CLOSED = 1, 2
 # cursor of a terminated tile
 NOWHERE = 0xFFFFFFFF
 
@@ -197,8 +201,10 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "AHEAD": motion.AHEAD,
     "BLOCK": np.uint32(culling.BLOCK),
     "CELLS": preintegration.CELLS,
+    "CLOSED": np.uint32(CLOSED),
     "COLOR_SCALE": splats.COLOR_SCALE,
     "COLUMNS": technique.COLUMNS,
+    "CONTINUED": np.uint32(CONTINUED),
     "DENSE": motion_blur.DENSE,
     "DENSEST": motion_blur.DENSEST,
     "FACE": clipping.FACE,
@@ -234,6 +240,8 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "RIM_START": footprint.RIM_START,
     "RUN_OCTAVES": splats.OCTAVES,
     "SHORT": motion_blur.SHORT,
+    "SORT_BLOCK": np.uint32(SORT_BLOCK),
+    "SORT_LANES": np.uint32(SORT_LANES),
     "TABLE_ROW": TABLE_ROW,
     "TILE_ROWS": technique.ROWS,
     "WEIGHTS": preintegration.WEIGHTS,

@@ -1,0 +1,21 @@
+// Sums within a work group of SORT_LANES lanes.
+#constant SORT_LANES
+shared uvec4 scanned[SORT_LANES];
+
+// Leaves in `scanned` the sums of the lanes' values up to each lane, inclusive.
+void scan_group(uvec4 value) {
+    uint lane = gl_LocalInvocationID.x;
+    scanned[lane] = value;
+    barrier();
+    for (uint step_ = 1u; step_ < SORT_LANES; step_ *= 2u) {
+        uvec4 earlier = lane >= step_ ? scanned[lane - step_] : uvec4(0u);
+        barrier();
+        scanned[lane] += earlier;
+        barrier();
+    }
+}
+
+// The sum of the lanes before this one, after scan_group.
+uvec4 scanned_before() {
+    return gl_LocalInvocationID.x > 0u ? scanned[gl_LocalInvocationID.x - 1u] : uvec4(0u);
+}

@@ -1,0 +1,190 @@
+"""Sorts splats by sheet and lists them by tile on a graphics card, without reading anything back.
+
+A stable radix sort orders (sheet, splat) and (tile, splat) pairs, so that the same splats give the same bits. The sizes
+of its dispatches are in a buffer that only the device reads. A tile has one of three states: untouched, or one of
+CONTINUED and CLOSED.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import moderngl
+import numpy as np
+
+from splatgl.gl.buffers import Texels, uneven
+from splatgl.gl.features import Uniforms
+from splatgl.gl.program import set_uniforms
+from splatgl.gl.shader import ABREAST, CLOSED, SORT_BLOCK, SORT_LANES
+
+# maximum number of splats of a part, and of pairs of a sort: passes are short enough for a watchdog
+MOST_SPLATS, MOST_PAIRS = 2**18, 2**22
+MOST_UINT = 2**32 - 1
+# minimum number of pairs that the buffers hold
+LEAST_PAIRS = 2**16
+# bits of a digit
+BITS = 4
+# words of card_work.glsl: number of entries, of drawn splats, most pairs; byte offsets of the sizes of dispatches
+WORK = 12
+MOST_NEEDED, BY_ENTRY, BY_BLOCK = 8, 16, 32
+# byte offset of the tiles' states behind them, and most tiles of a band
+STATES_AT, MOST_TILES = 256, 65_535
+# bindings, see the shaders
+WORK_BINDING, FIRST_BINDING, SECOND_BINDING, STATES, THIRD_BINDING, LISTED = 0, 1, 2, 3, 4, 6
+RECORDS_UNIT, IMAGE = 5, 0
+
+# returns a shader with the picture's uniforms and switches
+Compile = Callable[[str, dict[str, bool]], moderngl.ComputeShader]
+
+
+class CardLists:
+    """Sorts splats and lists them by tile; reuses its buffers between pictures, and enlarges them on demand."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
+        self.buffers: dict[str, moderngl.Buffer] = {}
+        self.order: moderngl.Texture | None = None
+        # pairs that fit into the buffers; number of sorts of a part
+        self.room, self.sorts = LEAST_PAIRS, 1
+        # tiles of the band
+        self.tiles = 1
+
+    def release(self) -> None:
+        """Frees the buffers and the texture; they are recreated on demand."""
+        for part in (*self.buffers.values(), self.order):
+            if part is not None:
+                part.release()
+        self.buffers, self.order = {}, None
+
+    def begin(self, closed: np.ndarray) -> None:
+        """Begins a band of tiles. closed: mask of those that show nothing."""
+        self.tiles = closed.size
+        self._work().write((closed * np.uint32(CLOSED)).astype(np.uint32), offset=STATES_AT)
+
+    def set_entries(self, count: int, drawn: int = MOST_UINT) -> None:
+        """Writes the number of pairs to sort, and of the splats of the order that are drawn."""
+        sizes = [-(-count // SORT_LANES), 1, 1, 0, -(-count // SORT_BLOCK), 1, 1, 0]
+        work = self._work()
+        work.write(np.array([count, drawn], np.uint32))
+        work.write(np.array(sizes, np.uint32), offset=BY_ENTRY)
+        self._bind_work()
+
+    def read_closed(self) -> np.ndarray:
+        """Returns the mask of the band's terminated tiles: waits for the device."""
+        return np.frombuffer(self._work().read(self.tiles * 4, offset=STATES_AT), np.uint32) == CLOSED
+
+    def fits(self) -> bool:
+        """Whether the pairs of each part since the last call fitted into its sorts; else makes room: draw again."""
+        work = self._work()
+        (most,) = np.frombuffer(work.read(4, offset=MOST_NEEDED), np.uint32).tolist()
+        work.write(np.zeros(1, np.uint32), offset=MOST_NEEDED)
+        fitted = most <= self.room * self.sorts
+        self.room = max(self.room, min(1 << most.bit_length(), MOST_PAIRS))
+        self.sorts = max(-(-most // self.room), 1)
+        return fitted
+
+    def sort_by_sheet(
+        self, compile_: Compile, texels: Texels, count: int, number: int, uniforms: Uniforms
+    ) -> moderngl.Texture:
+        """Returns the order of `count` splats by their first of `number` sheets. uniforms: of first_sheet.glsl."""
+        self.set_entries(count, 0)
+        self._bind("pairs", FIRST_BINDING, count * 8)
+        texels.records.use(RECORDS_UNIT)
+        program = compile_("card_sheets.comp", {})
+        self._run(program, BY_ENTRY, {**uniforms, "records": RECORDS_UNIT, "count": count, "number": number})
+        self._order(count).bind_to_image(IMAGE, read=False, write=True)
+        self._sort(compile_, number, count, in_image=True)
+        return self._order(count)
+
+    def list_tiles(self, compile_: Compile, first: int, count: int, sort: int) -> None:
+        """Lists `count` placed splats, from `first` of their order on, by tile: those pairs of number `sort` of the
+        sorts. Binds the lists, their entries, and the tiles' states.
+        """
+        groups, skipped = -(-count // SORT_LANES), sort * self.room
+        self._bind_work()
+        self._bind("sums", FIRST_BINDING, (groups + 1) * 4)
+        self._bind("offsets", SECOND_BINDING, groups * SORT_LANES * 4)
+        if sort == 0:
+            # later sorts of these splats leave out the same tiles
+            size = self.tiles * 4
+            self.ctx.copy_buffer(self._buffer("closed", size), self._work(), size, read_offset=STATES_AT)
+        self._bind("closed", STATES, self.tiles * 4)
+        values = {"first": first, "count": count, "skipped": skipped, "number": groups, "room": self.room}
+        if sort == 0:
+            self._run_groups(compile_("card_pairs.comp", {"COUNTING": True}), groups, values)
+        self._run_groups(compile_("card_scan.comp", {"PAIRS": True}), 1, values)
+        self._bind("pairs", THIRD_BINDING, self.room * 8)
+        self._run(compile_("card_pairs.comp", {"COUNTING": False}), BY_ENTRY, values)
+        pairs = self._sort(compile_, self.tiles - 1, self.room)
+        self._bind(pairs, FIRST_BINDING, self.room * 8)
+        self.bind_lists(empty=True)
+        self._run(compile_("card_lists.comp", {}), BY_ENTRY, {})
+        self._bind_states()
+
+    def bind_lists(self, empty: bool) -> None:
+        """Binds the lists and their entries. empty: clears the lists."""
+        if empty:
+            self._buffer("lists", self.tiles * 16).clear()
+        self._bind("lists", SECOND_BINDING, self.tiles * 16)
+        self._bind("listed", LISTED, self.room * 4)
+        self._bind_states()
+
+    def _sort(self, compile_: Compile, largest: int, most: int, in_image: bool = False) -> str:
+        """Sorts at most `most` pairs by their first words, up to `largest`; returns the buffer that holds them.
+
+        in_image: writes the second words to the bound image instead.
+        """
+        source, target = "pairs", "sorted"
+        passes = -(-max(largest.bit_length(), 1) // BITS)
+        counting = compile_("card_sort.comp", {"COUNTING": True})
+        for n in range(passes):
+            self._bind("counts", FIRST_BINDING, 2**BITS * -(-most // SORT_BLOCK) * 4)
+            self._bind(source, SECOND_BINDING, most * 8)
+            self._run(counting, BY_BLOCK, {"shift": BITS * n})
+            self._run_groups(compile_("card_scan.comp", {"PAIRS": False}), 1, {})
+            self._bind(target, THIRD_BINDING, most * 8)
+            moving = compile_("card_sort.comp", {"COUNTING": False, "LAST": in_image and n == passes - 1})
+            self._run(moving, BY_BLOCK, {"shift": BITS * n})
+            source, target = target, source
+        return source
+
+    def _run(self, program: moderngl.ComputeShader, sizes: int, values: Mapping[str, object]) -> None:
+        """Runs as many groups as the device computed. sizes: byte offset in the buffer of the work."""
+        set_uniforms(program, **values)
+        program.run_indirect(self._work(), sizes)
+        self.ctx.memory_barrier()
+
+    def _run_groups(self, program: moderngl.ComputeShader, groups: int, values: Mapping[str, object]) -> None:
+        set_uniforms(program, **values)
+        program.run(groups)
+        self.ctx.memory_barrier()
+
+    def _work(self) -> moderngl.Buffer:
+        return self._buffer("work", STATES_AT + MOST_TILES * 4)
+
+    def _bind_work(self) -> None:
+        self._work().bind_to_storage_buffer(WORK_BINDING, size=STATES_AT)
+
+    def _bind_states(self) -> None:
+        self._work().bind_to_storage_buffer(STATES, offset=STATES_AT, size=self.tiles * 4)
+
+    def _bind(self, name: str, binding: int, size: int) -> None:
+        self._buffer(name, size).bind_to_storage_buffer(binding)
+
+    def _buffer(self, name: str, size: int) -> moderngl.Buffer:
+        """Returns a buffer of at least `size` bytes; a larger one than before is empty."""
+        buffer = self.buffers.get(name)
+        if buffer is None or buffer.size < size:
+            if buffer is not None:
+                buffer.release()
+            buffer = self.buffers[name] = self.ctx.buffer(reserve=size)
+        return buffer
+
+    def _order(self, count: int) -> moderngl.Texture:
+        height = -(-max(count, 1) // ABREAST)
+        if self.order is None or self.order.height < height:
+            if self.order is not None:
+                self.order.release()
+            self.order = self.ctx.texture((ABREAST, uneven(height)), 1, dtype="u4")
+            self.order.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return self.order

@@ -1,0 +1,105 @@
+"""Sorts and lists of a graphics card: equal to those of the processor and of NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import moderngl
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl.card_lists import CardLists
+from splatgl.gl.context import current
+from splatgl.gl.program import build_compute
+from splatgl.gl.shader import SORT_BLOCK
+from splatgl.gl.tiles import Tiles
+from splatgl.splat.plan import Plan
+from tests.helpers.noise import noise
+from tests.helpers.splatting import SPLATS
+
+
+class Bare:
+    """Programs of the sort without a picture."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
+        self.programs: dict[object, moderngl.ComputeShader] = {}
+
+    def __call__(self, name: str, switches: Mapping[str, bool]) -> moderngl.ComputeShader:
+        key = name, *switches.items()
+        if key not in self.programs:
+            self.programs[key] = build_compute(self.ctx, name, switches)
+        return self.programs[key]
+
+
+@pytest.mark.parametrize("largest", [1, 15, 300, 70_000])
+def test_a_sort_is_stable(renderer: sg.Renderer, rng: np.random.Generator, largest: int) -> None:
+    ctx = renderer.ctx
+    with current(ctx):
+        lists, compile_ = CardLists(ctx), Bare(ctx)
+        for count in (1, 255, 257, SORT_BLOCK, 3 * SORT_BLOCK + 17):
+            keys = rng.integers(0, largest + 1, count, dtype=np.uint32)
+            # as in a solid volume, whole groups of one digit
+            keys[: count // 3] = largest
+            lists.set_entries(count)
+            lists._buffer("pairs", count * 8).write(np.stack([keys, np.arange(count, dtype=np.uint32)], axis=1))
+            source = lists._sort(compile_, largest, count)
+            sorted_ = np.frombuffer(lists.buffers[source].read(count * 8), np.uint32).reshape(count, 2)
+            order = np.argsort(keys, kind="stable")
+            np.testing.assert_array_equal(sorted_[:, 1], order)
+            np.testing.assert_array_equal(sorted_[:, 0], keys[order])
+        lists.release()
+
+
+@pytest.mark.parametrize("name", ["quick", "many"])
+def test_lists_are_those_of_the_processor(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Of splats of every size, some in all tiles; with some tiles closed, and in several sorts."""
+    splats = noise("sheared", size=16, opacity=0.5)
+    eye = splats.corners.mean(axis=0) + 6.0
+    camera = sg.Camera.look_at(eye, splats.corners.mean(axis=0), (0, 0, 1), 60, (150, 90))
+    placed: list[tuple[Tiles, Plan, int]] = []
+
+    def keep(tiles: Tiles, plan: Plan, count: int) -> np.ndarray | None:
+        placed.append((tiles, plan, count))
+        return original(tiles, plan, count)
+
+    original = Tiles._count
+    monkeypatch.setattr(Tiles, "_count", keep)
+    renderer.render(splats, camera, SPLATS.but(technique="tiles", tolerance=1e-4))
+    (tiles, plan, count), *_ = placed
+    with current(renderer.ctx):
+        closed = np.zeros(tiles.band.closed.size, bool)
+        closed[5:90:3] = True
+        lists = CardLists(renderer.ctx)
+        if name == "many":
+            lists.room = 1000
+        lists.begin(closed)
+        lists.set_entries(0)
+        compile_ = lambda name, switches: tiles._program(name, plan, switches)
+        listed: list[list[int]] = [[] for _ in closed]
+        sort = 0
+        while True:
+            for unit, texture in enumerate(tiles.placed):
+                texture.use(8 + unit)
+            lists.list_tiles(compile_, 0, count, sort)
+            entries = np.frombuffer(lists.buffers["work"].read(4), np.uint32)[0]
+            ranges = np.frombuffer(lists.buffers["lists"].read(closed.size * 16), np.uint32).reshape(-1, 4)
+            numbers = np.frombuffer(lists.buffers["listed"].read(int(entries) * 4), np.uint32)
+            for tile, (_, begin, end, _) in enumerate(ranges):
+                listed[tile] += numbers[begin:end].tolist()
+            sort += 1
+            if entries < lists.room:
+                break
+        assert sort > 3 if name == "many" else sort == 1
+        tiles.band.closed[:] = closed
+        expected = original(tiles, plan, count)
+        assert expected is not None
+        tiles._list(plan, count, int(expected[-1, 2]))
+        numbers = np.frombuffer(tiles.buffers[6].read(int(expected[-1, 2]) * 4), np.uint32)
+        for tile, begin, end, _ in expected:
+            np.testing.assert_array_equal(listed[tile], numbers[begin:end])
+        assert sum(map(len, expected)) > 0
+        some = [t for t in range(closed.size) if not closed[t] and t not in expected[:, 0]]
+        assert all(not listed[t] for t in some)
+        lists.release()
