@@ -15,7 +15,8 @@ layout(local_size_x = COLUMNS, local_size_y = TILE_ROWS) in;
 #include "layer_matter.glsl" if LAYERED else "layer_matter_off.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end
-layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated
+layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated; states on a card
+#include "tile_states.glsl" if CARD else "tile_states_off.glsl"
 layout(std430, binding = 6) readonly buffer Listed { uint listed[]; };
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform usampler2D list;
@@ -30,7 +31,9 @@ uint entry(uint at) {
 
 void main() {
     uvec4 mine = lists[gl_WorkGroupID.x];
-    uint tile = mine.x, at = mine.y, end = mine.z;
+    uint tile = CARD == 1 ? gl_WorkGroupID.x : mine.x, at = mine.y, end = mine.z;
+    if (CARD == 1 && (open[tile] == CLOSED || at == end)) return;
+    begin_state();
     ivec2 pixel = first_pixel(tile, gl_LocalInvocationIndex);
     BoxRay ray = box_ray(vec2(pixel) + 0.5);
     vec4 light = CARRIED == 1 ? imageLoad(target, pixel) : vec4(0.0);
@@ -53,5 +56,5 @@ void main() {
         light = join_matter(light, matter);
     }
     imageStore(target, pixel, light);
-    if (!IN_ORDER || light.a <= opaque) open[tile] = 1u;
+    set_state(tile, !IN_ORDER || light.a <= opaque);
 }

@@ -12,7 +12,7 @@ layout(local_size_x = SORT_LANES) in;
 #constant CLOSED  // state of a terminated tile
 #define FEW 32
 
-// of each group of splats: its pairs; then those of all groups before, and last all
+// of each group of splats: its pairs; then those of all groups before
 layout(std430, binding = 1) buffer Counts { uint counts[]; };
 // of each splat: the pairs of those before it in its group
 layout(std430, binding = 2) buffer Offsets { uint offsets[]; };

@@ -9,14 +9,13 @@ layout(local_size_x = SORT_LANES) in;
 #define DIGITS 16u
 
 layout(std430, binding = 1) buffer Counts { uint counts[]; };
-uniform uint number;   // of groups of splats
+uniform uint number;   // of groups of splats; 0: their sums are there already
 uniform uint skipped;  // pairs that earlier sorts of these splats took
 uniform uint room;     // pairs of a sort
 
 void main() {
     uint lane = gl_LocalInvocationID.x, sum = 0u;
-    // of splats whose pairs do not fit into one sort, the sums are there already
-    uint end = PAIRS == 0 ? DIGITS * blocks_of(entries) : skipped == 0u ? number : 0u;
+    uint end = PAIRS == 1 ? number : DIGITS * blocks_of(entries);
     for (uint start = 0u; start < end; start += 4u * SORT_LANES) {
         uvec4 four = uvec4(0u);
         uint n = start + 4u * lane;
@@ -29,9 +28,8 @@ void main() {
         barrier();
     }
     if (PAIRS == 1 && lane == 0u) {
-        if (skipped == 0u) counts[number] = sum;
-        else sum = counts[number];
-        most = max(most, sum);
-        set_entries(min(sum - min(skipped, sum), room));
+        if (number > 0u) total = sum;
+        most = max(most, total);
+        set_entries(min(total - min(skipped, total), room));
     }
 }

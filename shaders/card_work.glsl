@@ -5,7 +5,7 @@ layout(std430, binding = 0) buffer Work {
     uint entries;     // pairs to sort
     uint drawn;       // splats that the order by sheets shows, which come first
     uint most;        // most pairs that a part of the picture needed
-    uint unused;
+    uint total;       // pairs that were counted last
     uvec4 by_entry;   // groups of a pass with one lane an entry,
     uvec4 by_block;   // and of one with SORT_BLOCK entries a group
 };

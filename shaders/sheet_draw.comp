@@ -13,9 +13,10 @@ layout(local_size_x = LANES) in;
 #include "open_sheets.glsl" if CARRIED else "open_sheets_off.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end, whether it is complete then
-layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated
+layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated; states on a card
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;           // opacity at which a tile terminates
+uniform bool complete;          // on a card, whether all lists are complete
 uniform bool partial;           // what is drawn is a part, which shows no value yet
 
 // Composites a tile's list. mine: its element of lists; lane: the invocation.
@@ -64,7 +65,9 @@ void open_pixel(int row) {
 }
 
 void main() {
-    composite_tile(lists[gl_WorkGroupID.x], gl_LocalInvocationID.x);
+    uvec4 mine = lists[gl_WorkGroupID.x];
+    if (CARD == 1) mine = uvec4(gl_WorkGroupID.x, mine.yz, uint(complete));
+    composite_tile(mine, gl_LocalInvocationID.x);
 }
 
 #include "sheet_pixels.glsl" if CARD else "sheet_columns.glsl"

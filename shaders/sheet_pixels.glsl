@@ -1,6 +1,7 @@
 // Composites the sheets of a tile on a graphics card: each invocation draws one pixel, from batches of splats that all
 // share, until it is opaque or behind its box.
 #include "staged_splats.glsl"
+#include "tile_states.glsl"
 #define FAR_SHEET 0x7fffffff  // behind all sheets
 
 // Whether the pixel is opaque, or the sheet that is closed next, and all behind it, are behind the volume's box.
@@ -35,7 +36,10 @@ bool add_batch(Ray ray, uint count, bool last, inout int current, inout int hold
 
 void composite_tile(uvec4 mine, uint lane) {
     uint tile = mine.x, at = mine.y, end = mine.z;
-    bool complete = mine.w == 1u;
+    uint state = open[tile];
+    // the sheets around the eye may have no list
+    bool waits = mine.w == 1u && (state == CONTINUED || NEAR == 1);
+    if (state == CLOSED || (at == end && !waits)) return;
     ivec2 pixel = first_pixel(tile, lane);
     first = vec2(pixel) + 0.5;
     set_column(tile, lane);
@@ -46,7 +50,7 @@ void composite_tile(uvec4 mine, uint lane) {
     // the nearest open sheet, and how many sheets from it on may hold something
     int current = 0, holding = 0;
     bool begun = false;
-    if (CARRIED == 1) {
+    if (CARRIED == 1 && state == CONTINUED) {
         light[0] = imageLoad(target, pixel);
         read_pixel(tile, 0);
         read_column(tile, current, holding, begun);
@@ -58,22 +62,23 @@ void composite_tile(uvec4 mine, uint lane) {
     bool inside = all(lessThan(pixel, imageSize(target)));
     bool ended = !inside || is_opaque() || is_behind(current), counted = false;
     if (lane == 0u) finished = 0u;
+    begin_state();
     do {
         uint count = min(end - at, BATCH);
         if (lane < count) stage_splat(lane, at + lane);
         wait_for_all();
         at += count;
-        if (!ended) ended = add_batch(ray, count, complete && at == end, current, holding);
+        if (!ended) ended = add_batch(ray, count, mine.w == 1u && at == end, current, holding);
         if (ended && !counted) atomicAdd(finished, 1u);
         counted = ended;
         wait_for_all();
     } while (at < end && finished < uint(LANES));
     end_matter(0);
-    if (inside) imageStore(target, pixel, complete && !partial ? shown(light[0]) : light[0]);
+    if (inside) imageStore(target, pixel, mine.w == 1u && !partial ? shown(light[0]) : light[0]);
     // one value is shown of what is in the box when the list is complete
-    bool is_done = is_opaque() || (is_behind(current) && (complete || !ONE_VALUE));
-    if (inside && !is_done) open[tile] = 1u;
-    if (CARRIED == 1 && !complete) {
+    bool is_done = is_opaque() || (is_behind(current) && (mine.w == 1u || !ONE_VALUE));
+    set_state(tile, inside && !is_done);
+    if (CARRIED == 1 && mine.w == 0u) {
         write_pixel(tile, 0);
         write_column(tile, current, holding);
     }

@@ -1,9 +1,11 @@
 // Composites the splats of a tile on a graphics card: each invocation draws one pixel, from batches of splats that all
 // share, until it is opaque.
 #include "staged_splats.glsl"
+#include "tile_states.glsl"
 
 void composite_tile(uvec4 mine, uint lane) {
     uint tile = mine.x, at = mine.y, end = mine.z;
+    if (open[tile] == CLOSED || at == end) return;
     ivec2 pixel = first_pixel(tile, lane);
     first = vec2(pixel) + 0.5;
     Ray ray = ray_of(first);
@@ -12,6 +14,7 @@ void composite_tile(uvec4 mine, uint lane) {
     bool inside = all(lessThan(pixel, imageSize(target)));
     bool ended = !inside || (IN_ORDER && light.a > opaque), counted = false;
     if (lane == 0u) finished = 0u;
+    begin_state();
     while (at < end) {
         uint count = min(end - at, BATCH);
         if (lane < count) stage_splat(lane, at + lane);
@@ -29,5 +32,5 @@ void composite_tile(uvec4 mine, uint lane) {
         at += count;
     }
     if (inside) imageStore(target, pixel, light);
-    if (!ended) open[tile] = 1u;
+    set_state(tile, !ended);
 }

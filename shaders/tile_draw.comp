@@ -8,7 +8,7 @@ layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };      // tile, begin, end
-layout(std430, binding = 3) buffer Open { uint open[]; };                  // tiles that have not terminated
+layout(std430, binding = 3) buffer Open { uint open[]; };                  // tiles that have not terminated; states on a card
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;    // opacity at which a tile terminates
 
@@ -22,7 +22,9 @@ Joined scaled(Joined it) {
 }
 
 void main() {
-    composite_tile(lists[gl_WorkGroupID.x], gl_LocalInvocationID.x);
+    uvec4 mine = lists[gl_WorkGroupID.x];
+    if (CARD == 1) mine.x = gl_WorkGroupID.x;
+    composite_tile(mine, gl_LocalInvocationID.x);
 }
 
 #include "splat_pixels.glsl" if CARD else "splat_columns.glsl"

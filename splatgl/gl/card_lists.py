@@ -20,15 +20,17 @@ from splatgl.gl.shader import ABREAST, CLOSED, SORT_BLOCK, SORT_LANES
 # maximum number of splats of a part, and of pairs of a sort: passes are short enough for a watchdog
 MOST_SPLATS, MOST_PAIRS = 2**18, 2**22
 MOST_UINT = 2**32 - 1
-# minimum number of pairs that the buffers hold
-LEAST_PAIRS = 2**16
+# number of pairs that the first buffers hold
+LEAST_PAIRS = 2**20
 # bits of a digit
 BITS = 4
-# words of card_work.glsl: number of entries, of drawn splats, most pairs; byte offsets of the sizes of dispatches
-WORK = 12
-MOST_NEEDED, BY_ENTRY, BY_BLOCK = 8, 16, 32
+# card_work.glsl: the word of the pairs that were counted last; byte offsets of the most pairs, and of the sizes of
+# dispatches
+TOTAL, MOST_NEEDED, BY_ENTRY, BY_BLOCK = 3, 8, 16, 32
 # byte offset of the tiles' states behind them, and most tiles of a band
 STATES_AT, MOST_TILES = 256, 65_535
+# maximum number of pixels of a band of tiles
+MOST_BAND = 2**21
 # bindings, see the shaders
 WORK_BINDING, FIRST_BINDING, SECOND_BINDING, STATES, THIRD_BINDING, LISTED = 0, 1, 2, 3, 4, 6
 RECORDS_UNIT, IMAGE = 5, 0
@@ -46,8 +48,8 @@ class CardLists:
         self.order: moderngl.Texture | None = None
         # pairs that fit into the buffers; number of sorts of a part
         self.room, self.sorts = LEAST_PAIRS, 1
-        # tiles of the band
-        self.tiles = 1
+        # tiles of the band; the splats that are listed, as uniforms
+        self.tiles, self.part = 1, {"number": 1}
 
     def release(self) -> None:
         """Frees the buffers and the texture; they are recreated on demand."""
@@ -56,10 +58,10 @@ class CardLists:
                 part.release()
         self.buffers, self.order = {}, None
 
-    def begin(self, closed: np.ndarray) -> None:
-        """Begins a band of tiles. closed: mask of those that show nothing."""
+    def begin(self, closed: np.ndarray, state: int = 0) -> None:
+        """Begins a band of tiles. closed: mask of those that show nothing. state: of the others."""
         self.tiles = closed.size
-        self._work().write((closed * np.uint32(CLOSED)).astype(np.uint32), offset=STATES_AT)
+        self._work().write(np.where(closed, CLOSED, state).astype(np.uint32), offset=STATES_AT)
 
     def set_entries(self, count: int, drawn: int = MOST_UINT) -> None:
         """Writes the number of pairs to sort, and of the splats of the order that are drawn."""
@@ -69,19 +71,20 @@ class CardLists:
         work.write(np.array(sizes, np.uint32), offset=BY_ENTRY)
         self._bind_work()
 
-    def read_closed(self) -> np.ndarray:
-        """Returns the mask of the band's terminated tiles: waits for the device."""
-        return np.frombuffer(self._work().read(self.tiles * 4, offset=STATES_AT), np.uint32) == CLOSED
-
     def fits(self) -> bool:
-        """Whether the pairs of each part since the last call fitted into its sorts; else makes room: draw again."""
+        """Whether the pairs of all parts since the last call fitted into their sorts; waits for the device. If not,
+        the next ones have room: the picture must be drawn again.
+        """
         work = self._work()
         (most,) = np.frombuffer(work.read(4, offset=MOST_NEEDED), np.uint32).tolist()
         work.write(np.zeros(1, np.uint32), offset=MOST_NEEDED)
         fitted = most <= self.room * self.sorts
-        self.room = max(self.room, min(1 << most.bit_length(), MOST_PAIRS))
-        self.sorts = max(-(-most // self.room), 1)
+        self._make_room(most)
         return fitted
+
+    def _make_room(self, pairs: int) -> None:
+        self.room = max(self.room, min(1 << pairs.bit_length(), MOST_PAIRS))
+        self.sorts = max(-(-pairs // self.room), 1)
 
     def sort_by_sheet(
         self, compile_: Compile, texels: Texels, count: int, number: int, uniforms: Uniforms
@@ -96,38 +99,54 @@ class CardLists:
         self._sort(compile_, number, count, in_image=True)
         return self._order(count)
 
-    def list_tiles(self, compile_: Compile, first: int, count: int, sort: int) -> None:
-        """Lists `count` placed splats, from `first` of their order on, by tile: those pairs of number `sort` of the
-        sorts. Binds the lists, their entries, and the tiles' states.
+    def count_pairs(self, compile_: Compile, first: int, count: int) -> None:
+        """Counts the tiles of `count` placed splats, from `first` of their order on."""
+        size = self.tiles * 4
+        self.part = {"first": first, "count": count, "number": -(-count // SORT_LANES)}
+        # all sorts of these splats leave out the same tiles
+        self.ctx.copy_buffer(self._buffer("closed", size), self._work(), size, read_offset=STATES_AT)
+        self._bind_part()
+        self._run_groups(compile_("card_pairs.comp", {"COUNTING": True}), self.part["number"], self.part)
+        self._scan(compile_, 0)
+
+    def read(self) -> np.ndarray:
+        """Returns the mask of the band's terminated tiles, and makes room for the pairs that were counted last; waits
+        for the device.
         """
-        groups, skipped = -(-count // SORT_LANES), sort * self.room
-        self._bind_work()
-        self._bind("sums", FIRST_BINDING, (groups + 1) * 4)
-        self._bind("offsets", SECOND_BINDING, groups * SORT_LANES * 4)
-        if sort == 0:
-            # later sorts of these splats leave out the same tiles
-            size = self.tiles * 4
-            self.ctx.copy_buffer(self._buffer("closed", size), self._work(), size, read_offset=STATES_AT)
-        self._bind("closed", STATES, self.tiles * 4)
-        values = {"first": first, "count": count, "skipped": skipped, "number": groups, "room": self.room}
-        if sort == 0:
-            self._run_groups(compile_("card_pairs.comp", {"COUNTING": True}), groups, values)
-        self._run_groups(compile_("card_scan.comp", {"PAIRS": True}), 1, values)
+        words = np.frombuffer(self._work().read(STATES_AT + self.tiles * 4), np.uint32)
+        self._make_room(int(words[TOTAL]))
+        return words[STATES_AT // 4 :] == CLOSED
+
+    def list_tiles(self, compile_: Compile, sort: int) -> None:
+        """Lists the splats that were counted by tile: the pairs of number `sort` of the sorts. Binds the lists."""
+        self._bind_part()
+        self._scan(compile_, 1 + sort)
         self._bind("pairs", THIRD_BINDING, self.room * 8)
-        self._run(compile_("card_pairs.comp", {"COUNTING": False}), BY_ENTRY, values)
+        self._run(compile_("card_pairs.comp", {"COUNTING": False}), BY_ENTRY, self.part | {"skipped": sort * self.room})
         pairs = self._sort(compile_, self.tiles - 1, self.room)
         self._bind(pairs, FIRST_BINDING, self.room * 8)
-        self.bind_lists(empty=True)
+        self.bind_empty()
         self._run(compile_("card_lists.comp", {}), BY_ENTRY, {})
-        self._bind_states()
 
-    def bind_lists(self, empty: bool) -> None:
-        """Binds the lists and their entries. empty: clears the lists."""
-        if empty:
-            self._buffer("lists", self.tiles * 16).clear()
+    def bind_empty(self) -> None:
+        """Binds the tiles' states, and lists that are empty."""
+        self._buffer("lists", self.tiles * 16).clear()
         self._bind("lists", SECOND_BINDING, self.tiles * 16)
         self._bind("listed", LISTED, self.room * 4)
-        self._bind_states()
+        self._work().bind_to_storage_buffer(STATES, offset=STATES_AT, size=self.tiles * 4)
+
+    def _bind_part(self) -> None:
+        groups = self.part["number"]
+        self._bind_work()
+        self._bind("sums", FIRST_BINDING, groups * 4)
+        self._bind("offsets", SECOND_BINDING, groups * SORT_LANES * 4)
+        self._bind("closed", STATES, self.tiles * 4)
+
+    def _scan(self, compile_: Compile, sort: int) -> None:
+        """Sums the pairs of groups of splats (sort 0), or sets the number of entries of sort 1, 2, …"""
+        values = self.part | {"number": 0 if sort else self.part["number"]}
+        values |= {"skipped": max(sort - 1, 0) * self.room, "room": self.room}
+        self._run_groups(compile_("card_scan.comp", {"PAIRS": True}), 1, values)
 
     def _sort(self, compile_: Compile, largest: int, most: int, in_image: bool = False) -> str:
         """Sorts at most `most` pairs by their first words, up to `largest`; returns the buffer that holds them.
@@ -164,9 +183,6 @@ class CardLists:
 
     def _bind_work(self) -> None:
         self._work().bind_to_storage_buffer(WORK_BINDING, size=STATES_AT)
-
-    def _bind_states(self) -> None:
-        self._work().bind_to_storage_buffer(STATES, offset=STATES_AT, size=self.tiles * 4)
 
     def _bind(self, name: str, binding: int, size: int) -> None:
         self._buffer(name, size).bind_to_storage_buffer(binding)

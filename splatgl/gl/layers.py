@@ -44,6 +44,7 @@ class LayerTiles(SheetTiles):
     # uniforms of layer_pages.glsl; first and last page, and number of pieces, of each pixel and layer
     keeping: dict[str, float]
     heads: moderngl.Buffer | None = None
+    exact = True
 
     def __init__(
         self,
@@ -55,7 +56,7 @@ class LayerTiles(SheetTiles):
         near: NearSheets,
         boxes: BoxTiles,
     ) -> None:
-        super().__init__(ctx, programs, splats, whole, tables, near)
+        super().__init__(ctx, programs, splats, whole, tables, near, boxes.card)
         self.boxes = boxes
 
     def release(self) -> None:

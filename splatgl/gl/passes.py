@@ -12,6 +12,7 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import DrawOrder, SplatBuffers
+from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import FieldTextures
 from splatgl.gl.layers import Drawn, LayerTiles, union
 from splatgl.gl.meshes import Surfaces
@@ -58,10 +59,11 @@ class Passes:
         self.splats = SplatBuffers(ctx, owned)
         self.frame = ctx.buffer(reserve=FRAME.itemsize)
         owned.callback(self.frame.release)
-        self.tiles = Tiles(ctx, self.programs, self.splats, self._whole)
+        self.card = CardLists(ctx) if shape.name == "card" else None
+        self.tiles = Tiles(ctx, self.programs, self.splats, self._whole, self.card)
         near = self.near = NearSheets(ctx, self.programs, self._whole, self.tables, owned)
-        self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables, near)
-        self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole)
+        self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.card)
+        self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole, self.card)
         self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.boxes)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
@@ -89,6 +91,8 @@ class Passes:
         self.near.release()
         for technique in self.techniques.values():
             technique.release()
+        if self.card is not None:
+            self.card.release()
 
     def draw(
         self,
@@ -106,13 +110,17 @@ class Passes:
         if plan.exposure is None:
             splats = visible_boxes(clip_behind_eye(splats, plan.resolved.camera), plan.resolved)
         target = self.targets.get(role, plan.view.size, plan.target)
-        target.clear()
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
-        if len(splats):
-            self._draw_splats(target, splats, plan, portions, batches)
-        if batches is not None and batches.shell is not None:
-            return target.read(plan.window)
-        return self._read(target, plan)
+        card = self.card if plan.program.technique == "tiles" and batches is None else None
+        while True:
+            target.clear()
+            if len(splats):
+                self._draw_splats(target, splats, plan, portions, batches)
+            if batches is not None and batches.shell is not None:
+                return target.read(plan.window)
+            pixels = self._read(target, plan)
+            if card is None or card.fits():
+                return pixels
 
     def draw_layers(self, layers: Sequence[Drawn], interrupted: Callable[[], bool] | None = None) -> np.ndarray:
         """Returns the picture of layers, float32 [H, W, 4]; their matter is composited together, in tiles."""

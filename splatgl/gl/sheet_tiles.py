@@ -11,11 +11,12 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels, uneven
+from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.near_sheets import NOTHING, NearSheets
 from splatgl.gl.program import Programs, set_uniforms
-from splatgl.gl.shader import ABREAST
+from splatgl.gl.shader import ABREAST, CONTINUED
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_uniforms
 from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
@@ -67,8 +68,9 @@ class SheetTiles(Tiles):
         whole: Callable[[moderngl.Program], None],
         tables: Tables,
         near: NearSheets,
+        card: CardLists | None,
     ) -> None:
-        super().__init__(ctx, programs, splats, whole)
+        super().__init__(ctx, programs, splats, whole, card)
         self.tables, self.order, self.batch = tables, SheetOrder(ctx, programs), Rewritten(ctx)
         # near sheets, and whether the picture has any; mask of the band's tiles that were drawn
         self.near, self.is_near, self.begun = near, False, np.zeros(0, bool)
@@ -87,6 +89,7 @@ class SheetTiles(Tiles):
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
+        self.exact = self.limits is not None
         texels = self._sorted(splats, plan)
         for window in bands_of(plan.window, MOST_PIXELS):
             self._draw_window(target, splats, plan, texels, window, portions)
@@ -100,8 +103,17 @@ class SheetTiles(Tiles):
             self.uniforms["depth_unit"] = self.limits.unit / splats.grid.mean_spacing
         if window is not None:
             self.uniforms["edges"] = window_edges(plan.view, window)
-        texels, self.count = self.order.sorted(len(splats), sheet_span(splats, plan), plan, texels, self.uniforms)
+        texels, self.count = self._in_order(texels, len(splats), sheet_span(splats, plan), plan)
         return texels
+
+    def _in_order(self, texels: Texels, count: int, number: int, plan: Plan) -> tuple[Texels, int]:
+        """Returns `count` records by their first of `number` sheets, and how many of them may be visible."""
+        if self.card is None:
+            return self.order.sorted(count, number, plan, texels, self.uniforms)
+        order = self.card.sort_by_sheet(
+            lambda name, switches: self._program(name, plan, dict(switches)), texels, count, number, self.uniforms
+        )
+        return Texels(texels.records, texels.rest, order), count
 
     def _begin_picture(self, splats: Splats, plan: Plan, near: NearField | None) -> None:
         """Sets `uniforms` and draws the near sheets."""
@@ -123,6 +135,7 @@ class SheetTiles(Tiles):
 
         whole: describes all splats.
         """
+        self.exact = True
         self._begin_picture(whole, plan, batches.near)
         if batches.shell is not None:
             first = float(str(self.uniforms["first_sheet"]))
@@ -155,7 +168,7 @@ class SheetTiles(Tiles):
         span = sheet_span(whole, plan)
         for splats in batches.of(is_visible):
             texels = self.batch.texels(splats.records)
-            texels, count = self.order.sorted(len(splats), span, plan, texels, self.uniforms)
+            texels, count = self._in_order(texels, len(splats), span, plan)
             self.count = count + 1
             self.gather(target, plan, texels, (0, count), band, ask=portions.ask)
         self._flush(target, plan)
@@ -167,12 +180,15 @@ class SheetTiles(Tiles):
             self._begin(whole, plan, window)
             # no splats are left; each tile only has to classify its values
             self._keep()
+            if self.card is not None:
+                self.card.begin(self.band.closed, CONTINUED)
+                self.band.begun = True
             self.kept = np.ones(self.band.closed.size, bool)
             self._flush(target, plan)
 
     def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
         """Returns a new band, whose tiles beside the volume's box are closed."""
-        self.kept, self.band = None, self.begin(window)
+        self.kept, self.last, self.band = None, False, self.begin(window)
         band, self.begun = self.band, np.zeros(self.band.closed.size, bool)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
@@ -185,6 +201,14 @@ class SheetTiles(Tiles):
 
     def _flush(self, target: Target, plan: Plan) -> None:
         """Composites the sheets that are still open, and the near sheets of tiles without splats."""
+        if self.card is not None:
+            if not self.last:
+                if not self.band.begun:
+                    self.card.begin(self.band.closed)
+                self.card.bind_empty()
+                self.last = True
+                self._composite(self.card, target, plan, last=True)
+            return
         self.last = True
         waiting = np.zeros_like(self.begun) if self.kept is None else self.kept.copy()
         if self.is_near:
@@ -221,6 +245,18 @@ class SheetTiles(Tiles):
             lists[:, 1] = part[:, 2]
             lists = lists[(part[:, 3] == 0) & open_ & (lists[:, 1] < lists[:, 2])]
 
+    def _composite(self, card: CardLists, target: Target, plan: Plan, last: bool) -> None:
+        complete = self.last and last
+        carried = self.band.begun or not complete
+        if carried:
+            self._buffer(RINGS, self.band.closed.size * RING * ROWS * COLUMNS * 4)
+        program = self._program("sheet_draw.comp", plan, {"CARRIED": carried})
+        set_uniforms(program, half_table=HALF_LINE_UNIT, opaque=1.0 - plan.hiding.cutoff, complete=complete)
+        self.bind_target(target)
+        program.run(self.band.closed.size)
+        self.ctx.memory_barrier()
+        self.band.begun = True
+
     def _keep(self) -> None:
         """Provides empty storage for the open sheets of all tiles."""
         tiles = self.band.closed.size
@@ -248,6 +284,7 @@ class BoxTiles(Tiles):
 
     def _uniforms(self, splats: Splats, plan: Plan) -> Uniforms:
         uniforms = super()._uniforms(splats, plan)
+        self.exact = self.limits is not None or self.keeping is not None
         if self.limits is None:
             return uniforms
         self.limits.use()

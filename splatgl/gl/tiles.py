@@ -7,7 +7,7 @@ passes. This avoids sorting, quad setup and blending; setup and blending take mo
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,6 +15,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, uneven
+from splatgl.gl.card_lists import MOST_BAND, MOST_SPLATS, CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import ABREAST, LISTED, NOWHERE
@@ -52,10 +53,14 @@ class Band:
 
 
 class Tiles:
-    """Draws splats in tiles; caches buffers and textures. whole: draws one triangle over the bound framebuffer."""
+    """Draws splats in tiles; caches buffers and textures. whole: draws one triangle over the bound framebuffer. card:
+    lists tiles on a graphics card.
+    """
 
     # shader that composites tiles
     drawing = "tile_draw.comp"
+    # whether a card reads how many pairs each part has, instead of drawing again what did not fit
+    exact = False
     # uniforms of the picture, set in each program
     uniforms: Uniforms
 
@@ -65,8 +70,9 @@ class Tiles:
         programs: Programs,
         splats: SplatBuffers,
         whole: Callable[[moderngl.Program], None],
+        card: CardLists | None = None,
     ) -> None:
-        self.ctx, self.programs, self.splats, self.whole = ctx, programs, splats, whole
+        self.ctx, self.programs, self.splats, self.whole, self.card = ctx, programs, splats, whole, card
         self.placed: list[moderngl.Texture] = []
         self.framebuffer: moderngl.Framebuffer | None = None
         self.buffers: dict[int, moderngl.Buffer] = {}
@@ -86,18 +92,29 @@ class Tiles:
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the splats into `target`, nearest first, in chunks; raises Interrupted if cancelled."""
         self.uniforms = self._uniforms(splats, plan)
+        if self.card is not None:
+            self.card.set_entries(0)
         frustum, fits = Frustum.of(plan.view), len(splats) <= MOST_KEPT
         batches = pairwise(batch_starts(len(splats), plan.hiding.depth_batches))
-        bands = [self.begin(window) for window in bands_of(plan.window)]
-        for begin, end in (chunk for batch in batches for chunk in chunks(batch)):
-            texels = self.splats.of(splats).texels(plan.program.runs, order, None if fits else (begin, end))
-            visible = None if texels.boxes is None else blocks_in_frustum(texels.boxes, frustum)
-            if visible is not None and visible.all():
-                visible = None
+        parts = [chunk for batch in batches for chunk in chunks(batch)]
+        bands = [
+            self.begin(window) for window in bands_of(plan.window, MOST_PIXELS if self.card is None else MOST_BAND)
+        ]
+        # a card has the states of one band's tiles
+        if self.card is None:
+            order_of = [(part, band) for part in parts for band in bands]
+        else:
+            order_of = [(part, band) for band in bands for part in parts]
+        visible, texels, last = None, None, None
+        for (begin, end), band in steps:
+            portions.ask()
+            if texels is None or (begin, end) != last:
+                texels = self.splats.of(splats).texels(plan.program.runs, order, None if fits else (begin, end))
+                visible, last = None if texels.boxes is None else blocks_in_frustum(texels.boxes, frustum), (begin, end)
+                if visible is not None and visible.all():
+                    visible = None
             first = 0 if fits else begin
-            for band in bands:
-                portions.ask()
-                self.gather(target, plan, texels, (begin - first, end - first), band, visible, portions.ask)
+            self.gather(target, plan, texels, (begin - first, end - first), band, visible, portions.ask)
 
     def _uniforms(self, splats: Splats, plan: Plan) -> Uniforms:
         return feature_uniforms(splats, plan)
@@ -126,11 +143,16 @@ class Tiles:
         begin, end = which
         # smaller parts of many splats: the buffers then need little memory compared with the splats
         most = MOST if end - begin <= 2 * MOST else MOST // 2
+        if self.card is not None:
+            most = min(most, MOST_SPLATS)
         for first in range(begin, end if band.closed.size else begin, most):
             self._draw(target, plan, texels, (first, min(first + most, end)))
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
         count = self._place(plan, texels, which)
+        if self.card is not None:
+            self._draw_on_card(self.card, target, plan, which[0], count)
+            return
         lists = self._count(plan, count) if count else np.zeros((0, 4), np.uint32)
         if lists is None:
             middle = (which[0] + which[1]) // 2
@@ -142,6 +164,31 @@ class Tiles:
                 self.ask()
                 self._add_up(target, plan, dispatched)
             self.band.begun = True
+
+    def _draw_on_card(self, card: CardLists, target: Target, plan: Plan, first: int, count: int) -> None:
+        """Composites `count` placed splats, from `first` of their order on; only the device knows the lists."""
+
+        def program(name: str, switches: Mapping[str, bool]) -> moderngl.ComputeShader:
+            return self._program(name, plan, dict(switches))
+
+        self.ask()
+        if not self.band.begun:
+            card.begin(self.band.closed)
+        card.count_pairs(program, first, count)
+        if self.exact:
+            self.band.closed = card.read()
+        for sort in range(card.sorts):
+            card.list_tiles(program, sort)
+            self._composite(card, target, plan, last=sort == card.sorts - 1)
+
+    def _composite(self, card: CardLists, target: Target, plan: Plan, last: bool) -> None:
+        """Composites the lists that are bound. last: of these splats."""
+        program = self._program(self.drawing, plan, {"CARRIED": self.band.begun})
+        set_uniforms(program, half_table=HALF_LINE_UNIT, opaque=1.0 - plan.hiding.cutoff)
+        self.bind_target(target)
+        program.run(self.band.closed.size)
+        self.ctx.memory_barrier()
+        self.band.begun = True
 
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
         """Places the splats (projects them into textures); returns their number."""

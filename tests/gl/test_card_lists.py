@@ -76,13 +76,17 @@ def test_lists_are_those_of_the_processor(renderer: sg.Renderer, monkeypatch: py
             lists.room = 1000
         lists.begin(closed)
         lists.set_entries(0)
-        compile_ = lambda name, switches: tiles._program(name, plan, switches)
+
+        def compile_(name: str, switches: Mapping[str, bool]) -> moderngl.ComputeShader:
+            return tiles._program(name, plan, dict(switches))
+
         listed: list[list[int]] = [[] for _ in closed]
+        for unit, texture in enumerate(tiles.placed):
+            texture.use(8 + unit)
         sort = 0
+        lists.count_pairs(compile_, 0, count)
         while True:
-            for unit, texture in enumerate(tiles.placed):
-                texture.use(8 + unit)
-            lists.list_tiles(compile_, 0, count, sort)
+            lists.list_tiles(compile_, sort)
             entries = np.frombuffer(lists.buffers["work"].read(4), np.uint32)[0]
             ranges = np.frombuffer(lists.buffers["lists"].read(closed.size * 16), np.uint32).reshape(-1, 4)
             numbers = np.frombuffer(lists.buffers["listed"].read(int(entries) * 4), np.uint32)
