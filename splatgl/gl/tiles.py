@@ -97,14 +97,12 @@ class Tiles:
         frustum, fits = Frustum.of(plan.view), len(splats) <= MOST_KEPT
         batches = pairwise(batch_starts(len(splats), plan.hiding.depth_batches))
         parts = [chunk for batch in batches for chunk in chunks(batch)]
-        bands = [
-            self.begin(window) for window in bands_of(plan.window, MOST_PIXELS if self.card is None else MOST_BAND)
-        ]
-        # a card has the states of one band's tiles
-        if self.card is None:
-            order_of = [(part, band) for part in parts for band in bands]
-        else:
-            order_of = [(part, band) for band in bands for part in parts]
+        widest = MOST_PIXELS if self.card is None else MOST_BAND
+        bands = [self.begin(window) for window in bands_of(plan.window, widest)]
+        steps = [(part, band) for part in parts for band in bands]
+        if self.card is not None:
+            # it has the states of one band's tiles
+            steps = [(part, band) for band in bands for part in parts]
         visible, texels, last = None, None, None
         for (begin, end), band in steps:
             portions.ask()
