@@ -22,7 +22,6 @@ from splatgl.scene.draw import DrawOptions, depths, draw, draw_subject
 from splatgl.scene.meshes import VECTORS
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
-from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -217,8 +216,7 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     view = view or Camera.of(x, viewing.get("size"))
     base = settings or (Settings() if layers else Settings.of(x))
-    with shared_renderer() as renderer:
-        image = renderer.render(scene, view, base.but(**drawing))
+    image = draw_subject(scene, view, base.but(**drawing), DrawOptions(kept=True, check=0))
     if layers:
         return image
     from splatgl.integrations.vtk.scene import list_differences

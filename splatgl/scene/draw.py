@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -59,15 +59,12 @@ class DrawOptions:
         False, Kind.flag(), "also measure the time saved by each skipped step", group=Group.SPEED, bare=True
     )
 
-    @contextmanager
-    def renderer(self) -> Iterator[Renderer]:
+    def renderer(self) -> AbstractContextManager[Renderer]:
         """The renderer for one picture."""
         from splatgl.gl.renderer import Renderer
         from splatgl.scene.shared_renderer import shared_renderer
 
-        opened = shared_renderer() if self.kept else Renderer(self.backend, self.device, self.gpu)
-        with opened as renderer:
-            yield renderer
+        return shared_renderer() if self.kept else Renderer(self.backend, self.device, self.gpu)
 
     def check_supported(self, kind: str, need: str, got: str, fix: str = "") -> None:
         """Raises InputError for options that a kind of picture does not support. need: the kind that does."""

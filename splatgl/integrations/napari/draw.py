@@ -17,7 +17,7 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.integrations import color_nodes, opacity_nodes, plane_through
-from splatgl.scene.shared_renderer import shared_renderer
+from splatgl.scene.draw import DrawOptions, draw_subject
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import SOLID, colormap_name, labels_of
@@ -182,8 +182,8 @@ def _draw(
 ) -> Image:
     """Draws the scene from the viewer's camera."""
     camera, mirrored = camera_of(viewer, scene.corners, size)
-    with shared_renderer() as renderer:
-        image = renderer.render(scene, camera, Settings(blend=blend, background=background))
+    settings = Settings(blend=blend, background=background)
+    image = draw_subject(scene, camera, settings, DrawOptions(kept=True, check=0))
     return Image(image.pixels[:, ::-1].copy(), image.info) if mirrored else image
 
 
