@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import moderngl
 import numpy as np
@@ -14,9 +14,13 @@ from splatgl.gl.context import current
 from splatgl.gl.program import build_compute
 from splatgl.gl.shader import SORT_BLOCK
 from splatgl.gl.tiles import Tiles
+from splatgl.splat import bricks as bricking
+from splatgl.splat.bricks import Bricks, bricks_of
 from splatgl.splat.plan import Plan
 from tests.helpers.noise import noise
 from tests.helpers.splatting import SPLATS
+
+pytestmark = pytest.mark.compute
 
 
 class Bare:
@@ -107,3 +111,79 @@ def test_lists_are_those_of_the_processor(renderer: sg.Renderer, monkeypatch: py
         some = [t for t in range(closed.size) if not closed[t] and t not in expected[:, 0]]
         assert all(not listed[t] for t in some)
         lists.release()
+
+
+class Reads:
+    """Counts what is read back from the device, and what is written to its buffers and textures."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.before_picture, self.pictures, self.after, self.writes = 0, 0, 0, 0
+        for kind, name in ((moderngl.Buffer, "read"), (moderngl.Texture, "read"), (moderngl.Framebuffer, "read_into")):
+            patch.setattr(kind, name, self._reading(getattr(kind, name), kind is moderngl.Framebuffer))
+        for kind in (moderngl.Buffer, moderngl.Texture):
+            patch.setattr(kind, "write", self._writing(kind.write))
+
+    def _reading(self, original: Callable[..., object], of_picture: bool) -> Callable[..., object]:
+        def read(*args: object, **options: object) -> object:
+            self.pictures += of_picture
+            self.after += not of_picture and self.pictures > 0
+            self.before_picture += not of_picture and self.pictures == 0
+            return original(*args, **options)
+
+        return read
+
+    def _writing(self, original: Callable[..., object]) -> Callable[..., object]:
+        def write(*args: object, **options: object) -> object:
+            self.writes += 1
+            return original(*args, **options)
+
+        return write
+
+
+def volume() -> sg.Volume:
+    return sg.Volume(np.random.default_rng(4).random((20, 20, 20), np.float32))
+
+
+@pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"shading": "off"}, {"clip": ((1.0, 0.0, 0.0, 8.0),)}])
+def test_a_card_reads_nothing_before_the_picture(monkeypatch: pytest.MonkeyPatch, change: dict) -> None:
+    splats = sg.extract(volume(), sg.Transfer([(0.4, 0), (1, 0.5)]))
+    camera, settings = sg.Camera.orbit(splats, size=(64, 64)), sg.Settings(**change)
+    with sg.Renderer(shape="card") as renderer:
+        renderer.render(splats, camera, settings)
+        reads = Reads(monkeypatch)
+        renderer.render(splats, camera, settings)
+    # of what did not fit, after the picture
+    assert (reads.before_picture, reads.pictures, reads.after) == (0, 1, 1)
+
+
+def test_a_card_reads_once_a_batch_of_bricks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bricking, "BATCH", 1000)
+    scene, transfer = volume(), sg.Transfer([(0.4, 0), (1, 0.5)])
+    found = bricks_of(scene, transfer, sg.Settings())
+    assert found is not None
+    bricks = Bricks.of(scene, found.post, 7)
+    camera = sg.Camera.orbit(scene, size=(64, 64))
+    batches = 0
+
+    def count(*_: int) -> None:
+        nonlocal batches
+        batches += 1
+
+    with sg.Renderer(shape="card") as renderer:
+        reads = Reads(monkeypatch)
+        renderer.render_bricks(bricks, camera, progress=count)
+    assert batches > 2
+    assert reads.before_picture <= batches
+
+
+def test_what_does_not_fit_is_drawn_again(renderer: sg.Renderer) -> None:
+    splats = sg.extract(volume(), sg.Transfer([(0.4, 0), (1, 0.5)]))
+    camera = sg.Camera.orbit(splats, size=(64, 64))
+    right = renderer.render(splats, camera, sg.Settings(occlusion="off")).pixels
+    with sg.Renderer(shape="card") as card:
+        lists = card.passes.card
+        assert lists is not None
+        lists.room = 1024
+        first = card.render(splats, camera, sg.Settings(occlusion="off")).pixels
+        assert lists.room > 1024
+        assert np.abs(first - right).max() < 1e-5
