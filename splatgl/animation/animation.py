@@ -221,7 +221,7 @@ class Animation:
     def work(self, frames: Frames) -> Work:
         """The data that all frames share, without the scale of X-ray frames."""
         settings = self.scenes[0].settings
-        settings = settings.but(moments=settings.moments or self.steady)
+        settings = replace(settings, moments=settings.moments or self.steady)
         return Work(
             self.scenes, self.transfer, settings, frames, self.flow, self.bits, bands=self.bands, over=self.over
         )
@@ -407,7 +407,7 @@ class Work:
             return render_moving_bricks(renderer, matter.subject, camera, settings, motion, self.bands)
         if motion is not None and matter.flow is not None:
             motion = replace(motion, flow=matter.flow)
-        return renderer.render(matter.subject, camera, settings.but(clip=matter.clip), motion)
+        return renderer.render(matter.subject, camera, replace(settings, clip=matter.clip), motion)
 
     def frame(self, renderer: Renderer, matter: Matter, view: FrameView) -> bytes:
         """The file of a frame."""

@@ -160,7 +160,7 @@ def for_output(file: SceneFile, output: Path, reference: Image | None = None) ->
         return file
     match reference and reference.info.get("background"):
         case [float() | int() as red, float() | int() as green, float() | int() as blue]:
-            file = replace(file, settings=file.settings.but(background=(red, green, blue)))
+            file = replace(file, settings=replace(file.settings, background=(red, green, blue)))
     return replace(file, auto_background=reference is None and output.suffix.lower() not in DATA)
 
 

@@ -102,7 +102,7 @@ def draw_preset(
     splats = replace(scene, settings=settings).splats(volume, transfer)
     if not len(splats):
         return None
-    image = renderer.render(splats, camera, settings.but(background=background))
+    image = renderer.render(splats, camera, replace(settings, background=background))
     samples = (image.straight()[..., :3] * 255).round().astype("uint8")
     return Pillow.fromarray(samples, "RGB")
 

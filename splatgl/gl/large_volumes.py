@@ -146,7 +146,7 @@ def _boxes(
             continue
         image = _drawn(part, transfer, near, settings, renderer)
         if image.pixels.any():
-            right = _drawn(part, transfer, near, settings.but(antialias="supersample", samples=SAMPLES), renderer)
+            right = _drawn(part, transfer, near, replace(settings, antialias="supersample", samples=SAMPLES), renderer)
             yield _Box((ends[0], ends[1]), near, image, right)
             found += 1
             if found == BOXES:
@@ -254,7 +254,7 @@ def render_moving_bricks(
     if motion is None:
         return renderer.render_bricks(bricks, camera, settings, bands=bands)
     check_blur_supported("in bricks", settings, motion.flow is not None)
-    sharp = settings.but(motion="off", moments=None)
+    sharp = replace(settings, motion="off", moments=None)
 
     def draw(_: Splats, view: Camera, requested: Settings) -> Image:
         return renderer.render_bricks(bricks, view, requested, bands=bands)

@@ -126,7 +126,7 @@ class Renderer:
         scene = self.plans(splats, camera, settings, motion)
         chosen = scene.first
         if chosen.moments and motion is not None:
-            sharp = settings.but(moments=None, **({} if chosen.exposure else {"motion": "off"}))
+            sharp = replace(settings, moments=None, motion=settings.motion if chosen.exposure else "off")
             draw = partial(self.render, verify_bound=verify_bound, interrupted=interrupted)
             mean = (Shorter if chosen.exposure else Moments)(draw, motion, sharp.shutter, chosen.moments)
             # a scene has no flow, and is passed to `draw` unchanged
@@ -159,7 +159,7 @@ class Renderer:
             return self._draw(chosen, interrupted=interrupted)
         if not chosen.program.look.blend.ordered:
             pictures = [self._draw(layer, interrupted=interrupted) for layer in scene.layers]
-            return join_pictures(pictures, chosen.settings.but(background=scene.background))
+            return join_pictures(pictures, replace(chosen.settings, background=scene.background))
         layers = [(layer.splats, layer) for layer in scene.layers]
         if not scene.meshes:
             return self._guarded(chosen, partial(self.passes.draw_layers, layers, interrupted))
@@ -293,7 +293,7 @@ class Renderer:
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
         """The difference to the picture of the finest form, table and target, plus its bound; inf for that form."""
-        finer = self.plan(chosen.splats, camera, chosen.settings.but(motion="off", **FINER))
+        finer = self.plan(chosen.splats, camera, replace(chosen.settings, motion="off", **FINER))
         if _kind(finer) == _kind(chosen):
             return float("inf")
         with current(self.ctx):

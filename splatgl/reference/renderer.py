@@ -91,7 +91,7 @@ def _prepare(
     splats, settings = layers[0]
     if row != "row1":
         kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
-        settings = settings.but(classification="pre", compositing="splats", kernel=kernel)
+        settings = replace(settings, classification="pre", compositing="splats", kernel=kernel)
     splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
     resolved = Resolved.of(splats, camera, settings)
     scene = _scene(_select_reaching(splats, resolved, windows), resolved, row)

@@ -216,7 +216,7 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     view = view or Camera.of(x, viewing.get("size"))
     base = settings or (Settings() if layers else Settings.of(x))
-    image = draw_subject(scene, view, base.but(**drawing), DrawOptions(kept=True, check=0))
+    image = draw_subject(scene, view, replace(base, **drawing), DrawOptions(kept=True, check=0))
     if layers:
         return image
     from splatgl.integrations.vtk.scene import list_differences

@@ -190,7 +190,7 @@ def depths(scene: OpenScene, at: float | str | None) -> np.ndarray:
 
     settings = scene.file.settings
     share = OF_BLENDS.get(settings.blend, HALF) if at is None else at
-    return depth_map.depths(scene.scene, scene.camera, share, settings.but(clip=()))
+    return depth_map.depths(scene.scene, scene.camera, share, replace(settings, clip=()))
 
 
 @contextmanager

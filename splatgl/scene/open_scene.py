@@ -70,7 +70,7 @@ class OpenScene:
         if file.auto_background and not BLENDS[settings.blend].unbounded:
             # several channels glow
             glowing = replace(transfer, shading=False) if len(volume.channels) > 1 else transfer
-            settings = file.settings.but(background=default_background(glowing, settings))
+            settings = replace(file.settings, background=default_background(glowing, settings))
             file = replace(file, settings=settings)
         if "box" in file.annotate:
             file = replace(file, view=file.view.fitted(annotated_part(volume)))
@@ -113,7 +113,7 @@ class OpenScene:
         """The settings of the renderer: layers have their planes, and annotations with a box get the background behind
         the box.
         """
-        settings = self.file.settings if self.is_single else self.file.settings.but(clip=())
+        settings = self.file.settings if self.is_single else replace(self.file.settings, clip=())
         return without_background(settings, self.file.annotate)
 
     @cached_property
@@ -242,7 +242,7 @@ def without_background(settings: Settings, names: tuple[str, ...]) -> Settings:
     """The settings of a picture under annotations: with a box it is drawn without its background, so that edges behind
     the box come between both. Sums have no background.
     """
-    return settings.but(background=None) if "box" in names and not BLENDS[settings.blend].unbounded else settings
+    return replace(settings, background=None) if "box" in names and not BLENDS[settings.blend].unbounded else settings
 
 
 def is_layered(file: SceneFile, volume: Volume) -> bool:

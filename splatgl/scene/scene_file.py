@@ -323,7 +323,7 @@ class SceneFile:
             transfer={**self.transfer, **transfer},
             view=replace(self.view, **{name: options[name] for name in names_of(ViewOptions) if name in options}),
             vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
-            settings=self.settings.but(**settings),
+            settings=replace(self.settings, **settings),
         )
 
     def to_toml(self, folder: Path) -> str:
@@ -430,7 +430,7 @@ class SceneFile:
 
         sides = crop_planes(self.crop, volume) if self.crop else ()
         planes = parse_planes(self.clip or (), Box.of([volume]))
-        settings = self.settings.but(clip=(*self.settings.clip, *planes, *sides))
+        settings = replace(self.settings, clip=(*self.settings.clip, *planes, *sides))
         view = self.view.fitted(Part(clip_corners(sides, volume.corners), volume.frame)) if sides else self.view
         return replace(self, clip=None, crop="", settings=settings, view=view)
 
@@ -446,7 +446,7 @@ class SceneFile:
         """Returns the scene with the blend of its preset, unless the settings specify one."""
         name = self.transfer.get("preset")
         blend = preset_named(name).blend if isinstance(name, str) and "blend" not in self.settings.given else None
-        return self if blend is None else replace(self, settings=self.settings.but(blend=blend))
+        return self if blend is None else replace(self, settings=replace(self.settings, blend=blend))
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """Returns the transfer function: the default or a preset, overridden by options; faint around lines."""

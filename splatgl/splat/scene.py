@@ -202,7 +202,7 @@ class Scene:
     def splats(self, settings: Settings) -> tuple[Splats, ...]:
         """The splats of each visible layer for pictures with these settings; extracted once."""
         # extraction depends on these settings
-        key = Settings().but(
+        key = Settings(
             blend=settings.blend,
             kernel=settings.kernel,
             classification=settings.classification,
@@ -216,7 +216,7 @@ class Scene:
 
     def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
         """Splats, and settings with clipping planes, of visible layers that are not empty; at least of the first."""
-        clipped = [settings.but(clip=(*settings.clip, *planes)) if planes else settings for planes in self.planes]
+        clipped = [replace(settings, clip=(*settings.clip, *planes)) if planes else settings for planes in self.planes]
         layers = list(zip(self.splats(settings), clipped, strict=True))
         return [layer for layer in layers if len(layer[0])] or layers[:1]
 
@@ -291,7 +291,7 @@ def plan_scene(
             raise expected("meshes", "blend composite", settings.blend)
         changes["background"] = None
     layers = common_samples(layers, camera, settings)
-    plans = tuple(plan(splats, camera, look.but(**changes), motion, tiles) for splats, look in layers)
+    plans = tuple(plan(splats, camera, replace(look, **changes), motion, tiles) for splats, look in layers)
     if is_ordered:
         for layer in plans:
             check_layer(layer.resolved, layer.splats.name)
@@ -327,7 +327,7 @@ def common_samples(
     if settings.antialias != "auto" or len(layers) < 2 or not BLENDS[settings.blend].ordered:
         return list(layers)
     samples = max(Resolved.of(clip_behind_eye(splats, camera), camera, look).samples for splats, look in layers)
-    return [(splats, look.but(antialias="supersample", samples=samples)) for splats, look in layers]
+    return [(splats, replace(look, antialias="supersample", samples=samples)) for splats, look in layers]
 
 
 def with_shared_casters(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Settings]]) -> list[Resolved]:
