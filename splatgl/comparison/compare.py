@@ -64,16 +64,6 @@ class Comparison:
         return "one 8-bit step" if self.threshold is None else f"{self.peak * self.threshold:.4g}"
 
 
-@dataclass(frozen=True)
-class _Differences:
-    """worst: [H, W], the largest |a − b| over the channels. sums: Σ(a − b) of each channel."""
-
-    worst: np.ndarray
-    sums: np.ndarray
-    squares: float
-    weight: float
-
-
 # differences of finite numbers may overflow: they count as infinite
 @np.errstate(over="ignore", invalid="ignore")
 def compare(
@@ -98,22 +88,22 @@ def compare(
     if mask is not None:
         _check_mask(mask, first)
         first, second = apply_mask(first, mask), apply_mask(second, mask)
-    differences = _differences(first, second)
-    if not np.isfinite(differences.squares):
+    worst, sums, squares, weight = _differences(first, second)
+    if not np.isfinite(squares):
         _check_finite(names[0], first)
         _check_finite(names[1], second)
     peak = (float(second[..., 3].max()) or 1.0) if b.info.get("blend") == "xray" else 1.0
     count = first.shape[0] * first.shape[1] if mask is None else int(np.count_nonzero(mask))
-    rmse = float(np.sqrt(differences.squares / (4 * count)))
-    over = exceeds_threshold(first, second, differences.worst, threshold, peak)
-    row, column = np.unravel_index(int(differences.worst.argmax()), over.shape)
-    bias = differences.sums / count
+    rmse = float(np.sqrt(squares / (4 * count)))
+    over = exceeds_threshold(first, second, worst, threshold, peak)
+    row, column = np.unravel_index(int(worst.argmax()), over.shape)
+    bias, off = sums / count, float(sums.sum())
     return Comparison(
-        maximum=float(differences.worst[row, column]),
+        maximum=float(worst[row, column]),
         rmse=rmse,
         psnr=20 * (math.log10(peak) - math.log10(rmse)) if rmse > 0 else math.inf,
         share_over=int(np.count_nonzero(over)) / count,
-        sum_error=_sum_error(float(differences.sums.sum()), differences.weight),
+        sum_error=off / weight if weight > 0 else math.copysign(math.inf, off) if off else 0.0,
         where=(int(column), int(row)),
         box=_box(over),
         peak=peak,
@@ -151,8 +141,11 @@ def _pixels(what: str, image: Image) -> np.ndarray:
     return pixels
 
 
-def _differences(a: np.ndarray, b: np.ndarray) -> _Differences:
-    """One pass over both, in bands; differences have the images' precision, their sums are float64."""
+def _differences(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """(largest |a − b| over the channels [H, W], Σ(a − b) of each channel, Σ(a − b)², Σ|b|), in one pass over bands.
+
+    Differences have the images' precision, their sums are float64.
+    """
     worst = np.empty(a.shape[:2], np.result_type(a, b, np.float32))
     columns, squares, weight = np.zeros(a.shape[1] * 4), 0.0, 0.0
     for top in range(0, len(a), BAND_ROWS):
@@ -164,7 +157,7 @@ def _differences(a: np.ndarray, b: np.ndarray) -> _Differences:
         columns += exact.sum(axis=0)
         squares += float(np.einsum("ij,ij->", exact, exact))
         over_channels(d, worst[band])
-    return _Differences(worst, columns.reshape(-1, 4).sum(axis=0), squares, weight)
+    return worst, columns.reshape(-1, 4).sum(axis=0), squares, weight
 
 
 def _check_finite(what: str, pixels: np.ndarray) -> None:
@@ -173,12 +166,6 @@ def _check_finite(what: str, pixels: np.ndarray) -> None:
         row, column = bad[0]
         got = f"{pixels[row, column].tolist()} at column {column}, row {row} of {len(bad)} such"
         raise expected(what, "finite numbers", got)
-
-
-def _sum_error(off: float, scale: float) -> float:
-    if off == 0:
-        return 0.0
-    return off / scale if scale > 0 else float(np.copysign(np.inf, off))
 
 
 def _box(over: np.ndarray) -> tuple[int, int, int, int] | None:
@@ -207,8 +194,14 @@ class Picture:
 
 def read(path: str | Path) -> Picture:
     """Reads a PNG, NPY, EXR, TIFF or JPEG file. Raises InputError for missing, truncated and invalid files."""
+    from PIL.Image import DecompressionBombError
+
     source = Path(path)
-    image = _load_image(source)
+    try:
+        image = Image.load(source)
+    except (DecompressionBombError, TokenError) as error:
+        # of Pillow and NumPy, for damaged files
+        raise InputError(f"{source}: cannot be read as a picture: {error}") from error
     suffix = source.suffix.lower()
     if suffix in (".npy", *EXR) or (suffix in TIFF and is_float_tiff(source)):
         return Picture(str(path), image)
@@ -222,16 +215,6 @@ def read(path: str | Path) -> Picture:
     return Picture(str(path), image, mode, 16 if header[DEPTH_AT] == 16 else 8)
 
 
-def _load_image(source: Path) -> Image:
-    """Loads an image; two exceptions of NumPy and Pillow for damaged files become InputError."""
-    from PIL.Image import DecompressionBombError
-
-    try:
-        return Image.load(source)
-    except (DecompressionBombError, TokenError) as error:
-        raise InputError(f"{source}: cannot be read as a picture: {error}") from error
-
-
 def match_formats(actual: Picture, right: Picture, any_mode: bool = False) -> tuple[Image, Image]:
     """Makes two images comparable: rounds the finer one to the bits of the other, and restores X-rays to sums.
 
@@ -243,24 +226,20 @@ def match_formats(actual: Picture, right: Picture, any_mode: bool = False) -> tu
     bits = min((picture.bits for picture in (actual, right) if picture.bits), default=None)
     # a float file does not record that it holds sums: the other one may
     xray = any(picture.image.info.get("blend") == "xray" for picture in (actual, right))
-    first, second = (_restore_xray(_round_image(picture, bits, xray)) for picture in (actual, right))
+    first, second = (_match_format(picture, bits, xray) for picture in (actual, right))
     return first, second
 
 
-def _round_image(picture: Picture, bits: int | None, xray: bool) -> Image:
+def _match_format(picture: Picture, bits: int | None, xray: bool) -> Image:
     image = picture.image
     if xray:
         image = replace(image, info={**image.info, "blend": "xray"})
-    if bits is None or picture.bits == bits:
-        return image
-    _check_finite(picture.name, image.pixels)
-    return image.rounded(bits)
-
-
-def _restore_xray(image: Image) -> Image:
-    """Restores the scale of an X-ray from a PNG, which is normalized to its maximum."""
+    if bits is not None and picture.bits != bits:
+        _check_finite(picture.name, image.pixels)
+        image = image.rounded(bits)
+    # an X-ray in a PNG is normalized to its maximum
     scale = image.info.get("scale")
-    if image.info.get("blend") != "xray" or not isinstance(scale, (int, float)) or not scale > 0:
+    if not xray or not isinstance(scale, (int, float)) or not scale > 0:
         return image
     return Image(image.pixels / np.float32(scale), {key: v for key, v in image.info.items() if key != "scale"})
 

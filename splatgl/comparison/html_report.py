@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 
@@ -117,10 +117,6 @@ class Case:
     line: str
     html: str = ""
 
-    def as_dict(self) -> dict[str, str]:
-        """As plain strings, for transfer between processes."""
-        return asdict(self)
-
 
 def build_case(verdict: Verdict, actual: Image, right: Image, mask: np.ndarray | None = None) -> Case:
     """A verdict with its images; without them if the images are the same."""
@@ -159,12 +155,13 @@ def build_page(cases: Sequence[Case], title: str) -> str:
     counts = " ".join(f'<b class="{state}">{count} {state}</b>' for state, count in numbers.items() if count)
     css, js = (files("splatgl.comparison").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
     wrong = [c for c in ranked if c.state != "same"]
+    rows = "".join(f"<tr><td>{escape(c.name)}<td>{escape(c.line)}" for c in cases if c.state == "same")
     parts = [
         f'<header><h1>{escape(title)}</h1><p class="counts">{counts}</p>',
         f"{_controls() if wrong else ''}</header>",
         "<main>",
         *(_section(c, pictured=i < MOST_PICTURED) for i, c in enumerate(wrong)),
-        _same_cases([c for c in ranked if c.state == "same"]),
+        f"<details><summary>{numbers['same']} the same</summary><table>{rows}</table></details>" if rows else "",
         f"</main><script>{js}</script>",
     ]
     return html_page(title, css, parts)
@@ -209,13 +206,6 @@ def _section(c: Case, pictured: bool) -> str:
     line = f'<p class="line"><strong>{escape(what)}</strong>{mark}{escape(rest)}</p>'
     head = f'<h2><b class="{c.state}">{c.state}</b> {escape(c.name)}</h2>{line}'
     return f'<section class="case">{head}{body}</section>'
-
-
-def _same_cases(cases: Sequence[Case]) -> str:
-    if not cases:
-        return ""
-    rows = "".join(f"<tr><td>{escape(c.name)}<td>{escape(c.line)}" for c in cases)
-    return f"<details><summary>{len(cases)} the same</summary><table>{rows}</table></details>"
 
 
 def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarray) -> str:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -76,6 +76,10 @@ class Baselines:
         """Baselines for other renderers only."""
         return sorted(set(self._named(r"\.[a-z]+(-\d+)?")) - set(self.valid()))
 
+    def current(self) -> Path:
+        """The first valid baseline; without one the path of the portable one."""
+        return next(iter(self.valid()), self.portable)
+
     def fresh(self) -> Path:
         """Path for a new baseline: the first of the class, or a further one if a valid one exists."""
         if not self.valid():
@@ -109,26 +113,18 @@ def file_stem(name: str) -> str:
     return f"{safe}-{hashlib.sha1(name.encode()).hexdigest()[:DIGEST]}".lstrip("-")
 
 
-class Mode(Enum):
-    """The mode selected by the options."""
-
-    COMPARE = "compare"
-    UPDATE = "update"
-    UPDATE_CLASS = "update-class"
-    ADD = "add"
-
-
 @dataclass
 class ImageRegression:
     """The fixture's value: call it with an image.
 
-    test: its id on pytest's command line. default_name: of baselines. cases: collects the comparisons.
+    test: its id on pytest's command line. default_name: of baselines. mode: the baselines to write. cases: collects the
+    comparisons.
     """
 
     test: str
     file: Path
     default_name: str
-    mode: Mode
+    mode: Literal["", "update", "update-class", "add"]
     cases: list[dict[str, str]]
     report: bool = False
     used: set[str] = field(default_factory=set)
@@ -181,8 +177,9 @@ class ImageRegression:
         if match is not None:
             self._keep(Case(title, "same", match.line))
             return ""
-        if self.mode is not Mode.COMPARE:
-            return self._write(title, picture, self._target(baselines), bits)
+        if self.mode:
+            targets = {"add": baselines.fresh, "update-class": lambda: baselines.of_class, "update": baselines.current}
+            return self._write(title, picture, targets[self.mode](), bits)
         if not paths:
             return self._missing(title, picture, baselines)
         return self._different(title, outcomes, baselines)
@@ -199,13 +196,6 @@ class ImageRegression:
         if verdict.same or not self.report:
             return verdict, Case(path.stem, "same" if verdict.same else "different", verdict.line)
         return verdict, build_case(verdict, actual, right, mask)
-
-    def _target(self, baselines: Baselines) -> Path:
-        if self.mode is Mode.ADD:
-            return baselines.fresh()
-        if self.mode is Mode.UPDATE_CLASS:
-            return baselines.of_class
-        return next(iter(baselines.valid()), baselines.portable)
 
     def _write(self, title: str, picture: Image, target: Path, bits: int | None) -> str:
         if not np.isfinite(picture.pixels).all():
@@ -245,7 +235,7 @@ class ImageRegression:
         return "in the report" if self.report else f"{command} --splatgl-report DIR", f"{command} --splatgl-update"
 
     def _keep(self, case: Case, written: str = "") -> None:
-        self.cases.append({**case.as_dict(), "written": written})
+        self.cases.append({**asdict(case), "written": written})
 
 
 def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Image:

@@ -17,12 +17,8 @@ if TYPE_CHECKING:
     from splatgl.comparison.image_regression import ImageRegression
 
 
-UPDATE, UPDATE_CLASS, ADD, REPORT = (
-    "--splatgl-update",
-    "--splatgl-update-class",
-    "--splatgl-update-add",
-    "--splatgl-report",
-)
+UPDATE, REPORT = "--splatgl-update", "--splatgl-report"
+UPDATE_CLASS, ADD = f"{UPDATE}-class", f"{UPDATE}-add"
 # attribute of a test report with the compared cases
 CASES_ATTRIBUTE = "splatgl_cases"
 # the fixture's former name, which pytest-regressions uses for another fixture
@@ -66,10 +62,10 @@ def _option(config: pytest.Config, name: str) -> Any:
 @pytest.fixture
 def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
     """Call it with an image: `splatgl_image(image)`, `splatgl_image(image, name="front", tolerance=0.02)`."""
-    from splatgl.comparison.image_regression import ImageRegression, Mode
+    from splatgl.comparison.image_regression import ImageRegression
 
-    modes = {UPDATE: Mode.UPDATE, UPDATE_CLASS: Mode.UPDATE_CLASS, ADD: Mode.ADD}
-    mode = next((mode for option, mode in modes.items() if _option(request.config, option)), Mode.COMPARE)
+    modes = {UPDATE: "update", UPDATE_CLASS: "update-class", ADD: "add"}
+    mode: Any = next((mode for option, mode in modes.items() if _option(request.config, option)), "")
     # path relative to the invocation folder, which may differ from the root of test ids
     file = os.path.relpath(request.node.path, request.config.invocation_params.dir)
     parts = [node.name for node in request.node.listchain() if isinstance(node, (pytest.Class, pytest.Item))]

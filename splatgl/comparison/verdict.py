@@ -147,25 +147,17 @@ def judge(
 
 def _checks(comparison: Comparison, limits: Tolerance) -> tuple[Check, ...]:
     """Checks of all metrics; for X-rays, limits relative to the peak are multiplied by it."""
-    at_most = (
-        ("maximum", comparison.maximum, limits.maximum, comparison.peak),
-        ("rmse", comparison.rmse, limits.rmse, comparison.peak),
-        ("bias", comparison.bias, limits.bias, comparison.peak),
-        ("share", comparison.share_over, limits.share, 1.0),
-        ("unmatched", comparison.share_unmatched, limits.unmatched, 1.0),
-        ("flip", comparison.flip, limits.flip, 1.0),
-    )
-    checks = [
-        Check(name, value, None if limit is None else limit * scale, limit is None or abs(value) <= limit * scale)
-        for name, value, limit, scale in at_most
-        if value is not None
-    ]
-    at_least = (("psnr", comparison.psnr, limits.psnr), ("ssim", comparison.ssim, limits.ssim))
-    checks += [
-        Check(name, value, limit, limit is None or value >= limit, at_least=True)
-        for name, value, limit in at_least
-        if value is not None
-    ]
+    fields = {"share": "share_over", "unmatched": "share_unmatched"}
+    checks = []
+    for name in ("maximum", "rmse", "bias", "share", "unmatched", "flip", "psnr", "ssim"):
+        value, limit = getattr(comparison, fields.get(name, name)), getattr(limits, name)
+        if value is None:
+            continue
+        if name in ("maximum", "rmse", "bias") and limit is not None:
+            limit *= comparison.peak
+        at_least = name in ("psnr", "ssim")
+        is_ok = limit is None or (value >= limit if at_least else abs(value) <= limit)
+        checks.append(Check(name, value, limit, is_ok, at_least))
     return tuple(checks)
 
 
