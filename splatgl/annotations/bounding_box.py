@@ -90,9 +90,8 @@ def draw_behind(layer: Canvas, view: AnnotationView) -> None:
     em = layer.em
     # a close view would have many dashes beyond the image
     inside = clip_segments(_in_image(hidden, subject, camera), (-em, -em, layer.size[0] + em, layer.size[1] + em))
-    layer.segments(
-        split_into_dashes(inside, DASH * em, max(GAP * em, 2 * layer.edge + 2)), alpha=BEHIND, width=_width(layer)
-    )
+    dashes = split_into_dashes(inside, DASH * em, max(GAP * em, 2 * layer.edge + 2))
+    layer.segments(dashes, alpha=BEHIND, width=_width(layer))
 
 
 def draw_edges(layer: Canvas, view: AnnotationView) -> None:
@@ -101,11 +100,9 @@ def draw_edges(layer: Canvas, view: AnnotationView) -> None:
     box = edges(subject.corners, camera)
     drawn = [_in_image([edge for edge in box if not edge.hidden], subject, camera)]
     for edge in select_numbered_edges(box, subject, camera):
-        start, out = (
-            project_points(marks(subject, edge, camera, layer.em)[0], camera),
-            outward_direction(edge, subject, camera),
-        )
-        drawn.append(np.concatenate([start, start + out * TICK * layer.em], axis=1))
+        start = project_points(marks(subject, edge, camera, layer.em)[0], camera)
+        out = outward_direction(edge, subject, camera) * TICK * layer.em
+        drawn.append(np.concatenate([start, start + out], axis=1))
     layer.segments(np.concatenate(drawn), alpha=ALPHA, width=_width(layer))
 
 
@@ -166,9 +163,8 @@ def marks(subject: Subject, edge: Edge, camera: Camera, em: int) -> tuple[np.nda
     start, sign = (float(first[world]), float(np.sign(unit[world]))) if straight else (0.0, 1.0)
     low, high = sorted((start, start + sign * length))
     factor, name = in_digits(max(abs(low), abs(high)), subject.unit)
-    most = min(
-        MOST_TICKS, int(np.hypot(*np.subtract(*project_points(np.array([first, second]), camera))) / (APART * em))
-    )
+    shown = np.hypot(*np.subtract(*project_points(np.array([first, second]), camera)))
+    most = min(MOST_TICKS, int(shown / (APART * em)))
     values = ticks(low * factor, high * factor, most) if most > 1 else []
     places = first + unit * ((np.array(values).reshape(-1, 1) / factor - start) * sign)
     letter = "xyz"[world] if straight else "ijk"[edge.axis]

@@ -146,12 +146,12 @@ class Canvas:
         """Draws a line of text with its halo; (left, top): corner of its `text_size`."""
         self.paste(_text_patch(text, self.em, self.edge, color or self.ink, self.halo), (left, top))
 
-    def lines(self, paths: Sequence[Sequence[Point]], color: Color | None = None, alpha: float = 1.0) -> None:
+    def lines(self, paths: Sequence[Sequence[Point]], color: Color | None = None) -> None:
         """Draws antialiased lines with halos through points (x, y); the centre of pixel (0, 0) is (½, ½)."""
         arrays = [np.asarray(path, np.float64) for path in paths]
         parts = [np.concatenate([path[:-1], path[1:]], axis=1) for path in arrays if len(path) > 1]
         if parts:
-            self.segments(np.concatenate(parts), color, alpha)
+            self.segments(np.concatenate(parts), color)
 
     def segments(
         self, segments: np.ndarray, color: Color | None = None, alpha: float = 1.0, width: float | None = None

@@ -112,8 +112,13 @@ def legible(text: str) -> str:
 def text_box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int, int, int]:
     """Left, top, right, bottom of a text in an image of `size`, pixels."""
     block = _fit_block(text, size, scale)
-    left, top = _corner(text.corner, size, block.size, block.pad)
-    return left, top, left + block.size[0], top + block.size[1]
+    width, height = block.size
+    left = top = block.pad
+    if text.corner == "middle":
+        left, top = max(0, (size[0] - width) // 2), max(0, (size[1] - height) // 2)
+    elif "bottom" in text.corner:
+        top = size[1] - height - block.pad
+    return left, top, left + width, top + height
 
 
 class Block(NamedTuple):
@@ -127,11 +132,11 @@ class Block(NamedTuple):
 
 def _write(picture: Any, text: Text, overlay: Overlay) -> None:
     block = _fit_block(text, overlay.size, overlay.scale)
-    left, top = _corner(text.corner, overlay.size, block.size, block.pad)
-    picture.paste(PAPER, (left, top, left + block.size[0], top + block.size[1]))
+    box = text_box(text, overlay.size, overlay.scale)
+    picture.paste(PAPER, box)
     for cell, x, y in block.cells:
-        letters = _letters(cell, block.height)
-        picture.paste(NOTE if text.note else TEXT, (left + round(x), top + y), letters)
+        place = box[0] + round(x), box[1] + y
+        picture.paste(NOTE if text.note else TEXT, place, _letters(cell, block.height))
 
 
 def _fit_block(text: Text, size: tuple[int, int], scale: float) -> Block:
@@ -161,13 +166,6 @@ def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
         alone = [ends[0] + font.getlength(row[0]) + pad for row in rows if len(row) == 1]
         right = max([ends[-1] - pad, *alone])
     return Block(tuple(cells), round(height), pad, (int(right) + 1, step * per + 2 * pad))
-
-
-def _corner(corner: str, size: tuple[int, int], box: tuple[int, int], pad: int) -> tuple[int, int]:
-    bottom = size[1] - box[1] - pad
-    if corner == "middle":
-        return max(0, (size[0] - box[0]) // 2), max(0, (size[1] - box[1]) // 2)
-    return pad, bottom if "bottom" in corner else pad
 
 
 @lru_cache(maxsize=512)

@@ -54,14 +54,9 @@ def connected(
         if scheduler is None:
             threads = str(max((os.cpu_count() or 1) // (workers or 1), 1))
             environment = {"LP_NUM_THREADS": threads, **dask.config.get("distributed.nanny.pre-spawn-environ", {})}
-            stack.enter_context(
-                dask.config.set(
-                    {
-                        "distributed.nanny.pre-spawn-environ": environment,
-                        "distributed.scheduler.allowed-failures": DEATHS - 1,
-                    }
-                )
-            )
+            nanny = {"distributed.nanny.pre-spawn-environ": environment}
+            failures = {"distributed.scheduler.allowed-failures": DEATHS - 1}
+            stack.enter_context(dask.config.set({**nanny, **failures}))
             cluster = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -115,11 +110,8 @@ def check_workers(client: Client, name: str = "the scheduler") -> None:
 
 def about() -> tuple[str, str]:
     """Versions that workers and their client must share."""
-    return f"splatgl {_version()}", f"Python {'.'.join(platform.python_version_tuple()[:2])}"
-
-
-def _version() -> str:
-    return str(import_module("splatgl").__version__)
+    version = import_module("splatgl").__version__
+    return f"splatgl {version}", f"Python {'.'.join(platform.python_version_tuple()[:2])}"
 
 
 def addresses(client: Client) -> list[str]:

@@ -60,16 +60,18 @@ def call(work: Callable[..., Result], *arguments: Any) -> Result:
     try:
         return _thread().submit(work, *arguments).result()
     except InputError as error:
-        raise InputError(f"{error} (on worker {_address()})") from None
+        worker = _worker()
+        raise InputError(f"{error} (on worker {worker.address if worker else 'here'})") from None
 
 
-def _address() -> str:
+def _worker() -> Any:
+    """Dask's worker in this process, or None."""
     try:
         from distributed import get_worker
 
-        return str(get_worker().address)
+        return get_worker()
     except (ImportError, ValueError):
-        return "here"
+        return None
 
 
 def renderer(drawing: Drawing) -> Renderer:
@@ -105,12 +107,8 @@ def _release() -> None:
 
 def index() -> int:
     """The number of the worker, which is its name in local clusters of Dask; else 0."""
-    try:
-        from distributed import get_worker
-
-        name = str(get_worker().name)
-    except (ImportError, ValueError):
-        return 0
+    worker = _worker()
+    name = str(worker.name) if worker else ""
     return int(name) if name.isdecimal() else 0
 
 

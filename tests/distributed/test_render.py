@@ -194,7 +194,7 @@ def test_work_that_kills_its_workers_is_given_up(client: Any, tmp_path: Path) ->
 
 def test_what_was_started_otherwise_is_told(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     cluster.check_workers(client)
-    monkeypatch.setattr(cluster, "_version", lambda: "9.9")
+    monkeypatch.setattr("splatgl.__version__", "9.9")
     with pytest.raises(sg.InputError, match=r"^worker tcp://.*: expected splatgl 9\.9 and Python .*, got splatgl 0"):
         cluster.check_workers(client)
 
