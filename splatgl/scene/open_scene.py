@@ -146,9 +146,8 @@ class OpenScene:
     @property
     def has_matter(self) -> bool:
         """Whether there are splats or meshes."""
-        if self.is_single:
-            return bool(len(self.splats))
-        return bool(self.scene.meshes) or any(map(len, self.scene.splats(self.file.settings)))
+        settings, subject = self.settings, self.subject
+        return bool(subject.surfaces(settings)) or any(len(splats) for splats, _ in subject.drawn(settings))
 
     def check_masks(self) -> None:
         """Raises InputError if the masks keep only transparent voxels."""
