@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh of a scene. color: #rrggbb or a name of CSS, or of a colour map for its values; "": the file's. radius: of
-    lines, world units, or None. array: the name of its values, "": the file's first; window: of these. clip: whether
-    the scene's planes cut it. visible: whether it is drawn.
+    """A mesh of a scene. color: #rrggbb, a CSS name, or a colour map for its values; "": the file's colour. radius: of
+    lines, world units, or None. array: name of the values, "": the file's first array; window: of these values. clip:
+    whether the scene's planes clip the mesh. visible: whether it is drawn.
     """
 
     file: str = field(metadata={"option": Option(Kind.instance("the name of a file", str))})
@@ -44,7 +44,7 @@ class MeshFile:
 
     @classmethod
     def of(cls, mesh: Any) -> MeshFile:
-        """The entry of a mesh in memory or of a file. Raises InputError for others."""
+        """The entry of a Mesh, or of the name of a file. Raises InputError for other types."""
         from splatgl.data.mesh import Mesh
 
         if isinstance(mesh, MeshFile | str | Path):
@@ -55,7 +55,7 @@ class MeshFile:
 
     @classmethod
     def read(cls, text: str) -> MeshFile:
-        """The entry of FILE[:COLOUR[:OPACITY]]; COLOUR: or MAP, MAP=ARRAY or =ARRAY. Raises ValueError for others."""
+        """The entry of FILE[:COLOUR[:OPACITY]]; COLOUR: or MAP, MAP=ARRAY or =ARRAY. Raises ValueError otherwise."""
         file, look, opacity = split_look(text, lambda name: not any(sign in name.partition("=")[0] for sign in "./"))
         color, _, array = look.partition("=")
         return cls(file, color, opacity, array=array)
@@ -67,30 +67,28 @@ class MeshFile:
 
     @property
     def linear(self) -> tuple[float, float, float] | None:
-        """Its colour, linear RGB; None: the file's, or those of its values. Raises InputError for what is no name of a
-        colour or a colour map.
-        """
+        """The colour, linear RGB; None: the file's colour, or a colour map. Raises InputError for an unknown name."""
         return _linear(self.color) if self.color else None
 
     def open(self) -> Mesh:
-        """The mesh. Raises InputError as `load_mesh`, and for a colour that has no name."""
+        """The mesh. Raises InputError as `load_mesh`, and for an unknown colour."""
         from splatgl.readers.meshes import load_mesh
 
         if self.held is not None:
             return self.dressed(self.held)
-        found = load_mesh(self.file, None, self.opacity, self.radius, self.array or None, self.window)
-        return self.dressed(found)
+        mesh = load_mesh(self.file, None, self.opacity, self.radius, self.array or None, self.window)
+        return self.dressed(mesh)
 
     def dressed(self, mesh: Mesh) -> Mesh:
-        """A mesh of the same file in this colour and opacity."""
+        """The mesh in the colour and opacity of this entry. mesh: of the same file."""
         from splatgl.readers.meshes import color_mesh
 
-        made = replace(mesh, opacity=self.opacity, clipped=self.clip)
-        return color_mesh(made, self.linear or self.color or None)
+        styled = replace(mesh, opacity=self.opacity, clipped=self.clip)
+        return color_mesh(styled, self.linear or self.color or None)
 
     @classmethod
     def of_table(cls, what: str, table: Any) -> MeshFile:
-        """The entry of a table of a scene file. Raises InputError for other keys and values."""
+        """The entry of a table of a scene file. Raises InputError for unknown keys and bad values."""
         if not isinstance(table, Mapping):
             raise expected(what, "a table", repr(table)[:80])
         refuse_unknown(what, table, declared(cls))
@@ -111,7 +109,7 @@ LOOK = re.compile(r"#?[\w-]+")
 
 
 def split_look(text: str, is_look: Callable[[str], bool]) -> tuple[str, str, float]:
-    """File, look and opacity of FILE[:LOOK[:OPACITY]]. Raises ValueError for no file or another opacity."""
+    """File, look and opacity of FILE[:LOOK[:OPACITY]]. Raises ValueError without a file, and for a bad opacity."""
     source, look, opacity = text, "", 1.0
     head, colon, last = source.rpartition(":")
     with suppress(ValueError):
@@ -124,46 +122,46 @@ def split_look(text: str, is_look: Callable[[str], bool]) -> tuple[str, str, flo
     return source, look, opacity
 
 
-# endings of sources that are meshes, drawn alone
+# suffixes of mesh files, which can be a source
 ALONE = (".ply", ".stl", ".obj", ".off", ".glb", ".vtp", ".trk", ".tck")
-# shortest side of the box around a mesh, in its longest
+# least side of the box around a mesh, as a share of its longest side
 FLAT = 1e-3
 
 
 def is_mesh(source: str) -> bool:
-    """Whether a source is a mesh, by its ending."""
+    """Whether a source is a mesh file, by its suffix."""
     return Path(source).suffix.lower() in ALONE
 
 
 def stage(source: str) -> Volume:
-    """A volume of nothing in the box of a mesh that is drawn alone: its world, and what the view is fitted to."""
+    """Empty volume with the bounds of a mesh file, to place the camera."""
     mesh = MeshFile(source).open()
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     side = np.maximum(high - low, FLAT * max(float((high - low).max()), 1e-30))
     # two samples along each axis, cells of half a side
     (a, b, c), (x, y, z) = (side / 2).tolist(), ((low + high) / 2 - side / 4).tolist()
     hints = Hints(points=((0.0, 0.0), (1.0, 0.0)), window=(0.0, 1.0))
-    nothing = np.zeros((2, 2, 2), np.uint8)
-    return Volume(nothing, (a, b, c), (x, y, z), name=Path(source).name, frame=mesh.frame, hints=hints)
+    samples = np.zeros((2, 2, 2), np.uint8)
+    return Volume(samples, (a, b, c), (x, y, z), name=Path(source).name, frame=mesh.frame, hints=hints)
 
 
 def surfaces_of(scene: SceneFile) -> list[MeshFile]:
-    """The meshes of a scene, with the one that stands for its volume unless it is among them."""
+    """The meshes of a scene; a source that is a mesh file is the first."""
     alone = is_mesh(scene.volume) and scene.volume not in [mesh.file for mesh in scene.meshes]
     return [MeshFile(scene.volume), *scene.meshes] if alone else [*scene.meshes]
 
 
 def _linear(color: str) -> tuple[float, float, float] | None:
-    """Of a colour; None for the name of a colour map. Raises InputError for others."""
+    """Linear RGB of a colour; None for the name of a colour map. Raises InputError for unknown names."""
     from splatgl.data.color import read_background
     from splatgl.splat.colormaps import colormap
 
     try:
-        found = read_background(color)
+        rgb = read_background(color)
     except ValueError:
-        found = ""
-    if not isinstance(found, str):
-        return found
+        rgb = ""
+    if not isinstance(rgb, str):
+        return rgb
     try:
         colormap(color)
     except InputError:
@@ -172,18 +170,18 @@ def _linear(color: str) -> tuple[float, float, float] | None:
     return None
 
 
-# what is drawn as values instead of the volume's own
+# properties of vectors that can be drawn as values
 SHOWN = ("magnitude", "direction")
-# numbers of lines and arrows, where none is given, and most
+# default numbers of lines and arrows, and the largest
 LINES, ARROWS, MOST = 200, 400, 10_000
-# options of vectors, and the fields of Vectors that they set
+# options of vectors by name, and their fields of Vectors
 VECTORS = {"vectors": "show", "streamlines": "streamlines", "arrows": "arrows"}
-# factor of the opacities of a volume with lines or arrows, unless its look is given
+# factor of the default opacities of a volume with lines or arrows
 FAINT = 0.15
 
 
 def _count(usual: int) -> Kind:
-    """A number of lines or arrows; True: the usual one."""
+    """A number of lines or arrows; True: the default number."""
     count = Kind.whole(0, MOST, f"a whole number up to {MOST}")
     return replace(count, check=lambda value: usual if value is True else count.check(value or 0))
 
@@ -193,8 +191,8 @@ _option = partial(option, group=Group.LAYERS)
 
 @dataclass(frozen=True)
 class Vectors:
-    """Options of a volume's vectors. show: "magnitude", "direction" or "": the volume's own values. streamlines,
-    arrows: how many. colormap: of their speeds. Raises InputError for others.
+    """Options of a volume's vectors. show: draw "magnitude" or "direction" as values; "": the volume's values.
+    streamlines, arrows: their numbers. colormap: of speeds. Raises InputError for bad values.
     """
 
     show: str = _option(
@@ -220,7 +218,7 @@ class Vectors:
         return bool(self.streamlines or self.arrows)
 
     def values(self, volume: Volume) -> Volume:
-        """The volume that is drawn. Raises InputError for one without vectors."""
+        """The volume to draw. Raises InputError if it needs vectors and has none."""
         if not self.show:
             return volume
         from splatgl.splat.vector_field import directions, magnitudes
@@ -228,8 +226,8 @@ class Vectors:
         return magnitudes(volume) if self.show == "magnitude" else directions(volume)
 
     def meshes(self, volume: Volume) -> list[Mesh]:
-        """Lines and arrows. Raises InputError for a volume without vectors."""
+        """Streamlines and arrows. Raises InputError for a volume without vectors."""
         from splatgl.splat.vector_field import arrows, streamlines
 
-        found = [streamlines(volume, self.streamlines, colormap=self.colormap)] if self.streamlines else []
-        return found + ([arrows(volume, self.arrows, colormap=self.colormap)] if self.arrows else [])
+        lines = [streamlines(volume, self.streamlines, colormap=self.colormap)] if self.streamlines else []
+        return lines + ([arrows(volume, self.arrows, colormap=self.colormap)] if self.arrows else [])

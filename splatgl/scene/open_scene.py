@@ -158,7 +158,7 @@ class OpenScene:
             raise expected(self.file.volume, "voxels with an opacity that its masks keep", "none", fix)
 
     def check_fits(self, memory: int | None = None) -> None:
-        """InputError for a layer that could be drawn in bricks only. memory: bytes; None: half of what is free."""
+        """Raises InputError for a layer that only bricks could draw. memory: bytes; None: half of the free memory."""
         from splatgl.splat.bricks import bricks_of, excess_need
 
         most = budget() if memory is None else memory
@@ -292,7 +292,7 @@ def channel_layers(
         # the opacity of the scene is a factor of each transfer function
         plain = replace(file, opacity=1.0)
         base = plain.transfer_for(volume) if file.transfer.keys() & {"points", "preset"} else None
-        transfers = [each.weakened(file.opacity) for each in channel_transfers(volume, colors, windows, base)]
+        transfers = [look.weakened(file.opacity) for look in channel_transfers(volume, colors, windows, base)]
     channels = zip(volume.channels, transfers, strict=True)
     return [Layer(channel, look, 1.0, file.visible, file.threshold, planes) for channel, look in channels]
 

@@ -107,8 +107,8 @@ def undo_omissions(plan: Plan) -> dict[str, Plan]:
         "voxels of any shape": (program.seen.cubic, plan.with_choices(cubic=False)),
         "what is hidden": (plan.hiding.cutoff > 0, replace(plan, hiding=Hiding())),
     }
-    found = {name: way for name, (left_out, way) in one_by_one.items() if left_out}
-    if found:
+    plans = {name: undone for name, (is_omitted, undone) in one_by_one.items() if is_omitted}
+    if plans:
         everything = plan.with_choices(technique="quads", antialias=True, cubic=False, half_line=True)
-        found["all of that, and half lines"] = everything
-    return found
+        plans["all of that, and half lines"] = everything
+    return plans
