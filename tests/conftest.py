@@ -123,7 +123,9 @@ def shared_programs() -> Iterator[None]:
     def shared(self: DrawOptions) -> AbstractContextManager[sg.Renderer]:
         is_plain = self == replace(self, backend="auto", device=None, gpu=False) and REQUIRE_GPU not in os.environ
         # not where a test stands in for OpenGL
-        return drawing(replace(self, kept=self.kept or (is_plain and vars(renderers)["open_context"] is opening)))
+        return drawing(
+            replace(self, is_shared=self.is_shared or (is_plain and vars(renderers)["open_context"] is opening))
+        )
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(DrawOptions, "renderer", shared)

@@ -176,7 +176,7 @@ def _draw_on_workers(
         "--shadows": settings.shadows,
         "--threshold": file.threshold,
         "layers": len(file.layers),
-        "meshes": len(file.meshes) + file.vectors.drawn + is_mesh(file.volume),
+        "meshes": len(file.meshes) + file.vectors.has_lines + is_mesh(file.volume),
         "--surfaces": file.surfaces is not None,
     }
     for name, value in unsupported.items():

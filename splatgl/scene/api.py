@@ -89,7 +89,7 @@ def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background
 
     needs_background: draw a scene without a background on the default background.
     """
-    drawing = DrawOptions(kept=True, memory=memory, check=0)
+    drawing = DrawOptions(is_shared=True, memory=memory, check=0)
     if is_splats(x):
         if not len(x):
             raise expected("splats", "at least one", "none")
@@ -216,7 +216,7 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     view = view or Camera.of(x, viewing.get("size"))
     base = settings or (Settings() if layers else Settings.of(x))
-    image = draw_subject(scene, view, replace(base, **drawing), DrawOptions(kept=True, check=0))
+    image = draw_subject(scene, view, replace(base, **drawing), DrawOptions(is_shared=True, check=0))
     if layers:
         return image
     from splatgl.integrations.vtk.scene import list_differences

@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawOptions:
-    """Drawing options of one process. kept: use the shared renderer. memory: bytes."""
+    """Drawing options of one process. is_shared: use the shared renderer. memory: bytes."""
 
     backend: str = "auto"
     device: int | None = None
     gpu: bool = False
-    kept: bool = False
+    is_shared: bool = False
     memory: int | None = option(
         None,
         Kind("a number of bytes", int, parse_bytes, "SIZE", written="a number of bytes, such as 4GiB or 500MB"),
@@ -64,7 +64,7 @@ class DrawOptions:
         from splatgl.gl.renderer import Renderer
         from splatgl.scene.shared_renderer import shared_renderer
 
-        return shared_renderer() if self.kept else Renderer(self.backend, self.device, self.gpu)
+        return shared_renderer() if self.is_shared else Renderer(self.backend, self.device, self.gpu)
 
     def check_supported(self, kind: str, need: str, got: str, fix: str = "") -> None:
         """Raises InputError for options that a kind of picture does not support. need: the kind that does."""

@@ -75,11 +75,11 @@ class MeshFile:
         from splatgl.readers.meshes import load_mesh
 
         if self.held is not None:
-            return self.dressed(self.held)
+            return self.apply_to(self.held)
         mesh = load_mesh(self.file, None, self.opacity, self.radius, self.array or None, self.window)
-        return self.dressed(mesh)
+        return self.apply_to(mesh)
 
-    def dressed(self, mesh: Mesh) -> Mesh:
+    def apply_to(self, mesh: Mesh) -> Mesh:
         """The mesh in the colour and opacity of this entry. mesh: of the same file."""
         from splatgl.readers.meshes import color_mesh
 
@@ -213,8 +213,8 @@ class Vectors:
         check_options(self)
 
     @property
-    def drawn(self) -> bool:
-        """Whether there are lines or arrows."""
+    def has_lines(self) -> bool:
+        """Whether there are streamlines or arrows."""
         return bool(self.streamlines or self.arrows)
 
     def values(self, volume: Volume) -> Volume:

@@ -248,7 +248,7 @@ def is_layered(file: SceneFile, volume: Volume) -> bool:
     """Whether the picture of a scene is of several layers or channels, or with meshes."""
     of_channels = len(volume.channels) > 1 or file.transfer.keys() & {"color_of", "window_of"}
     is_hidden = is_mesh(file.volume) or not file.visible
-    has_surfaces = file.surfaces is not None or file.vectors.drawn
+    has_surfaces = file.surfaces is not None or file.vectors.has_lines
     return bool(file.layers or file.meshes or has_surfaces or of_channels or is_hidden)
 
 

@@ -370,7 +370,7 @@ class SceneFile:
             "layers": len(self.layers) or None,
             "meshes": len(self.meshes) or None,
             "surfaces": None if self.surfaces is None else f"{self.surfaces:g}",
-            "vectors": "streamlines or arrows" if self.vectors.drawn else None,
+            "vectors": "streamlines or arrows" if self.vectors.has_lines else None,
         }
         for name, value in others.items():
             if value is not None:
@@ -450,7 +450,7 @@ class SceneFile:
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """Returns the transfer function: the default or a preset, overridden by options; faint around lines."""
-        if self.vectors.drawn and not self.transfer.keys() & {"preset", "points", "only_labels"}:
+        if self.vectors.has_lines and not self.transfer.keys() & {"preset", "points", "only_labels"}:
             faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
             return faint.transfer_for(volume)
         keys = {key: value for key, value in self.transfer.items() if key not in CHANNEL_KEYS}

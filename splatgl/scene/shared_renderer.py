@@ -20,22 +20,22 @@ from splatgl.splat.technique import Hiding
 
 # one picture at a time in all threads
 _LOCK = RLock()
-_kept: list[Renderer] = []
+_renderers: list[Renderer] = []
 
 
 @contextmanager
 def shared_renderer() -> Iterator[Renderer]:
     """The shared renderer, locked for the calling thread. Raises InputError as `Renderer`."""
     with _LOCK, restored():
-        if _kept and inherited(_kept[0].ctx):
+        if _renderers and inherited(_renderers[0].ctx):
             # a forked process cannot close it
-            _kept.clear()
-        if _kept and not _usable(_kept[0]):
-            _kept.clear()
-        if not _kept:
-            _kept.append(Renderer())
+            _renderers.clear()
+        if _renderers and not _usable(_renderers[0]):
+            _renderers.clear()
+        if not _renderers:
+            _renderers.append(Renderer())
         try:
-            yield _kept[0]
+            yield _renderers[0]
         except InputError:
             raise
         except BackendError as error:
@@ -60,8 +60,8 @@ def _usable(renderer: Renderer) -> bool:
 def close_shared_renderer() -> None:
     """Closes the shared renderer; the next call opens a new one."""
     with _LOCK:
-        while _kept:
-            last = _kept.pop()
+        while _renderers:
+            last = _renderers.pop()
             # a lost context has freed itself
             if inherited(last.ctx) or _usable(last):
                 last.close()

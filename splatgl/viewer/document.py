@@ -509,7 +509,7 @@ def read_meshes(files: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
 
 
 def _styled(file: MeshFile, mesh: Mesh) -> Mesh:
-    styled = file.dressed(mesh)
+    styled = file.apply_to(mesh)
     # normals take as long as a frame, and do not depend on colours
     vars(styled)["normals"] = mesh.normals
     return styled

@@ -183,7 +183,7 @@ def _draw(
     """Draws the scene from the viewer's camera."""
     camera, mirrored = camera_of(viewer, scene.corners, size)
     settings = Settings(blend=blend, background=background)
-    image = draw_subject(scene, camera, settings, DrawOptions(kept=True, check=0))
+    image = draw_subject(scene, camera, settings, DrawOptions(is_shared=True, check=0))
     return Image(image.pixels[:, ::-1].copy(), image.info) if mirrored else image
 
 
