@@ -8,6 +8,7 @@
 // switch LIMITED 0    meshes limit rays
 // switch LAYERED 0    the matter is kept for layers_over.comp
 // switch NEAR 0       sheets around the eye are planes
+// switch CARD 0       few registers count more than few instructions
 #constant LEAST_MASS  // a place with less mass holds no value
 #constant EDGE        // share of each of three sheets, besides its weight, in what lies between them
 #constant CENTERED    // shares of full_mass from which a value is moved to its sheet's place: not at all,
@@ -27,14 +28,19 @@ uniform vec3 box_low;  // the volume's box from the eye, index axes
 uniform vec3 box_high;
 uniform vec2 shell;    // only matter between these places is drawn
 
+// whether sheets hold a gradient's component along the ray instead of the gradient, where nothing else needs it
+const bool ALONG = CARD == 1 && STEPS > 0 && SHADING == 0 && WEIGHTED == 0;
+// the component of a gradient, or of a sum of gradients, along a pixel's ray
+#define ALONG_RAY(row, gradient) (ALONG ? (gradient).x : dot(gradient, toward[row]))
+
 // of a pixel's ray: its ends in the box; reference lengths per sheet; unit vector, world axes
 vec2 ends[ROWS];
 float lengths[ROWS];
 vec3 toward[ROWS];
-#include "sheet_shading.glsl"
-// of a pixel's ray: its place among voxels at sheet 0, voxels per sheet, and how the layers of voxels, and planes half as
-// far apart, move and spread a sheet's values
+// its place among voxels at sheet 0, voxels per sheet, and how the layers of voxels, and planes half as far apart, move
+// and spread a sheet's values
 vec3 layer_first[ROWS], layer_step[ROWS];
+#include "sheet_shading.glsl"
 mat2x3 layers[ROWS], half_layers[ROWS];
 // the open sheets of a pixel, nearest first, and their masses
 vec4 sum0[ROWS], sum1[ROWS], sum2[ROWS], sum3[ROWS];
@@ -53,6 +59,11 @@ vec4 light[ROWS];
 // Centre of a pixel in the band.
 vec2 center_of(int row) {
     return first + vec2(0.0, float(row));
+}
+
+// Sums of gradients and values as sheets hold them.
+vec4 held_sums(int row, vec4 sums) {
+    return ALONG ? vec4(dot(sums.rgb, toward[row]), 0.0, 0.0, sums.a) : sums;
 }
 
 // Sets the variables of a pixel's ray.
@@ -117,15 +128,21 @@ vec4 centered(int row, int sheet, vec4 sums, inout float mass, out float further
     vec3 inward = min(place, box_high - box_low - 1.0 - place);
     float amid = min(min(inward.x, inward.y), inward.z) - AMID;
     vec3 sine = layer_wave(place), cosine = layer_wave(place + 0.25);
-    float lag = dot(layers[row][0], sine) + 2.0 * dot(half_layers[row][0], sine * cosine);
-    further = dot(layers[row][1], cosine) + dot(half_layers[row][1], 1.0 - 2.0 * sine * sine) - 2.0 * lag * lag;
+    mat2x3 layer = layers[row], half_ = half_layers[row];
+    // twelve registers, which ambient occlusion and shadows need
+    if (CARD == 1 && CUED == 1) {
+        layer = layer_terms(layer_step[row] / thickness, 1.0);
+        half_ = layer_terms(layer_step[row] / thickness, 2.0);
+    }
+    float lag = dot(layer[0], sine) + 2.0 * dot(half_[0], sine * cosine);
+    further = dot(layer[1], cosine) + dot(half_[1], 1.0 - 2.0 * sine * sine) - 2.0 * lag * lag;
     if (PERSPECTIVE == 1 && !is_plane(sheet)) lag += bulge(float(sheet) + first_sheet);
     float relative = mass / full_mass;
     float share = clamp(amid, 0.0, 1.0) * clamp((relative - CENTERED) / (WHOLLY - CENTERED), 0.0, 1.0);
     float even = 1.0 + share * (1.0 / max(relative, CENTERED) - 1.0);
     // gradients of the sheets beside it count, too
     further *= share * clamp(amid - 1.0, 0.0, 1.0);
-    sums.a += share * lag * even * dot(sums.rgb, toward[row]) * lengths[row] * style.opacity_length;
+    sums.a += share * lag * even * ALONG_RAY(row, sums.rgb) * lengths[row] * style.opacity_length;
     mass *= even;
     return sums * even;
 }
@@ -136,7 +153,7 @@ vec3 values_around(int row) {
     vec4 last = 0.5 * (middle[row] + before[row]);
     vec3 values = vec3(start[row].a, middle[row].a, last.a);
     if (ONE_VALUE) return values;
-    vec2 bend = vec2(dot(middle[row].rgb - start[row].rgb, toward[row]), dot(last.rgb - middle[row].rgb, toward[row]));
+    vec2 bend = vec2(ALONG_RAY(row, middle[row].rgb - start[row].rgb), ALONG_RAY(row, last.rgb - middle[row].rgb));
     bend *= lengths[row] * style.opacity_length;
     vec3 further = vec3(spread[row].xy, 0.5 * (spread[row].y + spread[row].z));
     vec2 at_ends = bend * further.xz;
@@ -156,6 +173,7 @@ bool take_sheet(int row, int current) {
     if (STEPS == 0) start[row] = sum0[row];
     else {
         take_plane(center_of(row), current, sum0[row], masses[row].x);
+        if (ALONG && is_plane(current)) sum0[row] = held_sums(row, sum0[row]);
         start[row] = 0.5 * (middle[row] + before[row]);
         middle[row] = before[row];
         float further;

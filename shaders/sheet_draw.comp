@@ -48,7 +48,7 @@ void add_four(int row, Joined four[4], Ray ray, vec4 weights[4]) {
 
 // Adds a splat to a pixel's open sheets, by a weight in each.
 void add_splat(int row, Joined it, Ray ray, vec4 weights) {
-    vec4 shares = weights * valued(it, ray, row), term = term_of(it);
+    vec4 shares = weights * valued(it, ray, row), term = held_sums(row, term_of(it));
     sum0[row] += term * shares.x;
     sum1[row] += term * shares.y;
     if (SHEETS > 2) sum2[row] += term * shares.z;

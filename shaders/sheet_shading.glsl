@@ -6,10 +6,16 @@ vec4 face[ROWS];
 // its cell of ambient occlusion and shadows at sheet 0, and cells per sheet
 vec3 first_cell[ROWS], cell_step[ROWS];
 
+// The cell of a place of a pixel's ray, in sheets.
+vec3 cell_of(int row, float sheet) {
+    if (CARD == 0) return first_cell[row] + cell_step[row] * sheet;
+    return cell_at(layer_first[row] + box_low + 0.5 + layer_step[row] * sheet);
+}
+
 // The factor of colors and the highlight. gradient: of the matter, world axes; 0 is unshaded.
 vec2 light_of(int row, vec3 gradient, float begin, float end) {
     float at = 0.5 * (begin + end);
-    vec3 cell = first_cell[row] + cell_step[row] * at, shines = vec3(0.0);
+    vec3 cell = cell_of(row, at), shines = vec3(0.0);
     if (LIGHT == 1)
         for (int axis = 0; axis < 3; axis++) shines[axis] = dot(style.light.xyz, frame.eye_from_world[axis].xyz);
     if (SHADING == 0) gradient = vec3(0.0);

@@ -50,7 +50,7 @@ Until class_until(float place) {
 vec4 class_mean(Until first, Until last) {
     // differences of integers are exact
     vec4 between = vec4(ivec4(last.below - first.below)) * class_unit + (last.above - first.above);
-    return first.cell == last.cell ? first.mean : max(between * (1.0 / (last.place - first.place)), vec4(0.0));
+    return first.cell == last.cell ? last.mean : max(between * (1.0 / (last.place - first.place)), vec4(0.0));
 }
 
 float weight_at(int end) {

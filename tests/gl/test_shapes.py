@@ -147,7 +147,7 @@ def test_shapes_draw_the_same(
     right, drawn = draw(renderer), draw(card)
     assert renderer.passes.programs.shape != card.passes.programs.shape
     assert right.max() > 0.2
-    most = ROUNDED if "layers" in kind or kind in ("mip", "parallel") else SAME
+    most = ROUNDED if "layers" in kind or kind in ("mip", "parallel", "cues") else SAME
     assert np.abs(drawn - right).max() < most * max(float(right.max()), 1.0)
 
 

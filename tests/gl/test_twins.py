@@ -36,7 +36,7 @@ PLUMBING = {
     *("center_of", "take_plane", "is_plane", "planes", "set_mask_ray", "mask_above", "mask_part", "mask_face"),
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "add_matter", "end_matter"),
     *("first_pixel", "read_texels", "joined", "stage_splat", "staged_splat", "wait_for_all", "is_opaque", "is_behind"),
-    *("composite_tile", "add_batch", "entry"),
+    *("composite_tile", "add_batch", "entry", "held_sums", "cell_of"),
     *("set_column", "begin_matter", "keep_matter", "set_layer", "take", "keep_piece", "boxed", "within_depths"),
 }
 # Python names of functions that GLSL names otherwise
