@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,20 +49,6 @@ def depth_at(text: str) -> float | str:
         return text if text in OF_BLENDS.values() else float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a share from 0 to below 1, max or min, got {text!r}") from None
-
-
-def check_depth(args: argparse.Namespace, scene: SceneFile) -> None:
-    """Raises InputError, before any work, for a depth map that cannot be written."""
-    if args.depth is None:
-        if args.depth_at is not None:
-            raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
-        return
-    path = Path(args.depth)
-    check_output(path, MAPS)
-    require_library(path.suffix.lower())
-    check_source(path, args.source, *scene.files, args.output, args.ref)
-    if args.output is not None and path.absolute() == Path(args.output).absolute():
-        raise expected("--depth", "another file than -o", str(path))
 
 
 def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
@@ -116,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
     """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
     on_workers, file, how = uses_workers(args), scene_from(args), record_of(args, DrawOptions)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
-    _check_outputs(args, output, file)
+    _check_outputs(args, output, file.files)
     if args.ref is not None:
         if args.annotate is not None:
             raise expected("annotate", "no --ref, which compares pictures without annotations", args.ref)
@@ -143,12 +130,21 @@ def run(args: argparse.Namespace) -> int:
     return status
 
 
-def _check_outputs(args: argparse.Namespace, output: Path, file: SceneFile) -> None:
-    """Raises InputError, before any work, for files that cannot be written."""
+def _check_outputs(args: argparse.Namespace, output: Path, files: Sequence[str]) -> None:
+    """Raises InputError, before any work, for a picture or depths that cannot be written. files: of the scene."""
     check_output(output, SAVED)
     require_library(output.suffix.lower())
-    check_source(output, args.source, *file.files)
-    check_depth(args, file)
+    check_source(output, args.source, *files)
+    if args.depth is None:
+        if args.depth_at is not None:
+            raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
+        return
+    path = Path(args.depth)
+    check_output(path, MAPS)
+    require_library(path.suffix.lower())
+    check_source(path, args.source, *files, args.output, args.ref)
+    if args.output is not None and path.absolute() == output.absolute():
+        raise expected("--depth", "another file than -o", str(path))
 
 
 def _compare(image: Image, reference: Picture, output: Path, background: Color | None, is_quiet: bool) -> int:
