@@ -24,12 +24,18 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+# names that Windows keeps for devices, with any ending
+DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\.|$)")
+
+
 def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> None:
     """Raises InputError, before any work, if `path` cannot be written or has none of the suffixes."""
     if path.suffix.lower() not in suffixes:
         raise expected(path, f"a name that ends in {' or '.join(suffixes)}", repr(path.suffix))
     if path.is_dir():
         raise expected(path, "a file to write", "a directory")
+    if sys.platform == "win32" and DEVICES.match(path.name):
+        raise expected(path, "a file to write", "the name of a device of Windows", "choose another name")
     check_folder(path.parent, path)
     if path.exists() and not os.access(path, os.W_OK):
         raise InputError(f"{path}: cannot be written: permission denied")

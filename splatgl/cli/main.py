@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import os
 import shlex
@@ -34,7 +35,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         finally:
             # reports a closed pipe here, not when Python ends
             sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
+        # a closed pipe, which Windows calls an invalid argument
+        if not isinstance(error, BrokenPipeError) and (sys.platform != "win32" or error.errno != errno.EINVAL):
+            raise
         _discard_output()
         return 0
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,8 +67,10 @@ def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
 
     modes = {UPDATE: "update", UPDATE_CLASS: "update-class", ADD: "add"}
     mode: Any = next((mode for option, mode in modes.items() if _option(request.config, option)), "")
-    # path relative to the invocation folder, which may differ from the root of test ids
-    file = os.path.relpath(request.node.path, request.config.invocation_params.dir)
+    # path relative to the invocation folder, which may differ from the root of test ids, and be on another drive
+    file = str(request.node.path)
+    with suppress(ValueError):
+        file = os.path.relpath(file, request.config.invocation_params.dir)
     parts = [node.name for node in request.node.listchain() if isinstance(node, (pytest.Class, pytest.Item))]
     return ImageRegression(
         test="::".join([Path(file).as_posix(), *parts]),

@@ -320,8 +320,10 @@ def _probe(path: Path) -> None:
     # -P: the folder of the script holds modules with common names
     run = [sys.executable, "-P", str(_PROBE), str(path)]
     none, out = subprocess.DEVNULL, subprocess.PIPE
+    # no console of Windows for a program without one
+    flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     try:
-        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PROBE_TIMEOUT)
+        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PROBE_TIMEOUT, creationflags=flags)
         # a probe that failed before it opened the file proves nothing
         failed = ended.returncode != 0 and bool(ended.stdout)
     except subprocess.TimeoutExpired:

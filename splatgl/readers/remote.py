@@ -10,6 +10,7 @@ import hashlib
 import os
 import re
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -37,8 +38,9 @@ def is_address(source: str | Path) -> bool:
 
 
 def address_name(address: str) -> str:
-    """The last part of an address, which names the file or store."""
-    return address.split("?")[0].split("#")[0].rstrip("/").rsplit("/", 1)[-1]
+    """The last part of an address, which names the file or store; without letters that Windows refuses in names."""
+    name = address.split("?")[0].split("#")[0].rstrip("/").rsplit("/", 1)[-1]
+    return re.sub(r'[<>:"\\|*]', "_", name) if sys.platform == "win32" else name
 
 
 def cache_folder() -> Path:

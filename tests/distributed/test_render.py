@@ -345,6 +345,17 @@ def test_interrupted_frames_are_whole(saved: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+def test_workers_listen_to_this_machine(client: Any) -> None:
+    """The scheduler, its dashboard, and all workers."""
+    psutil = pytest.importorskip("psutil")
+    ours = psutil.Process()
+    processes = [ours, *ours.children(recursive=True)]
+    sockets = [socket for process in processes for socket in process.net_connections("inet")]
+    listening = {socket.laddr.ip for socket in sockets if socket.status == psutil.CONN_LISTEN}
+    assert listening == {"127.0.0.1"}
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("asked", "address"), [(None, "127.0.0.1:0"), ("0.0.0.0:8787", "0.0.0.0:8787")])
 def test_the_dashboard_listens_to_this_machine(
     monkeypatch: pytest.MonkeyPatch, asked: str | None, address: str

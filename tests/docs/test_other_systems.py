@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import subprocess
 import sys
@@ -13,11 +14,12 @@ import numpy as np
 import pytest
 
 from splatgl import platforms
+from splatgl.cli import main as command_line
 from splatgl.data.mask import parse_mask
 from splatgl.errors import InputError
-from splatgl.fileio import budget, write_file
+from splatgl.fileio import budget, check_output, write_file
 from splatgl.readers.options import inside
-from splatgl.readers.remote import is_address
+from splatgl.readers.remote import address_name, is_address
 from splatgl.scene.meshes import LOOK, split_look
 from tests.helpers.other_system import HIDDEN
 
@@ -78,6 +80,32 @@ def test_a_drive_is_no_option() -> None:
     assert parse_mask(r"C:\m.nii:1,2:outside") == (r"C:\m.nii", (1, 2), True)
     assert parse_mask(r"C:\m.nii") == (r"C:\m.nii", (), False)
     assert not is_address(r"C:\v.nrrd") and not is_address("C:/v.nrrd") and is_address("s3://v.nrrd")
+
+
+def test_names_that_windows_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
+    address = "https://there/a/b:c*d.nrrd?x=1"
+    for name in ("con.png", "NUL.npy", "lpt1.a.png"):
+        check_output(Path(name))
+    assert address_name(address) == "b:c*d.nrrd"
+    monkeypatch.setattr(sys, "platform", "win32")
+    for name in ("con.png", "NUL.npy", "lpt1.a.png"):
+        with pytest.raises(InputError, match=f"{name}: expected a file to write, got the name of a device of Windows"):
+            check_output(Path(name))
+    for name in ("cone.png", "contour.npy", "lpt.png"):
+        check_output(Path(name))
+    assert address_name(address) == "b_c_d.nrrd"
+
+
+def test_a_pipe_that_is_closed_is_told_in_windows_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed(arguments: list[str]) -> int:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(command_line, "_run", closed)
+    monkeypatch.setattr(command_line, "_discard_output", lambda: None)
+    with pytest.raises(OSError, match="Invalid argument"):
+        command_line.main(["presets"])
+    monkeypatch.setattr(sys, "platform", "win32")
+    assert command_line.main(["presets"]) == 0
 
 
 def test_a_refusal_is_of_that_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -274,6 +274,17 @@ def test_a_splat_may_reach_more_tiles_than_a_loop_has_rounds(renderer: sg.Render
     np.testing.assert_allclose(found, right, rtol=1e-3)
 
 
+@pytest.mark.long
+def test_few_voxels_fill_a_large_picture(renderer: sg.Renderer) -> None:
+    """Each reaches more tiles than a loop has rounds, and a dispatch has groups."""
+    volume, settings = sg.Volume(np.random.default_rng(1).random((4, 4, 4), np.float32)), sg.Settings.like("0.1")
+    splats = sg.extract(volume, sg.default_transfer(volume))
+    camera = sg.Camera.orbit(volume, 30, 20, size=(3000, 3000), zoom=3)
+    drawn = renderer.render(splats, camera, settings, verify_bound=False)
+    checked = sg.check(drawn, splats, camera, settings).info["checked"]
+    assert drawn.info["technique"] == "tiles" and checked["pixels"] > 100 and checked["largest"] < 1e-3
+
+
 def test_compute_shaders_that_do_nothing_are_told(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where a context is lost: one line instead of waiting forever."""
     splats = noise()

@@ -188,6 +188,7 @@ def main(system: str, folder: Path) -> None:
 
     import splatgl as sg
     from splatgl.cli import doctor
+    from splatgl.distributed import worker
     from splatgl.fileio import budget
     from splatgl.gl.context import current
     from splatgl.platforms import free_memory, user_folder
@@ -223,6 +224,10 @@ def main(system: str, folder: Path) -> None:
             assert handle() not in (other, None)
         assert np.abs(renderer.render(splats, camera).pixels - right).max() < 1e-3
         assert handle() == other and (renderer.tiles is not None) == (system == "win32")
+    assert handle() == other
+    assert worker.device_of(worker.Drawing(), 1) is None
+    assert worker.call(lambda: worker.renderer(worker.Drawing()).info.backend) == ("wgl", "cgl")[system == "darwin"]
+    worker.release()
     assert handle() == other
     host.release()
     assert not handle()
