@@ -3,9 +3,11 @@
     scripts/gpu_check [-o gpu_check.json] [--short] [--software]
 
 Checks the driver (float blending and filtering), runs the tests that need OpenGL, among them comparisons with stored
-images of software OpenGL, within the bounds of both; draws scenes by quads and by tiles, compares and times both, and
-the upload of their splats. Prints a table and writes JSON; exit code 1 if anything is wrong. Takes at most eight
-minutes; lists omitted checks with reasons. --short omits the tests and draws small images.
+images of software OpenGL, within the bounds of both; draws scenes by quads and by tiles in the shapes of a card and of
+a processor, compares and times them, the stages of tiles, and the upload of their splats. With VTK, its GPU mapper
+draws the same scenes, and errors of all are measured from the field. Prints a table and writes JSON; exit code 1 if
+anything is wrong. Takes at most eight minutes; lists omitted checks with reasons. --short omits the tests and draws
+small images.
 """
 
 from __future__ import annotations
@@ -17,11 +19,14 @@ import platform
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import moderngl
 import numpy as np
 
 import splatgl as sg
@@ -29,8 +34,13 @@ from splatgl.cli.doctor import check_line
 from splatgl.errors import InputError
 from splatgl.fileio import check_output, write_file
 from splatgl.gl.buffers import DrawOrder, Instances, Textured
+from splatgl.gl.card_lists import CardLists
 from splatgl.gl.context import current
 from splatgl.gl.selfcheck import run_checks
+from splatgl.gl.sheet_tiles import SheetTiles
+from splatgl.gl.tiles import Tiles
+from splatgl.reference.field import field_integral
+from splatgl.studies.accuracy.vtk_peers import Peer
 from tests.gpu.gpu_check_tests import tests
 
 # seconds in total, and for the tests
@@ -38,7 +48,19 @@ MOST, TESTS = 480.0, 270.0
 ROUNDS = 7
 # uploads of splats; the fastest counts
 UPLOADS = 3
-TECHNIQUES = ("tiles", "quads")
+# ways to draw: technique, and shape of compute shaders. The first is what the others are compared with
+WAYS = {"tiles": ("tiles", "card"), "columns": ("tiles", "processor"), "quads": ("quads", "card")}
+# stages of tiles in the card's shape, by the methods that queue them
+STAGES: tuple[tuple[str, type, str], ...] = (
+    ("sort", CardLists, "sort_by_sheet"),
+    ("project", Tiles, "_place"),
+    ("count", CardLists, "count_pairs"),
+    ("list", CardLists, "list_tiles"),
+    ("add up", SheetTiles, "_composite"),
+    ("add up", Tiles, "_composite"),
+)
+# pixels along a side of the pictures whose errors are measured, and samples a voxel of the field
+MEASURED, STEPS = 96, 4
 # seconds of rounds after which no other round starts
 ENOUGH = MOST / 60
 # expected ratio of times for four times the pixels
@@ -47,21 +69,24 @@ GROWTH = 3
 UNBOUND = 1e-3
 
 
+# renderers by the shape of their compute shaders
+Renderers = Mapping[str, sg.Renderer]
 # pixels and their error bound
 Pixels = tuple[np.ndarray, float]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A scene drawn by one technique. first: seconds of the first frame, with compilation, upload and ordering;
+    """A scene drawn in one of WAYS. first: seconds of the first frame, with compilation, upload and ordering;
     upload: seconds of uploading splats; seconds: median of the rounds with readback. apart: difference from the
-    first technique, None for that; allowed: by the bounds of both. auto: the technique of the default settings.
+    first way, None for that; allowed: by the bounds of both. auto: the technique of the default settings. stages:
+    seconds of the device by stage of STAGES.
     """
 
     scene: str
     look: str
     size: int
-    technique: str
+    way: str
     splats: int
     first: float
     upload: float
@@ -69,29 +94,33 @@ class Frame:
     apart: float | None
     allowed: float
     auto: str
+    stages: dict[str, float]
 
     @property
     def right(self) -> bool:
-        """Whether the two techniques agree."""
+        """Whether the two ways agree."""
         return self.apart is None or self.apart <= self.allowed
 
     def __str__(self) -> str:
         compared = "" if self.apart is None else f"{self.apart:10.1e}{self.allowed:10.1e}"
         return (
-            f"{self.scene:8}{self.look:7}{self.size:5}² {self.technique:6}{self.splats:9,}{self.seconds * 1e3:10.2f}"
+            f"{self.scene:8}{self.look:7}{self.size:5}² {self.way:8}{self.splats:9,}{self.seconds * 1e3:10.2f}"
             f"{self.first * 1e3:10.1f}{self.upload * 1e3:10.1f}{self.splats / self.seconds / 1e6:11.2f}"
             f"{compared}{'' if self.right else '  WRONG'}"
+            + "".join(f"\n{name:>27}{seconds * 1e3:20.2f}" for name, seconds in self.stages.items())
         )
 
 
 HEAD = (
-    f"{'scene':8}{'look':7}{'size':>5}  {'by':6}{'splats':>9}{'frame, ms':>10}{'first':>10}{'upload':>10}"
+    f"{'scene':8}{'look':7}{'size':>5}  {'by':8}{'splats':>9}{'frame, ms':>10}{'first':>10}{'upload':>10}"
     f"{'M splats/s':>11}{'apart':>10}{'allowed':>10}"
 )
 LEGEND = f"""\
 splats: one by one, as in the paper; sheets: of the same splats; values: classified after reconstruction, the default
+by: quads; tiles in the shape of a card; columns: tiles in the shape of a processor
 frame: median of up to {ROUNDS}, pixels read back; first: with shaders compiled, splats uploaded and ordered
-apart: largest difference from the picture by {TECHNIQUES[0]}; allowed: by the error bounds of both
+below it the time of the device by stage: sort by sheet, project, count and list the splats of tiles, add them up
+apart: largest difference from the picture by tiles; allowed: by the error bounds of both
 """
 
 
@@ -125,6 +154,10 @@ class Subject:
     splats: sg.Splats
     settings: sg.Settings
 
+    def with_settings(self, settings: sg.Settings) -> Subject:
+        """The same splats with other settings."""
+        return replace(self, settings=settings)
+
     def at(self, size: int) -> str:
         """Name with the size of an image."""
         return f"{self.scene} {self.look} {size}²"
@@ -154,8 +187,8 @@ def subjects(short: bool) -> Iterator[Subject]:
                 yield Subject(name, look, volume, splats, settings)
 
 
-def frames(renderer: sg.Renderer, short: bool, until: float) -> Iterator[Frame | LeftOut]:
-    """Draws all subjects by all techniques, small images first, while there is time."""
+def frames(renderers: Renderers, short: bool, until: float) -> Iterator[Frame | LeftOut]:
+    """Draws all subjects in all ways, small images first, while there is time."""
     took = dict.fromkeys(subjects(short), 0.0)
     for size in (64,) if short else (512, 1024, 2048):
         for subject, before in took.items():
@@ -163,16 +196,17 @@ def frames(renderer: sg.Renderer, short: bool, until: float) -> Iterator[Frame |
                 yield LeftOut(subject.at(size), "no time")
                 continue
             took[subject] = 0.0
-            for frame in compared(renderer, subject, size, until):
+            for frame in compared(renderers, subject, size, until):
                 took[subject] += frame.first + frame.seconds if isinstance(frame, Frame) else 0.0
                 yield frame
 
 
-def compared(renderer: sg.Renderer, subject: Subject, size: int, until: float) -> Iterator[Frame | LeftOut]:
-    """Draws a subject by all techniques, even after `until`: a single image cannot be compared."""
+def compared(renderers: Renderers, subject: Subject, size: int, until: float) -> Iterator[Frame | LeftOut]:
+    """Draws a subject in all ways, even after `until`: a single image cannot be compared."""
     right: Pixels | None = None
-    for technique in TECHNIQUES:
-        what, settings = f"{subject.at(size)} by {technique}", subject.settings.but(technique=technique)
+    for way, (technique, shape) in WAYS.items():
+        what, settings = f"{subject.at(size)} by {way}", subject.settings.but(technique=technique)
+        renderer = renderers[shape]
         try:
             renderer.plan(subject.splats, subject.camera(size), settings)
         except InputError as error:
@@ -180,7 +214,7 @@ def compared(renderer: sg.Renderer, subject: Subject, size: int, until: float) -
             yield LeftOut(what, str(error))
             continue
         try:
-            frame, pixels = draw_by(renderer, subject, settings, size, right, until)
+            frame, pixels = draw_by(renderer, subject.with_settings(settings), way, size, right, until)
         except InputError as error:
             yield LeftOut(what, str(error), broken=True)
             continue
@@ -191,13 +225,13 @@ def compared(renderer: sg.Renderer, subject: Subject, size: int, until: float) -
 def draw_by(
     renderer: sg.Renderer,
     subject: Subject,
-    settings: sg.Settings,
+    way: str,
     size: int,
     right: Pixels | None,
     until: float,
 ) -> tuple[Frame, Pixels]:
-    """(frame, pixels and bound) of a subject. right: pixels and bound of the first technique."""
-    camera, technique = subject.camera(size), settings.technique
+    """(frame, pixels and bound) of a subject. right: pixels and bound of the first way."""
+    camera, settings = subject.camera(size), subject.settings
 
     def draw() -> sg.Image:
         return renderer.render(subject.splats, camera, settings, verify_bound=False)
@@ -210,10 +244,86 @@ def draw_by(
     pixels = image.pixels, bound if isinstance(bound, float) else UNBOUND
     apart = None if right is None else float(np.abs(image.pixels - right[0]).max())
     allowed = pixels[1] + (0.0 if right is None else right[1])
-    label = subject.scene, subject.look, size, technique, len(subject.splats)
-    upload = time_upload(renderer, subject.splats, technique)
-    auto = renderer.plan(subject.splats, camera, subject.settings.but(technique="auto")).program.technique
-    return Frame(*label, first, upload, statistics.median(times), apart, allowed, auto), pixels
+    label = subject.scene, subject.look, size, way, len(subject.splats)
+    upload = time_upload(renderer, subject.splats, settings.technique)
+    auto = renderer.plan(subject.splats, camera, settings.but(technique="auto")).program.technique
+    stages = stage_times(renderer, draw) if way == "tiles" else {}
+    return Frame(*label, first, upload, statistics.median(times), apart, allowed, auto, stages), pixels
+
+
+def stage_times(renderer: sg.Renderer, draw: Callable[[], object]) -> dict[str, float]:
+    """Seconds that the device spends on each of STAGES, by its own clock."""
+    queries: list[tuple[str, moderngl.Query]] = []
+    originals = [(owner, name, getattr(owner, name)) for _, owner, name in STAGES]
+
+    def timed_by_device(stage: str, original: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*args: Any, **options: Any) -> Any:
+            query = renderer.ctx.query(time=True)
+            queries.append((stage, query))
+            with query:
+                return original(*args, **options)
+
+        return run
+
+    try:
+        for (stage, *_), (owner, name, original) in zip(STAGES, originals, strict=True):
+            setattr(owner, name, timed_by_device(stage, original))
+        draw()
+    finally:
+        for owner, name, original in originals:
+            setattr(owner, name, original)
+    with current(renderer.ctx):
+        stages: dict[str, float] = {}
+        for stage, query in queries:
+            stages[stage] = stages.get(stage, 0.0) + query.elapsed * 1e-9
+    return stages
+
+
+@dataclass(frozen=True)
+class Measured:
+    """RMSE of a scene's picture from its field, and the seconds of a frame."""
+
+    scene: str
+    way: str
+    error: float
+    seconds: float
+
+    def __str__(self) -> str:
+        return f"{self.scene:8}{self.way:8} RMSE {self.error:.5f}, {self.seconds * 1e3:.2f} ms at {MEASURED}²"
+
+
+def rmse(image: sg.Image, right: sg.Image) -> float:
+    """Root of the mean square of all components' differences."""
+    return float(np.sqrt(np.square(image.pixels - right.pixels).mean()))
+
+
+def errors(renderers: Renderers, short: bool, until: float) -> Iterator[Measured | LeftOut]:
+    """Measures the values of all scenes in all ways, and VTK's GPU mapper, against the field."""
+    for subject in (subject for subject in subjects(short) if subject.look == "values"):
+        if time.monotonic() > until:
+            yield LeftOut(f"errors of {subject.scene}", "no time")
+            continue
+        camera = subject.camera(MEASURED)
+        content = subject.volume, sg.default_transfer(subject.volume)
+        field = field_integral(*content, camera, steps_per_voxel=STEPS)
+        for way, (technique, shape) in WAYS.items():
+            settings = subject.settings.but(technique=technique)
+            draw = partial(renderers[shape].render, subject.splats, camera, settings, verify_bound=False)
+            try:
+                timed(draw)
+                seconds, image = timed(draw)
+                yield Measured(subject.scene, way, rmse(image, field), seconds)
+            except InputError as error:
+                yield LeftOut(f"errors of {subject.scene} by {way}", str(error))
+        try:
+            with closing(
+                Peer("gpu", (subject.volume, sg.default_transfer(subject.volume)), camera, sg.Settings())
+            ) as peer:
+                peer.frame()
+                image, seconds = peer.frame()
+                yield Measured(subject.scene, "VTK", rmse(image, field), seconds)
+        except InputError as error:
+            yield LeftOut(f"errors of {subject.scene} by VTK", str(error))
 
 
 def time_upload(renderer: sg.Renderer, splats: sg.Splats, technique: str) -> float:
@@ -244,11 +354,11 @@ def timed(work: Callable[[], Any]) -> tuple[float, Any]:
 
 def slowdown(frames: list[Frame]) -> dict[str, float]:
     """Ratio of times of quads to tiles by look: geometric mean over subjects drawn by both."""
-    times = {(frame.scene, frame.look, frame.size, frame.technique): frame.seconds for frame in frames}
+    times = {(frame.scene, frame.look, frame.size, frame.way): frame.seconds for frame in frames}
     ratios: dict[str, list[float]] = {}
-    for (scene, look, size, technique), seconds in times.items():
+    for (scene, look, size, way), seconds in times.items():
         tiles = times.get((scene, look, size, "tiles"))
-        if technique == "quads" and tiles:
+        if way == "quads" and tiles:
             ratios.setdefault(look, []).append(seconds / tiles)
     return {look: float(np.exp(np.mean(np.log(some)))) for look, some in ratios.items()}
 
@@ -263,8 +373,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     until = time.monotonic() + MOST
     try:
         check_output(Path(args.output), (".json",))
-        with sg.Renderer(require_gpu=not args.software) as renderer:
-            report = measure(renderer, args.short, until)
+        with ExitStack() as owned:
+            shapes = dict.fromkeys(shape for _, shape in WAYS.values())
+            gpu = not args.software
+            renderers = {shape: owned.enter_context(sg.Renderer(require_gpu=gpu, shape=shape)) for shape in shapes}
+            report = measure(renderers, args.short, until)
         write_file(Path(args.output), json.dumps(report, indent=1).encode())
     except InputError as error:
         print(f"gpu_check: {error}", file=sys.stderr)
@@ -280,17 +393,25 @@ def verdict(right: bool, left: Sequence[str]) -> str:
     return f"{'everything that was checked is right' if right else 'something is WRONG'}; left out: {', '.join(left)}"
 
 
-def measure(renderer: sg.Renderer, short: bool, until: float) -> dict[str, Any]:
-    """Report of driver checks, tests, and frames; prints results at once."""
+def measure(renderers: Renderers, short: bool, until: float) -> dict[str, Any]:
+    """Report of driver checks, tests, errors and frames; prints results at once."""
+    renderer = renderers["card"]
     print(f"{renderer.info}\n{platform.platform()}, {os.cpu_count()} cores")
     checks = run_checks(renderer.ctx)
     print("\n".join(check_line(check) for check in checks), flush=True)
     # before the frames, which use the remaining time
     tested = {"failed": [], "left out": ["the tests"]} if short else tests(TESTS, not renderer.info.software)
-    print(f"{LEGEND}{HEAD}", flush=True)
     done: list[Frame] = []
     others: list[LeftOut] = []
-    for frame in frames(renderer, short, until):
+    measured: list[Measured] = []
+    for error in errors(renderers, short, until):
+        print(error, flush=True)
+        if isinstance(error, Measured):
+            measured.append(error)
+        else:
+            others.append(error)
+    print(f"{LEGEND}{HEAD}", flush=True)
+    for frame in frames(renderers, short, until):
         print(frame, flush=True)
         if isinstance(frame, Frame):
             done.append(frame)
@@ -312,6 +433,7 @@ def measure(renderer: sg.Renderer, short: bool, until: float) -> dict[str, Any]:
         "tests": tested,
         "frames": [asdict(frame) | {"right": frame.right} for frame in done],
         "quads over tiles": ratios,
+        "errors": [asdict(one) for one in measured],
     }
 
 

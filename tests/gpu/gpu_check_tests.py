@@ -12,13 +12,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-# what needs OpenGL: twins of shader functions, splats against float64, techniques, stored pictures
+# what needs OpenGL: twins of shader functions, splats against float64, techniques, shapes, stored pictures
 TESTED = (
     "gl/test_twins",
     "gl/test_twins_footprints",
     "gl/test_twins_sheets",
     "gl/test_splats",
     "gl/test_tiles",
+    "gl/test_card_lists",
+    "gl/test_shapes",
     "splat/test_sheets",
     "gl/test_agreement",
     "comparison/test_scenes",
