@@ -170,7 +170,7 @@ class Subject:
 def scenes(short: bool) -> Iterator[tuple[str, sg.Volume]]:
     """The paper's scenes, or a small one."""
     if short:
-        yield "ball", sg.scenes.ball(24)
+        yield "ball", sg.scenes.ball(12)
         return
     for name in ("tunnel", "terrain", "nerve"):
         yield name, getattr(sg.scenes, name)()

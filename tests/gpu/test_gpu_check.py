@@ -93,7 +93,7 @@ def test_what_there_is_no_time_for_is_named(
     monkeypatch.setattr(gpu_check, "MOST", 0.0)
     assert gpu_check.main(["--short", "--software", "-o", str(tmp_path / "told.json")]) == 0
     told, said = json.loads((tmp_path / "told.json").read_text()), capsys.readouterr().out
-    left = [f"ball {look} 64²" for look in gpu_check.LOOKS]
+    left = ["errors of ball", *(f"ball {look} 64²" for look in gpu_check.LOOKS)]
     assert told["left out"] == [*left, "the tests"] and told["right"] and not told["frames"]
     assert all(f"{name}: left out: no time\n" in said for name in left)
     assert said.endswith(f"told.json: everything that was checked is right; left out: {', '.join(left)}, the tests\n")
