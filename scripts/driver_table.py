@@ -259,7 +259,9 @@ def draw(folder: Path, subject: Subject, names: Sequence[str]) -> None:
     """Draws each picture twice into a folder, with seconds of the second time, or the reason why it is refused."""
     folder.mkdir(parents=True, exist_ok=True)
     with shared_renderer() as renderer:
-        results: dict[str, Any] = {"driver": str(renderer.info)}
+        times = folder / "times.json"
+        results: dict[str, Any] = json.loads(times.read_text()) if times.exists() else {}
+        results["driver"] = str(renderer.info)
         print(renderer.info)
         for name in names or PICTURES:
             try:
@@ -271,7 +273,8 @@ def draw(folder: Path, subject: Subject, names: Sequence[str]) -> None:
             except (sg.InputError, ShaderError, ImportError) as error:
                 results[name] = str(error).splitlines()[0]
                 print(f"{name}: {results[name]}")
-    write_file(folder / "times.json", json.dumps(results, indent=1).encode())
+            # after each: a driver may end the process
+            write_file(times, json.dumps(results, indent=1).encode())
 
 
 def compare(folders: Sequence[Path]) -> str:

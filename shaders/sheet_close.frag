@@ -1,10 +1,20 @@
-// Composites a complete sheet behind the light of nearer sheets, or joins its values to theirs.
+// Composites a complete sheet behind the light of nearer sheets, or joins its values to theirs, or keeps the matter of one
+// of its parts.
 #define VARYING
 #define FLAT
 #define ROWS 1
 #include "footprint_eval.glsl"
 vec2 first;  // the pixel's centre in its band
 #include "sheet_composite.glsl"
+#if PIECE
+#include "layer_slots.glsl"
+uniform int part_;               // number of the part that is kept
+out uvec4 piece;
+#else
+// linear premultiplied, for 'over' from the front to the back; of one value: it, or for a mean the sum by length, and
+// the length; for a minimum −value, as blending takes the maximum of both
+out vec4 fragment;
+#endif
 
 uniform sampler2D sheet_sums;    // of the sheet
 uniform sampler2D sheet_masses;
@@ -13,19 +23,16 @@ uniform sampler2D masses_before;
 uniform sampler2D sums_earlier;  // of the one before that
 uniform sampler2D masses_earlier;
 uniform int sheet;               // its number
-uniform int top;                 // the picture's row at which the band begins whose sheets these are
-
-// linear premultiplied, for 'over' from the front to the back; of one value: it, or for a mean the sum by length, and
-// the length; for a minimum −value, as blending takes the maximum of both
-out vec4 fragment;
+uniform ivec2 corner;            // the target's place of the first pixel of the band whose sheets these are
 
 void main() {
-    first = gl_FragCoord.xy - vec2(0.0, float(top));
+    first = gl_FragCoord.xy - vec2(corner);
     ivec2 pixel = ivec2(first);
     sum0[0] = texelFetch(sheet_sums, pixel, 0);
     light[0] = vec4(0.0);
     if (STEPS == 0) {
         if (sum0[0].a <= 0.0) discard;
+        if (LIMITED == 1) set_ray(0);
     } else {
         masses[0] = texelFetch(sheet_masses, pixel, 0);
         held[0] = vec3(0.0, texelFetch(masses_earlier, pixel, 0).r, texelFetch(masses_before, pixel, 0).r);
@@ -40,10 +47,17 @@ void main() {
         before[0] = centered(0, sheet - 1, before[0], held[0].z, spread[0].z);
     }
     take_sheet(0, sheet);
+#if PIECE
+    kept_part = part_;
+    close_sheet(0, sheet);
+    if (kept_matter.a < LEAST_DEPTH) discard;
+    piece = packed_piece(kept_ends, kept_matter, style.brightest);
+#else
     close_sheet(0, sheet);
     fragment = light[0];
     if (ONE_VALUE) {
         if (fragment.y <= 0.0) discard;
         fragment.x *= BLENDED_SIGN;
     }
+#endif
 }

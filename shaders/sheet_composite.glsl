@@ -9,6 +9,7 @@
 // switch LAYERED 0    the matter is kept for layers_over.comp
 // switch NEAR 0       sheets around the eye are planes
 // switch CARD 0       few registers count more than few instructions
+// switch PIECE 0      one part of a sheet is kept for layers_join.frag
 #constant LEAST_MASS  // a place with less mass holds no value
 #constant EDGE        // share of each of three sheets, besides its weight, in what lies between them
 #constant CENTERED    // shares of full_mass from which a value is moved to its sheet's place: not at all,
@@ -53,6 +54,10 @@ vec3 held[ROWS];
 vec3 spread[ROWS];
 // values by mass around the sheet that is closed next
 vec3 around[ROWS];
+// of a sheet's parts, the number of the one that is kept, its matter and its ends, in sheets
+int kept_part;
+vec4 kept_matter;
+vec2 kept_ends;
 // a pixel's light; of blends of one value the joined value and its length, see join_value
 vec4 light[ROWS];
 
@@ -203,7 +208,9 @@ void close_sheet(int row, int current) {
     if (STEPS == 0) {
         vec2 within = clamp(ends[row] - float(current), -0.5, 0.5);
         if (LIMITED == 1) start[row] *= within.y - within.x;
-        add_matter(row, float(current) + vec2(-0.5, 0.5), start[row]);
+        kept_ends = float(current) + vec2(-0.5, 0.5);
+        kept_matter = start[row];
+        add_matter(row, kept_ends, start[row]);
         light[row] = behind(light[row], start[row]);
     } else {
         float origin = float(current) - 1.5;
@@ -213,10 +220,12 @@ void close_sheet(int row, int current) {
         vec3 places = around[row] * class_scale.x + class_scale.y * mass;
         // the part within the box
         vec2 inside = clamp(ends[row] - origin, 0.0, 1.0);
-        vec3 shares = spline_shares(inside.x);
+        int first_part = PIECE == 1 ? kept_part : 0;
+        float from = PIECE == 1 ? clamp(float(kept_part) / float(STEPS), inside.x, inside.y) : inside.x;
+        vec3 shares = spline_shares(from);
         Until begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
-        float mask = mask_above(row, origin + inside.x);
-        for (int i = 0; i < STEPS; i++) {
+        float mask = mask_above(row, origin + from);
+        for (int i = first_part; i < (PIECE == 1 ? first_part + 1 : STEPS); i++) {
             vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
             if (mask_part(row, origin, part, mask)) {
                 shares = spline_shares(part.x);
@@ -242,6 +251,8 @@ void close_sheet(int row, int current) {
                     vec2 light = light_of(row, gradient, at.x, at.y);
                     matter.rgb = matter.rgb * light.x + (LIGHT == 1 ? matter.a * light.y : 0.0);
                 }
+                kept_ends = at;
+                kept_matter = matter;
                 add_matter(row, at, matter);
                 light[row] = behind(light[row], matter);
             }

@@ -8,10 +8,12 @@ vec2 first;
 
 uniform sampler2D joined_values;  // as sheet_close.frag writes them
 
-out vec4 fragment;  // linear premultiplied
+uniform bool partial;             // of a part: what it joined is kept
+
+out vec4 fragment;  // linear premultiplied; of a part its value and length
 
 void main() {
     vec4 light = texelFetch(joined_values, ivec2(gl_FragCoord.xy), 0);
     light.x *= BLENDED_SIGN;
-    fragment = shown(light);
+    fragment = !partial ? shown(light) : light.y > 0.0 ? vec4(light.xy, 0.0, 0.0) : vec4(0.0);
 }

@@ -2,6 +2,7 @@
 // switch SHEETS 0  sheets that share a splat; 0: splats composite one by one
 // switch STEPS 0   parts of a sheet that are classified; 0: splats are classified before
 // switch BOXES 0   splats are boxes of voxels, see boxes.glsl
+// switch SLOTTED 0  the matter of boxes is kept for layers_join.frag
 #define VARYING in
 #define FLAT flat
 #include "footprint_eval.glsl"
@@ -16,6 +17,11 @@ layout(location = 0) out vec4 sums[SHEETS];
 #if STEPS
 layout(location = SHEETS) out float masses[SHEETS];
 #endif
+#elif SLOTTED
+#include "layer_slots.glsl"
+uniform ivec2 corner;  // the target's place of the picture's first pixel
+uniform vec3 octant;   // signs of the direction of the rays whose matter is kept
+out uvec4 piece;
 #else
 out vec4 fragment;  // linear premultiplied: 'over', sum or maximum, as JOIN says
 #endif
@@ -31,7 +37,20 @@ float footprint() {
     return max(abs(place.x), abs(place.y)) <= 1.0 ? texture(footprint_table, place * 0.5 + 0.5).r : 0.0;
 }
 
-#if BOXES
+#if SLOTTED
+// Matter of the box of a voxel along a ray in the octant.
+uvec4 boxed_piece() {
+    BoxRay ray = box_ray(gl_FragCoord.xy - vec2(corner));
+    vec2 ends = box_ends(ray, center.xyz);
+    if (ends.y <= ends.x || signs_of(ray.direction) != octant) discard;
+    float speed = length(ray.direction);
+    float offset = PERSPECTIVE == 1 ? 0.0 : dot(ray.start - box_eye, ray.direction) / speed;
+    vec2 shone = box_light(ray, ends);
+    vec4 matter = vec4(splat.rgb * shone.x + shone.y, 1.0) * (splat.a * (ends.y - ends.x) * ray.stretch);
+    if (matter.a < LEAST_DEPTH) discard;
+    return packed_piece(ends * speed + offset, matter, style.brightest);
+}
+#elif BOXES
 // Contribution of the box of a voxel.
 vec4 boxed() {
     BoxRay ray = box_ray(gl_FragCoord.xy);
@@ -62,6 +81,8 @@ void main() {
         masses[n] = share * sheet_shares[n];
 #endif
     }
+#elif SLOTTED
+    piece = boxed_piece();
 #elif BOXES
     fragment = boxed();
 #else

@@ -23,6 +23,7 @@ from splatgl.splat.settings import BLENDS
 
 # texture units of the nearest and farthest depths; volumes use the lower units
 NEAREST_UNIT, FARTHEST_UNIT = 16, 17
+LIMIT_UNITS = {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
 # texture units of surface_over.frag
 MATTER_UNIT, SURFACE_UNIT = 0, 1
 # a depth behind everything, in mean spacings
@@ -141,9 +142,8 @@ class Surfaces:
     ) -> bool:
         """Draws the nearest surfaces between the depths of `before` and `end`; returns whether there are any."""
         Limits(before.depth, end.depth, 1.0).use()
-        units = {"nearest_depth": NEAREST_UNIT, "farthest_depth": FARTHEST_UNIT}
         clear = self.programs.for_screen("surface_clear.frag")
-        set_uniforms(clear, **units)
+        set_uniforms(clear, **LIMIT_UNITS)
         into.framebuffer.use()
         into.framebuffer.clear(depth=1.0)
         self.ctx.enable_only(moderngl.NOTHING)
@@ -152,7 +152,7 @@ class Surfaces:
             settle(self.ctx)
             return False
         drawing = self.programs.for_meshes(*program)
-        set_uniforms(drawing, **units, depths=style[0], lit=style[1], maps=MAPS_UNIT)
+        set_uniforms(drawing, **LIMIT_UNITS, depths=style[0], lit=style[1], maps=MAPS_UNIT)
         vertices = self.ctx.vertex_array(drawing, [(corners, CORNER, "in_place", "in_normal", "in_color", "in_value")])
         self.ctx.enable_only(moderngl.DEPTH_TEST)
         self.ctx.depth_func = "<"

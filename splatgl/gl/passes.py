@@ -14,8 +14,9 @@ from splatgl.data.mesh import Mesh
 from splatgl.gl.buffers import DrawOrder, SplatBuffers
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import FieldTextures
+from splatgl.gl.layer_quads import LayerQuads
 from splatgl.gl.layers import Drawn, LayerTiles, union
-from splatgl.gl.meshes import Surfaces
+from splatgl.gl.meshes import Limits, Surfaces
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads, Streaks
@@ -65,13 +66,16 @@ class Passes:
         self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.card)
         self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole, self.card)
         self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.boxes)
+        quads = ctx, self.programs, self._whole, self.tables, near, self.frame
+        self.sheet_quads, self.layer_quads = SheetQuads(*quads), LayerQuads(*quads)
+        self.box_quads = Quads(ctx, self.programs, self.splats)
         self.techniques: dict[str, Technique] = {
             "quads": Quads(ctx, self.programs, self.splats),
             "tiles": self.tiles,
-            "sheets in quads": SheetQuads(ctx, self.programs, self._whole, self.tables, near, self.frame),
+            "sheets in quads": self.sheet_quads,
             "sheets in tiles": self.sheets,
-            "layers": self.layers,
-            "boxes in quads": Quads(ctx, self.programs, self.splats),
+            "layers in tiles": self.layers,
+            "boxes in quads": self.box_quads,
             "boxes in tiles": self.boxes,
             "streaks": Streaks(ctx, self.programs, self.splats),
         }
@@ -91,6 +95,7 @@ class Passes:
         self.near.release()
         for technique in self.techniques.values():
             technique.release()
+        self.layer_quads.release()
         if self.card is not None:
             self.card.release()
 
@@ -123,7 +128,7 @@ class Passes:
                 return pixels
 
     def draw_layers(self, layers: Sequence[Drawn], interrupted: Callable[[], bool] | None = None) -> np.ndarray:
-        """Returns the picture of layers, float32 [H, W, 4]; their matter is composited together, in tiles."""
+        """Returns the picture of layers, float32 [H, W, 4]; their matter is composited together."""
         plan = layers[0][1]
         target, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ("draw", "layer"))
         target.clear()
@@ -132,7 +137,7 @@ class Passes:
             for splats, plan in layers
         ]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
-        self.layers.composite(target, scratch, visible, self._bind, portions)
+        self._layers_by(plan).composite(target, scratch, visible, self._bind, portions)
         return self._read(target, replace(plan, window=union([plan.window for _, plan in layers])))
 
     def draw_surfaces(
@@ -153,17 +158,26 @@ class Passes:
         self._bind(first, plan)
         try:
             for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
-                self.sheets.limits = self.layers.limits = self.boxes.limits = limits
+                self._set_limits(limits)
                 part.clear()
                 if len(visible) > 1:
-                    self.layers.composite(part, scratch, visible, self._bind, portions)
+                    self._layers_by(plan).composite(part, scratch, visible, self._bind, portions)
                 elif visible:
                     self._draw_splats(part, *visible[0], portions, None)
                 self._bind(first, plan)
                 self.surfaces.composite(target, part, light)
         finally:
-            self.sheets.limits = self.layers.limits = self.boxes.limits = None
+            self._set_limits(None)
         return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)))
+
+    def _layers_by(self, plan: Plan) -> LayerTiles | LayerQuads:
+        """Returns what draws layers by the technique of a plan."""
+        return self.layers if plan.program.technique == "tiles" else self.layer_quads
+
+    def _set_limits(self, limits: Limits | None) -> None:
+        """Sets the depths between which matter is drawn; None: all."""
+        for drawing in (self.sheets, self.layers, self.boxes, self.sheet_quads, self.layer_quads, self.box_quads):
+            drawing.limits = limits
 
     def joined(self, samples: np.ndarray, whole: Splats, plan: Plan) -> np.ndarray:
         """Returns the picture of joined samples of its parts, float32 [H, W, 4]."""
@@ -171,7 +185,10 @@ class Passes:
         target.texture.write(np.ascontiguousarray(samples, np.float32), (0, 0, *target.size))
         if plan.program.look.blend.one_value:
             self._bind(whole, plan)
-            self.sheets.show(target, whole, plan)
+            if plan.program.technique == "tiles":
+                self.sheets.show(target, whole, plan)
+            else:
+                self.sheet_quads.show_samples(target, whole, plan, samples)
         return self._read(target, plan)
 
     def _read(self, target: Target, plan: Plan) -> np.ndarray:
@@ -187,7 +204,8 @@ class Passes:
     ) -> None:
         self._bind(splats, plan)
         if batches is not None:
-            self.sheets.draw_batches(target, splats, plan, batches, portions)
+            drawing = self.sheets if plan.program.technique == "tiles" else self.sheet_quads
+            drawing.draw_batches(target, splats, plan, batches, portions)
             return
         look = plan.program.look
         boxes = order_for(splats, plan.resolved.camera) if look.blend.ordered and not look.sheets else None

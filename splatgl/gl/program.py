@@ -136,10 +136,10 @@ class Programs:
         self.read: dict[tuple[object, ...], Chosen] = {}
         owned.callback(self._free, 0)
 
-    def for_splats(self, program: Program) -> moderngl.Program:
-        """Returns the program that draws splats as quads with a plan's switches."""
+    def for_splats(self, program: Program, more: Switches | None = None) -> moderngl.Program:
+        """Returns the program that draws splats as quads with a plan's switches. more: additional switches."""
         stages = "splat.vert", "splat.frag"
-        return self._drawing(*stages, self._read(stages, program, {}))
+        return self._drawing(*stages, self._read(stages, program, more or {}))
 
     def for_screen(
         self, fragment: str, program: Program | None = None, more: Switches | None = None

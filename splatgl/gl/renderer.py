@@ -143,12 +143,7 @@ class Renderer:
         self, subject: Splats | Scene, camera: Camera, settings: Settings, motion: Motion | None = None
     ) -> ScenePlan:
         """The plans of the picture that `render` draws. Raises InputError as `render` for several layers and meshes."""
-        scene = plan_scene(subject, camera, settings, motion, self.tiles)
-        if scene.first.program.look.blend.ordered and not scene.is_single:
-            for layer in scene.layers:
-                if len(layer.splats):
-                    self.require_tiles("meshes" if scene.meshes else "layers", layer)
-        return scene
+        return plan_scene(subject, camera, settings, motion, self.tiles)
 
     def _draw_scene(self, scene: ScenePlan, interrupted: Callable[[], bool] | None) -> np.ndarray:
         """Draws all layers and meshes. In `composite` extinctions and emissions of layers add up at every depth, and
@@ -247,14 +242,7 @@ class Renderer:
         check_bricks_supported(whole, camera, settings or Settings())
         # bricks are clipped, not the splats that stand for them
         chosen = replace(self.plan(whole, camera, settings), splats=whole)
-        self.require_tiles("a volume in bricks", chosen, "or give more --memory, to draw it whole")
         return chosen.with_choices(half_line=True) if bricks.surround_eye(chosen.view) else chosen
-
-    def require_tiles(self, what: str, chosen: Plan, fix: str = "") -> None:
-        """Raises InputError for a plan without tiles. what: needs tiles."""
-        if chosen.program.technique != "tiles":
-            got = chosen.program.technique if self.tiles is not None else f"OpenGL {self.info.version}"
-            raise expected(what, "OpenGL 4.3 or newer with compute shaders, technique auto or tiles", got, fix)
 
     def _draw_bricks(
         self,

@@ -7,22 +7,27 @@ of one value collect the values of all sheets in a separate texture, which the l
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import moderngl
 import numpy as np
 
 from splatgl.gl.buffers import DrawOrder, Instances, uneven
+from splatgl.gl.features import Uniforms
+from splatgl.gl.meshes import LIMIT_UNITS, Limits
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
-from splatgl.gl.sheet_tiles import sheet_uniforms
+from splatgl.gl.sheet_tiles import AROUND_CUT, Batches, sheet_uniforms
 from splatgl.gl.target import Portions, Target, settle
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import frame_block
-from splatgl.splat.culling import Window, screen_bounds
+from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds
 from splatgl.splat.grid import corners_of
 from splatgl.splat.plan import Plan
 from splatgl.splat.settings import BLENDS, BlendMode
@@ -40,6 +45,8 @@ JOINED_UNIT = 10
 LEAST = -float(np.finfo(np.float32).max)
 
 
+# a sheet beyond all others
+FAR = 2**30
 # maximum pixels of a band of the picture: open sheets take up to 120 bytes per pixel
 MOST_PIXELS = 2**22
 
@@ -54,20 +61,42 @@ class Group(NamedTuple):
 
 class Kind(NamedTuple):
     """Properties that determine a ring's textures. size: pixels of the picture. rows: of a band. sheets: sheets per
-    splat. post: whether values are classified after reconstruction. one_value: whether a pixel's values are joined.
+    splat. post: whether values are classified after reconstruction.
     """
 
     size: tuple[int, int]
     rows: int
     sheets: int
     post: bool
-    one_value: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Sheeted:
+    """Splats that are drawn in sheets, with the uniforms of their programs. field: near sheets."""
+
+    splats: Splats
+    plan: Plan
+    uniforms: Uniforms
+    field: NearField | None
+
+    @property
+    def first(self) -> int:
+        """Number of the first sheet, counted from the eye; the shaders count from it."""
+        return int(float(str(self.uniforms["first_sheet"])))
+
+    @property
+    def near(self) -> range:
+        """The near sheets, and the two sheets behind them, to which their matter extends."""
+        return range(0) if self.field is None else range(-self.first - 1, self.field.count - self.first + 2)
 
 
 class SheetQuads:
     """Draws sheets by quads; reuses its textures and buffer between pictures. whole: draws one triangle over the bound
     framebuffer. frame: buffer of the uniform block Frame.
     """
+
+    # depths between which matter is drawn; None: all
+    limits: Limits | None = None
 
     def __init__(
         self,
@@ -82,124 +111,206 @@ class SheetQuads:
         self.near = near
         self.instances = Instances(ctx)
         self.ring: Ring | None = None
+        # texture of joined values and lengths, for blends of one value
+        self.values: moderngl.Texture | None = None
+        self.joined: moderngl.Framebuffer | None = None
 
     def release(self) -> None:
         """Frees the textures and the buffer; they are recreated on demand."""
-        self.instances.release()
-        if self.ring is not None:
-            self.ring.release()
-        self.ring = None
+        for part in (self.instances, self.ring, self.joined, self.values):
+            if part is not None:
+                part.release()
+        self.ring, self.joined, self.values = None, None, None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
-        sheets, look = plan.resolved.sheets, plan.program.look
-        assert sheets is not None
-        uniforms, field = sheet_uniforms(splats, plan), NearField.of(splats, plan.view, sheets)
-        first_sheet = float(str(uniforms["first_sheet"]))
-        uniforms |= self.near.draw(field, plan, first_sheet)
-        adding = self.programs.for_splats(plan.program)
-        closing = self.programs.for_screen("sheet_close.frag", plan.program, {"NEAR": True} if field else {})
-        for program in (adding, closing):
+        assert plan.resolved.sheets is not None
+        picture = self.begin(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
+        groups = self.fill(picture, splats)
+        for band in bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS):
+            self._draw_band(target, picture, band, [groups], portions)
+        if plan.program.look.blend.one_value:
+            self.show(target, splats, plan)
+
+    def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
+        """Composites batches of splats whose sheets do not lie before the sheets of earlier batches.
+
+        whole: describes all splats.
+        """
+        picture, shell = self.begin(whole, plan, batches.near), batches.shell
+        if shell is not None:
+            picture.uniforms["shell"] = tuple(end - picture.first for end in shell)
+        width, height = plan.view.size
+        rows = min(-(-height // batches.bands), max(MOST_PIXELS // width, 1))
+        for top in range(0, height, rows):
+            band = Window(0, top, width, min(rows, height - top))
+            visible = functools.partial(is_visible, plan=plan, band=band)
+            groups = (self.fill(picture, splats) for splats in batches.of(visible) if len(splats))
+            self._draw_band(target, picture, band, groups, portions)
+        if plan.program.look.blend.one_value:
+            self.show(target, whole, plan, partial=shell is not None)
+
+    def begin(self, splats: Splats, plan: Plan, field: NearField | None) -> Sheeted:
+        """Returns a picture whose sheets are drawn. field: voxels around the eye."""
+        return Sheeted(splats, plan, sheet_uniforms(splats, plan), field)
+
+    def fill(self, picture: Sheeted, splats: Splats) -> dict[int, Group]:
+        """Uploads splats of a picture, by first sheet; returns their groups by first sheet, ascending."""
+        assert picture.plan.resolved.sheets is not None
+        indices, groups = by_first_sheet(splats, picture.plan.resolved.sheets, picture.plan.view, picture.first)
+        records = splats.records_with_runs if picture.plan.program.runs else splats.records
+        self.instances.fill(records[indices])
+        return groups
+
+    def bind(self, picture: Sheeted, band: Window, corner: tuple[int, int], piece: bool = False) -> None:
+        """Sets up the programs for a band. corner: the target's place of the band's first pixel. piece: whether parts
+        of sheets are kept, instead of composited.
+        """
+        splats, plan = picture.splats, picture.plan
+        block = frame_block(splats, plan)
+        if picture.field is not None:
+            self.frame.write(block.tobytes())
+        uniforms = picture.uniforms | self.near.draw(picture.field, plan, float(picture.first))
+        features = {"NEAR": picture.field is not None, "LIMITED": self.limits is not None, "PIECE": piece}
+        self.adding = self.programs.for_splats(plan.program)
+        self.closing = self.programs.for_screen("sheet_close.frag", plan.program, features)
+        for program in (self.adding, self.closing):
             set_uniforms(program, half_table=HALF_LINE_UNIT, **UNITS, **uniforms)
+        set_uniforms(self.closing, corner=corner, near_top=float(band.y))
+        if self.limits is not None:
+            unit = self.limits.unit / splats.grid.mean_spacing
+            set_uniforms(self.closing, **LIMIT_UNITS, depth_unit=unit, depth_top=band.y)
+            self.limits.use()
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
-        indices, groups = by_first_sheet(splats, sheets, plan.view)
-        near = range(0)
-        if field is not None:
-            # the near sheets, and the two sheets behind them, to which their matter extends
-            nearest = -int(first_sheet)
-            near = range(nearest - 1, nearest + field.count + 2)
-            groups = {base: group for base, group in groups.items() if base >= int(str(uniforms["near_base"]))}
-        records = splats.records_with_runs if plan.program.runs else splats.records
-        self.instances.fill(records[indices])
-        bands = bands_of(Window(0, 0, *plan.view.size), MOST_PIXELS)
-        ring = self._ring(Kind(plan.view.size, bands[0].height, look.sheets, look.steps > 0, look.blend.one_value))
-        into = ring.joined or target.framebuffer
-        if ring.joined:
-            ring.joined.clear(LEAST if look.blend.extreme else 0.0)
+        block["image_center"][1] -= band.y
+        self.frame.write(block.tobytes())
+
+    def sweep(
+        self, picture: Sheeted, band: Window, batches: Iterable[dict[int, Group]], portions: Portions
+    ) -> Iterator[tuple[int, Window]]:
+        """Adds the splats of batches to their sheets. Yields each sheet once it is complete, nearest first, and the
+        window in which it may hold matter.
+        """
+        look, near = picture.plan.program.look, picture.near
+        x, _, width, _ = picture.plan.window.box
+        ring = self._ring(Kind(picture.plan.view.size, band.height, look.sheets, look.steps > 0))
+        ring.begin(band, band if near else Window(x, band.y, width, band.height))
+        first_base = near.stop - 1 - look.sheets if near else -FAR
+        reached: dict[int, Group] = {}
+        waiting = set(near)
+        for groups in chain(batches, [None]):
+            last = FAR
+            if groups is not None:
+                last = max(groups, default=-FAR)
+                groups = within({base: group for base, group in groups.items() if base >= first_base}, band)
+                reached |= groups
+                waiting.update(first + n for first in groups for n in range(ring.slots))
+            for sheet in sorted(n for n in waiting if n <= last):
+                portions.ask()
+                if groups and sheet in groups:
+                    self._add(ring, sheet, groups[sheet], portions)
+                yield sheet, band if sheet in near else around(reached, sheet - ring.slots + 1, sheet)
+                done = sheet - (ring.slots - ring.count)
+                ring.clear(done, around(reached, done - ring.count + 1, done))
+            waiting = {n for n in waiting if n > last}
+
+    def _draw_band(
+        self, target: Target, picture: Sheeted, band: Window, batches: Iterable[dict[int, Group]], portions: Portions
+    ) -> None:
+        blend, into = picture.plan.program.look.blend, target.framebuffer
+        self.bind(picture, band, (0, band.y))
+        if blend.one_value:
+            into = self.joined_target(target.size)
+            into.clear(LEAST if blend.extreme else 0.0, viewport=band.box)
         try:
-            for band in bands:
-                block = frame_block(splats, plan)
-                block["image_center"][1] -= band.y
-                self.frame.write(block.tobytes())
-                set_uniforms(closing, top=band.y, near_top=float(band.y))
-                reached = within(groups, band)
-                ring.begin(band, band if near else around(reached, min(groups), max(groups)))
-                for sheet in sorted({*near, *closed(reached, ring.slots)}):
-                    portions.ask()
-                    if sheet in reached:
-                        self._add(adding, ring, sheet, reached[sheet], portions)
-                    window = band if sheet in near else around(reached, sheet - ring.slots + 1, sheet)
-                    self._close(into, closing, look.blend, ring, sheet, window)
-                    done = sheet - (ring.slots - ring.count)
-                    ring.clear(done, around(reached, done - ring.count + 1, done))
+            for sheet, window in self.sweep(picture, band, batches, portions):
+                into.scissor = window.box
+                self.close(into, sheet, blend)
         finally:
             into.scissor = None  # type: ignore[assignment]
-        if ring.joined:
-            self._show(target, splats, plan, ring)
 
-    def _add(self, program: moderngl.Program, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
+    def _add(self, ring: Ring, sheet: int, group: Group, portions: Portions) -> None:
         """Blends a group of splats into its sheets."""
-        set_uniforms(program, sheet=sheet)
+        set_uniforms(self.adding, sheet=sheet)
         use_blend(self.ctx, BLENDS["xray"])
         ring.open[sheet % ring.slots].use()
         for begin, end in portions.over(group.begin, group.end):
-            vertices = self.instances.vertices(program, begin)
+            vertices = self.instances.vertices(self.adding, begin)
             vertices.render(moderngl.TRIANGLE_STRIP, vertices=CORNERS, instances=end - begin)
 
-    def _close(
-        self,
-        into: moderngl.Framebuffer,
-        program: moderngl.Program,
-        blend: BlendMode,
-        ring: Ring,
-        sheet: int,
-        window: Window,
-    ) -> None:
-        """Composites a sheet within a window; with later classification, the matter around the sheet before it."""
-        set_uniforms(program, sheet=sheet)
-        ring.use(sheet)
-        into.scissor = window.box
+    def close(self, into: moderngl.Framebuffer, sheet: int, blend: BlendMode | None) -> None:
+        """Composites a sheet; with later classification, the matter around the sheet before it. blend: None: writes."""
+        assert self.ring is not None
+        set_uniforms(self.closing, sheet=sheet)
+        self.ring.use(sheet)
         into.use()
-        use_blend(self.ctx, blend)
-        self.whole(program)
+        if blend is None:
+            self.ctx.enable_only(moderngl.NOTHING)
+        else:
+            use_blend(self.ctx, blend)
+        self.whole(self.closing)
 
-    def _show(self, target: Target, splats: Splats, plan: Plan, ring: Ring) -> None:
-        """Classifies the joined value of each pixel."""
+    def show(self, target: Target, splats: Splats, plan: Plan, partial: bool = False) -> None:
+        """Classifies the joined value of each pixel. partial: keeps the values of a part."""
         program = self.programs.for_screen("sheet_show.frag", plan.program)
-        set_uniforms(program, joined_values=JOINED_UNIT, **sheet_uniforms(splats, plan))
-        ring.values[0].use(JOINED_UNIT)
+        set_uniforms(program, joined_values=JOINED_UNIT, **(sheet_uniforms(splats, plan) | {"partial": partial}))
+        if splats.post is not None:
+            self.tables.classification(splats).use(CLASS_UNIT)
+        assert self.values is not None
+        self.values.use(JOINED_UNIT)
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)
         self.whole(program)
 
+    def show_samples(self, target: Target, splats: Splats, plan: Plan, samples: np.ndarray) -> None:
+        """Classifies the joined values of the parts of a picture, [H, W, 4]."""
+        values = np.ascontiguousarray(samples[..., :2], np.float32)
+        if plan.program.look.blend.join == "min":
+            # as blending by the maximum keeps them
+            values[..., 0] *= -1.0
+        self.joined_target(target.size)
+        assert self.values is not None
+        self.values.write(values, (0, 0, *target.size), alignment=4)
+        self.show(target, splats, plan)
+
+    def joined_target(self, size: tuple[int, int]) -> moderngl.Framebuffer:
+        """Returns the target of the picture's joined values and lengths, for blends of one value."""
+        if self.joined is None or self.joined.viewport[2:] != size:
+            old = self.joined, self.values
+            self.values = self.ctx.texture((uneven(size[0]), uneven(size[1])), 2, dtype="f4")
+            self.values.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self.joined = self.ctx.framebuffer([self.values])
+            self.joined.viewport = (0, 0, *size)
+            for part in old:
+                if part is not None:
+                    part.release()
+        return self.joined
+
     def _ring(self, kind: Kind) -> Ring:
-        if self.ring is None or self.ring.kind != kind:
-            old, self.ring = self.ring, Ring(self.ctx, kind)
+        """Returns textures for the open sheets, which may have more rows."""
+        ring = self.ring
+        if ring is None or ring.kind._replace(rows=kind.rows) != kind or ring.kind.rows < kind.rows:
+            old, self.ring = ring, Ring(self.ctx, kind)
             if old is not None:
                 old.release()
+        assert self.ring is not None
         return self.ring
 
 
 class Ring:
-    """Ring of textures of a band's open sheets; with later classification, also of two earlier sheets. values: texture
-    of the picture's joined values and lengths, for blends of one value.
-    """
+    """Ring of textures of a band's open sheets; with later classification, also of two earlier sheets."""
 
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
         self.ctx, self.kind, self.count, self.slots, self.top = ctx, kind, kind.sheets, kind.sheets + 2 * kind.post, 0
-        wide, size = uneven(kind.size[0]), (uneven(kind.size[0]), uneven(kind.rows))
+        size = uneven(kind.size[0]), uneven(kind.rows)
         self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
         self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
-        self.values = [ctx.texture((wide, uneven(kind.size[1])), 2, dtype="f4") for _ in range(kind.one_value)]
-        for texture in (*self.sums, *self.masses, *self.values):
+        for texture in (*self.sums, *self.masses):
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         # framebuffers of all open sheets from a slot on, and of a single slot
         self.open = [ctx.framebuffer(self._attachments(n, self.count)) for n in range(self.slots)]
         self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
-        self.joined = ctx.framebuffer(self.values) if self.values else None
-        if self.joined:
-            self.joined.viewport = (0, 0, *kind.size)
 
     def begin(self, band: Window, window: Window) -> None:
         """Starts a band of the picture; clears all sheets within a window of it."""
@@ -223,29 +334,36 @@ class Ring:
 
     def release(self) -> None:
         """Frees the textures."""
-        for part in (*self.open, *self.each, self.joined, *self.sums, *self.masses, *self.values):
-            if part is not None:
-                part.release()
+        for framebuffer in (*self.open, *self.each):
+            framebuffer.release()
+        for texture in (*self.sums, *self.masses):
+            texture.release()
 
     def _attachments(self, first: int, count: int) -> list[moderngl.Texture | moderngl.Renderbuffer]:
         slots = [(first + n) % self.slots for n in range(count)]
         return [textures[n] for textures in (self.sums, self.masses) if textures for n in slots]
 
 
-def by_first_sheet(splats: Splats, sheets: Sheets, view: GridView) -> tuple[np.ndarray, dict[int, Group]]:
-    """Returns indices that sort the records by first sheet, int64 [N], and the groups by first sheet, ascending."""
+def by_first_sheet(splats: Splats, sheets: Sheets, view: GridView, first: int) -> tuple[np.ndarray, dict[int, Group]]:
+    """Returns indices that sort the records by first sheet, int64 [N], and the groups by first sheet, ascending. first:
+    number of the sheet from which sheets are counted.
+    """
     positions = splats.positions
-    first = sheets.range(splats, view)[0]
     # 16-bit integers hold up to MOST_SHEETS, and numpy sorts them by radix
     base = (sheets.base(sheets.places(view, positions)) - first).astype(np.int16)
-    indices = np.argsort(base, kind="stable")
-    numbers, begins = np.unique(base[indices], return_index=True)
+    return group_by(base, positions, view)
+
+
+def group_by(numbers: np.ndarray, positions: np.ndarray, view: GridView) -> tuple[np.ndarray, dict[int, Group]]:
+    """Returns indices that sort splats at grid positions [N, 3] by their numbers [N], and the groups by number."""
+    indices = np.argsort(numbers, kind="stable")
+    unique, begins = np.unique(numbers[indices], return_index=True)
     in_order = positions[indices]
     low, high = (reach.reduceat(in_order, begins).astype(np.float64) for reach in (np.minimum, np.maximum))
-    ends = [*begins[1:], len(splats)]
+    ends = [*begins[1:], len(numbers)]
     windows = [screen_bounds(corners_of(*box), view).window for box in zip(low, high, strict=True)]
     groups = zip(begins.tolist(), ends, windows, strict=True)
-    return indices, dict(zip(numbers.tolist(), (Group(*group) for group in groups), strict=True))
+    return indices, dict(zip(unique.tolist(), (Group(*group) for group in groups), strict=True))
 
 
 def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:
@@ -258,11 +376,6 @@ def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:
     return clipped
 
 
-def closed(groups: dict[int, Group], slots: int) -> list[int]:
-    """Returns the sheets that may hold matter, ascending: `slots` sheets from each group's first sheet on."""
-    return sorted({first + n for first in groups for n in range(slots)})
-
-
 def around(groups: dict[int, Group], first: int, last: int) -> Window:
     """Returns the window of the groups whose first sheets are in first…last, inclusive; empty without groups."""
     windows = [groups[n].window for n in range(first, last + 1) if n in groups]
@@ -271,3 +384,14 @@ def around(groups: dict[int, Group], first: int, last: int) -> Window:
     x, y = min(w.x for w in windows), min(w.y for w in windows)
     right, bottom = max(w.x + w.width for w in windows), max(w.y + w.height for w in windows)
     return Window(x, y, right - x, bottom - y)
+
+
+def is_visible(low: np.ndarray, high: np.ndarray, plan: Plan, band: Window) -> bool:
+    """Whether a box of voxels, from low to high (x, y, z), may be visible in a band of the picture."""
+    clip = plan.resolved.clip
+    if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
+        return False
+    if not blocks_in_frustum(np.concatenate([low + high, high - low])[None] / 2, Frustum.of(plan.view))[0]:
+        return False
+    _, top, _, height = screen_bounds(corners_of(low, high), plan.view).window.box
+    return top < band.y + band.height and top + height > band.y
