@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 import splatgl as sg
+from splatgl.data.mask import apply_mask, make_mask
 from splatgl.data.volume import Label
 from splatgl.distributed.render import join_samples
 from splatgl.fileio import write_file
@@ -81,6 +82,7 @@ class Subject:
         return sg.Volume(samples, spacing=(1.1, 1.7, 2.3), origin=(1.3, -0.4, 0.9), name="slope")
 
     transfer = sg.Transfer([(0.35, 0.0), (0.7, 0.4), (1.0, 0.9)], colormap="bone", shading=True)
+    dark = sg.Transfer([(0.0, 0.9), (0.2, 0.0)], colormap="bone")
     hot = sg.Transfer([(0.5, 0.0), (1.0, 0.5)], colormap="hot")
 
     @cached_property
@@ -98,6 +100,10 @@ class Subject:
     def splats(self) -> sg.Splats:
         """The ball's splats."""
         return sg.extract(self.volume, self.transfer)
+
+    def values(self, name: str) -> sg.Splats:
+        """The splats of one of SETTINGS; the least values are those around the ball."""
+        return sg.extract(self.volume, self.dark) if name == "minip" else self.splats
 
     @cached_property
     def layers(self) -> list[sg.Layer]:
@@ -126,8 +132,10 @@ class Subject:
     def scene(self, name: str) -> tuple[sg.Splats | sg.Scene, sg.Camera, sg.Settings]:
         """Subject, camera and settings of one of SCENES, which `reference.render` draws too."""
         plain, ball = sg.Settings(), self.layers[:1]
+        masked = apply_mask(self.volume, make_mask(self.segments.samples > 0, self.volume))
         labels = sg.extract(self.segments, sg.default_transfer(self.segments))
         return {
+            "mask": (sg.extract(masked, self.transfer), self.camera, plain.but(shadows=0.5)),
             "labels": (labels, self.camera, plain),
             "inside": (self.splats, self.inside, plain),
             "parallel": (self.splats, self.camera.parallel(self.volume), plain),
@@ -143,21 +151,17 @@ class Subject:
         }[name]
 
 
-SCENES = ("labels", "inside", "parallel", "layers", "layers inside", "layers parallel", "layers of voxels")
+SCENES = ("mask", "labels", "inside", "parallel", "layers", "layers inside", "layers parallel", "layers of voxels")
 SCENES += ("layers' sums", "meshes", "meshes, labels", "meshes, voxels", "meshes, layers")
 
 
 def draw_settings(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarray:
     settings, motion = subject.settings(name)
-    return renderer.render(subject.splats, subject.camera, settings, motion).pixels
+    return renderer.render(subject.values(name), subject.camera, settings, motion).pixels
 
 
 def draw_scene(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarray:
     return renderer.render(*subject.scene(name)).pixels
-
-
-def draw_mask(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarray:
-    return sg.render(subject.volume, size=subject.size, mask=subject.segments.samples > 0, shadows=0.5).pixels
 
 
 def bricks_of(subject: Subject, settings: sg.Settings) -> Bricks:
@@ -241,7 +245,6 @@ def draw_plotter(subject: Subject, renderer: sg.Renderer, name: str) -> np.ndarr
 
 PICTURES: dict[str, Callable[[Subject, sg.Renderer, str], np.ndarray]] = {
     **dict.fromkeys(SETTINGS, draw_settings),
-    "mask": draw_mask,
     **dict.fromkeys(SCENES, draw_scene),
     **dict.fromkeys(("bricks", "bricks, mip", "bricks inside"), draw_bricks),
     **dict.fromkeys(("parts", "parts, mip"), draw_parts),

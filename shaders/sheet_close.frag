@@ -48,7 +48,7 @@ void main() {
     }
     take_sheet(0, sheet);
 #if PIECE
-    kept_part = part_;
+    own_part = part_;
     close_sheet(0, sheet);
     if (kept_matter.a < LEAST_DEPTH) discard;
     piece = packed_piece(kept_ends, kept_matter, style.brightest);

@@ -55,7 +55,7 @@ vec3 spread[ROWS];
 // values by mass around the sheet that is closed next
 vec3 around[ROWS];
 // of a sheet's parts, the number of the one that is kept, its matter and its ends, in sheets
-int kept_part;
+int own_part;
 vec4 kept_matter;
 vec2 kept_ends;
 // a pixel's light; of blends of one value the joined value and its length, see join_value
@@ -220,8 +220,8 @@ void close_sheet(int row, int current) {
         vec3 places = around[row] * class_scale.x + class_scale.y * mass;
         // the part within the box
         vec2 inside = clamp(ends[row] - origin, 0.0, 1.0);
-        int first_part = PIECE == 1 ? kept_part : 0;
-        float from = PIECE == 1 ? clamp(float(kept_part) / float(STEPS), inside.x, inside.y) : inside.x;
+        int first_part = PIECE == 1 ? own_part : 0;
+        float from = PIECE == 1 ? clamp(float(own_part) / float(STEPS), inside.x, inside.y) : inside.x;
         vec3 shares = spline_shares(from);
         Until begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
         float mask = mask_above(row, origin + from);

@@ -174,7 +174,6 @@ def test_what_is_refused(renderer: sg.Renderer, field: sg.Scene, blocks: sg.Scen
     camera = sg.Camera.orbit(field, size=(16, 16))
     volume = blocks.shown[0].volume
     for settings, said in (
-        (sg.Settings(technique="quads"), "compute shaders"),
         (sg.Settings(compositing="splats"), "layers composite in sheets"),
         (sg.Settings(kernel="gaussian", classification="pre", attenuation="opacity"), "layers composite in sheets"),
     ):
@@ -299,10 +298,6 @@ def test_what_a_layer_is(text: str, volume: str, transfer: dict[str, str], opaci
         (["--layer", "a:b.npy", "--workers", "1"], "layers: expected none, with --workers"),
         (["--layer", "a:b.npy", "--check", "99"], "--check: expected 0 to 40 rows"),
         (["--layer", "a:b.npy", "--memory", "300KiB"], "a layer that fits into 300"),
-        (
-            ["--layer", "a:b.npy", "--technique", "quads"],
-            "layers: expected OpenGL 4.3 or newer with compute shaders, technique auto or tiles, got quads",
-        ),
     ],
 )
 def test_bad_layers_are_told(

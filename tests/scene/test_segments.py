@@ -218,7 +218,6 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("render none.npy --values labels --surfaces", "none.npy: expected layers with an opacity, got none"),
         ("render seg.npy --surfaces 2", "surfaces: expected a strength of smoothing from 0 to 1, got 2.0"),
         ("render seg.npy --surfaces --blend xray", "meshes: expected blend composite, got xray"),
-        ("render gray.npy --labels seg.npy --surfaces --technique quads", "meshes: expected OpenGL 4.3 or newer"),
         ("render seg.npy --surfaces --workers 2", "--surfaces: expected none, with --workers or --scheduler"),
         (
             "view seg.npy --values labels --surfaces",
