@@ -1,6 +1,7 @@
-"""Pictures of every kind by the present OpenGL driver, against float64. `scripts/test --all` repeats this file by OpenGL
-3.3 and 4.1, which have no compute shaders, and by Zink; `scripts/driver_table.py` compares drivers.
-"""
+"""Pictures of every kind by the present OpenGL driver, against float64.
+
+`scripts/test --all` repeats this file by OpenGL 3.3 and 4.1, which have no compute shaders, and by Zink;
+`scripts/driver_table.py` compares drivers.
 
 from __future__ import annotations
 
