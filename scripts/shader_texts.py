@@ -136,7 +136,10 @@ SCREENS = tuple(product(("none", "split", "difference"), (False, True)))
 # changes of a picture that are made together
 MOST = 2
 # switches that are no part of a plan
-OPTIONS = {"COUNTING", "CARRIED", "LIMITED", "LAYERED", "ORDERED", "CULLED", "LAYERS", "SIDE", "OVERLAY", "NEAR"}
+OPTIONS = {"COUNTING", "CARRIED", "LIMITED", "LAYERED", "ORDERED", "CULLED", "LAYERS", "SIDE", "OVERLAY", "NEAR"} | {
+    "PIECE",
+    "SLOTTED",
+}
 # numbers of layers that are composited together
 LAYERS = (2, 3, 4)
 
@@ -213,9 +216,15 @@ class Recorder(Programs):
         if program.technique == "tiles":
             self._tiles(program, around, most)
             return
-        self.for_splats(program)
+        # layers and meshes are drawn in the order of depth
+        mixed = program.look.blend.ordered and (program.boxes or sheets is not None)
+        for options in choices(("LIMITED", "SLOTTED") if mixed and program.boxes else (), most):
+            self.for_splats(program, dict.fromkeys(options, True))
+        for count in LAYERS * mixed:
+            self.for_screen("layers_join.frag", program, {"LAYERS": count})
         if sheets is not None:
-            self.for_screen("sheet_close.frag", program, around)
+            for options in choices(("LIMITED", "PIECE") if mixed else (), most):
+                self.for_screen("sheet_close.frag", program, {**dict.fromkeys(options, True), **around})
             if program.look.blend.one_value:
                 self.for_screen("sheet_show.frag", program)
 
@@ -226,6 +235,7 @@ class Recorder(Programs):
             self.for_meshes(perspective, light)
         self.for_screen("surface_clear.frag")
         self.for_screen("surface_over.frag")
+        self.for_screen("slots_clear.frag")
 
     def screen(self) -> None:
         """Composes the programs of the resolve pass and of the window."""

@@ -2,6 +2,7 @@
 
 `scripts/test --all` repeats this file by OpenGL 3.3 and 4.1, which have no compute shaders, and by Zink;
 `scripts/driver_table.py` compares drivers.
+"""
 
 from __future__ import annotations
 
