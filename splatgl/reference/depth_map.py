@@ -436,7 +436,7 @@ class LayerField:
             samples, look = _search_samples(layer, sign), Look()
         else:
             samples, look = _absorbing_samples(layer, pre)
-        grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+        grid = Grid.of(volume)
         view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
         pixels = np.arange(camera.size[0] * camera.size[1])
         rays = Rays.of(view, camera, volume.shape[::-1], pixels, Clip.of(planes, grid))
@@ -520,7 +520,7 @@ def _opacities(layer: Layer) -> np.ndarray:
 def _absorbing_samples(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     """Values with their extinctions; or extinctions of voxels classified before reconstruction."""
     volume, look = layer.volume, layer.seen
-    unit = look.unit or Grid(volume.world_from_index, np.zeros(3)).mean_spacing
+    unit = look.unit or Grid.of(volume).mean_spacing
     values = np.asarray(volume.samples)
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)

@@ -17,15 +17,15 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.reference.blend import classify_values, join_values, joined_value, over_background
-from splatgl.reference.ray_integral import OPAQUE, dilate, distances, samples_of
+from splatgl.reference.ray_integral import OPAQUE, distances, samples_of
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import weight_extinction
 from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE, Clip
 from splatgl.splat.culling import clip_behind_eye
-from splatgl.splat.extract_values import PREFILTERED, gradients, prefilter, select_needed
-from splatgl.splat.grid import Grid, trilinear
+from splatgl.splat.extract_values import gradients, prefilter, select_needed
+from splatgl.splat.grid import Grid, dilate, trilinear
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
@@ -51,7 +51,7 @@ Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
     """The kernels' normalised sums of coefficients and gradients of all finite samples; NaN beyond their reach."""
     u = _values(volume, post)
-    c = prefilter(u, shape, PREFILTERED.get(shape.name, 0))
+    c = prefilter(u, shape)
     terms = _terms(volume, u, c, post)
 
     return partial(_kernel_mean, shape, post, partial(_look_up_terms, terms))
@@ -240,8 +240,10 @@ def field_integral(
     post = ValueClassifier.of(transfer, shape.name, volume.shape[::-1])
     if isinstance(field, str):
         field = trilinear_field(volume, post) if name == "trilinear" else kernel_field(volume, shape, post)
-    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
-    free = _free_distances(volume, post) if name != "formula" else np.zeros(volume.shape, np.uint8)
+    grid = Grid.of(volume)
+    free = np.zeros(volume.shape, np.uint8)
+    if name != "formula":
+        free = distances(dilate(select_needed(_values(volume, post), 2, post.wanted)[0]))
     unit = transfer.unit or grid.mean_spacing
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
@@ -275,7 +277,7 @@ def kept_field_integral(
     terms = np.column_stack([np.ones(len(records)), records["value"], records["gradient"] / splats.grid.mean_spacing])
     terms = np.concatenate([terms, np.zeros((1, 5))])
     field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_look_up_terms(entry, cell)])
-    free = distances(dilate(occupied, np.arange(-1, 2)))
+    free = distances(dilate(occupied))
     resolved = Resolved.of(clip_behind_eye(splats, camera), camera, settings)
     look = resolved.look
     cues = resolved.cues
@@ -286,12 +288,6 @@ def kept_field_integral(
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)
-
-
-def _free_distances(volume: Volume, post: ValueClassifier) -> np.ndarray:
-    """uint8 [D, H, W]: distances of voxels to voxels that may be near an opaque point."""
-    u = _values(volume, post)
-    return distances(dilate(select_needed(u, 2, post.wanted)[0], np.arange(-1, 2)))
 
 
 def _steps(rays: Rays, steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -200,7 +200,7 @@ class _Ray:
         volume = layer.volume
         if not isinstance(volume.samples, np.ndarray):
             raise expected(volume.name or "volume", "samples in memory or mapped", "some that are read in parts")
-        grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+        grid = Grid.of(volume)
         view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
         rays = Rays.of(view, camera, volume.shape[::-1], np.array([pixel]), Clip.of(planes, grid))
         world = float(rays.stretch[0]) * grid.mean_spacing
@@ -235,7 +235,7 @@ class _Ray:
         if mask is not None:
             places = self.start[:, None] + self.direction[:, None] * middle
             inside &= mask.keeps(places.T) if look.labels else mask.at(places) >= 0
-        unit = look.unit or Grid(self.layer.volume.world_from_index, np.zeros(3)).mean_spacing
+        unit = look.unit or Grid.of(self.layer.volume).mean_spacing
         value, extinction = np.fmax(first, last), np.zeros(len(middle))
         first, last = first[inside], last[inside]
         low, high = min(first.min(initial=np.inf), last.min(initial=np.inf)), value[inside].max(initial=-np.inf)

@@ -18,6 +18,7 @@ from splatgl.reference.blend import over_background
 from splatgl.reference.rays import box_ends, index_rays, pixel_slopes
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import clip_behind_eye
+from splatgl.splat.grid import dilate
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import apply_light
@@ -71,7 +72,7 @@ class Field:
             raise expected("splats", "at most one at each point of a lattice", "others", "use an extracted volume")
         depth = np.append(splats.records["optical_depth"].astype(np.float64), 0.0)
         emitted = depth[:, None] * np.concatenate([color, np.zeros((1, 3))])
-        return cls(kernel, table, low, depth, emitted, distances(dilate(table < len(places), -NEIGHBOURS)))
+        return cls(kernel, table, low, depth, emitted, distances(_within_reach(table < len(places))))
 
     def cells(self, places: np.ndarray) -> np.ndarray:
         """[3, P]: table indices of grid positions [3, P], rounded down."""
@@ -108,21 +109,18 @@ def distances(near: np.ndarray) -> np.ndarray:
     """uint8: Chebyshev distance in cells to the nearest True cell of `near`, at most LEAP."""
     free = np.where(near, 0, LEAP).astype(np.uint8)
     for away in range(1, LEAP):
-        wider = dilate(near, np.arange(-1, 2))
+        wider = dilate(near)
         free[wider & ~near] = away
         near = wider
     return free
 
 
-def dilate(held: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Dilation: occupied cells, shifted by all steps along all axes."""
+def _within_reach(held: np.ndarray) -> np.ndarray:
+    """bool: cells whose NEIGHBOURS contain an occupied cell."""
     for axis in range(held.ndim):
-        wider = np.zeros_like(held)
-        to, of = np.moveaxis(wider, axis, 0), np.moveaxis(held, axis, 0)
-        for step in steps.tolist():
-            n = max(len(to) - abs(step), 0)
-            to[max(step, 0) : max(step, 0) + n] |= of[max(-step, 0) : max(-step, 0) + n]
-        held = wider
+        near = dilate(held, (axis,))
+        np.moveaxis(near, axis, 0)[:-2] |= np.moveaxis(held, axis, 0)[2:]
+        held = near
     return held
 
 

@@ -16,14 +16,13 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Slab, Volume
 from splatgl.errors import InputError, expected
-from splatgl.splat.extract_values import extract_post
+from splatgl.splat.extract_values import extract_post, gradients
 from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
 from splatgl.splat.preintegration import (
     ValueClassifier,
     active_range,
-    clear_isolated,
     nearest_transparent,
     opaque_intervals,
 )
@@ -128,7 +127,7 @@ def extract(
         raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
     if classification not in ("auto", "pre", "post", "post-all", "post-lean"):
         raise expected("classification", "auto, pre, post, post-all or post-lean", repr(classification))
-    spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    spacing = Grid.of(volume).mean_spacing
     unit = transfer.unit or spacing
     if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
@@ -179,7 +178,7 @@ def why_only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | 
 TABLE_BYTES = 2
 # records computed at a time
 RECORDS = 1 << 16
-# differences below this may not be halved or multiplied exactly in float64
+# gradients below this may not be multiplied exactly in float64
 TINY = 2.0**-1000
 
 
@@ -235,7 +234,7 @@ def extract_pre(
 ) -> Splats:
     """Splats of all finite voxels with t > threshold, in row order; planes: of a slab."""
     depth = volume.shape[0]
-    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+    grid = Grid.of(volume)
     lookup = Lookup.of(transfer, volume.samples.dtype, threshold, record_type(volume.shape, post=False))
     unit = transfer.unit or grid.mean_spacing
     dropped = Dropped(volume.shape) if threshold > 0 else None
@@ -310,8 +309,12 @@ def _records(
     gradient = np.zeros((len(flat), 3))
     if (transfer.shading and part.normals is None) or transfer.gradient:
         # faces at the ends are lit; opacity by gradients would show them
-        opaque = None if transfer.gradient else opaque_intervals(transfer)
-        gradient = _gradient(slab.samples, flat, (x, y, z), opaque) @ np.linalg.inv(volume.world_from_index)
+        around = None if transfer.gradient else partial(nearest_transparent, opaque_intervals(transfer))
+        gradient = gradients(slab.samples, x, y, z, 2, around)
+        if not transfer.gradient:
+            # only directions matter, and tiny components may not be multiplied exactly
+            gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
+        gradient = gradient @ np.linalg.inv(volume.world_from_index)
     if transfer.gradient:
         opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
     everyone = opacity
@@ -334,45 +337,6 @@ def _records(
     if transfer.shading:
         records["normal"] = _snorm(gradient if part.normals is None else part.normals.of_voxels(x, y, z))
     return records, everyone
-
-
-def _gradient(
-    samples: np.ndarray,
-    flat: np.ndarray,
-    places: tuple[np.ndarray, np.ndarray, np.ndarray],
-    opaque: np.ndarray | None,
-) -> np.ndarray:
-    """[N, 3] per grid step along x, y, z: central differences where both neighbours exist, else one-sided, else 0.
-
-    opaque [n, 2]: intervals of values whose missing neighbours count as transparent; only directions matter then, and
-    gradients too small to be halved exactly are multiplied by 2^60.
-    """
-    values = samples.reshape(-1)
-    center = np.take(values, flat).astype(np.float64)
-    outside, within = (center, np.zeros(len(flat), bool)) if opaque is None else nearest_transparent(opaque, center)
-    gradient, gone = np.empty((len(flat), 3)), np.empty((2, len(flat), 3), bool)
-    steps = np.empty((len(flat), 3), np.int8)
-    depth, height, width = samples.shape
-    for axis, (index, count, stride) in enumerate(
-        zip(places, (width, height, depth), (1, width, height * width), strict=True)
-    ):
-        low_there, high_there = index > 0, index < count - 1
-        low = np.take(values, np.where(low_there, flat - stride, flat)).astype(np.float64)
-        high = np.take(values, np.where(high_there, flat + stride, flat)).astype(np.float64)
-        if values.dtype.kind == "f":
-            low_there, high_there = low_there & np.isfinite(low), high_there & np.isfinite(high)
-        low, high = np.where(low_there, low, outside), np.where(high_there, high, outside)
-        gone[:, :, axis] = ~low_there, ~high_there
-        alone = gone[:, :, axis].all(axis=0)
-        steps[:, axis] = np.where(
-            (outside != center) & ~alone, 2, np.maximum(low_there.astype(np.int8) + high_there, 1)
-        )
-        # both faces of a single plane are alike
-        gradient[:, axis] = np.where(alone, center - outside, high - low)
-    if opaque is not None and values.dtype.kind == "f" and values.dtype.itemsize > 4:
-        gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
-    gradient /= steps
-    return clear_isolated(gradient, gone, within)
 
 
 def _snorm(gradient: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from splatgl.data.volume import Places, Volume
-from splatgl.splat.grid import Grid
+from splatgl.splat.grid import Grid, dilate
 from splatgl.splat.kernels import FREE, Kernel
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.preintegration import ValueClassifier, clear_isolated
@@ -133,8 +133,7 @@ def _gaps(part: Samples, post: ValueClassifier) -> np.ndarray:
     """Places [N, 3] (x, y, z) of missing voxels within reach of the kernels of voxels that opaque points need."""
     reached = select_needed(part.u, 1, post.wanted)[1] & np.isfinite(part.u)
     for _ in range(KERNEL_REACH):
-        for axis in range(3):
-            reached = _dilate(reached, axis)
+        reached = dilate(reached)
     places = np.argwhere((reached & ~np.isfinite(part.u))[part.own])
     return np.asarray((places + [a + (axis.start or 0) for a, axis in zip(part.first, part.own, strict=True)])[:, ::-1])
 
@@ -156,7 +155,7 @@ def gaps_of(volume: Volume, post: ValueClassifier, layers: list[list[Box]]) -> n
 
 def post_splats(volume: Volume, post: ValueClassifier, records: np.ndarray, gaps: np.ndarray | None = None) -> Splats:
     """Splats made of a volume's records. gaps [N, 3]: see `box_records`."""
-    grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+    grid = Grid.of(volume)
     splats = assemble(records, records["position"], grid, grid.mean_spacing, volume.name).with_classifier(post)
     if gaps is None:
         return replace(splats, mask=MaskField.of(volume))
@@ -185,7 +184,6 @@ def post_records(
     """Records, in row order, of the finite voxels that `post` wants in a part without its halo. near: which of these
     affect unmasked places; None: all.
     """
-    steps = PREFILTERED.get(kernel.name, 0)
     u, first, inner = part
     keep, beside = select_needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
     wanted = keep[inner] & np.isfinite(u[inner])
@@ -199,8 +197,8 @@ def post_records(
     inside = tuple(place + (part.start or 0) for place, part in zip(places, inner, strict=True))
     box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
     around = post.around if post.faced else None
-    values = Values(u, prefilter(u[box], kernel, steps), beside, tuple(part.start for part in box), around)
-    spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    values = Values(u, prefilter(u[box], kernel), beside, tuple(part.start for part in box), around)
+    spacing = Grid.of(volume).mean_spacing
     world = np.linalg.inv(volume.world_from_index) * spacing
     in_parts(len(records), RECORDS, partial(_fill, records, values, inside, first, world))
     return records
@@ -248,12 +246,13 @@ def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
     return post.relative(samples if samples.dtype.kind in "bui" else np.where(np.isfinite(samples), samples, np.nan))
 
 
-def prefilter(u: np.ndarray, kernel: Kernel, steps: int) -> np.ndarray:
+def prefilter(u: np.ndarray, kernel: Kernel) -> np.ndarray:
     """Coefficients whose kernel means pass near the samples u [D, H, W]; means leave out NaN and places beyond the
     ends.
 
     c ← c + u − k∗c/Σk, within `_limits`, so that no mean leaves the range of the samples around it.
     """
+    steps = PREFILTERED.get(kernel.name, 0)
     if steps == 0:
         return u
     finite = np.isfinite(u)
@@ -417,22 +416,11 @@ def select_needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.nd
     """
     keep, near = np.zeros(u.shape, bool), np.zeros(u.shape, bool)
     for start, end in wanted.astype(np.float64).tolist():
-        above, below = u >= np.float64(start), u <= np.float64(end)
-        for axis in range(3):
-            above, below = _dilate(above, axis), _dilate(below, axis)
+        above, below = dilate(u >= np.float64(start)), dilate(u <= np.float64(end))
         near |= above & below
         for axis in range(3) if around > 1 else ():
-            keep |= _dilate(above, axis) & _dilate(below, axis)
+            keep |= dilate(above, (axis,)) & dilate(below, (axis,))
     return keep | near, near
-
-
-def _dilate(mask: np.ndarray, axis: int) -> np.ndarray:
-    """True where the mask or a neighbour along the axis is True."""
-    a = np.moveaxis(mask, axis, 0)
-    result = a.copy(order="K")
-    result[1:] |= a[:-1]
-    result[:-1] |= a[1:]
-    return np.moveaxis(result, 0, axis)
 
 
 def extremes(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -457,25 +445,26 @@ def gradients(
     """[N, 3] per grid step along x, y, z: differences of order 4 or 2, central where a sample is missing, one-sided at
     the edges. around: maps u [N] to the values of missing neighbours, and to whether u is opaque.
     """
-    flat = u.ravel()
+    flat, reach = u.ravel(), order // 2
     base = (z * u.shape[1] + y) * u.shape[2] + x
     center = flat[base].astype(np.float64)
     gradient, gone = np.zeros((len(center), 3)), np.zeros((2, len(center), 3), bool)
     outside, opaque = around(center) if around else (center, np.zeros(len(center), bool))
+    filled = outside != center
     for axis, (index, stride) in enumerate(((x, 1), (y, u.shape[2]), (z, u.shape[1] * u.shape[2]))):
         last = u.shape[2 - axis] - 1
-        if order == 4 and len(index) and index.min() >= 2 and index.max() <= last - 2:
-            before, below, above, after = (np.take(flat, base + n * stride).astype(np.float64) for n in (-2, -1, 1, 2))
-            gradient[:, axis] = (8 * (above - below) - (after - before)) / 12
+        inner = len(index) > 0 and index.min() >= reach and index.max() <= last - reach
+        at = {}
+        for step in (*range(-reach, 0), *range(1, reach + 1)):
+            moved = step if inner else np.clip(index + step, 0, last) - index
+            at[step] = np.take(flat, base + moved * stride).astype(np.float64)
+            if not inner:
+                at[step][moved != step] = np.nan
+        if inner:
+            gradient[:, axis] = _central_difference(at, order)
             if np.isfinite(gradient[:, axis]).all():
                 continue
-        at = {}
-        for step in (-2, -1, 1, 2):
-            value = flat[base + (np.clip(index + step, 0, last) - index) * stride].astype(np.float64)
-            value[(index + step < 0) | (index + step > last)] = np.nan
-            at[step] = value
         gone[:, :, axis] = ~np.isfinite(at[-1]), ~np.isfinite(at[1])
-        filled = outside != center
         alone = filled & gone[:, :, axis].all(axis=0)
         for value in at.values():
             np.copyto(value, outside, where=filled & ~np.isfinite(value))
@@ -484,10 +473,17 @@ def gradients(
     return clear_isolated(gradient, gone, opaque) if gone.any() else gradient
 
 
+def _central_difference(at: dict[int, np.ndarray], order: int) -> np.ndarray:
+    """Differences [N] of order 4 or 2 from values at steps −2 … 2; NaN where a value is."""
+    if order == 2:
+        return (at[1] - at[-1]) / 2
+    return (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / 12
+
+
 def _difference(at: dict[int, np.ndarray], center: np.ndarray, order: int) -> np.ndarray:
-    """Differences [N] of order 4 or 2 from values at steps −2 … 2; of lower order where some are NaN."""
+    """Differences [N] of order 4 or 2; of lower order where values are NaN."""
     below, above = np.isfinite(at[-1]), np.isfinite(at[1])
     low, high = np.where(below, at[-1], center), np.where(above, at[1], center)
     first = (high - low) / np.maximum(below.astype(int) + above, 1)
-    fourth = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / 12 if order == 4 else first
+    fourth = _central_difference(at, 4) if order == 4 else first
     return np.where(np.isfinite(fourth), fourth, first)

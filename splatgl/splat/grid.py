@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from splatgl.data.volume import Volume
     from splatgl.splat.splats import Splats
 
 
@@ -112,6 +114,11 @@ class Grid:
     world_from_index: np.ndarray
     origin: np.ndarray
 
+    @classmethod
+    def of(cls, volume: Volume) -> Grid:
+        """The grid of a volume's voxels."""
+        return cls(volume.world_from_index, np.asarray(volume.origin))
+
     @property
     def mean_spacing(self) -> float:
         """|det A|^(1/3): the side of the cube with a voxel's volume; the unit of length in GL."""
@@ -136,6 +143,17 @@ class Grid:
 def corners_of(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The eight corners [8, 3] of the box between two [3]."""
     return np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
+
+
+def dilate(mask: np.ndarray, axes: Sequence[int] = (0, 1, 2)) -> np.ndarray:
+    """True where the mask or a neighbour along the axes, also diagonally, is True."""
+    for axis in axes:
+        a = np.moveaxis(mask, axis, 0)
+        result = a.copy(order="K")
+        result[1:] |= a[:-1]
+        result[:-1] |= a[1:]
+        mask = np.moveaxis(result, 0, axis)
+    return mask
 
 
 def trilinear(field: np.ndarray, place: np.ndarray) -> np.ndarray:

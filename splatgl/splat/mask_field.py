@@ -19,7 +19,7 @@ from splatgl.data.volume import Places, Volume
 from splatgl.errors import expected
 from splatgl.fileio import format_bytes
 from splatgl.splat.clipping import FLUSH
-from splatgl.splat.grid import Grid, trilinear
+from splatgl.splat.grid import Grid, dilate, trilinear
 
 # the mask at which matter ends
 EDGE = 0.5
@@ -70,7 +70,7 @@ class MaskField:
             high = np.minimum(gaps.max(axis=0) + 1 + AROUND, volume.shape[::-1])
             if int((high - low).prod(dtype=np.int64)) > MOST:
                 return None
-            grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+            grid = Grid.of(volume)
             x, y, z = low.tolist()
             kept = np.full((high - low)[::-1], 255, np.uint8)
             mask = cls(kept, (x, y, z), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
@@ -105,7 +105,7 @@ class MaskField:
         (z0, y0, x0), (z1, y1, x1) = low.tolist(), high.tolist()
         for z, plane in _planes(volume, (z0, y0, x0), (z1, y1, x1)):
             kept[z - z0] = plane * np.uint8(255)
-        grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+        grid = Grid.of(volume)
         return cls(kept, (x0, y0, z0), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
 
     @cached_property
@@ -161,13 +161,8 @@ class MaskField:
         near = np.zeros(last - first, bool)
         z, y, x = (slice(a, a + n) for a, n in zip(low - first, self.kept.shape, strict=True))
         near[z, y, x] = self.kept > 0
-        for axis in range(3):
-            count = np.cumsum(near, axis=axis, dtype=np.int32)
-            size = near.shape[axis]
-            ends = np.minimum(np.arange(size) + REACH, size - 1)
-            starts = np.arange(size) - REACH - 1
-            before = np.where((starts < 0).reshape([-1 if axis == n else 1 for n in range(3)]), 0, 1)
-            near = count.take(ends, axis) - before * count.take(np.maximum(starts, 0), axis) > 0
+        for _ in range(REACH):
+            near = dilate(near)
         return near, first
 
     def near(self, low: Places, high: Places) -> np.ndarray:

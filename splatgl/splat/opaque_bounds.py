@@ -68,7 +68,7 @@ class Opaque:
             return None
         records = np.zeros(len(ends), record)
         records["position"] = ends
-        grid = Grid(volume.world_from_index, np.asarray(volume.origin))
+        grid = Grid.of(volume)
         return assemble(records, ends, grid, grid.mean_spacing, volume.name)
 
     def _opaque(self, slab: Slab, keeps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

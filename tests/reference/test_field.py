@@ -13,7 +13,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.reference.field import field_integral, kept_field_integral, kernel_field, trilinear_field
-from splatgl.splat.extract_values import PREFILTERED, margin_of, prefilter
+from splatgl.splat.extract_values import margin_of, prefilter
 from splatgl.splat.kernels import FREE, kernel
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.resolve import select_splats
@@ -202,7 +202,7 @@ STEEP = {
 
 
 def coefficients(samples: np.ndarray, name: str = "b-spline") -> np.ndarray:
-    return prefilter(np.asarray(samples, np.float32), kernel(name), PREFILTERED[name])
+    return prefilter(np.asarray(samples, np.float32), kernel(name))
 
 
 def means(c: np.ndarray, places: np.ndarray) -> np.ndarray:
