@@ -18,10 +18,6 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import colors_at
 from splatgl.splat.culling import Window
 from splatgl.splat.lighting import Light, surface_light
-from splatgl.splat.resolve import Resolved
-from splatgl.splat.scene import check_layer
-from splatgl.splat.settings import Settings
-from splatgl.splat.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +38,6 @@ class LayerScene:
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
         """Light [P, 4] of a window's pixels between distances [P], world units."""
         return merge_pieces([layer.pieces(window, near, far) for layer in self.layers])
-
-
-def resolve_layer(splats: Splats, camera: Camera, settings: Settings) -> Resolved:
-    """Resolved settings of one layer of several. Raises InputError for a layer that composites splat by splat."""
-    resolved = Resolved.of(splats, camera, settings)
-    check_layer(resolved, splats.name)
-    return resolved
 
 
 def merge_pieces(layers: Sequence[Pieces]) -> np.ndarray:

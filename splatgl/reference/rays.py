@@ -80,7 +80,9 @@ def _bounds(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> tupl
         length = np.sqrt((voxel * voxel).sum(axis=0))
         square = (size / np.maximum(np.hypot(length, size), 1e-300) * length) ** 2
         return _outline(voxel, corner, (square, square, square, 0.0, 0.0))
-    low, high = _outline(voxel, corner, _ellipsoid(view))
+    # R² A Aᵀ, an ellipsoid that contains the kernel
+    q = view.kernel.radius**2 * view.eye_from_index @ view.eye_from_index.T
+    low, high = _outline(voxel, corner, (q[0, 0], q[1, 1], q[2, 2], q[0, 2], q[1, 2]))
     widened = view.is_widened(z)
     some = _widened_bounds(view, row, voxel[:, widened], corner)
     low[:, widened], high[:, widened] = some
@@ -92,13 +94,8 @@ def _half_axes(view: GridView, size: np.ndarray) -> np.ndarray:
     return np.asarray(view.kernel.radius * np.sqrt((view.axes**2) @ (size * size)))
 
 
+# xx, yy, zz, xz and yz of a quadratic form
 Quadric = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | float, np.ndarray | float]
-
-
-def _ellipsoid(view: GridView) -> Quadric:
-    """R² A Aᵀ, an ellipsoid that contains the kernel: its xx, yy, zz, xz and yz."""
-    q = view.kernel.radius**2 * view.eye_from_index @ view.eye_from_index.T
-    return q[0, 0], q[1, 1], q[2, 2], q[0, 2], q[1, 2]
 
 
 def _outline(voxel: np.ndarray, corner: np.ndarray, quadric: Quadric) -> tuple[np.ndarray, np.ndarray]:
@@ -253,7 +250,8 @@ def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window
     left, right = np.maximum(boxes.left, window.x), np.minimum(boxes.right, window.x + window.width)
     visible = order[((right > left) & (bottom > top))[order]]
     count = (right - left)[visible] * (bottom - top)[visible]
-    for chunk in np.split(visible, _chunk_bounds(count)):
+    chunks = np.flatnonzero(np.diff(np.cumsum(count) // PAIRS)) + 1
+    for chunk in np.split(visible, chunks):
         lines, line = _unroll(top[chunk], bottom[chunk])
         owner = chunk[lines]
         spans, column = _unroll(left[owner], right[owner])
@@ -262,12 +260,6 @@ def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window
         hit = np.flatnonzero(integral.value > 0)
         pixel = (line[hit] - window.y) * window.width + column[hit] - window.x
         yield Values(splat[hit], pixel, Integral(integral.value[hit], integral.peak[hit]))
-
-
-def _chunk_bounds(count: np.ndarray) -> np.ndarray:
-    """Chunk boundaries for splats with `count` [N] pairs, about PAIRS per chunk."""
-    part = np.cumsum(count) // PAIRS
-    return np.flatnonzero(np.diff(part)) + 1
 
 
 def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

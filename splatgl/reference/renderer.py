@@ -17,7 +17,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.errors import expected
 from splatgl.reference.blend import ADD, Band, Part, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
-from splatgl.reference.layers import LayerScene, SurfaceScene, resolve_layer
+from splatgl.reference.layers import LayerScene, SurfaceScene
 from splatgl.reference.rays import Boxes, Row, may_reach, pair_values, pixel_boxes
 from splatgl.reference.sheets import SheetScene
 from splatgl.splat.bricks import Bricks
@@ -29,7 +29,7 @@ from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
 from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
-from splatgl.splat.scene import Scene, common_samples, join_pictures, with_shared_casters
+from splatgl.splat.scene import Scene, check_layer, common_samples, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats, record_type
 
@@ -110,7 +110,9 @@ def _prepare_layers(
         if meshes:
             raise expected("meshes", "blend composite", settings.blend)
         return [_prepare(splats, camera, look.but(background=None), windows=windows)[0][0] for splats, look in layers]
-    resolved = with_shared_casters([resolve_layer(splats, camera, look) for splats, look in layers], layers)
+    resolved = with_shared_casters([Resolved.of(splats, camera, look) for splats, look in layers], layers)
+    for (splats, _), look in zip(layers, resolved, strict=True):
+        check_layer(look, splats.name)
     near = [(_select_reaching(layer[0], look, windows), look) for layer, look in zip(layers, resolved, strict=True)]
     shown = [layer for layer in near if len(layer[0])] or near[:1] if windows else near
     scenes = [BoxScene(*layer) if layer[1].boxes else SheetScene(*layer) for layer in shown]

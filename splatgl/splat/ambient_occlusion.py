@@ -190,12 +190,35 @@ class LightVolume:
     @property
     def key(self) -> tuple[object, ...]:
         """Cache key: equal for equal light of the same splats."""
-        return self.occlusion, self.shadows, *_key(self.casters, self.occlusion > 0, self.light)
+        return self.occlusion, self.shadows, *self._key
+
+    @property
+    def _key(self) -> tuple[object, ...]:
+        direction = None if self.light is None else tuple(np.round(self.light, 9).tolist())
+        casters = tuple((Same(s.records), s.post and Same(s.post), planes) for s, planes in self.casters)
+        return casters, self.occlusion > 0, direction
 
     @cached_property
     def fields(self) -> Fields:
         """The light in the cells, computed once for the same splats and light."""
-        return _cached_fields(self.casters, self.occlusion > 0, self.light)
+        key, first = self._key, self.casters[0][0]
+        cached = _latest.setdefault(first, [])
+        same = next((fields for fields in cached if fields.key == key), None)
+        if same is not None:
+            return same
+        # reuse the grids of the same splats in another light
+        started = time.perf_counter()
+        near = next((fields for fields in cached if fields.key[0] == key[0]), None)
+        coarse = near.coarse if near else Coarse.of(self.casters)
+        sky = shade = None
+        if self.occlusion > 0:
+            sky = near.sky if near and near.sky is not None else compute_sky(coarse)
+        if self.light is not None:
+            side = coarse.cells.mean_spacing
+            shade = Sweep.of(coarse, self.light).transmittance(LIGHT_BEGINS * side, FAR * side)
+        fields = Fields(coarse, sky, shade, key, time.perf_counter() - started)
+        _latest[first] = [fields, *cached][:MOST_LATEST]
+        return fields
 
     @property
     def cell_from_index(self) -> tuple[np.ndarray, np.ndarray]:
@@ -232,30 +255,6 @@ class LightVolume:
         if self.fields.shade is not None:
             light = 1 - self.shadows * (1 - trilinear(self.fields.shade[..., None], place)[:, 0])
         return sky, light
-
-
-def _key(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> tuple[object, ...]:
-    direction = None if light is None else tuple(np.round(light, 9).tolist())
-    return tuple((Same(s.records), s.post and Same(s.post), planes) for s, planes in casters), sky, direction
-
-
-def _cached_fields(casters: Sequence[Caster], sky: bool, light: np.ndarray | None) -> Fields:
-    key, first = _key(casters, sky, light), casters[0][0]
-    cached = _latest.setdefault(first, [])
-    same = next((fields for fields in cached if fields.key == key), None)
-    if same is not None:
-        return same
-    # reuse the grids of the same splats in another light
-    started = time.perf_counter()
-    near = next((fields for fields in cached if fields.key[0] == key[0]), None)
-    coarse = near.coarse if near else Coarse.of(casters)
-    visible = (near.sky if near else None) if sky else None
-    visible = compute_sky(coarse) if sky and visible is None else visible
-    side = coarse.cells.mean_spacing
-    shade = None if light is None else Sweep.of(coarse, light).transmittance(LIGHT_BEGINS * side, FAR * side)
-    fields = Fields(coarse, visible, shade, key, time.perf_counter() - started)
-    _latest[first] = [fields, *cached][:MOST_LATEST]
-    return fields
 
 
 def sky_directions() -> tuple[np.ndarray, np.ndarray]:

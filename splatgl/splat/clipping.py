@@ -94,7 +94,7 @@ class Clip:
 
     def meets(self, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether the planes may keep any position of a box from low to high [3], grid indices."""
-        return bool((np.where(self.g > 0, high, low) * self.g).sum(axis=1).__ge__(self.place).all())
+        return bool(((np.where(self.g > 0, high, low) * self.g).sum(axis=1) >= self.place).all())
 
     def along(self, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distances [P] at which rays enter and leave the kept space, and the index [P] of the plane where they enter.
@@ -227,7 +227,11 @@ def index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
 def _parse_condition(text: str, box: Box) -> tuple[float, ...]:
     compact = text.replace(" ", "")
     if ":" in compact:
-        return _parse_point_and_normal(text, compact)
+        try:
+            point, normal = (np.array([float(n) for n in part.split(",")]) for part in compact.split(":"))
+            return (*normal.tolist(), float(normal @ point))
+        except ValueError:
+            raise expected("clip", CONDITION, repr(text)) from None
     match = COMPARED.fullmatch(compact)
     terms = TERM.findall(match[1]) if match else []
     if not match or "".join("".join(term) for term in terms) != match[1].replace("*", ""):
@@ -247,14 +251,6 @@ def _parse_condition(text: str, box: Box) -> tuple[float, ...]:
         normal = normal / (box.high - box.low)
         place = number + float(normal @ box.low)
     return (*(sign * normal).tolist(), sign * place)
-
-
-def _parse_point_and_normal(text: str, compact: str) -> tuple[float, ...]:
-    try:
-        point, normal = (np.array([float(n) for n in part.split(",")]) for part in compact.split(":"))
-        return (*normal.tolist(), float(normal @ point))
-    except ValueError:
-        raise expected("clip", CONDITION, repr(text)) from None
 
 
 def _world_units(unit: str, volume_unit: str, text: str) -> float:

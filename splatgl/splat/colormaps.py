@@ -78,6 +78,14 @@ def colormap(name: str) -> np.ndarray:
     return table
 
 
+def interpolate_map(table: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Linear RGB [..., 3] at places [...] from 0 to 1 in a table of colours."""
+    at = place * (len(table) - 1)
+    below = np.minimum(at.astype(np.intp), len(table) - 2)
+    part = (at - below)[..., None]
+    return np.asarray(table[below] * (1.0 - part) + table[below + 1] * part)
+
+
 def base_name(name: str) -> str:
     """Name of the map without a part: "NAME" of "NAME[LOW:HIGH]"."""
     part = PART.fullmatch(name)
@@ -170,11 +178,6 @@ COLORS = (
 TURN = 0.618034
 # rounds after which hues repeat, to keep float64's digits for 64-bit numbers
 TURNS = 1_000_003
-
-
-def color_of(number: int) -> str:
-    """Default colour of a label number, the same in every file."""
-    return colors_of([number])[0]
 
 
 def colors_of(numbers: Sequence[int]) -> list[str]:

@@ -307,9 +307,10 @@ def visible_boxes(splats: Splats, resolved: Resolved) -> Splats:
 
 def _is_exposed(splats: Splats, hiding: float) -> np.ndarray:
     """bool [N]: whether some side of a splat has less than optical depth `hiding`, in cells of a mean spacing."""
-    cells = _cells(splats)
-    shape = cells.max(axis=0) + 1 if len(splats) else np.zeros(3, np.int64)
-    if not 0 < np.prod(shape, dtype=np.float64) <= CELLS:
+    cells = splats.cells.astype(np.int64)
+    cells -= cells.min(axis=0)
+    shape = cells.max(axis=0) + 1
+    if np.prod(shape, dtype=np.float64) > CELLS:
         return np.ones(len(splats), bool)
     depth = np.zeros(shape, np.float32)
     depth[tuple(cells.T)] = splats.records["optical_depth"]
@@ -330,12 +331,6 @@ def eye_is_outside(splats: Splats, eye: np.ndarray, margin: float = 0.0) -> bool
     low, high = splats.index_bounds + np.array([[-margin], [margin]])
     place = splats.grid.index_from_world(eye)
     return bool((place < low).any() or (place > high).any())
-
-
-def _cells(splats: Splats) -> np.ndarray:
-    """Cell indices [N, 3], counted from the lowest."""
-    cells = splats.cells.astype(np.int64)
-    return np.asarray(cells - cells.min(axis=0)) if len(cells) else cells
 
 
 def _min_filter(array: np.ndarray, axis: int) -> np.ndarray:

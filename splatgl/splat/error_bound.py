@@ -57,11 +57,6 @@ class PlacementError:
     level: float = 0.0
 
 
-def largest_error(lookup: Lookup, placement: PlacementError) -> float:
-    """The largest error of any fragment, over F(0)."""
-    return float(_deviation(lookup, placement).max())
-
-
 def accumulated_error(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
     """The largest accumulated error along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ."""
     missed = _deviation(lookup, placement)
@@ -284,8 +279,8 @@ def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met:
     # a highlight is a power of a cosine
     arithmetic = ARITHMETIC * 2.0**program.look.light.sharpness + GATHERED * (program.technique == "tiles")
     if blend.peak:
-        share = (largest_error(plan.lookup, placement) + HALF_LINE * half_line + arithmetic) * _largest_opacity(splats)
-        return min(share, 1.0)
+        largest = float(_deviation(plan.lookup, placement).max()) + HALF_LINE * half_line + arithmetic
+        return min(largest * _largest_opacity(splats), 1.0)
     # an X-ray is a plain sum
     weight, deep = (0.5 if blend.ordered else brightest), met.depth
     if plan.resolved.sheets is not None:
@@ -294,7 +289,10 @@ def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met:
         weight, deep = DWELT[0], DWELT[1] * met.depth
     share = accumulated_error(plan.lookup, placement, weight, deep)
     if half_line:
-        share += _half_line_error(splats) * float(plan.kernel.footprint(np.zeros(())))
+        # in optical depth, over kernels around the eye
+        cells, error = cells_of(splats), HALF_LINE * splats.total_depth
+        error = min(error, AROUND * cells.depth) if cells.aligned else error
+        share += error * float(plan.kernel.footprint(np.zeros(())))
     return share + arithmetic * max(weight, 1.0)
 
 
@@ -304,13 +302,6 @@ def _displacement_error(splats: Splats, plan: Plan) -> float:
         return 0.0
     far = np.abs(plan.resolved.sheets.places(plan.view, splats.corners_in_grid())).max()
     return DISPLACED * PLACE_DIGITS * ULP * float(far)
-
-
-def _half_line_error(splats: Splats) -> float:
-    """Total error of the half-line table over kernels around the eye, in optical depth."""
-    cells = cells_of(splats)
-    relative = HALF_LINE * splats.total_depth
-    return min(relative, AROUND * cells.depth) if cells.aligned else relative
 
 
 def _placement_error(splats: Splats, view: GridView, plan: Plan) -> PlacementError:

@@ -49,13 +49,15 @@ def form_c(splat: Splat) -> np.ndarray:
 
 def form_b(splat: Splat) -> np.ndarray:
     """m⁻² (sec_p/q_v) F(√(|E|² − (E·a_v)²/q_v²)): an ellipse on the image plane, valid for z_v ≥ z_k."""
-    return _elliptic(splat, splat.sec_p)
+    e, a, _ = _perspective_line(splat)
+    return _oblique(splat, e, a, splat.sec_p)
 
 
 def form_b1(splat: Splat) -> np.ndarray:
     """`b` with the length of the voxel's ray for the pixel's: a texture times an alpha, the cost of row 5."""
     sec_v = np.sqrt(1 + _dot(splat.voxel[..., :2], splat.voxel[..., :2]) / splat.z**2)
-    return _elliptic(splat, sec_v)
+    e, a, _ = _perspective_line(splat)
+    return _oblique(splat, e, a, sec_v)
 
 
 def form_bprime(splat: Splat) -> np.ndarray:
@@ -103,12 +105,6 @@ def _perspective_line(splat: Splat) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     m = splat.m[..., None]
     a = splat.voxel[..., :2] / (splat.z[..., None] * m)
     return splat.offset / m, a, 1 + _dot(a, a)
-
-
-def _elliptic(splat: Splat, seconds: np.ndarray) -> np.ndarray:
-    e, a, q2 = _perspective_line(splat)
-    d2 = _dot(e, e) - _dot(e, a) ** 2 / q2
-    return splat.gain * seconds / np.sqrt(q2) * splat.kernel.footprint(np.sqrt(np.maximum(d2, 0.0)))
 
 
 def _on_ray_plane(splat: Splat) -> tuple[np.ndarray, np.ndarray]:

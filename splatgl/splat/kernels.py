@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -407,33 +407,14 @@ CUBICS = 4096
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """A kernel whose footprint F(d) is interpolated by cubics; everything else is the kernel `exact`."""
+    """A kernel whose footprint F(d) is interpolated by cubics; everything else is that of the exact kernel."""
 
-    exact: Kernel
+    name: str
+    radius: float
+    knots: tuple[float, ...]
+    value: Callable[[np.ndarray], np.ndarray]
+    partial: Callable[[np.ndarray, np.ndarray], np.ndarray]
     tables: tuple[np.ndarray, ...]
-
-    @property
-    def name(self) -> str:
-        """Identifier of the exact kernel."""
-        return self.exact.name
-
-    @property
-    def radius(self) -> float:
-        """R of the exact kernel."""
-        return self.exact.radius
-
-    @property
-    def knots(self) -> tuple[float, ...]:
-        """Knots of the exact kernel, the limits of the tables."""
-        return self.exact.knots
-
-    def value(self, r: np.ndarray) -> np.ndarray:
-        """g(r) of the exact kernel, any shape."""
-        return self.exact.value(r)
-
-    def partial(self, d: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """P_d(t) of the exact kernel."""
-        return self.exact.partial(d, t)
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
         """F(d) from the tables, d ≥ 0, any shape; 0 for d ≥ R."""
@@ -441,7 +422,11 @@ class Tabulated:
         values, low = np.zeros(d.shape), 0.0
         for knot, table in zip(self.knots, self.tables, strict=True):
             inside = (d >= low) & (d < knot)
-            values[inside] = _look_up(table, np.sqrt((knot - d[inside]) / (knot - low)))
+            place = np.sqrt((knot - d[inside]) / (knot - low)) * CUBICS
+            cell = np.minimum(place.astype(np.intp), CUBICS - 1)
+            place -= cell
+            c = np.take(table, cell, axis=0)
+            values[inside] = ((c[..., 3] * place + c[..., 2]) * place + c[..., 1]) * place + c[..., 0]
             low = knot
         return values
 
@@ -450,7 +435,8 @@ class Tabulated:
 def tabulate(name: str) -> Tabulated:
     """The named kernel with a tabulated footprint, cached. Raises InputError for an unknown name."""
     exact = kernel(name)
-    return Tabulated(exact, tuple(_table(exact, low, knot) for low, knot in pairwise((0.0, *exact.knots))))
+    tables = tuple(_table(exact, low, knot) for low, knot in pairwise((0.0, *exact.knots)))
+    return Tabulated(name, exact.radius, exact.knots, exact.value, exact.partial, tables)
 
 
 def _table(exact: Kernel, low: float, knot: float) -> np.ndarray:
@@ -460,11 +446,3 @@ def _table(exact: Kernel, low: float, knot: float) -> np.ndarray:
     # the cubic through four equidistant values, in p ∈ [0, 1) between the outer ones
     values = np.stack([f[0:-1:3], f[1::3], f[2::3], f[3::3]], axis=1)
     return np.asarray(values @ np.linalg.inv(np.vander(np.arange(4) / 3, increasing=True)).T)
-
-
-def _look_up(table: np.ndarray, x: np.ndarray) -> np.ndarray:
-    place = x * CUBICS
-    cell = np.minimum(place.astype(np.intp), CUBICS - 1)
-    place -= cell
-    c = np.take(table, cell, axis=0)
-    return np.asarray(((c[..., 3] * place + c[..., 2]) * place + c[..., 1]) * place + c[..., 0])

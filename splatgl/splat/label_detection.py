@@ -150,7 +150,7 @@ def _whole_triples(volume: Volume) -> list[np.ndarray] | None:
     triples = [np.concatenate(rows, axis=1) for rows in by_axis]
     if finest.count <= MOST and _count_informative(triples) < ENOUGH:
         triples = _add_triples(finest, triples)
-    return [_drop_missing(rows) for rows in triples]
+    return [rows[:, np.isfinite(rows).all(axis=0)] for rows in triples]
 
 
 def _rows(block: np.ndarray, step: int) -> list[np.ndarray]:
@@ -200,9 +200,3 @@ def _add_triples(volume: Volume, triples: list[np.ndarray]) -> list[np.ndarray]:
         if count >= MORE:
             break
     return [np.concatenate(rows, axis=1) for rows in by_axis]
-
-
-def _drop_missing(rows: np.ndarray) -> np.ndarray:
-    if rows.dtype.kind != "f":
-        return rows
-    return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])

@@ -132,11 +132,6 @@ class BlurTable:
     texels: np.ndarray
 
     @property
-    def bytes(self) -> int:
-        """Bytes of all texels."""
-        return self.texels.nbytes
-
-    @property
     def packed(self) -> np.ndarray:
         """[ROWS − 1, COLUMNS + 1, 4]: each row interleaved with the next, so that one fetch reads both."""
         return np.concatenate([self.texels[:-1], self.texels[1:]], axis=-1)

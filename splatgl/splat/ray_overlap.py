@@ -71,38 +71,27 @@ class Cells:
 
 def ray_overlap(splats: Splats, view: GridView, astray: float = 0.0) -> RayOverlap:
     """The largest overlap of any ray, for at least one splat. astray: largest displacement of a splat, grid steps."""
-    reach, cells = _Reach.of(splats, view, astray), cells_of(splats)
-    by_planes = _overlap_by_planes(splats, view, reach)
+    # reach of a splat from its centre, grid steps
+    radius, cells = view.kernel.radius + astray, cells_of(splats)
+    by_planes = _overlap_by_planes(splats, view, radius)
     if cells.groups is None:
         return by_planes
-    by_places = _overlap_by_places(cells.groups, view, reach)
+    by_places = _overlap_by_places(cells.groups, view, radius)
     return RayOverlap(min(by_planes.count, by_places.count), min(by_planes.depth, by_places.depth))
 
 
-@dataclass(frozen=True, eq=False)
-class _Reach:
-    """far: distance of the furthest splat. longest: longest reach of a kernel of unit radius. stretch: area of the
-    widest footprint over its unwidened area. radius: reach of a splat from its centre, grid steps.
-    """
-
-    far: float
-    longest: float
-    stretch: float
-    radius: float
-
-    @classmethod
-    def of(cls, splats: Splats, view: GridView, astray: float) -> _Reach:
-        corners, stretch = view.box(splats), 1.0
-        if view.antialias:
-            widest = view.pitch * (float(corners[2].max()) if view.perspective else 1.0)
-            stretch = float(np.maximum(widest / view.widths, 1.0).prod())
-        far = float(np.linalg.norm(corners, axis=0).max())
-        return cls(far, float(np.linalg.norm(view.eye_from_index, ord=2)), stretch, view.kernel.radius + astray)
+def _longest_reach(view: GridView) -> float:
+    """Longest reach of a kernel of unit radius."""
+    return float(np.linalg.norm(view.eye_from_index, ord=2))
 
 
-def _overlap_by_planes(splats: Splats, view: GridView, reach: _Reach) -> RayOverlap:
-    cells = cells_of(splats)
-    radius = reach.radius + (0.0 if cells.aligned else OFF)
+def _overlap_by_planes(splats: Splats, view: GridView, radius: float) -> RayOverlap:
+    cells, corners, longest, stretch = cells_of(splats), view.box(splats), _longest_reach(view), 1.0
+    if view.antialias:
+        # area of the widest footprint over its unwidened area
+        widest = view.pitch * (float(corners[2].max()) if view.perspective else 1.0)
+        stretch = float(np.maximum(widest / view.widths, 1.0).prod())
+    radius += 0.0 if cells.aligned else OFF
     ellipse = DISCRETE * np.pi * radius**2
     # directions at the corners of the tiles, in index steps, and their lengths
     if view.perspective:
@@ -112,26 +101,28 @@ def _overlap_by_planes(splats: Splats, view: GridView, reach: _Reach) -> RayOver
         ray = np.zeros((3, 2, 2))
         ray[2] = 1.0
     steps = np.tensordot(view.index_from_eye, ray, 1)
-    least = np.where(_same_sign(steps), _corners(np.abs(steps)).min(axis=0), 0.0)
+    same_sign = np.abs(_corners(np.sign(steps)).sum(axis=0)) == 4
+    least = np.where(same_sign, _corners(np.abs(steps)).min(axis=0), 0.0)
     with np.errstate(divide="ignore", over="ignore"):
         crossed = cells.planes[:, None, None] / least
     index = (crossed * _corners(np.sqrt((steps * steps).sum(axis=0))).max(axis=0)).min(axis=0).max()
     length = (crossed * _corners(np.sqrt((ray * ray).sum(axis=0))).max(axis=0)).min(axis=0).max()
     if view.perspective:
         # the ray begins at the eye
+        far = float(np.linalg.norm(corners, axis=0).max())
         shortest = float(np.linalg.norm(view.index_from_eye, ord=2))
-        index = min(index, reach.far * shortest + 2 * np.sqrt(3.0))
-        length = min(length, reach.far + 2 * np.sqrt(3.0) * reach.longest)
+        index = min(index, far * shortest + 2 * np.sqrt(3.0))
+        length = min(length, far + 2 * np.sqrt(3.0) * longest)
     # wide footprints have a smaller discrete excess: a border of half a cell
-    wide = radius * np.sqrt(reach.stretch)
+    wide = radius * np.sqrt(stretch)
     area = min(DISCRETE * np.pi * wide**2, np.pi * (wide + OFF) ** 2)
     count = min(float(len(splats)), area * index * cells.count)
-    return RayOverlap(count, min(splats.total_depth * reach.longest, ellipse * length * cells.depth))
+    return RayOverlap(count, min(splats.total_depth * longest, ellipse * length * cells.depth))
 
 
-def _overlap_by_places(groups: Groups, view: GridView, reach: _Reach) -> RayOverlap:
-    x, y, z = view.voxels(groups.place)
-    radius = (reach.radius + groups.radius) * reach.longest
+def _overlap_by_places(groups: Groups, view: GridView, reach: float) -> RayOverlap:
+    (x, y, z), longest = view.voxels(groups.place), _longest_reach(view)
+    radius = (reach + groups.radius) * longest
     wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0
     if view.perspective:
         # a sphere's outline from the eye, and a stretched footprint in pixels, widened by its members' extent
@@ -150,7 +141,7 @@ def _overlap_by_places(groups: Groups, view: GridView, reach: _Reach) -> RayOver
         place = _squares(x[ahead], y[ahead], half[ahead])
         many += float(np.bincount(place, np.repeat(groups.count[ahead], 4)).max())
         deep += float(np.bincount(place, np.repeat(groups.depth[ahead], 4)).max())
-    return RayOverlap(many, deep * reach.longest)
+    return RayOverlap(many, deep * longest)
 
 
 def _squares(x: np.ndarray, y: np.ndarray, half: np.ndarray) -> np.ndarray:
@@ -184,7 +175,9 @@ def _count(splats: Splats) -> Cells:
         start = np.flatnonzero(first)
         count = int(np.diff(start, append=len(splats)).max())
         deepest = float(np.add.reduceat(depth, start, dtype=np.float64).max())
-    planes = [len(_distinct(cells)) for cells in (splats.cell_x, splats.row_y, splats.row_z)]
+    coordinates = splats.cell_x, splats.row_y, splats.row_z
+    # in parts, to save memory
+    planes = [len(np.unique(np.concatenate([np.unique(part) for part in _parts(along)]))) for along in coordinates]
     aligned = all(bool((part == np.rint(part)).all()) for part in _parts(position))
     return Cells(aligned, count, deepest, np.array(planes, dtype=np.float64), _group(position, depth, splats))
 
@@ -192,11 +185,6 @@ def _count(splats: Splats) -> Cells:
 def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
     """Yields PART values at a time, to save memory."""
     return (values[first : first + PART] for first in range(0, len(values), PART))
-
-
-def _distinct(values: np.ndarray) -> np.ndarray:
-    """The distinct values, ascending."""
-    return np.unique(np.concatenate([np.unique(part) for part in _parts(values)]))
 
 
 def _group(position: np.ndarray, depth: np.ndarray, splats: Splats) -> Groups | None:
@@ -225,8 +213,3 @@ def _corners(values: np.ndarray) -> np.ndarray:
     """The four corners of each tile: [4, …, n − 1, m − 1] of [..., n, m]."""
     rows = values[..., :-1, :], values[..., 1:, :]
     return np.stack([part for row in rows for part in (row[..., :-1], row[..., 1:])])
-
-
-def _same_sign(values: np.ndarray) -> np.ndarray:
-    corners = _corners(np.sign(values))
-    return np.asarray(np.abs(corners.sum(axis=0)) == 4)

@@ -108,48 +108,51 @@ class Resolved:
 
         In a parallel view, still splats must be the result of `clip_behind_eye`.
         """
-        depths = depth_range(splats, camera)
+        depths, notes = depth_range(splats, camera), list[str]()
         pixel = float(camera.pixel_pitch(depths[1])) / splats.grid.smallest_spacing
-        samples, samples_notes = _samples(settings, pixel, camera.size)
+        samples = _samples(settings, pixel, camera.size, notes)
         fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
         if len(splats):
             check_reach(splats.corners, camera, splats.grid.mean_spacing)
         z_k = fine.z_k(splats.grid.smallest_spacing)
         boxes = draws_boxes(splats, settings, moving)
-        antialias, antialias_notes = (False, ()) if boxes else _antialias(settings, z_k, depths[1])
-        shading, shading_notes = _shading(splats, settings)
+        antialias = not boxes and _antialias(settings, z_k, depths[1], notes)
+        shading = _shading(splats, settings, notes)
+        light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
+        cues = _cues(splats, camera, settings, light, notes)
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
         view = GridView.of(splats.grid, fine, shape, antialias)
-        widened = widening(splats, view)
-        sheets, sheets_notes = _sheets(splats, settings, view, moving)
+        beyond, unsure = widening(splats, view)
+        sheets = _sheets(splats, settings, view, moving, notes)
         # widened weights of means need no attenuation
-        after = sheets is not None and sheets.steps > 0
-        attenuation = "optical-depth" if after else _attenuation(settings, antialias or moving)
+        after, blend = sheets is not None and sheets.steps > 0, BLENDS[settings.blend]
         clip = Clip.of(settings.clip, splats.grid) if after or boxes else None
         mask = splats.mask if after else None
         look = Appearance(
-            BLENDS[settings.blend], attenuation, shading, clipped=clip is not None, masked=mask is not None
+            blend,
+            attenuation="optical-depth" if after else _attenuation(settings, antialias or moving),
+            shading=shading,
+            sheets=sheets.count if sheets else 0,
+            steps=sheets.steps if sheets else 0,
+            weighted=splats.post is not None and bool(splats.post.transfer.gradient) and not blend.one_value,
+            clipped=clip is not None,
+            masked=mask is not None,
+            light=light,
+            sky=cues is not None and cues.occlusion > 0,
+            shadows=cues is not None and cues.light is not None,
         )
-        light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
-        cues, cues_notes = _cues(splats, camera, settings, light)
-        if cues is not None:
-            look = replace(look, sky=cues.occlusion > 0, shadows=cues.light is not None)
-        look = replace(look, light=light)
-        if sheets:
-            weighted = splats.post is not None and bool(splats.post.transfer.gradient) and not look.blend.one_value
-            look = replace(look, sheets=sheets.count, steps=sheets.steps, weighted=weighted)
         return cls(
             look=look,
             samples=samples,
             averaged=settings.antialias in AVERAGED,
             camera=fine,
-            view=replace(view, beyond=widened.beyond),
+            view=replace(view, beyond=beyond),
             z_k=z_k,
             depths=depths,
-            unsure=widened.unsure,
+            unsure=unsure,
             background=settings.background,
             tolerance=settings.tolerance,
-            notes=samples_notes + antialias_notes + shading_notes + cues_notes + sheets_notes,
+            notes=tuple(notes),
             sheets=sheets,
             clip=clip,
             mask=mask,
@@ -166,18 +169,19 @@ def kernel_name(splats: Splats, settings: Settings) -> str:
     return splats.post.kernel
 
 
-def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool) -> tuple[Sheets | None, tuple[str, ...]]:
-    """The sheets of a picture, or None if splats composite one by one; and notes. Raises InputError for settings that
-    sheets do not support.
+def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, notes: list[str]) -> Sheets | None:
+    """The sheets of a picture; None if splats composite one by one. Raises InputError for settings that sheets do not
+    support.
     """
     _check_classification(splats, settings, moving)
     post = splats.post is not None
     if view.kernel is BOX:
-        return None, ()
+        return None
     why = None if settings.compositing == "sheets" else why_per_splat(settings, moving)
     if not post and (why or moving or not BLENDS[settings.blend].ordered):
-        left = why and settings.compositing == "auto" and BLENDS[settings.blend].ordered
-        return None, (f"sheets left out: {why} takes splats one by one; the picture would be another",) if left else ()
+        if why and settings.compositing == "auto" and BLENDS[settings.blend].ordered:
+            notes.append(f"sheets left out: {why} takes splats one by one; the picture would be another")
+        return None
     if settings.attenuation == "opacity":
         raise expected("attenuation", "optical-depth or fill, which add up within sheets", "opacity")
     count, steps = next((count, steps) for tolerance, count, steps in SHEETS if settings.tolerance >= tolerance)
@@ -186,11 +190,12 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool) ->
     sheets = Sheets.of(view.kernel, settings.sheets or count, (settings.steps or steps) if post else 0)
     first, last = sheets.range(splats, view)
     if last - first < MOST_SHEETS and len(splats) <= MOST_KEPT:
-        return sheets, ()
+        return sheets
     many = f"at most {MOST_SHEETS:,} sheets and {MOST_KEPT:,} splats"
     if post:
         raise expected("splats", many, f"{last - first + 1:,} and {len(splats):,}", "take a part of the volume")
-    return None, (f"sheets left out: they take {many}; the picture would be another",)
+    notes.append(f"sheets left out: they take {many}; the picture would be another")
+    return None
 
 
 def _check_classification(splats: Splats, settings: Settings, moving: bool) -> None:
@@ -220,54 +225,57 @@ def depth_range(splats: Splats, camera: Camera) -> tuple[float, float]:
     return float(depth.min()), float(depth.max())
 
 
-def _samples(settings: Settings, pixel: float, size: tuple[int, int]) -> tuple[int, tuple[str, ...]]:
-    """Samples along each axis of a pixel, and notes. pixel: its width in smallest voxels at the farthest splat."""
+def _samples(settings: Settings, pixel: float, size: tuple[int, int], notes: list[str]) -> int:
+    """Samples along each axis of a pixel. pixel: its width in smallest voxels at the farthest splat."""
     if settings.antialias != "auto":
-        return (settings.samples if settings.antialias == "supersample" else 1), ()
+        return settings.samples if settings.antialias == "supersample" else 1
     least = next(k for tolerance, k in SAMPLES if settings.tolerance >= tolerance)
     wanted = int(np.clip(np.ceil(pixel), least, MOST_SAMPLES))
     fits = max(1, min(MOST_SIDE // max(size), int(np.sqrt(MOST_AREA / (size[0] * size[1])))))
-    if wanted <= fits:
-        return wanted, ()
-    return fits, (f"{wanted}×{wanted} samples a pixel left out: the picture is too large; its edges alias more",)
+    if wanted > fits:
+        notes.append(f"{wanted}×{wanted} samples a pixel left out: the picture is too large; its edges alias more")
+    return min(wanted, fits)
 
 
-def _antialias(settings: Settings, z_k: float, farthest: float) -> tuple[bool, tuple[str, ...]]:
-    """Whether any voxel is widened, as one lies beyond z_k; and notes."""
-    if settings.antialias == "off" or farthest >= z_k:
-        return settings.antialias != "off", ()
-    why = f"every splat is nearer than z_k = {z_k:.6g}; the picture is the same"
-    return False, (f"widening of voxels left out: {why}",)
+def _antialias(settings: Settings, z_k: float, farthest: float, notes: list[str]) -> bool:
+    """Whether any voxel is widened, as one lies beyond z_k."""
+    if settings.antialias != "off" and not farthest >= z_k:
+        why = f"every splat is nearer than z_k = {z_k:.6g}; the picture is the same"
+        notes.append(f"widening of voxels left out: {why}")
+        return False
+    return settings.antialias != "off"
 
 
-def _shading(splats: Splats, settings: Settings) -> tuple[bool, tuple[str, ...]]:
-    """Whether splats are shaded, by the settings or the transfer function; and notes."""
+def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
+    """Whether splats are shaded, by the settings or the transfer function."""
     if settings.shading != "auto":
-        return settings.shading == "on", ()
-    if not splats.shaded or BLENDS[settings.blend].ordered:
-        return splats.shaded, ()
-    return False, (f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another",)
+        return settings.shading == "on"
+    if splats.shaded and not BLENDS[settings.blend].ordered:
+        notes.append(f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another")
+        return False
+    return splats.shaded
 
 
-def _cues(
-    splats: Splats, camera: Camera, settings: Settings, light: Light
-) -> tuple[LightVolume | None, tuple[str, ...]]:
-    """The light that reaches matter, or None for all light; and notes."""
+def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light, notes: list[str]) -> LightVolume | None:
+    """The light that reaches matter; None for all light."""
     names = [name for name in ("ambient_occlusion", "shadows") if getattr(settings, name) > 0]
     if not names or not len(splats):
-        return None, ()
+        return None
     if not BLENDS[settings.blend].ordered:
         why = f"{settings.blend} shows values, not surfaces; the picture would be another"
-        return None, (f"{' and '.join(names).replace('_', ' ')} left out: {why}",)
-    direction = light.within(camera) if settings.shadows > 0 else None
-    notes = ("shadows left out: those of a light at the eye are not seen",) * (
-        settings.shadows > 0 and direction is None
-    )
-    if not settings.ambient_occlusion and direction is None:
-        return None, notes
+        notes.append(f"{' and '.join(names).replace('_', ' ')} left out: {why}")
+        return None
+    toward = None
+    if settings.shadows > 0:
+        direction = light.within(camera)
+        if direction is None:
+            notes.append("shadows left out: those of a light at the eye are not seen")
+        else:
+            toward = -direction
+    if not settings.ambient_occlusion and toward is None:
+        return None
     casters = ((splats, settings.clip),)
-    toward = None if direction is None else -direction
-    return LightVolume(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward), notes
+    return LightVolume(casters, splats.grid, settings.ambient_occlusion, settings.shadows, toward)
 
 
 def _attenuation(settings: Settings, weakened: bool) -> str:

@@ -123,6 +123,7 @@ class Scene:
     clip: str | Sequence[Any] = ()
     meshes: Sequence[Mesh] = ()
     made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
+    # of each visible layer
     planes: tuple[tuple[Plane, ...], ...] = field(default=(), init=False, repr=False)
     notes: tuple[str, ...] = field(default=(), init=False, repr=False)
 
@@ -132,8 +133,10 @@ class Scene:
         object.__setattr__(self, "layers", tuple(layer.placed(first) for layer in layers))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
-        object.__setattr__(self, "planes", self._planes())
-        planes, meshes = self._scene_planes, [mesh.placed(first) for mesh in self.meshes]
+        planes = parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if self.clip else ()
+        own = [parse_planes(x.clip, Box.of([x.volume])) if x.clip is not None else planes for x in self.shown]
+        object.__setattr__(self, "planes", tuple(own))
+        meshes = [mesh.placed(first) for mesh in self.meshes]
         meshes = [mesh.cut(planes) if mesh.clipped and planes else mesh for mesh in meshes]
         surfaces, notes = self._segment_surfaces()
         object.__setattr__(self, "meshes", (*meshes, *surfaces))
@@ -166,13 +169,6 @@ class Scene:
         """The frame of all layers and meshes: LPS, RAS or None."""
         return _frame(self.layers)
 
-    def _planes(self) -> tuple[tuple[Plane, ...], ...]:
-        """The clipping planes of each visible layer."""
-        planes = self._scene_planes
-        return tuple(
-            planes if layer.clip is None else parse_planes(layer.clip, Box.of([layer.volume])) for layer in self.shown
-        )
-
     def _segment_surfaces(self) -> tuple[list[Mesh], list[str]]:
         """The surfaces of segmentations, and a note on each layer."""
         surfaces, notes = list[Mesh](), list[str]()
@@ -184,11 +180,6 @@ class Scene:
                 told = f"{count} drawn as smoothed surfaces ({layer.surfaces:g})"
                 notes.append(f"{layer.volume.name or 'labels'}: {told}, up to {off:.2g} voxels off the faces of voxels")
         return surfaces, notes
-
-    @property
-    def _scene_planes(self) -> tuple[Plane, ...]:
-        """The planes that clip layers without their own planes."""
-        return parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if self.clip else ()
 
     def surfaces(self, settings: Settings) -> tuple[Mesh, ...]:
         """The meshes; those that are `clipped` are clipped by the planes of the settings, too."""

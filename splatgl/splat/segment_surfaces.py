@@ -113,7 +113,7 @@ def _parts(
     net: Net, world: np.ndarray, opacities: np.ndarray, closed: bool
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Yields for each segment: its index, vertices [N, 3], and faces [M, 3], counter-clockwise seen from outside."""
-    quad, outward, corner = net.ends
+    quad, outward, corner, owned = net.ends
     side = np.where(outward[:, None], net.sides[quad], net.sides[quad, ::-1]) - 1
     rank = np.argsort(np.argsort(-opacities, kind="stable"))
     keep = np.full(len(quad), True) if closed else (side[:, 1] < 0) | (rank[side[:, 0]] < rank[side[:, 1]])
@@ -124,12 +124,12 @@ def _parts(
     faces = np.where(outward[:, None, None], corner[:, HALVES], corner[:, HALVES[:, ::-1]])
     order = np.flatnonzero(keep)[np.argsort(side[keep, 0], kind="stable")]
     places = np.arange(len(opacities) + 1)
-    first = np.searchsorted(net.owned, (places + 1) * len(net.corners))
+    first = np.searchsorted(owned, (places + 1) * len(net.corners))
     ends = np.searchsorted(side[order, 0], places)
     for place in np.flatnonzero(np.diff(first)).tolist():
         low, high = first[place : place + 2]
         triangles = faces[order[ends[place] : ends[place + 1]]].reshape(-1, 3) - low
-        yield place, world[net.owned[low:high] % len(net.corners)], triangles
+        yield place, world[owned[low:high] % len(net.corners)], triangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,24 +177,14 @@ class Net:
         return cls(places[:, ::-1] - 0.5, quad, np.concatenate(sides), tuple(joins))
 
     @cached_property
-    def ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """The E sides of quads that are segments: indices of the quads [E], whether it is their first side [E], and the
-        segment's corners [E, 4], indices into `owned`.
+        segment's corners [E, 4], indices into the last: segment · V + corner of all corners of all segments, ascending.
         """
         quad, second = np.nonzero(self.sides)
-        return quad, second == 0, self._owned[1].reshape(-1, 4)
-
-    @property
-    def owned(self) -> np.ndarray:
-        """[W]: segment · V + corner of all corners of all segments, ascending."""
-        return self._owned[0]
-
-    @cached_property
-    def _owned(self) -> tuple[np.ndarray, np.ndarray]:
-        quad, second = np.nonzero(self.sides)
         keys = self.sides[quad, second][:, None] * len(self.corners) + self.quads[quad]
-        keyed: tuple[np.ndarray, np.ndarray] = np.unique(keys, return_inverse=True)
-        return keyed
+        owned, corner = np.unique(keys, return_inverse=True)
+        return quad, second == 0, corner.reshape(-1, 4), owned
 
     def smooth(self, strength: float) -> np.ndarray:
         """Smoothed corners [V, 3], grid indices."""
@@ -236,15 +226,15 @@ class Net:
 
     def _missing(self, places: np.ndarray) -> np.ndarray:
         """Moves [V, 3] of corners along normals that restore the volume lost within RINGS."""
-        quad, outward, corner = self.ends
+        quad, outward, corner, owned = self.ends
         # the mean of areas before and after makes the gain exact for moves along normals of any length
         area = (area_vectors(places[self.quads]) + area_vectors(self.corners[self.quads])) / 2
         won = ((places - self.corners)[self.quads].mean(axis=1) * area).sum(axis=1)
         sign = np.where(outward, 1.0, -1.0)
-        quads_around = np.bincount(corner.ravel(), minlength=len(self.owned))
+        quads_around = np.bincount(corner.ravel(), minlength=len(owned))
 
         def spread(of_sides: np.ndarray) -> np.ndarray:
-            return np.bincount(corner.ravel(), np.repeat(of_sides / 4, 4), len(self.owned))
+            return np.bincount(corner.ravel(), np.repeat(of_sides / 4, 4), len(owned))
 
         lost = -spread(won[quad] * sign)
         for _ in range(RINGS):
@@ -253,7 +243,7 @@ class Net:
         # at edges and tips, where normals of quads differ, at most twice as far as on a plane
         size = np.maximum((normal**2).sum(axis=1), (spread(np.linalg.norm(area, axis=1)[quad]) / 2) ** 2)
         moves = (lost / np.maximum(size, 1e-12))[:, None] * normal
-        owner = self.owned % len(self.corners)
+        owner = owned % len(self.corners)
         count = np.maximum(np.bincount(owner, minlength=len(self.corners)), 1)
         return np.stack([np.bincount(owner, moves[:, axis], len(count)) for axis in range(3)], axis=1) / count[:, None]
 

@@ -180,15 +180,6 @@ CODES = 32
 CONTRAST = 4.0
 
 
-def pack_runs(splats: Splats) -> np.ndarray:
-    """int16 [N]: run lengths along x, y, z, coded, as x + 32 y + 1024 z."""
-    runs = np.empty((3, len(splats)), np.int16)
-    octaves = np.log2(np.maximum(splats.records["optical_depth"], np.finfo(np.float32).tiny))
-    for axis, lattice in enumerate((splats.lattice(2), splats.lattice(0), columns(splats))):
-        runs[axis] = _runs_along(lattice, octaves if lattice.index is None else octaves[lattice.index])
-    return runs[0] + 32 * runs[1] + 1024 * runs[2]
-
-
 def _runs_along(lattice: Lattice, octaves: np.ndarray) -> np.ndarray:
     """int16 [N], by record: coded length of the run of similar neighbours that contains each member, along its rows.
 
@@ -385,8 +376,13 @@ class Splats:
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """int16 [N]: coded run lengths around each splat."""
-        return pack_runs(self)
+        """int16 [N]: run lengths around each splat along x, y, z, coded, as x + 32 y + 1024 z."""
+        octaves = np.log2(np.maximum(self.records["optical_depth"], np.finfo(np.float32).tiny))
+        x, y, z = (
+            _runs_along(lattice, octaves if lattice.index is None else octaves[lattice.index])
+            for lattice in (self.lattice(2), self.lattice(0), columns(self))
+        )
+        return x + 32 * y + 1024 * z
 
     @cached_property
     def records_with_runs(self) -> np.ndarray:

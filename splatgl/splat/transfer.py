@@ -24,7 +24,7 @@ from splatgl.options import (
     read_pairs,
     refuse_unknown,
 )
-from splatgl.splat.colormaps import check_labels, colormap, label_color, label_opacity
+from splatgl.splat.colormaps import check_labels, colormap, interpolate_map, label_color, label_opacity
 
 # sequences of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
@@ -181,11 +181,7 @@ class Transfer:
         k = _scale(low, high)
         span = high * k - low * k
         place = (np.clip(v, low, high) * k - low * k) / span if span > 0 else (v >= low).astype(np.float64)
-        table = colormap(self.colormap)
-        at = place * (len(table) - 1)
-        below = np.minimum(at.astype(np.intp), len(table) - 2)
-        part = (at - below)[..., None]
-        return np.asarray(table[below] * (1.0 - part) + table[below + 1] * part)
+        return interpolate_map(colormap(self.colormap), place)
 
     @staticmethod
     def extinction(opacity: ArrayLike, unit: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from splatgl.data.color import srgb_from_linear
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
-from splatgl.splat.colormaps import colormap
+from splatgl.splat.colormaps import colormap, interpolate_map
 from splatgl.splat.grid import trilinear
 
 # distance of two points of a line, in smallest spacings, and the step between drawn points
@@ -291,11 +291,7 @@ def least_speed(field: VectorField, least: float | None) -> float:
 
 def colors_of(speed: np.ndarray, greatest: float, name: str) -> np.ndarray:
     """sRGB uint8 [N, 3]: colours of speeds from 0 to the greatest in a colour map."""
-    table = colormap(name)
-    place = np.clip(speed / greatest, 0.0, 1.0) * (len(table) - 1)
-    below = np.minimum(place.astype(np.int64), len(table) - 2)
-    part = (place - below)[:, None]
-    linear = table[below] * (1 - part) + table[below + 1] * part
+    linear = interpolate_map(colormap(name), np.clip(speed / greatest, 0.0, 1.0))
     return np.asarray(np.rint(srgb_from_linear(linear) * 255), np.uint8)
 
 

@@ -156,19 +156,14 @@ class GridView:
         return np.linalg.inv(self.eye_from_index)
 
     @cached_property
-    def _across(self) -> tuple[np.ndarray, np.ndarray]:
-        axes, widths, _ = np.linalg.svd(self.eye_from_index[:2])
-        return axes, widths
-
-    @property
     def axes(self) -> np.ndarray:
         """[2, 2]: its columns u_1, u_2, the axes across the view along which a voxel is widened."""
-        return self._across[0]
+        return np.linalg.svd(self.eye_from_index[:2])[0]
 
-    @property
+    @cached_property
     def widths(self) -> np.ndarray:
         """[2]: σ_1 ≥ σ_2, a voxel's half widths along them at the kernel's unit radius."""
-        return self._across[1]
+        return np.linalg.svd(self.eye_from_index[:2])[1]
 
     @cached_property
     def depth_reach(self) -> float:
@@ -226,26 +221,18 @@ ULP = 2.0**-24
 FURTHEST = 0.02
 
 
-class Widening(NamedTuple):
-    """beyond: depths, mean spacings, from which σ_1 and σ_2 are widened; ∞ for never.
-
-    unsure: relative jump of a splat if there is no gap; 0 if no splat is near.
+def widening(splats: Splats, view: GridView) -> tuple[tuple[float, float], float]:
+    """Depths, mean spacings, from which σ_1 and σ_2 are widened, ∞ for never, of a view whose `beyond` is None; moved
+    only in perspective views with antialiasing. And the relative jump of a splat if there is no gap, else 0.
     """
-
-    beyond: tuple[float, float]
-    unsure: float = 0.0
-
-
-def widening(splats: Splats, view: GridView) -> Widening:
-    """The widening depths of a view whose `beyond` is None; moved only in perspective views with antialiasing."""
     first, second = view.widened_beyond
     if not (view.antialias and view.perspective and len(splats)):
-        return Widening((first, second))
+        return (first, second), 0.0
     narrow, sure = _find_gap(splats, view, second)
     if first - second <= FURTHEST * second:
-        return Widening((narrow, narrow), 0.0 if sure else _jump(view, second))
+        return (narrow, narrow), 0.0 if sure else _jump(view, second)
     wide, sure_too = _find_gap(splats, view, first)
-    return Widening((wide, narrow), 0.0 if sure and sure_too else _jump(view, second))
+    return (wide, narrow), 0.0 if sure and sure_too else _jump(view, second)
 
 
 def _find_gap(splats: Splats, view: GridView, depth: float) -> tuple[float, bool]:

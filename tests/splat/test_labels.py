@@ -14,7 +14,7 @@ from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Label
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.colormaps import COLORS, color_of
+from splatgl.splat.colormaps import COLORS, colors_of
 from splatgl.splat.presets import label_transfer
 
 TABLE = (Label(2, "liver", "#ff0000"), Label(7, "bone", "#00ff00"), Label(9, "vein"))
@@ -43,10 +43,10 @@ def test_each_voxel_has_the_colour_of_its_label(dtype: type) -> None:
     splats = sg.extract(volume, sg.default_transfer(volume))
     assert splats.post is None and splats.source is not None and splats.source.only_pre == "labels"
     assert len(splats) == np.count_nonzero(volume.samples)
-    assert colors(splats) == {"#ff0000", "#00ff00", color_of(9)}
+    assert colors(splats) == {"#ff0000", "#00ff00", colors_of([9])[0]}
     x, y, z = splats.positions.T.astype(int)
     numbers = volume.samples[z, y, x]
-    for number, color in ((2, "#ff0000"), (7, "#00ff00"), (9, color_of(9))):
+    for number, color in ((2, "#ff0000"), (7, "#00ff00"), (9, colors_of([9])[0])):
         assert colors(splats.part(numbers == number)) == {color}
 
 
@@ -77,8 +77,8 @@ def test_some_labels_and_their_opacities() -> None:
 def test_numbers_without_a_table_have_colours_of_their_own() -> None:
     """The same for each number in every file; 0 is the background."""
     volume = segments(labels=None)
-    assert sg.default_transfer(volume).labels == tuple((n, color_of(n), 0.99) for n in (2, 7, 9))
-    many = [color_of(n) for n in range(1, 200)]
+    assert sg.default_transfer(volume).labels == tuple((n, colors_of([n])[0], 0.99) for n in (2, 7, 9))
+    many = colors_of(range(1, 200))
     assert len(set(many)) == 199 and all(color in many for color in COLORS)
     two = sg.Volume((segments().samples > 0).astype(np.uint8))
     assert not sg.default_transfer(two).labels
@@ -157,7 +157,7 @@ def test_tables_of_files(tmp_path: Path) -> None:
     nrrd.write(str(tmp_path / "a.seg.nrrd"), samples.T, header)
     volume = sg.load(tmp_path / "a.seg.nrrd")
     assert volume.labels == (Label(2, "liver", "#ff0033"), Label(7, "bone"))
-    assert sg.default_transfer(volume).labels == ((2, "#ff0033", 0.99), (7, color_of(7), 0.99))
+    assert sg.default_transfer(volume).labels == ((2, "#ff0033", 0.99), (7, colors_of([7])[0], 0.99))
     group = zarr.open_group(tmp_path / "a.zarr", mode="w", zarr_format=2)
     group.create_array("0", data=samples, chunks=samples.shape)
     axes = [{"name": name, "type": "space"} for name in "zyx"]

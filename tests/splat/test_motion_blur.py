@@ -112,7 +112,7 @@ def test_table_is_near_the_exact_blur(name: str, rng: np.random.Generator) -> No
     """In parts of the footprint's peak. The Gaussian's cut leaves a step of 3e−4 of the peak in its slope."""
     shape, table = kernel(name), blur_table(name)
     peak = float(shape.footprint(np.zeros(())))
-    assert table.bytes < 300_000
+    assert table.texels.nbytes < 300_000
     for length in (0.5 * SHORT, 1.1 * SHORT, 0.2, 1.0, 12.0):
         u = rng.uniform(-1, 1, 1500) * (shape.radius + length / 2) * 1.02
         v = rng.uniform(-1.02, 1.02, 1500) * shape.radius
