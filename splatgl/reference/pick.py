@@ -158,7 +158,6 @@ def _first_mesh(surfaces: list[_Surface], scene: Scene, camera: Camera, pixel: i
 
 
 def _pick_mesh(surface: _Surface, scene: Scene, camera: Camera, pixel: int) -> Picked:
-    """Point of a crossing with a mesh."""
     row, column = divmod(pixel, camera.size[0])
     across, down = (slopes[place] for slopes, place in zip(camera.slopes(), (column, row), strict=True))
     if camera.perspective:

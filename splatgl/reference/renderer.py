@@ -105,7 +105,6 @@ def _prepare_layers(
     windows: Sequence[Window] | None,
     meshes: Sequence[Mesh],
 ) -> list[tuple[Drawing, Resolved]]:
-    """Drawings of several layers, or of layers with meshes."""
     if not BLENDS[settings.blend].ordered:
         if meshes:
             raise expected("meshes", "blend composite", settings.blend)
@@ -252,7 +251,6 @@ Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene
 
 
 def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:
-    """Pixels: means of samples, over the background."""
     return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 
 

@@ -199,7 +199,6 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
     brightest = brightest_pixel if cut or other else brightest
     footprint = _footprint_error(splats, plan, placement, met, brightest / most) * most
     footprint += _displacement_error(splats, plan) * most
-    # blends
     scale = {"over": most, "sum": brightest, "max": brightest_pixel}[blend.join]
     share, least = TARGET[plan.target]
     rounding = max(_next_power_of_two(scale) * share, least) * (1.0 if blend.join == "max" else met.count)

@@ -152,7 +152,6 @@ def extract(
 
 
 def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:
-    """Scene with one layer for each channel of the volume."""
     from splatgl.splat.scene import Layer, Scene
 
     channels = volume.channels or (volume,)
@@ -239,7 +238,6 @@ def extract_pre(
     unit = transfer.unit or grid.mean_spacing
     dropped = Dropped(volume.shape) if threshold > 0 else None
 
-    # one slab at a time
     normals = LabelNormals.empty(volume) if transfer.labels else None
     slabs = volume.slabs(planes, halo=1 if normals is None else HALO)
     gathered = GrowingRecords(lookup.record)
@@ -259,7 +257,6 @@ def extract_pre(
         if dropped:
             dropped.add(lookup, inner, part.start, flat, [opacity for _, opacity in results], hidden)
 
-    # the largest dropped depth
     lost = dropped.largest() * grid.mean_spacing / unit if dropped else 0.0
     position = gathered.records["position"]
     splats = assemble(gathered.records, position, grid, unit, volume.name, transfer.shading, lost)
@@ -323,7 +320,6 @@ def _records(
         values, opacity, gradient = values[keep], opacity[keep], gradient[keep]
         x, y, z = x[keep], y[keep], z[keep]
 
-    # the records
     records = np.zeros(len(values), lookup.record)
     z -= slab.before
     if color is not None:

@@ -316,7 +316,6 @@ def _smooth(c: np.ndarray, weights: np.ndarray, then: Callable[[slice, np.ndarra
 
 
 def _planes_of(c: np.ndarray) -> int:
-    """Number of planes in a chunk."""
     return max(1, CHUNK_VOXELS // max(c[0].size, 1))
 
 

@@ -364,7 +364,6 @@ def _transfer_from_values(volume: Volume) -> Transfer:
 
 
 def _choose_preset(volume: Volume, stats: Statistics) -> str:
-    """Name of the preset that suits the values."""
     computed = _is_computed(volume, stats)
     if computed and is_field(volume.name):
         return FIELD

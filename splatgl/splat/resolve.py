@@ -199,7 +199,6 @@ def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, no
 
 
 def _check_classification(splats: Splats, settings: Settings, moving: bool) -> None:
-    """Raises InputError for settings that the classification of the splats does not support."""
     post, blend = splats.post, BLENDS[settings.blend]
     if settings.classification not in ("auto", "post" if post else "pre"):
         raise InputError(

@@ -170,7 +170,6 @@ class Scene:
         return _frame(self.layers)
 
     def _segment_surfaces(self) -> tuple[list[Mesh], list[str]]:
-        """The surfaces of segmentations, and a note on each layer."""
         surfaces, notes = list[Mesh](), list[str]()
         for layer, planes in zip(self.shown, self.planes, strict=True):
             if layer.surfaces is not None:
