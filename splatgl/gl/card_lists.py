@@ -22,8 +22,8 @@ MOST_SPLATS, MOST_PAIRS = 2**18, 2**22
 MOST_UINT = 2**32 - 1
 # number of pairs that the first buffers hold
 LEAST_PAIRS = 2**20
-# bits of a digit
-BITS = 4
+# bytes of a pair; bits of a digit
+PAIR, BITS = 8, 4
 # card_work.glsl: the word of the pairs that were counted last; byte offsets of the most pairs, and of the sizes of
 # dispatches
 TOTAL, MOST_NEEDED, BY_ENTRY, BY_BLOCK = 3, 8, 16, 32
@@ -46,8 +46,9 @@ class CardLists:
         self.ctx = ctx
         self.buffers: dict[str, moderngl.Buffer] = {}
         self.order: moderngl.Texture | None = None
-        # pairs that fit into the buffers; number of sorts of a part
-        self.room, self.sorts = LEAST_PAIRS, 1
+        # pairs that fit into a storage block of this OpenGL, and into the buffers; number of sorts of a part
+        self.most = min(MOST_PAIRS, int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]) // PAIR)
+        self.room, self.sorts = min(LEAST_PAIRS, self.most), 1
         # tiles of the band; the splats that are listed, as uniforms
         self.tiles, self.part = 1, {"number": 1}
 
@@ -83,7 +84,7 @@ class CardLists:
         return fitted
 
     def _make_room(self, pairs: int) -> None:
-        self.room = max(self.room, min(1 << pairs.bit_length(), MOST_PAIRS))
+        self.room = max(self.room, min(1 << pairs.bit_length(), self.most))
         self.sorts = max(-(-pairs // self.room), 1)
 
     def sort_by_sheet(
@@ -91,7 +92,7 @@ class CardLists:
     ) -> moderngl.Texture:
         """Returns the order of `count` splats by their first of `number` sheets. uniforms: of first_sheet.glsl."""
         self.set_entries(count, 0)
-        self._bind("pairs", FIRST_BINDING, count * 8)
+        self._bind("pairs", FIRST_BINDING, count * PAIR)
         texels.records.use(RECORDS_UNIT)
         program = compile_("card_sheets.comp", {})
         self._run(program, BY_ENTRY, {**uniforms, "records": RECORDS_UNIT, "count": count, "number": number})
@@ -121,10 +122,10 @@ class CardLists:
         """Lists the splats that were counted by tile: the pairs of number `sort` of the sorts. Binds the lists."""
         self._bind_part()
         self._scan(compile_, 1 + sort)
-        self._bind("pairs", THIRD_BINDING, self.room * 8)
+        self._bind("pairs", THIRD_BINDING, self.room * PAIR)
         self._run(compile_("card_pairs.comp", {"COUNTING": False}), BY_ENTRY, self.part | {"skipped": sort * self.room})
         pairs = self._sort(compile_, self.tiles - 1, self.room)
-        self._bind(pairs, FIRST_BINDING, self.room * 8)
+        self._bind(pairs, FIRST_BINDING, self.room * PAIR)
         self.bind_empty()
         self._run(compile_("card_lists.comp", {}), BY_ENTRY, {})
 
@@ -158,10 +159,10 @@ class CardLists:
         counting = compile_("card_sort.comp", {"COUNTING": True})
         for n in range(passes):
             self._bind("counts", FIRST_BINDING, 2**BITS * -(-most // SORT_BLOCK) * 4)
-            self._bind(source, SECOND_BINDING, most * 8)
+            self._bind(source, SECOND_BINDING, most * PAIR)
             self._run(counting, BY_BLOCK, {"shift": BITS * n})
             self._run_groups(compile_("card_scan.comp", {"PAIRS": False}), 1, {})
-            self._bind(target, THIRD_BINDING, most * 8)
+            self._bind(target, THIRD_BINDING, most * PAIR)
             moving = compile_("card_sort.comp", {"COUNTING": False, "LAST": in_image and n == passes - 1})
             self._run(moving, BY_BLOCK, {"shift": BITS * n})
             source, target = target, source

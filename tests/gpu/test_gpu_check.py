@@ -39,7 +39,9 @@ def test_short_form(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert all(frame["seconds"] > 0 and frame["upload"] >= 0 for frame in frames)
     # the first way is what the others are compared with
     apart = [frame["apart"] for frame in frames if frame["way"] == "quads"]
-    assert all(0 < each < 0.01 for each in apart) and [frame["apart"] for frame in frames].count(None) == len(apart) == 3
+    assert (
+        all(0 < each < 0.01 for each in apart) and [frame["apart"] for frame in frames].count(None) == len(apart) == 3
+    )
     # pixels end one by one, or with their tile
     assert all(frame["apart"] < 1e-3 for frame in frames if frame["way"] == "columns")
     assert all(frame["apart"] is None or frame["apart"] <= frame["allowed"] < 0.01 for frame in frames)
