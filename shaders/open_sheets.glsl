@@ -1,8 +1,9 @@
 // Keeps the open sheets of tiles whose lists continue in another dispatch.
 #define KEPT 8  // vectors of a pixel; behind them is one of the column
 layout(std430, binding = 5) buffer Rings { vec4 rings[]; };
+#define RING_TILE (CARD == 1 ? tile - first_tile : tile)
 #define RING(number, row) \
-    rings[((tile * uint(KEPT + 1) + uint(number)) * TILE_ROWS + uint(row)) * COLUMNS + gl_LocalInvocationID.x]
+    rings[((RING_TILE * uint(KEPT + 1) + uint(number)) * TILE_ROWS + uint(row)) * COLUMNS + gl_LocalInvocationID.x]
 
 void read_pixel(uint tile, int row) {
     sum0[row] = RING(0, row);

@@ -10,14 +10,17 @@
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
 #include "sheet_composite.glsl"
-#include "open_sheets.glsl" if CARRIED else "open_sheets_off.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end, whether it is complete then
 layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated; states on a card
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;           // opacity at which a tile terminates
-uniform bool complete;          // on a card, whether all lists are complete
+// on a card, where each tile has a list: whether all lists are complete; the first tile whose open sheets are bound
+uniform bool complete;
+uniform uint first_tile;
 uniform bool partial;           // what is drawn is a part, which shows no value yet
+
+#include "open_sheets.glsl" if CARRIED else "open_sheets_off.glsl"
 
 // Composites a tile's list. mine: its element of lists; lane: the invocation.
 void composite_tile(uvec4 mine, uint lane);
@@ -65,8 +68,9 @@ void open_pixel(int row) {
 }
 
 void main() {
-    uvec4 mine = lists[gl_WorkGroupID.x];
-    if (CARD == 1) mine = uvec4(gl_WorkGroupID.x, mine.yz, uint(complete));
+    uint n = gl_WorkGroupID.x + (CARD == 1 ? first_tile : 0u);
+    uvec4 mine = lists[n];
+    if (CARD == 1) mine = uvec4(n, mine.yz, uint(complete));
     composite_tile(mine, gl_LocalInvocationID.x);
 }
 

@@ -282,6 +282,11 @@ def uneven(rows: int) -> int:
     return max(rows, 2) | 1 if rows < 1024 else rows
 
 
+def most_block(ctx: moderngl.Context) -> int:
+    """Returns the size, in bytes, of the largest storage block that the device binds."""
+    return int(ctx.info.get("GL_MAX_SHADER_STORAGE_BLOCK_SIZE", 2**24))
+
+
 def _padded(words: np.ndarray) -> np.ndarray:
     """Returns the words [N, n], padded with zeros to whole rows of a texture."""
     padded = np.zeros((_rows(words) * ABREAST, words.shape[1]), np.uint32)

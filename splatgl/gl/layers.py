@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError
-from splatgl.gl.buffers import DrawOrder, SplatBuffers
+from splatgl.gl.buffers import DrawOrder, SplatBuffers, most_block
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import PAGE
@@ -26,9 +26,11 @@ from splatgl.splat.technique import COLUMNS, ROWS
 
 # buffer bindings of layer_pages.glsl
 HEADS, PAGES = 1, 7
-# bytes of all pages together (every OpenGL with compute shaders allows them) and of a piece; number of pages
+# bytes of all pages together, if the device allows them, and of a piece; number of pages
 POOL, PIECE = 2**27, 16
 ROOM = POOL // (PIECE * PAGE)
+# bytes of a pixel of a layer in the heads
+HEAD = 16
 # pixels of the first and of the largest window; share of the pages that the next window should use
 FIRST, MOST, SHARE = 2**17, 2**20, 0.7
 
@@ -80,17 +82,20 @@ class LayerTiles(SheetTiles):
         bind: binds the uniforms and tables of a layer.
         """
         whole = union([plan.window for _, plan in layers])
-        waiting, size = [whole], FIRST
+        block = most_block(self.ctx)
+        # pages, and pixels whose heads fit into a block
+        room, most = min(ROOM, block // (PIECE * PAGE)), min(MOST, (block // HEAD - 1) // len(layers))
+        waiting, size = [whole], min(FIRST, most)
         while waiting:
             window = waiting.pop()
             height = max(size // max(window.width, 1) // ROWS, 1) * ROWS
             if height < window.height:
                 window, rest = _rows(window, height)
                 waiting.append(rest)
-            used = self._window(target, scratch, layers, bind, portions, window)
-            if used > ROOM:
+            used = self._window(target, scratch, layers, bind, portions, (window, room))
+            if used > room:
                 waiting += [window] if window.height > ROWS else _columns(window)
-            size = int(np.clip(SHARE * window.width * window.height * ROOM / max(used, 1), ROWS, MOST))
+            size = int(np.clip(SHARE * window.width * window.height * room / max(used, 1), ROWS, most))
 
     def _window(
         self,
@@ -99,22 +104,26 @@ class LayerTiles(SheetTiles):
         layers: Sequence[Drawn],
         bind: Callable[[Splats, Plan], None],
         portions: Portions,
-        window: Window,
+        part: tuple[Window, int],
     ) -> int:
-        """Composites a window; returns the number of pages it needs. If more than ROOM, nothing is composited."""
+        """Composites a window; returns the number of pages it needs. If more than there are, nothing is composited.
+
+        part: the window, and the number of pages.
+        """
+        window, room = part
         band = self.begin(window)
         pixels = band.closed.size * ROWS * COLUMNS
         heads, used = self._empty_heads(len(layers), pixels), 0
         for n, (splats, plan) in enumerate(layers):
             bind(splats, plan)
-            self.keeping = {"layer": n, "band": pixels, "room": ROOM, "thin": THIN * plan.resolved.tolerance}
+            self.keeping = {"layer": n, "band": pixels, "room": room, "thin": THIN * plan.resolved.tolerance}
             scratch.clear()
             if plan.resolved.boxes:
                 self._draw_boxes(scratch, splats, replace(plan, window=window), portions)
             else:
                 self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
             used = int(np.frombuffer(heads.read(4), np.uint32)[0])
-            if used > ROOM:
+            if used > room:
                 return used
         bind(*layers[0])
         self._over(target, layers, band, pixels)
@@ -141,7 +150,7 @@ class LayerTiles(SheetTiles):
         self.ctx.memory_barrier()
 
     def _empty_heads(self, layers: int, pixels: int) -> moderngl.Buffer:
-        size = 16 * (1 + layers * pixels)
+        size = HEAD * (1 + layers * pixels)
         if self.heads is None or self.heads.size < size:
             if self.heads is not None:
                 self.heads.release()
@@ -153,7 +162,7 @@ class LayerTiles(SheetTiles):
         """Binds the buffers of layer_pages.glsl; the passes that list splats bind other buffers there."""
         assert self.heads is not None
         self.heads.bind_to_storage_buffer(HEADS)
-        self._buffer(PAGES, POOL)
+        self._buffer(PAGES, min(POOL, most_block(self.ctx)))
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         if name != "sheet_draw.comp":

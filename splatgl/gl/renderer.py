@@ -252,7 +252,7 @@ class Renderer:
         interrupted: Callable[[], bool] | None = None,
         bands: int = 1,
     ) -> np.ndarray:
-        before = 0
+        before, bands = 0, max(bands, self.passes.sheets.least_bands(chosen.window))
         bricks.found.clear()
         bricks.gaps.clear()
 

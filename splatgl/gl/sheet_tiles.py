@@ -10,7 +10,7 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels, uneven
+from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels, most_block, uneven
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
@@ -32,8 +32,9 @@ from splatgl.splat.view import GridView
 
 # buffer binding of the open sheets
 RINGS = 5
-# floats per pixel of the open sheets, see open_sheets.glsl
+# floats per pixel of the open sheets, see open_sheets.glsl; bytes of a tile, a multiple of every device's alignment
 RING = 36
+RING_BYTES = RING * ROWS * COLUMNS * 4
 # maximum list entries of a tile per dispatch: with the sheets between them, loop iterations stay below 65535
 MOST_ENTRIES = 30_000
 # voxels beyond a clip plane that may contribute to the side it keeps: reach of a kernel and of the sheets
@@ -145,6 +146,11 @@ class SheetTiles(Tiles):
         for part in bands_of(window, -(-rows // batches.bands) * ROWS * window.width):
             self._draw_band(target, whole, plan, batches, portions, part)
 
+    def least_bands(self, window: Window) -> int:
+        """Returns the number of bands into which batches of splats must be drawn: a dispatch takes MOST_TILES tiles."""
+        across, down = -(-window.width // COLUMNS) + 1, -(-window.height // ROWS) + 1
+        return 1 if self.card is None else -(-down // (MOST_TILES // across))
+
     def _draw_band(
         self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions, window: Window
     ) -> None:
@@ -248,19 +254,26 @@ class SheetTiles(Tiles):
     def _composite(self, card: CardLists, target: Target, plan: Plan, last: bool) -> None:
         complete = self.last and last
         carried = self.band.begun or not complete
-        if carried:
-            self._buffer(RINGS, self.band.closed.size * RING * ROWS * COLUMNS * 4)
+        tiles = self.band.closed.size
+        rings = self._buffer(RINGS, tiles * RING_BYTES) if carried else None
         program = self._program("sheet_draw.comp", plan, {"CARRIED": carried})
         set_uniforms(program, half_table=HALF_LINE_UNIT, opaque=1.0 - plan.hiding.cutoff, complete=complete)
         self.bind_target(target)
-        program.run(self.band.closed.size)
+        # so many tiles at a time that a block holds their open sheets
+        most = max(most_block(self.ctx) // RING_BYTES, 1) if carried else tiles
+        for first in range(0, tiles, most):
+            part = min(most, tiles - first)
+            if rings is not None:
+                rings.bind_to_storage_buffer(RINGS, offset=first * RING_BYTES, size=part * RING_BYTES)
+            set_uniforms(program, first_tile=first)
+            program.run(part)
         self.ctx.memory_barrier()
         self.band.begun = True
 
     def _keep(self) -> None:
         """Provides empty storage for the open sheets of all tiles."""
         tiles = self.band.closed.size
-        size = tiles * RING * ROWS * COLUMNS * 4
+        size = tiles * RING_BYTES
         self._buffer(RINGS, size).clear(size)
         self.kept = np.zeros(tiles, bool)
 

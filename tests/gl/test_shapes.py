@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.gl import tiles
-from splatgl.gl.shader import SHAPES, choose_shape
+from splatgl.gl import layers as layering
+from splatgl.gl import sheet_tiles, tiles
+from splatgl.gl.shader import SHAPES, choose_shape, compose, declared_switches
 from splatgl.splat import bricks as bricking
 from splatgl.splat.bricks import Bricks, bricks_of
 from splatgl.splat.settings import Settings
@@ -164,6 +166,36 @@ def test_portions_draw_the_same(
     monkeypatch.setattr(tiles, "MOST", 300)
     # pieces of layers end with a portion
     assert np.abs(drawing(card) - right).max() < 10 * ROUNDED
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("kind", ["values", "mip", "bricks", "layers"])
+def test_small_storage_blocks_draw_the_same(
+    kind: str, renderer: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Open sheets are bound a few tiles at a time, and bricks drawn in bands; layers have little room."""
+    draw = KINDS[kind]()
+    right = draw(renderer)
+    monkeypatch.setattr(tiles, "MOST", 300)
+    monkeypatch.setattr(sheet_tiles, "most_block", lambda ctx: 3 * sheet_tiles.RING_BYTES)
+    monkeypatch.setattr(sheet_tiles, "MOST_TILES", 14)
+    monkeypatch.setattr(layering, "most_block", lambda ctx: 2**17)
+    # pieces of layers end with a portion
+    assert np.abs(draw(card) - right).max() < 10 * ROUNDED
+
+
+def test_shaders_of_a_card_keep_to_what_every_device_has() -> None:
+    """At most 7 storage blocks, and 16 KB of shared memory, with all features together."""
+    for name in ("sheet_draw.comp", "tile_draw.comp", "box_draw.comp", "layers_over.comp"):
+        on = {"CARRIED": 1, "LAYERED": 1, "NEAR": 1, "LIMITED": 1, "SHEETS": 4, "STEPS": 3, "CLIPPED": 1, "MASKED": 1}
+        switches = (
+            {"SKY": 1, "SHADOWS": 1, "ANTIALIAS": 1, "CUBIC": 0, "ALIGN": "ALIGN_EXACT"} | on | SHAPES["card"].switches
+        )
+        declared = declared_switches(name)
+        text = compose(name, {switch: value for switch, value in switches.items() if switch in declared}).source
+        assert 1 <= len(re.findall(r"^layout\(std430, binding = \d+\)", text, re.M)) <= 7
+        vectors = [count for line in re.findall(r"^shared vec4 .*;", text, re.M) for count in re.findall(r"\[", line)]
+        assert 16 * 64 * len(vectors) + 64 <= 16_384
 
 
 def test_a_pixel_that_ends_hides_no_more_than_it_may(renderer: sg.Renderer, card: sg.Renderer) -> None:
