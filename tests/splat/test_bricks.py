@@ -259,7 +259,6 @@ def test_a_budget_decides(renderer: sg.Renderer, rng: np.random.Generator) -> No
     [
         (Settings(classification="pre"), "got classification pre"),
         (Settings(compositing="splats"), "got compositing splats"),
-        (Settings(technique="quads"), "technique auto or tiles, got quads"),
     ],
     ids=str,
 )
