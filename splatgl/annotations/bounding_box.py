@@ -35,9 +35,7 @@ TOWARDS = np.array([-0.6, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """An edge of the box. corners: its ends; outer: whether it is on the outline; hidden: whether it is behind the
-    box.
-    """
+    """Edge of the box from corner to corner; outer: is on the outline; hidden: lies behind the box."""
 
     axis: int
     corners: tuple[int, int]

@@ -73,9 +73,7 @@ class Canvas:
 
     @classmethod
     def over(cls, pixels: np.ndarray, ground: Color | None) -> Canvas:
-        """Empty canvas for an image, with black or white ink, whichever is legible at its edges over `ground` or
-        white.
-        """
+        """Empty canvas for an image, with black or white ink, as is legible at its edges over `ground` or white."""
         edges = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
         light = edges[:, :3] + (1 - edges[:, 3:]) * np.asarray(ground or WHITE, np.float32)
         return cls(np.zeros_like(pixels, dtype=np.float32), ink_on(light), pixels, ground)
@@ -127,9 +125,7 @@ class Canvas:
         return bool((part[..., 3] <= EMPTY).all())
 
     def reserve(self, places: Sequence[Rect], name: str) -> Rect | None:
-        """Reserves the first free place, preferably one where the image is empty; None, with a note, if none is
-        free.
-        """
+        """Reserves a free place, the first where the image is empty if any; None, with a note, if none is free."""
         free = [place for place in places if self.free(place)]
         reserved = next((place for place in free if self.empty(place)), free[0] if free else None)
         if reserved is not None:
@@ -195,9 +191,7 @@ class Canvas:
             self.blend_mask((rows * cover * share).astype(np.float32), paint, (start, top - grow))
 
     def blend_mask(self, mask: np.ndarray, color: Color | np.ndarray, at: tuple[int, int]) -> None:
-        """Draws a colour (linear RGB, or [h, w, 3]) over the canvas by a coverage mask [h, w]; at: (x, y) of its
-        corner.
-        """
+        """Draws linear RGB, one or [h, w, 3], over the canvas by a coverage mask [h, w]; at: (x, y) of its corner."""
         paint = np.broadcast_to(np.asarray(color, np.float32), (*mask.shape, 3))
         self.paste(np.concatenate([paint * mask[..., None], mask[..., None]], axis=-1), at)
 

@@ -107,9 +107,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def log_ticks(low: float, high: float, most: int) -> list[float]:
-    """At most `most` of 1, 2, 5 · 10ⁿ from low > 0 to high; of powers of ten, or every n-th power, if there are
-    more.
-    """
+    """At most `most` of 1, 2, 5 · 10ⁿ from low > 0 to high; if there are more, of every or every n-th power of ten."""
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     for steps, stride in [(STEPS, 1), *(((1.0,), n) for n in range(1, last - first + 2))]:
         powers = [n for n in range(first, last + 1) if n % stride == 0]

@@ -148,9 +148,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Job(Subject):
-    """A picture to draw in parts. level: of a multiscale volume. memory: of a worker in bytes; None: half of the free
-    memory.
-    """
+    """Picture to draw in parts. level: of a multiscale volume. memory: of a worker, bytes; None: half of the free."""
 
     camera: Camera
     memory: int | None = None

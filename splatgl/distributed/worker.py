@@ -21,9 +21,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Drawing:
-    """OpenGL options of workers. devices: EGL devices, assigned in turn; empty: one graphics card each, if there are
-    several.
-    """
+    """OpenGL options of workers. devices: EGL devices in turn; empty: one graphics card each, if there are several."""
 
     backend: str = "auto"
     devices: tuple[int, ...] = ()

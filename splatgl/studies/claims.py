@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from textwrap import wrap
+from textwrap import fill
 
 import numpy as np
 
@@ -280,10 +280,10 @@ def page(figure: int | None = None) -> str:
     blocks = []
     for claim in chosen:
         verdict = "holds:        " if claim.holds else "DOES NOT HOLD:"
-        head = wrap(f"{claim.text} [{claim.source}]", PAGE - 15)
-        text = [f"{verdict} {head[0]}", *[" " * 15 + line for line in head[1:]]]
-        text += [" " * 15 + line for line in wrap(f"found: {claim.numbers}", PAGE - 15)]
-        blocks.append("\n".join(text))
+        margin = " " * 15
+        head = fill(f"{claim.text} [{claim.source}]", PAGE, initial_indent=f"{verdict} ", subsequent_indent=margin)
+        numbers = fill(f"found: {claim.numbers}", PAGE, initial_indent=margin, subsequent_indent=margin)
+        blocks.append(f"{head}\n{numbers}")
     held = sum(claim.holds for claim in chosen)
     scene = (
         f"{PAPER.n}³ voxels, {PAPER.n}² pixels, half-angle 30°, kernel exp(−2r²) cut at 2;\n"

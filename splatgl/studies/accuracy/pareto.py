@@ -59,9 +59,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Dominance:
-    """share: fraction of rounds in which a point is on the front against `rival`, the point with the smallest
-    fraction.
-    """
+    """share: of rounds in which a point is on the front against `rival`, the point with the smallest share."""
 
     share: float = 1.0
     rival: Point | None = None

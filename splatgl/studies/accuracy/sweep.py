@@ -360,16 +360,20 @@ class Task:
     flip: bool = False
     folder: Path | None = None
 
+    @property
+    def methods(self) -> list[Method]:
+        """Methods of the report."""
+        return select_methods(self.level, self.only, self.peers)
+
     def steps(self, scenes: int) -> int:
-        """Number of progress steps of `work`."""
-        count = len(select_methods(self.level, self.only, self.peers))
-        return scenes * count * (1 + self.level.rounds) + len(STUDIES)
+        """Number of progress steps of `run_task`."""
+        return scenes * len(self.methods) * (1 + self.level.rounds) + len(STUDIES)
 
 
 def truths_of(truths: Truths, task: Task) -> list[Request]:
     """Distinct truths of a scene that a report needs."""
     subject, requests = truths.subject, dict[str, Request]()
-    for method in select_methods(task.level, task.only, task.peers):
+    for method in task.methods:
         for kind in axis_of(method.name).measured:
             # a missing truth is recorded when the method is measured
             with suppress(InputError):
@@ -381,7 +385,6 @@ def truths_of(truths: Truths, task: Task) -> list[Request]:
 
 def run_task(renderer: Renderer, subjects: Sequence[Subject], task: Task, store: Store, tick: Tick) -> None:
     """Measures everything that is not in the store."""
-    requested = select_methods(task.level, task.only, task.peers)
     for subject in subjects:
         known = store.of("scene", scene=subject.name)
         if known and known[0]["mark"] != subject.mark():
@@ -394,8 +397,8 @@ def run_task(renderer: Renderer, subjects: Sequence[Subject], task: Task, store:
         truths = Truths(renderer, subject, task.level, task.folder)
         sweep = Sweep(renderer, subject, truths, store, task.flip)
         with closing(sweep):
-            sweep.pictures(requested, tick)
-            sweep.times(requested, task.level.rounds, tick)
+            sweep.pictures(task.methods, tick)
+            sweep.times(task.methods, task.level.rounds, tick)
     for study in STUDIES:
         tick(f"convergence: {study.name}")
         if not store.of("convergence", study=study.name):

@@ -459,9 +459,7 @@ PAPER, INK = (255, 255, 255), (0, 0, 0)
 
 
 def enlarge(pixels: np.ndarray, times: int, line: np.ndarray | None = None) -> np.ndarray:
-    """uint8 sRGB of opaque linear pixels [H, W, 3 or 4], enlarged by times × times; line: enlarged pixels drawn black,
-    with a white edge.
-    """
+    """uint8 sRGB of linear [H, W, 3 or 4], enlarged times × times; line: enlarged pixels drawn black, edged white."""
     from PIL import Image, ImageFilter
 
     shown = np.rint(srgb_from_linear(np.clip(pixels[..., :3], 0.0, 1.0)) * 255).astype(np.uint8)

@@ -236,9 +236,7 @@ def _thin_shell(bench: Bench) -> Iterator[Check]:
 
 
 def tilted_sheet(rows: int) -> tuple[Splats, Camera, np.ndarray]:
-    """(splats, camera, τ·sec θ [rows]): a floor of opacity 0.5 seen from above by one column of pixels, from half to
-    twice z_k.
-    """
+    """(splats, camera, τ·sec θ [rows]): floor of opacity 0.5, seen from above by a column of pixels, ½ z_k to 2 z_k."""
     camera = Camera.look_at((0, 0, 0), (0, 0, 1), UP, 60.0, (1, rows))
     z_k = camera.z_k(1.0)
     # y = below + z · tilt: the image's middle row meets it at z_k

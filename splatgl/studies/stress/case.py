@@ -283,6 +283,15 @@ def distance_of(camera: Camera) -> np.ndarray:
     return np.asarray(np.hypot(*np.meshgrid(*camera.slopes())))
 
 
+def box_ends(eye: np.ndarray, rays: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(near, far) [H, W]: where rays [H, W, 3] from the eye on are in a box, in lengths of the rays; 0, 0 outside."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([(low - eye) / rays, (high - eye) / rays])
+    near, far = np.maximum(ends.min(axis=0).max(axis=-1), 0.0), ends.max(axis=0).min(axis=-1)
+    is_hit = far > near
+    return np.where(is_hit, near, 0.0), np.where(is_hit, far, 0.0)
+
+
 def middle(pixels: np.ndarray) -> np.ndarray:
     """[4]: the middle pixel of an image with odd sides."""
     return np.asarray(pixels[pixels.shape[0] // 2, pixels.shape[1] // 2])

@@ -25,6 +25,7 @@ from splatgl.studies.stress.case import (
     Group,
     ahead,
     alpha,
+    box_ends,
     check,
     check_rows,
     distance_of,
@@ -128,16 +129,6 @@ def _depths(bench: Bench) -> Iterator[Check]:
         yield check(f"τ = {depth:g} a voxel", drawn, -np.expm1(-depth * SIDE), CONSTANT, relative=True)
 
 
-def chord(camera: Camera, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """[H, W]: world lengths of a perspective camera's rays in a box, from the eye on."""
-    ray = rays_of(camera)
-    ray = ray / np.linalg.norm(ray, axis=-1, keepdims=True) @ camera.eye_from_world
-    with np.errstate(divide="ignore"):
-        ends = np.stack([(low - camera.eye) / ray, (high - camera.eye) / ray])
-    near, far = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
-    return np.asarray(np.maximum(far - np.maximum(near, 0.0), 0.0))
-
-
 @CLASSES.case(
     "boxes",
     "voxels of 16:1 and 16:2:1, and sheets around the eye",
@@ -151,8 +142,10 @@ def _boxes(bench: Bench) -> Iterator[Check]:
         splats, center = fog(FOG, spacing), (low + high) / 2
         for name, eye in (("inside", low + 0.3 * (high - low)), ("outside", center + (high - low) * (1.3, -1.1, 0.9))):
             camera = Camera.look_at(eye, center + 0.11 * size, UP, 30.0, (15, 15))
-            length = chord(camera, low, high)
-            right = -np.expm1(-FOG / float(np.prod(size)) ** (1 / 3) * length)
+            rays = rays_of(camera)
+            rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ camera.eye_from_world
+            near, far = box_ends(camera.eye, rays, low, high)
+            right = -np.expm1(-FOG / float(np.prod(size)) ** (1 / 3) * (far - near))
             drawn = alpha(bench.draw(splats, camera))
             yield check(f"{':'.join(f'{s:g}' for s in spacing)}, {name}", drawn, right, 5 * CONSTANT)
 

@@ -19,6 +19,7 @@ from splatgl.studies.stress.case import (
     Check,
     Group,
     alpha,
+    box_ends,
     check,
     check_rows,
     dots,
@@ -104,16 +105,11 @@ def paths(view: FogView, reach: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     farthest = camera.eye_from_points(spacing * np.array(list(product(*((0, size) for size in SHAPE)))))[:, 2].max()
     grown = reach * max(1.0, pitch * farthest)
     low, high = np.full(3, -0.5) - grown, np.array(SHAPE) - 0.5 + grown
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.stack([(low - eye) / rays, (high - eye) / rays])
-    near, far = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
-    near = np.maximum(near, 0.0)
-    hit = far > near
-    near, far = np.where(hit, near, 0.0), np.where(hit, far, 0.0)
+    near, far = box_ends(eye, rays, low, high)
     length = (far - near) * np.linalg.norm(rays * spacing, axis=-1)
     mean = float(np.prod(spacing) ** (1 / 3))
     depth = -np.log1p(-view.opacity) / mean * length
-    clear = hit & ((far - near) * np.linalg.norm(rays, axis=-1) >= SHORTEST)
+    clear = (far > near) & ((far - near) * np.linalg.norm(rays, axis=-1) >= SHORTEST)
     for start, along in _edges(low, high):
         away, at = _distance_to_edge(eye, rays, start, along)
         clear &= away >= CLEAR * np.maximum(1.0, pitch * at)

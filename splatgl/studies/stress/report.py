@@ -280,10 +280,7 @@ def as_json(results: Sequence[Result], renderer: str) -> str:
     """JSON of all results by case."""
     cases = [
         {
-            "name": result.case.name,
-            "stresses": result.case.stresses,
-            "how": result.case.how,
-            "right": result.case.right,
+            **{name: getattr(result.case, name) for name in ("name", "stresses", "how", "right")},
             "kept": result.ok,
             "pictures": result.pictures,
             "not_finite": result.bad_pixels,
@@ -310,17 +307,9 @@ def as_markdown(results: Sequence[Result], renderer: str) -> str:
 
 def _check_line(name: str, check: Check, ok: bool) -> str:
     paper = "" if check.paper_error is None else _error(check.paper_error, check.relative)
-    cells = (
-        name,
-        check.what,
-        _number(check.right),
-        _number(check.found),
-        _error(check.error, check.relative),
-        _error(check.bound, check.relative),
-        paper,
-        "ok" if ok else "BROKEN",
-    )
-    return _line(cells)
+    error, bound = (_error(value, check.relative) for value in (check.error, check.bound))
+    values = f"{check.right:.4g}", f"{check.found:.4g}"
+    return _line((name, check.what, *values, error, bound, paper, "ok" if ok else "BROKEN"))
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -329,10 +318,6 @@ def _line(cells: Sequence[str]) -> str:
         text = cell if len(cell) <= width else cell[: width - 1] + "…"
         parts.append(text.ljust(width) if n < 2 or n == len(WIDTHS) - 1 else text.rjust(width))
     return " ".join(parts).rstrip()
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}"
 
 
 def _error(value: float, relative: bool) -> str:
