@@ -88,7 +88,7 @@ def _measure(args: argparse.Namespace, level: Level, sources: list[str], folder:
     from splatgl.cli.doctor import machine
     from splatgl.gl.renderer import Renderer
     from splatgl.gl.target import check_size
-    from splatgl.studies.accuracy.html import publish
+    from splatgl.studies.accuracy.export import publish
     from splatgl.studies.accuracy.sweep import NAME, Results, Store, Task, run_task
 
     ended = 0
@@ -139,8 +139,8 @@ def _prepare(
 
 
 def _strip(renderer: Renderer, subject: Subject, results: Results, task: Task) -> str:
+    from splatgl.studies.accuracy.export import strip
     from splatgl.studies.accuracy.ground_truth import Truths
-    from splatgl.studies.accuracy.html import strip
 
     scene = next(scene for scene in results.scenes if scene.name == subject.name)
     return strip(renderer, subject, scene, Truths(renderer, subject, task.level, task.folder))

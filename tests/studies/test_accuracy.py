@@ -22,8 +22,8 @@ from splatgl.reference.ray_integral import ray_integral
 from splatgl.studies.accuracy import content, methods
 from splatgl.studies.accuracy import sweep as work
 from splatgl.studies.accuracy.content import verdict
+from splatgl.studies.accuracy.export import publish
 from splatgl.studies.accuracy.ground_truth import LEVELS, Subject, Truths
-from splatgl.studies.accuracy.html import publish
 from splatgl.studies.accuracy.pareto import Point, Timing, cheapest, dominance, front, stairs
 from splatgl.studies.accuracy.sweep import Results, Store, Sweep, errors, select_methods
 from splatgl.studies.accuracy.vtk_peers import MAPPERS, Peer
@@ -162,7 +162,7 @@ def test_the_registry_holds_what_trades_accuracy_for_time() -> None:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """No diagrams, which take most of a small report's time."""
-    monkeypatch.setattr("splatgl.studies.accuracy.html._diagrams", lambda results: {})
+    monkeypatch.setattr("splatgl.studies.accuracy.export._diagrams", lambda results: {})
 
 
 @pytest.fixture
@@ -340,7 +340,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
             assert float(row["reference_maximum"]) <= float(row["tolerance"])
     assert "| exact |" in (folder / "report.md").read_text()
     before = (folder / "report.csv").read_text()
-    monkeypatch.setattr("splatgl.studies.accuracy.html._diagrams", lambda results: {})
+    monkeypatch.setattr("splatgl.studies.accuracy.export._diagrams", lambda results: {})
     assert main([*asked, "--resume", "--quiet"]) == 0
     assert (folder / "report.csv").read_text() == before
     assert main([*asked, "--resume", "--rounds", "3"]) == 2

@@ -141,7 +141,7 @@ def test_scenes_without_a_field(
 @pytest.mark.long
 def test_a_report_without_a_field(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A line says so, and methods classified after are left out."""
-    monkeypatch.setattr("splatgl.studies.accuracy.html._diagrams", lambda results: {})
+    monkeypatch.setattr("splatgl.studies.accuracy.export._diagrams", lambda results: {})
     monkeypatch.setattr(sweep, "STUDIES", ())
     asked = ["--quick", "--size", "12", "--rounds", "1", "--only", "exact", "post b-spline", "sheets 3", "--quiet"]
     assert main(["report", "letter-f", "balls", *asked, "-o", str(tmp_path)]) == 0
