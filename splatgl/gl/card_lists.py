@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Texels, uneven
+from splatgl.gl.buffers import Texels, most_block, uneven
 from splatgl.gl.features import Uniforms
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import ABREAST, CLOSED, SORT_BLOCK, SORT_LANES
@@ -47,7 +47,7 @@ class CardLists:
         self.buffers: dict[str, moderngl.Buffer] = {}
         self.order: moderngl.Texture | None = None
         # pairs that fit into a storage block of this OpenGL, and into the buffers; number of sorts of a part
-        self.most = min(MOST_PAIRS, int(ctx.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]) // PAIR)
+        self.most = min(MOST_PAIRS, most_block(ctx) // PAIR)
         self.room, self.sorts = min(LEAST_PAIRS, self.most), 1
         # tiles of the band; the splats that are listed, as uniforms
         self.tiles, self.part = 1, {"number": 1}
