@@ -87,10 +87,11 @@ def _with_command(arguments: list[str]) -> list[str]:
         return arguments
     from splatgl.data.scenes import SCENES
     from splatgl.platforms import has_display
+    from splatgl.readers.options import inside
     from splatgl.readers.remote import is_address
 
     source = arguments[0]
-    if source in SCENES or is_address(source) or os.path.exists(source):
+    if source in SCENES or is_address(source) or os.path.exists(inside(source)[0]):
         if has_display():
             return ["view", *arguments]
         line = shlex.join(["splatgl", "render", source, "-o", "picture.png"])

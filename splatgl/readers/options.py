@@ -18,7 +18,7 @@ from splatgl.options import Group, Kind, check_options, non_default, option
 # endings of files that hold named datasets
 HDF5 = (".h5", ".hdf5", ".he5", ".nc")
 
-_INSIDE = re.compile(rf"(?is)(.+(?:{'|'.join(map(re.escape, HDF5))})):(/.+)")
+_INSIDE = re.compile(rf"(?is)(.+(?:{'|'.join(map(re.escape, HDF5))})):([/\\].+)")
 
 _FIJI = "save it as TIFF with Fiji (Bio-Formats)"
 _PARAVIEW = "turn it into a .vti with ParaView's filter Resample To Image"
@@ -52,7 +52,8 @@ CONVERTERS = {
 def inside(source: str) -> tuple[str, str | None]:
     """File and array of FILE.h5:/a/b; another source and None."""
     match = _INSIDE.fullmatch(source)
-    return (match[1], match[2]) if match else (source, None)
+    # a path of Windows has the slashes of the array turned round
+    return (match[1], match[2].replace("\\", "/") if match[2][0] == "\\" else match[2]) if match else (source, None)
 
 
 def converter(name: str) -> str:

@@ -7,7 +7,7 @@ import errno
 import os
 import subprocess
 import sys
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,8 +33,9 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]
 
 
 def run(environment: dict[str, str], *arguments: str) -> str:
-    told = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True)
-    assert told.returncode == 0, told.stderr
+    out, error = subprocess.PIPE, subprocess.STDOUT
+    told = subprocess.run([sys.executable, *arguments], env=environment, stdout=out, stderr=error, text=True)
+    assert told.returncode == 0, told.stdout
     return told.stdout
 
 
@@ -68,12 +69,16 @@ def test_another_system(tmp_path: Path, elsewhere: dict[str, str], system: str) 
     assert ("draws by tiles" in text) == (system == "win32")
     refused = "v.npy: cannot be written: it is open, here or in another program; close it, or choose another name"
     assert (refused in text) == (system == "win32")
-    assert np.load(tmp_path / "w.npy").max() > 0.1
+    assert np.load(tmp_path / "w.npy").max() > 0.1 and np.load(tmp_path / "c.npy").max() > 0.1
+    assert "exit render 0" in text and "exit info 0" in text and f"auto, {versions[:3]} or window" in text
+    window = next(line for line in text.splitlines() if line.startswith("splatgl: OpenGL: "))
+    assert "window says: " in window and words in window and f"exit {tmp_path / 'v.h5:'}/v 2" in text
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
 def test_a_drive_is_no_option() -> None:
     assert inside(r"C:\v.h5:/a/b") == (r"C:\v.h5", "/a/b") and inside(r"C:\v.h5") == (r"C:\v.h5", None)
+    assert inside(str(PureWindowsPath("C:/d") / "v.h5:/a/b")) == (r"C:\d\v.h5", "/a/b")
     assert split_look(r"C:\m.stl:bone:0.5", str.isalpha) == (r"C:\m.stl", "bone", 0.5)
     for look in (str.isalpha, lambda text: LOOK.fullmatch(text) is not None):
         assert split_look(r"C:\m.stl", look) == (r"C:\m.stl", "", 1.0)

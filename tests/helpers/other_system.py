@@ -15,6 +15,7 @@ import pkgutil
 import sys
 import types
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,7 @@ def main(system: str, folder: Path) -> None:
 
     import splatgl as sg
     from splatgl.cli import doctor
+    from splatgl.cli.main import main as command
     from splatgl.distributed import worker
     from splatgl.fileio import budget
     from splatgl.gl.context import current
@@ -234,6 +236,13 @@ def main(system: str, folder: Path) -> None:
     images = doctor._images(tiles=False)
     doctor._images = lambda tiles: {name: images[name] for name in ("default",)}  # type: ignore[assignment]
     print(doctor.report()[0])
+    # commands; no window opens, and the reason is one line
+    file = str(folder / "v.h5:") + "/v"
+    drawing = ["render", file, "-o", str(folder / "c.npy"), "--size", "8", "--quiet"]
+    for words in (drawing, ["info", file], ["render", "--help-all"], [file]):
+        sys.stdout.flush()
+        with suppress(SystemExit):
+            print("exit", words[0], command(words))
     try:
         sg.Renderer(device=0)
     except sg.InputError as error:
