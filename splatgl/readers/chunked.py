@@ -6,21 +6,22 @@ import atexit
 import hashlib
 import math
 import os
-import tempfile
 import zipfile
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.arrays import Key, Transposed
 from splatgl.errors import InputError
+from splatgl.fileio import atomic_write
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.remote import cache_folder
 
@@ -28,37 +29,22 @@ from splatgl.readers.remote import cache_folder
 CACHE_BYTES = 2**27
 
 
-class Files(Protocol):
-    """The files of an array's chunks; a chunk is named by the index of any of its samples."""
-
-    def tag(self) -> str:
-        """Text that changes with the contents."""
-        ...
-
-    def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Called before chunks are read, with an index for each."""
-
-    def holds(self, place: Sequence[int]) -> bool:
-        """Whether anything is stored for a chunk; may raise InputError."""
-        ...
-
-
 class OneFile:
-    """A file that holds all chunks of an array, as `Files`."""
+    """The file of an array's chunks, which are named by the index of any sample; base of arrays in other files."""
 
     def __init__(self, path: Path) -> None:
         self.path = path.resolve()
 
     def tag(self) -> str:
-        """The path, size and time of the file."""
+        """Text that changes with the contents: the path, size and time of the file."""
         status = self.path.stat()
         return f"{self.path} {status.st_size} {status.st_mtime_ns}"
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
-        """Does nothing: all chunks are in the file."""
+        """Called before chunks are read, with an index for each; does nothing, as all chunks are in the file."""
 
     def holds(self, place: Sequence[int]) -> bool:
-        """True: every chunk is in the file."""
+        """Whether a chunk is stored: every one is. Overrides may raise InputError."""
         return True
 
 
@@ -69,7 +55,7 @@ class Chunked:
     read.
     """
 
-    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: Files, form: str = "Zarr") -> None:
+    def __init__(self, name: str, array: Any, index: Sequence[int | slice], files: OneFile, form: str = "Zarr") -> None:
         self.name, self.array, self.index, self.files, self.form = name, array, tuple(index), files, form
         axes = [axis for axis, place in enumerate(self.index) if isinstance(place, slice)]
         self.shape = tuple(int(array.shape[axis]) for axis in axes)
@@ -197,14 +183,9 @@ class Extents:
 
     def save(self) -> None:
         """Writes the known extremes, if the folder can be written."""
-        try:
-            self.file.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=self.file.parent, delete=False) as file:
-                np.savez_compressed(file, low=self.low, high=self.high, known=self.known)
-            os.replace(file.name, self.file)
+        with suppress(InputError), atomic_write(self.file) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, low=self.low, high=self.high, known=self.known)
             self.changed = False
-        except OSError:
-            pass
 
 
 def folder_tag(folder: Path) -> str:

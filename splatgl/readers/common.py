@@ -141,6 +141,14 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     return out.view(dtype).reshape(tuple(shape))
 
 
+def inflated_size(file: BinaryIO, room: int) -> int:
+    """Bytes of the inflated zlib or gzip data of `file`, counted up to a little over `room`."""
+    engine, size = zlib.decompressobj(wbits=47), 0
+    while size <= room and not engine.eof and (piece := engine.unconsumed_tail or file.read(CHUNK_BYTES)):
+        size += len(engine.decompress(piece, CHUNK_BYTES))
+    return size
+
+
 def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
     """The data file `name` in the folder of `header` or below. Raises InputError for others, if not `anywhere`."""
     path, windows = header.parent / name.replace("\0", "?"), PureWindowsPath(name)

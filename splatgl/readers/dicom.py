@@ -24,7 +24,6 @@ from splatgl.readers.dicom_headers import (
     TIMES,
     Frame,
     Header,
-    Source,
     find_sources,
     list_frames,
     read_header,
@@ -51,18 +50,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
     if options.channel is not None:
         raise expected("channel", "no value for images", options.channel)
     series = select_series(contents.series, options)
-    notes = (
-        [f"{contents.damaged} damaged file{'s are' if contents.damaged > 1 else ' is'} left out"]
-        if contents.damaged
-        else []
-    )
+    damaged = f"{contents.damaged} damaged file{'s are' if contents.damaged > 1 else ' is'} left out"
+    notes = [damaged] * bool(contents.damaged)
     if len(contents.series) > 1 and options.series is None:
         notes.append(f"series {series.number} of {len(contents.series)} is read, the largest; series=N picks another")
     for kind, title in SEGMENTS.items():
         count = sum(head.modality == kind for head in contents.segments)
-        notes += [f"{title} in {count} files ({kind}) beside the images are not drawn: --labels FILE adds one"] * (
-            count > 0
-        )
+        note = f"{title} in {count} files ({kind}) beside the images are not drawn: --labels FILE adds one"
+        notes += [note] * bool(count)
     group, left = largest_group(series.frames)
     for head in {id(frame.header): frame.header for frame in group}.values():
         with _with_file_name(head, group):
@@ -401,24 +396,21 @@ DICOMDIR_CLASS = "1.2.840.10008.1.3.10"
 
 @dataclass(frozen=True)
 class Series:
-    """A series of images: its number in the list, UID, kind, description, and frames."""
+    """A series of images: its number in the list, and its frames."""
 
     number: int
-    uid: str
-    modality: str
-    description: str
     frames: tuple[Frame, ...]
+
+    @property
+    def head(self) -> Header:
+        """The header of the first frame, whose UID, kind and description are those of the series."""
+        return self.frames[0].header
 
     def __str__(self) -> str:
         """Description without UID or anything that identifies a patient."""
-        rows, columns = self.frames[0].header.size
-        text = f"{self.number}: {self.modality}, {len(self.frames)} × {columns} × {rows}"
-        return f"{text}, {self.description}" if self.description else text
-
-    @property
-    def rank(self) -> tuple[bool, int]:
-        """Sort key by the size of the largest stack."""
-        return rank(largest_group(self.frames)[0])
+        rows, columns = self.head.size
+        text = f"{self.number}: {self.head.modality}, {len(self.frames)} × {columns} × {rows}"
+        return f"{text}, {self.head.description}" if self.head.description else text
 
 
 @dataclass(frozen=True)
@@ -445,7 +437,11 @@ def find_series(path: Path) -> Contents:
     failed: list[InputError] = []
     for source in files:
         try:
-            head, file_frames = _read_frames(source)
+            head, tags = read_header(source)
+            is_image = min(head.size) > 0 and head.modality not in OTHERS
+            if is_image and not head.pixels:
+                raise expected("file", "pixels after its header", "none", "it is cut short, or holds no image")
+            file_frames = list_frames(head, tags) if is_image else []
         except InputError as error:
             if len(files) == 1 or "splatgl[" in str(error):
                 raise
@@ -457,25 +453,9 @@ def find_series(path: Path) -> Contents:
             others.append(head)
     if not members and not any(head.modality in SEGMENTS for head in others):
         raise _no_images_error(others, failed)
-    ordered = sorted(
-        members.values(), key=lambda file_frames: (file_frames[0].header.number, file_frames[0].header.series)
-    )
-    heads = [file_frames[0].header for file_frames in ordered]
-    series = (
-        Series(number, head.series, head.modality, head.description, tuple(file_frames))
-        for number, (head, file_frames) in enumerate(zip(heads, ordered, strict=True), 1)
-    )
-    return Contents(tuple(series), len(failed), tuple(others))
-
-
-def _read_frames(source: Source) -> tuple[Header, list[Frame]]:
-    """A file's header and frames, none if it is no image. Raises InputError for a damaged file."""
-    head, tags = read_header(source)
-    if min(head.size) < 1 or head.modality in OTHERS:
-        return head, []
-    if not head.pixels:
-        raise expected("file", "pixels after its header", "none", "it is cut short, or holds no image")
-    return head, list_frames(head, tags)
+    ordered = sorted(members.values(), key=lambda frames: (frames[0].header.number, frames[0].header.series))
+    series = tuple(Series(number, tuple(frames)) for number, frames in enumerate(ordered, 1))
+    return Contents(series, len(failed), tuple(others))
 
 
 def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> InputError:
@@ -489,12 +469,13 @@ def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> 
 def select_series(candidates: Sequence[Series], options: LoadOptions) -> Series:
     """The series that `series` names by number, UID or end of a UID, else the largest."""
     if options.series is None:
-        return max(candidates, key=lambda candidate: candidate.rank)
+        # by the largest stack
+        return max(candidates, key=lambda candidate: rank(largest_group(candidate.frames)[0]))
     requested = str(options.series)
     if requested.isascii() and requested.isdigit() and 1 <= int(requested[:9]) <= len(candidates):
         return candidates[int(requested[:9]) - 1]
-    ends = [candidate for candidate in candidates if candidate.uid.endswith(requested)]
-    matches = [candidate for candidate in ends if candidate.uid == requested] or ends
+    ends = [candidate for candidate in candidates if candidate.head.series.endswith(requested)]
+    matches = [candidate for candidate in ends if candidate.head.series == requested] or ends
     if len(matches) != 1:
         listed = "; ".join(map(str, candidates[:LISTED])) + ("; …" if len(candidates) > LISTED else "")
         got = f"{len(matches)} matches" if matches else "no match"

@@ -366,7 +366,7 @@ def list_frames(of: Header, tags: Any) -> list[Frame]:
         if per_frame is not None and len(per_frame) != of.frames:
             raise expected("frames", f"{of.frames}, as the header says", len(per_frame), "the file is damaged")
         if per_frame is None:
-            (first,) = [_read_frame(of, 0, _Groups(tags, ()))]
+            first = _read_frame(of, 0, _Groups(tags, ()))
             return _multiframe(tags, first) if of.frames > 1 else [first]
         places = (tuple(item for item in (group, shared) if item is not None) for group in per_frame)
         return [_read_frame(of, number, _Groups(tags, groups)) for number, groups in enumerate(places)]
@@ -423,7 +423,8 @@ def _read_time(groups: _Groups, tag: str, sequence: str) -> float:
     """A tag as a number that orders images, NaN without one. A time of day HHMMSS.F is ordered as a number, too."""
     try:
         return float(str(groups.get(tag, sequence)))
-    except Exception:
+    except ValueError:
+        # of pydicom, too: a value that is not of its tag's type
         return math.nan
 
 
@@ -483,21 +484,16 @@ def _read_padding(tags: Any, pixels: str) -> tuple[float, float] | None:
 
     pixels: "Float" or "DoubleFloat" of floating-point pixels, else "".
     """
-    names = (f"{pixels}PixelPadding{name}" for name in ("Value", "RangeLimit"))
-    limits = [_stored_number(tags, tag) if not pixels else finite_numbers([tags.get(tag)], 1) for tag in names]
-    first, last = limits[0], limits[1] or limits[0]
-    if not first or not last or first[0] == 0:
-        return None
-    return min(first[0], last[0]), max(first[0], last[0])
-
-
-def _stored_number(tags: Any, tag: str) -> Numbers | None:
-    """The number of a tag of the pixels' type (US or SS), whatever type the file states."""
-    value = tags.get(tag)
-    if isinstance(value, bytes) and len(value) == 2:
-        value = int.from_bytes(value, "little" if tags.original_encoding[1] else "big")
-    number = finite_numbers([value], 1)
-    return None if number is None else (_wrap_sign(tags, number[0]),)
+    limits = []
+    for value in (tags.get(f"{pixels}PixelPadding{name}") for name in ("Value", "RangeLimit")):
+        if isinstance(value, bytes) and len(value) == 2:
+            value = int.from_bytes(value, "little" if tags.original_encoding[1] else "big")
+        number = finite_numbers([value], 1)
+        if number is None:
+            break
+        # whole numbers are of the pixels' type (US or SS), whatever type the file states
+        limits.append(number[0] if pixels else _wrap_sign(tags, number[0]))
+    return (min(limits), max(limits)) if limits and limits[0] else None
 
 
 def _wrap_sign(tags: Any, value: float) -> float:

@@ -60,12 +60,12 @@ def check_header(header: Header) -> None:
     """Raises InputError for unsupported pixels, and for sizes that the file cannot hold."""
     uid = find_decoder(header.syntax)
     rows, columns = header.size
-    fine = header.photometric in GREYS if header.samples == 1 else header.samples == 3 and is_color(header)
-    if not fine and not (header.samples == 1 and header.photometric == PALETTE):
-        this = "grey, RGB, YBR or palette pixels"
-        raise expected(
-            "pixels", this, f"{header.samples} × {known_photometric(header.photometric)}", "convert the file"
-        )
+    kinds = {1: (*GREYS, PALETTE), 3: (*COLORS, PALETTE)}
+    if header.photometric not in kinds.get(header.samples, ()):
+        # a damaged file may hold any text
+        known = header.photometric in (*COLORS, *GREYS, PALETTE, "ARGB", "CMYK", "HSV")
+        got = f"{header.samples} × {header.photometric if known else 'unknown'}"
+        raise expected("pixels", "grey, RGB, YBR or palette pixels", got, "convert the file")
     if header.allocated not in (8, 16, 32, 64) or (is_color(header) and header.allocated > 16):
         raise expected("pixels", "8 to 32 bits each, colours 8 or 16", f"{header.allocated} bits", "convert the file")
     if not 0 <= header.stored[0] <= header.allocated:
@@ -163,7 +163,7 @@ def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
             check_picture(data, *header.size, exact=True)
         data = encapsulate([data], has_bot=False)
     wide = "OB" if header.allocated <= 8 else "OW"
-    plain = {"bits_stored": header.stored[0] or header.allocated} if header.stored[0] else {}
+    plain = {"bits_stored": header.stored[0]} if header.stored[0] else {}
     options: Any = as_pixel_options(tags, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
     options.pop("extended_offsets", None)
     return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
@@ -189,8 +189,3 @@ def _to_rgb(array: np.ndarray, header: Header, tags: Any) -> np.ndarray:
         bits = array.dtype.itemsize * 8 if header.photometric == PALETTE else header.stored[0] or header.allocated
         array = array >> max(bits - 8, 0)
     return np.clip(array, 0, 255).astype(np.uint8)
-
-
-def known_photometric(text: str) -> str:
-    """A photometric interpretation of DICOM; "unknown" for other text, which a damaged file may hold."""
-    return text if text in (*COLORS, *GREYS, PALETTE, "ARGB", "CMYK", "HSV") else "unknown"

@@ -10,11 +10,11 @@ permitted. Only filters with bounded results are run.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import subprocess
 import sys
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
@@ -38,10 +38,10 @@ from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, ChannelSet
 from splatgl.readers.chunked import Chunked, OneFile, Packing
 from splatgl.readers.common import (
-    CHUNK_BYTES,
     DEFLATE_RATIO,
     MAX_BYTES,
     decoder_errors,
+    inflated_size,
     map_array,
     require_bytes,
     require_plausible,
@@ -535,7 +535,9 @@ class _DatasetPart(OneFile):
         chunk = self.dataset.id.get_chunk_info_by_coord(place)
         if chunk.byte_offset is not None and chunk.size * DEFLATE_RATIO > MAX_BYTES:
             require_bytes(chunk.size, self.path.stat().st_size)
-            _check_inflated(self.dataset.id.read_direct_chunk(place)[1], byte_count(self.stored, self.dataset.dtype))
+            room = byte_count(self.stored, self.dataset.dtype)
+            if inflated_size(io.BytesIO(self.dataset.id.read_direct_chunk(place)[1]), room) > room:
+                raise expected("chunk", f"{room} bytes", "more", "the file is damaged")
 
     def tag(self) -> str:
         """The path, size and time of the file, and the dataset in it."""
@@ -547,13 +549,3 @@ class _DatasetPart(OneFile):
             return not self.empty
         begin = tuple(at - at % size for at, size in zip(place, self.stored, strict=True))
         return self.dataset.id.get_chunk_info_by_coord(begin).byte_offset is not None
-
-
-def _check_inflated(data: bytes, room: int) -> None:
-    """Raises InputError if zlib data expand beyond `room` bytes."""
-    engine, size, piece = zlib.decompressobj(), 0, data
-    while size <= room and piece:
-        size += len(engine.decompress(piece, CHUNK_BYTES))
-        piece = engine.unconsumed_tail
-    if size > room:
-        raise expected("chunk", f"{room} bytes", "more", "the file is damaged")

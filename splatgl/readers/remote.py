@@ -11,14 +11,13 @@ import os
 import re
 import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import shorten_name
+from splatgl.fileio import shorten_name, write_file
 from splatgl.platforms import user_folder
 
 # number of attempts; seconds between the first two, which double; seconds for a connection and for each part of an
@@ -87,7 +86,7 @@ class Remote:
             if data is None:
                 self.absent.add(name)
             else:
-                _write(self.path(name), data)
+                write_file(self.path(name), data)
 
     def __str__(self) -> str:
         return self.address
@@ -123,7 +122,7 @@ class Remote:
             shutil.rmtree(self.folder, ignore_errors=True)
         for name, data in self.metadata.items():
             if data is not None:
-                _write(self.path(name), data)
+                write_file(self.path(name), data)
         return list(after.values())
 
     def _read_files(self, names: Sequence[str]) -> dict[str, bytes | None]:
@@ -167,10 +166,3 @@ class Remote:
 def _short_message(error: BaseException) -> str:
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= MOST_MESSAGE else text[: MOST_MESSAGE - 1] + "…"
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-        file.write(data)
-    os.replace(file.name, path)

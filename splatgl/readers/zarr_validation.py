@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import os
-import zlib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
-from splatgl.readers.chunked import folder_tag
-from splatgl.readers.common import CHUNK_BYTES, DEFLATE_RATIO, MAX_BYTES, require_plausible
+from splatgl.readers.chunked import OneFile, folder_tag
+from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, inflated_size, require_plausible
 
 Fetch = Callable[[Sequence[str]], None]
 
@@ -56,14 +55,15 @@ def check_files(path: Path) -> None:
 _LEAST_PARTS = 2**12
 
 
-class ChunkFiles:
+class ChunkFiles(OneFile):
     """The files of an array's chunks, each checked before it is decoded. fetch: brings files of the store here.
 
     index: turns a caller's index into the array's, where the caller has its axes in another order.
     """
 
     def __init__(self, path: Path, array: Any, fetch: Fetch | None = None) -> None:
-        self.path, self.folder, self.metadata, self.fetch = path, path / array.path, array.metadata, fetch
+        super().__init__(path)
+        self.folder, self.metadata, self.fetch = self.path / array.path, array.metadata, fetch
         self.index: Callable[[Sequence[int]], Sequence[int]] = tuple
         self.shape = array.shards or array.chunks
         self.bytes = byte_count(array.chunks, array.dtype)
@@ -150,15 +150,15 @@ def _codec_names(array: Any) -> list[str]:
 def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
     """Raises InputError if the chunk's header states, or long zlib data show, an expansion beyond `chunk` bytes."""
     stored, room = file.stat().st_size, _DECLARED_ROOM * chunk
-    if compressor in ("zlib", "gzip"):
-        size = _inflated_size(file, room) if stored * DEFLATE_RATIO > MAX_BYTES else 0
-    else:
-        with file.open("rb") as opened:
+    with file.open("rb") as opened:
+        if compressor in ("zlib", "gzip"):
+            size = inflated_size(opened, room) if stored * DEFLATE_RATIO > MAX_BYTES else 0
+        else:
             head = opened.read(18)
-        size = _declared_size(head, compressor, stored)
-        # Blosc does not know where a chunk ends: it reads as many bytes as the header states
-        if compressor == "blosc" and not _BLOSC_HEADER <= (length := int.from_bytes(head[12:16], "little")) <= stored:
-            raise expected(f"chunk {file.name}", f"{stored} bytes stored", f"{length} stated", "the file is damaged")
+            size = _declared_size(head, compressor, stored)
+    # Blosc does not know where a chunk ends: it reads as many bytes as the header states
+    if compressor == "blosc" and not _BLOSC_HEADER <= (length := int.from_bytes(head[12:16], "little")) <= stored:
+        raise expected(f"chunk {file.name}", f"{stored} bytes stored", f"{length} stated", "the file is damaged")
     if size > room:
         raise expected(f"chunk {file.name}", f"{chunk} bytes", f"{size} at least", "the file is damaged")
 
@@ -180,15 +180,3 @@ def _declared_size(head: bytes, compressor: str, stored: int) -> int:
 
 # most bytes per byte of Zstandard data: a block of 2**17 bytes takes four
 _ZSTD_RATIO = 2**15
-
-
-def _inflated_size(file: Path, room: int) -> int:
-    """Bytes of inflated zlib or gzip data, counted up to a little over `room`."""
-    engine, size = zlib.decompressobj(wbits=47), 0
-    with file.open("rb") as opened:
-        while size <= room and not engine.eof:
-            piece = engine.unconsumed_tail or opened.read(CHUNK_BYTES)
-            if not piece:
-                break
-            size += len(engine.decompress(piece, CHUNK_BYTES))
-    return size
