@@ -14,6 +14,7 @@ import numpy as np
 from splatgl.data.affine import Coordinate, axis_kind, make_lattice, unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import InputError, expected
+from splatgl.options import refuse_unknown
 
 # root module of a type, or of one of its bases → its function; others are arrays
 _SOURCES = {
@@ -54,9 +55,8 @@ class ArrayOptions:
 
 def volume_of(x: Any, **options: Any) -> Volume:
     """The volume in `x`, with the options of `ArrayOptions`; see `Volume.of`."""
-    unknown = sorted(set(options) - {f.name for f in fields(ArrayOptions)})
-    if unknown:
-        raise expected("options", f"some of {', '.join(f.name for f in fields(ArrayOptions))}", ", ".join(unknown))
+    names = [field.name for field in fields(ArrayOptions)]
+    refuse_unknown("options", sorted(options), names, f"some of {', '.join(names)}")
     array_options = ArrayOptions(**options)
     volume = x if isinstance(x, Volume) else _find_converter(x)(x, array_options)
     # where the array does not know its spacing, its levels do not either
@@ -232,7 +232,7 @@ def of_simpleitk(x: Any, options: ArrayOptions) -> Volume:
     if count > 1:
         fix = f"pick one of 0 … {count - 1} by SimpleITK.VectorIndexSelectionCast(x, 0)"
         raise expected("image", "one number per voxel", f"{count} channels", fix)
-    samples = check_samples(keep_owner(SimpleITK.GetArrayViewFromImage(x), x), "image")
+    samples = check_samples(np.asarray(_OwnedView(SimpleITK.GetArrayViewFromImage(x), x)), "image")
     direction = np.array(x.GetDirection()).reshape(3, 3)
     spacing, origin = triple(x.GetSpacing(), "spacing"), triple(x.GetOrigin(), "origin")
     return Volume(samples, spacing, origin, direction, "mm", frame="LPS")
@@ -291,12 +291,9 @@ class Transposed:
         return np.expand_dims(part, free.index(None)) if None in free else part
 
 
-def keep_owner(view: np.ndarray, owner: Any) -> np.ndarray:
-    """An array of the same memory, which keeps its `owner` alive."""
-    return np.asarray(_OwnedView(view, owner))
-
-
 class _OwnedView:
+    """An array's memory, whose arrays keep its `owner` alive."""
+
     def __init__(self, view: np.ndarray, owner: Any) -> None:
         self.__array_interface__ = view.__array_interface__
         self.held = (view, owner)

@@ -58,33 +58,34 @@ class Image:
 
     def encoded(self, name: Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> bytes:
         """The bytes that `save` writes into a file of that name."""
-        if name.suffix.lower() == ".npy":
+        ending, info = name.suffix.lower(), dict(self.info)
+        if ending not in SAVED:
+            raise expected(name, f"a name that ends in {' or '.join(SAVED)}", repr(name.suffix))
+        if ending == ".npy":
             return _npy(self.pixels)
-        if name.suffix.lower() in TIFF:
-            return encode_tiff(self.pixels, self.info)
-        if name.suffix.lower() in EXR:
-            return encode_exr(self.pixels, self.info)
-        if name.suffix.lower() in JPEG:
-            info = dict(self.info)
+        if ending in TIFF:
+            return encode_tiff(self.pixels, info)
+        if ending in EXR:
+            return encode_exr(self.pixels, info)
+        if ending in JPEG:
             samples = self._samples(info, 8, background or (0.0, 0.0, 0.0))
             return encode_jpeg(samples, info)
-        if name.suffix.lower() != ".png":
-            raise expected(name, f"a name that ends in {' or '.join(SAVED)}", repr(name.suffix))
-        return self._png(dict(self.info), bits, background)
+        # the samples first: this adds the X-ray scale to `info`
+        samples = self._samples(info, bits, background)
+        return _insert_text(encode_png(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
         """Reads .npy ([H, W, 4]), .exr, .tif of floats, or what Pillow supports, as linear premultiplied light."""
         source = Path(path)
+        if not source.is_file():
+            raise InputError(f"{source}: cannot be read: {'a directory' if source.is_dir() else 'no such file'}")
         if source.suffix.lower() == ".npy":
             return cls(_load_npy(source))
         if source.suffix.lower() in EXR:
-            _check_file(source)
             return cls(*load_exr(source))
-        if source.suffix.lower() in TIFF:
-            _check_file(source)
-            if (image := load_tiff(source)) is not None:
-                return cls(*image)
+        if source.suffix.lower() in TIFF and (image := load_tiff(source)) is not None:
+            return cls(*image)
         samples, info = _load_png(source)
         return cls(_linear_pixels(samples), info)
 
@@ -145,11 +146,6 @@ class Image:
         """The background of an X-ray, whose pixels do not hold it; None for other images."""
         ground = self.info.get("background") if self.info.get("blend") == "xray" else None
         return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
-
-    def _png(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> bytes:
-        # the samples first: this adds the X-ray scale to `info`
-        samples = self._samples(info, bits, background)
-        return _insert_text(encode_png(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
 
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:
         """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is stored in `info`."""
@@ -213,7 +209,6 @@ def _linear_pixels(samples: np.ndarray) -> np.ndarray:
 
 
 def _load_npy(source: Path) -> np.ndarray:
-    _check_file(source)
     try:
         pixels = np.load(source, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
@@ -227,7 +222,6 @@ def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     """Straight sRGB, uint8 or uint16 [H, W, 4], and the provenance, if any."""
     from PIL import Image as Pillow
 
-    _check_file(source)
     try:
         with Pillow.open(source) as picture:
             needed = picture.width * picture.height * DECODED
@@ -242,11 +236,6 @@ def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
         raise
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(f"{source}: cannot be read as a picture: {error}") from error
-
-
-def _check_file(source: Path) -> None:
-    if not source.is_file():
-        raise InputError(f"{source}: cannot be read: {'a directory' if source.is_dir() else 'no such file'}")
 
 
 def _decode_deep(source: Path) -> np.ndarray:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -66,12 +67,8 @@ def is_float_tiff(source: Path) -> bool:
         library = tiff_library()
     except InputError:
         return False
-
-    def read() -> bool:
-        with library.TiffFile(source) as tiff:
-            return _is_float_rgba(tiff.pages[0])
-
-    return bool(_read_with(source, read))
+    with _picture_errors(source), library.TiffFile(source) as tiff:
+        return _is_float_rgba(tiff.pages[0])
 
 
 def _is_float_rgba(page: Any) -> bool:
@@ -85,25 +82,18 @@ def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
         library = tiff_library()
     except InputError:
         return None
-
-    def read() -> tuple[np.ndarray, str] | None:
-        with library.TiffFile(source) as tiff:
-            page = tiff.pages[0]
-            return (page.asarray(), page.description) if _is_float_rgba(page) else None
-
-    image = _read_with(source, read)
-    return None if image is None else (image[0], provenance(image[1]))
+    with _picture_errors(source), library.TiffFile(source) as tiff:
+        page = tiff.pages[0]
+        return (page.asarray(), provenance(page.description)) if _is_float_rgba(page) else None
 
 
 def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     """Pixels float32 [H, W, 4] and the provenance of an EXR with the channels RGB or RGBA."""
     library = exr_library()
-
-    def read() -> tuple[dict[str, Any], str]:
+    with _picture_errors(source):
         part = library.File(str(source)).parts[0]
-        return {name: channel.pixels for name, channel in part.channels.items()}, str(part.header.get(KEYWORD, ""))
-
-    channels, text = _read_with(source, read)
+        channels = {name: channel.pixels for name, channel in part.channels.items()}
+        text = str(part.header.get(KEYWORD, ""))
     if "RGBA" not in channels and "RGB" not in channels:
         raise expected(source, "the channels RGBA or RGB", ", ".join(channels) or "none")
     pixels = np.asarray(channels.get("RGBA", channels.get("RGB")), np.float32)
@@ -112,10 +102,11 @@ def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     return pixels, provenance(text)
 
 
-def _read_with(source: Path, read: Callable[[], Any]) -> Any:
-    """The result of `read`; any exception of the library becomes InputError."""
+@contextmanager
+def _picture_errors(source: Path) -> Iterator[None]:
+    """Converts any exception of a library into InputError."""
     try:
-        return read()
+        yield
     except Exception as error:
         raise InputError(f"{source}: cannot be read as a picture: {' '.join(str(error).split())}") from error
 

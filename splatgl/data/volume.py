@@ -352,25 +352,21 @@ def halve_volume(volume: Volume, labels: bool = False) -> Volume:
 
 def _mean(planes: np.ndarray, steps: list[int]) -> np.ndarray:
     """[H', W'] means of blocks of planes [d, H, W]; the last of an odd count has double weight."""
-    total = planes.sum(axis=0, dtype=np.float32) / len(planes)
-    for axis, step in ((0, steps[1]), (1, steps[2])):
-        if step == 1:
-            continue
-        low = total[::2] if axis == 0 else total[:, ::2]
-        high = total[1::2] if axis == 0 else total[:, 1::2]
-        if high.shape != low.shape:
-            high = np.concatenate([high, low[-1:] if axis == 0 else low[:, -1:]], axis=axis)
-        total = (low + high) / 2
-    return np.asarray(total)
+    mean = _pad_odd(planes, steps).sum(axis=0, dtype=np.float32) / len(planes)
+    mean = mean if steps[1] == 1 else (mean[::2] + mean[1::2]) / 2
+    return np.asarray(mean if steps[2] == 1 else (mean[:, ::2] + mean[:, 1::2]) / 2)
+
+
+def _pad_odd(planes: np.ndarray, steps: list[int]) -> np.ndarray:
+    """Planes [d, H, W] with the last row and column of an odd count twice."""
+    odd = [(0, -count % step) for count, step in zip(planes.shape[1:], steps[1:], strict=True)]
+    return np.pad(planes, [(0, 0), *odd], mode="edge") if any(map(any, odd)) else planes
 
 
 def _majority(planes: np.ndarray, steps: list[int]) -> np.ndarray:
     """[H', W'] most frequent numbers of blocks of planes [d, H, W]; the last of an odd count counts twice."""
-    odd = [(0, -count % step) for count, step in zip(planes.shape[1:], steps[1:], strict=True)]
-    padded = np.pad(planes, [(0, 0), *odd], mode="edge")
-    corners = [
-        plane[y :: steps[1], x :: steps[2]] for plane in padded for y in range(steps[1]) for x in range(steps[2])
-    ]
+    padded, (_, down, right) = _pad_odd(planes, steps), steps
+    corners = [plane[y::down, x::right] for plane in padded for y in range(down) for x in range(right)]
     winner, best = corners[0], np.zeros(corners[0].shape, np.int8)
     for corner in corners:
         # of equally frequent numbers, not the background

@@ -10,6 +10,7 @@ from typing import Any
 
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, expected
+from splatgl.options import refuse_unknown
 from splatgl.readers.common import silence_libraries
 from splatgl.readers.heightmap import terrain_from_heights
 from splatgl.readers.options import FORMATS, Format, LoadOptions, converter, inside
@@ -65,8 +66,7 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
         with silence_libraries():
             given = given if array is None else {"array": array, **given}
             names = [field.name for field in fields(LoadOptions)]
-            if unknown := sorted(set(given) - set(names)):
-                raise expected("options", f"some of {', '.join(names)}", ", ".join(unknown))
+            refuse_unknown("options", sorted(given), names, f"some of {', '.join(names)}")
             load_options = replace(options or LoadOptions(), **given)  # type: ignore[arg-type]
             return _load_remote(str(path), load_options) if is_address(path) else _load(Path(path), load_options)
     except InputError as error:

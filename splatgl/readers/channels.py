@@ -11,6 +11,7 @@ import numpy as np
 from splatgl.data.color import luma
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, expected
+from splatgl.readers.common import parse_number
 from splatgl.readers.options import LoadOptions
 
 # units of time, as files spell them
@@ -117,10 +118,7 @@ def hex_color(color: Sequence[int]) -> str:
 
 def parse_window(low: object, high: object) -> tuple[float, float] | None:
     """(low, high) if both are numbers and low is below high; else None."""
-    try:
-        window = float(str(low)), float(str(high))
-    except ValueError:
-        return None
+    window = parse_number(low), parse_number(high)
     return window if -1e300 < window[0] < window[1] < 1e300 else None
 
 

@@ -8,10 +8,10 @@ import math
 import re
 import warnings
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -200,6 +200,23 @@ def silence_libraries() -> Iterator[None]:
         finally:
             for logger, before in zip(loggers, disabled, strict=True):
                 logger.disabled = before
+
+
+def parse_number(text: object, default: Any = math.nan) -> Any:
+    """The number in a text; the default for other text."""
+    try:
+        return float(str(text))
+    except ValueError:
+        return default
+
+
+def convert_words(words: Sequence[str], kind: Callable[[str], Any], what: str) -> list[Any]:
+    """The words of a header's field `what` as numbers of a kind, int or float. Raises InputError for other words."""
+    try:
+        return [kind(word) for word in words]
+    except ValueError:
+        number = "whole number" if kind is int else "number"
+        raise expected(what, f"a {number}" if len(words) == 1 else f"{number}s", repr(" ".join(words))) from None
 
 
 # bytes split into words at a time: small beside a volume, large beside a call's cost

@@ -73,13 +73,7 @@ def read(source: Source, kind: str, options: LoadOptions) -> Volume:
         table = _segment_labels(tags) if kind == "SEG" else _region_labels(tags)
         grid, masks, notes = (_frame_masks if kind == "SEG" else _contour_masks)(head, tags, table)
         layers, left = _pack_layers(grid, table, masks)
-    return _join_layers(grid, layers, (*notes, *left), options)
-
-
-def _join_layers(
-    grid: Grid, layers: Sequence[tuple[np.ndarray, tuple[Label, ...]]], notes: tuple[str, ...], options: LoadOptions
-) -> Volume:
-    """The volume of layers: (samples [D, H, W], labels of their numbers); several layers become channels."""
+    # several layers become channels
     names = [
         ", ".join(label.name for label in labels) if len(labels) < 4 else f"segments {n}"
         for n, (_, labels) in enumerate(layers)
@@ -89,7 +83,7 @@ def _join_layers(
     def read_layer(channel: int | None) -> Volume:
         samples, labels = layers[channel or 0]
         at = (grid.spacing, grid.origin, grid.direction)
-        return Volume(samples, *at, unit="mm", frame="LPS", labels=labels, notes=notes)
+        return Volume(samples, *at, unit="mm", frame="LPS", labels=labels, notes=(*notes, *left))
 
     volume = channels.volume(options, read_layer)
     all_labels = tuple(label for channel in volume.channels for label in channel.labels or ())
@@ -99,7 +93,9 @@ def _join_layers(
 def _pack_layers(
     grid: Grid, table: Sequence[Label], masks: Callable[[int], Iterator[tuple[int, np.ndarray]]]
 ) -> tuple[list[tuple[np.ndarray, tuple[Label, ...]]], tuple[str, ...]]:
-    """Puts each segment into the first layer where it overlaps no other; notes on segments that are left out."""
+    """(samples [D, H, W], labels of their numbers) of each layer: a segment is in the first where it overlaps no other;
+    notes on segments that are left out.
+    """
     dtype = np.dtype(np.uint8 if max((label.number for label in table), default=0) < 256 else np.uint16)
     layers: list[np.ndarray] = []
     layer_labels: list[list[Label]] = []

@@ -82,7 +82,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         def read_channel(channel: int | None) -> Volume:
             picked: dict[int, str | int] = dict.fromkeys(set(range(len(dataset.shape))) - set(axes), 0)
             picked |= dict.fromkeys(others, "channel") | ({} if time is None else {time: "time"})
-            number = channel if channels.channels else options.channel
+            number = channel if channels.channels else options.channel_number(channels.components)
             index = replace(options, array=None, channel=number).index(dataset.shape, picked)
             samples: Any = read_samples(path, dataset, index, options.anywhere, _read_packing(dataset))
             return grid.volume(_transpose(samples, axes), "spacing", value_unit=_value_unit(dataset))
@@ -377,16 +377,23 @@ def find_node(file: Any, name: str, anywhere: bool) -> Any:
     return node
 
 
+def _read_attribute(node: Any, name: str) -> np.ndarray:
+    """An attribute's values, flat; [] without any. Raises InputError for very many."""
+    if name not in node.attrs:
+        return np.zeros(0, "S1")
+    attribute = node.attrs.get_id(name)
+    if math.prod(attribute.shape or ()) > MOST_VALUES:
+        raise expected(name, f"at most {MOST_VALUES} values", attribute.shape)
+    return np.asarray(node.attrs[name]).ravel()
+
+
 def attribute_numbers(node: Any, name: str) -> np.ndarray | None:
     """An attribute's real numbers, also from text, flat; None without numbers."""
     if name not in node.attrs:
         return None
-    attribute = node.attrs.get_id(name)
-    if math.prod(attribute.shape or ()) > MOST_VALUES:
-        raise expected(name, f"at most {MOST_VALUES} values", attribute.shape)
-    values = np.asarray(node.attrs[name])
+    values = _read_attribute(node, name)
     if values.dtype.kind in "buif":
-        return values.astype(np.float64).ravel()
+        return values.astype(np.float64)
     try:
         return np.array(attribute_text(node, name).replace(",", " ").split(), np.float64)
     except ValueError:
@@ -412,19 +419,12 @@ def dimension_scales(dataset: Any) -> list[Any]:
 
 def attribute_texts(node: Any, name: str) -> list[str]:
     """An attribute's texts, [] without any."""
-    if name not in node.attrs or math.prod(node.attrs.get_id(name).shape or ()) > MOST_VALUES:
-        return []
-    values = np.asarray(node.attrs[name]).ravel().tolist()
+    values = _read_attribute(node, name).tolist()
     return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in values]
 
 
 def attribute_text(node: Any, name: str) -> str:
     """An attribute's text, also from an array of letters; "" without one."""
-    if name not in node.attrs:
-        return ""
-    attribute = node.attrs.get_id(name)
-    if math.prod(attribute.shape or ()) > MOST_VALUES:
-        raise expected(name, f"at most {MOST_VALUES} letters", attribute.shape)
     return "".join(attribute_texts(node, name))
 
 

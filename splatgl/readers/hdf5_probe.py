@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from contextlib import suppress
+from typing import Any
 
 import h5py
 
@@ -26,54 +27,32 @@ STARTED = "looking"
 ATTRIBUTES = (
     *("DIMENSION_LABELS", "DIMENSION_LIST", "axistags", "scale_factor", "add_offset", "_FillValue", "missing_value"),
     *("element_size_um", "spacing", "Spacing", "voxel_size", "voxelSize", "VoxelSize", "voxelsize", "pixel_size"),
-    *(
-        "pixelSize",
-        "resolution",
-        "Resolution",
-        "unit",
-        "units",
-        "positive",
-        "standard_name",
-        "coordinates",
-        "axis",
-        "NAME",
-        "Name",
-        "Color",
-        "ColorRange",
-        "Unit",
-    ),
+    *("pixelSize", "resolution", "Resolution", "unit", "units", "positive", "standard_name", "coordinates", "axis"),
+    *("NAME", "Name", "Color", "ColorRange", "Unit"),
     *(f"{name}{axis}" for name in ("ExtMin", "ExtMax") for axis in range(3)),
     *(f"ImageSize{axis}" for axis in "XYZ"),
 )
 
 
-def attribute_names(node: object) -> list[str]:
-    """The names of all attributes; ATTRIBUTES if their list is damaged."""
-    try:
-        return list(node.attrs)  # type: ignore[attr-defined]
-    except Exception:
-        return list(ATTRIBUTES)
-
-
-def read_node(_name: str, node: object) -> None:
+def read_node(_name: str, node: Any) -> None:
     """Reads the attributes of a group or dataset, and a dataset's fill value and chunk information."""
-    for name in attribute_names(node):
-        try:
-            attribute = node.attrs.get_id(name)  # type: ignore[attr-defined]
-            if attribute.get_storage_size() < 1 << 20:
-                str(node.attrs[name])  # type: ignore[attr-defined]
-        except Exception:
-            continue
+    try:
+        names = list(node.attrs)
+    except Exception:
+        # their list is damaged
+        names = list(ATTRIBUTES)
+    for name in names:
+        with suppress(Exception):
+            if node.attrs.get_id(name).get_storage_size() < 1 << 20:
+                str(node.attrs[name])
     if isinstance(node, h5py.Dataset):
         with suppress(Exception):
             str(node.fillvalue)
-        try:
+        with suppress(Exception):
             chunk = node.chunks
             if chunk is not None and node.size and not node.is_virtual and not node.external:
                 node.id.get_storage_size()
                 node.id.get_chunk_info_by_coord((0,) * len(chunk))
-        except Exception:
-            return
 
 
 def limit_process() -> None:

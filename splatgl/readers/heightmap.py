@@ -146,7 +146,7 @@ def read_csv(path: Path, options: LoadOptions) -> Volume:
             heights = _parse_rows(path)
     if options.values in ("labels", "amounts"):
         return Volume(heights[None])
-    return _make_terrain(heights, _load_color(path, options), options, Survey())
+    return make_terrain(path, heights[::-1], options)
 
 
 def _parse_rows(path: Path) -> np.ndarray:
@@ -158,16 +158,12 @@ def _parse_rows(path: Path) -> np.ndarray:
 
 
 def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Survey | None = None) -> Volume:
-    """The terrain of heights in picture order [H, W], row 0 the northern edge."""
+    """The terrain of heights [H, W], row 0 the northern edge, with holes for missing ones, sized by the survey."""
     _check_columns(path, rows.shape[1], rows.shape[0], options.levels)
-    return _make_terrain(rows[::-1], _load_color(path, options), options, survey or Survey())
-
-
-def _make_terrain(heights: np.ndarray, color: np.ndarray | None, options: LoadOptions, survey: Survey) -> Volume:
-    """The terrain of heights, row 0 at y = 0, with holes for missing ones, sized by the survey."""
+    color, survey = _load_color(path, options), survey or Survey()
     if options.relief is not None and options.spacing is not None:
         raise expected("relief", "no value beside spacing, whose z is the height of a level", options.relief)
-    values, new_notes = _mask_missing(heights, survey.missing)
+    values, new_notes = _mask_missing(rows[::-1], survey.missing)
     values = values * survey.slope + survey.offset
     volume = terrain_from_heights(values, color, options.levels, options.relief)
     notes = (*survey.notes, *new_notes)

@@ -17,7 +17,7 @@ from splatgl.data.affine import unit_name, volume_on_grid
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, parse_window
-from splatgl.readers.common import decoder_errors, grid_shape
+from splatgl.readers.common import decoder_errors, grid_shape, parse_number
 from splatgl.readers.hdf5 import attribute_text, find_node, has_real_numbers, open_hdf5, read_samples
 from splatgl.readers.options import LoadOptions
 
@@ -62,15 +62,9 @@ def _read_channel(file: Any, number: int) -> Channel:
     if node is None:
         return Channel(str(number))
     color, ends = (attribute_text(node, name).split() for name in ("Color", "ColorRange"))
-    try:
-        parts = [float(part) for part in color]
-    except ValueError:
-        parts = []
-    rgb = (
-        hex_color([round(part * 255) for part in parts])
-        if len(parts) == 3 and all(0 <= p <= 1 for p in parts)
-        else None
-    )
+    parts = [parse_number(part) for part in color]
+    fine = len(parts) == 3 and all(0 <= part <= 1 for part in parts)
+    rgb = hex_color([round(part * 255) for part in parts]) if fine else None
     return Channel(attribute_text(node, "Name") or str(number), rgb, parse_window(*ends) if len(ends) == 2 else None)
 
 

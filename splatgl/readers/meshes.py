@@ -95,7 +95,9 @@ def _read_triangles(path: Path, radius: float | None, array: str | None) -> Mesh
             balls = _make_balls(points, cloud.colors, radius, _find_frame(path))
             repeated = np.repeat(np.arange(len(points)), len(balls.vertices) // max(len(points), 1))
             return replace(assign_numbers(balls, numbers, repeated), colors=balls.colors if array is None else None)
-        mesh = Mesh(vertices, faces, colors=_vertex_colors(joint), frame=_find_frame(path))
+        has_colors = getattr(joint.visual, "kind", None) in ("vertex", "face")
+        colors = np.asarray(joint.visual.vertex_colors)[:, :3] if has_colors else None
+        mesh = Mesh(vertices, faces, colors=colors, frame=_find_frame(path))
         if numbers is None:
             return mesh
         values = np.asarray(joint.vertex_attributes["values"])
@@ -110,14 +112,6 @@ def _make_balls(points: np.ndarray, colors: np.ndarray | None, radius: float | N
     if colors is not None and len(colors) == len(points) > 0:
         vertex_colors = np.repeat(np.asarray(colors)[:, :3], len(mesh.vertices) // len(points), axis=0)
     return Mesh(mesh.vertices, mesh.faces, colors=vertex_colors, frame=frame)
-
-
-def _vertex_colors(mesh: Any) -> np.ndarray | None:
-    """sRGB [N, 3] of vertices; None if the file has no colours."""
-    if getattr(mesh.visual, "kind", None) not in ("vertex", "face"):
-        return None
-    with decoder_errors("colours of a mesh"):
-        return np.asarray(mesh.visual.vertex_colors)[:, :3]
 
 
 def _find_frame(path: Path) -> str | None:

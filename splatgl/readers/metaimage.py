@@ -19,7 +19,15 @@ from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import ChannelSet, split_components
-from splatgl.readers.common import decoder_errors, find_data_file, grid_shape, inflate, map_array, read_text
+from splatgl.readers.common import (
+    convert_words,
+    decoder_errors,
+    find_data_file,
+    grid_shape,
+    inflate,
+    map_array,
+    read_text,
+)
 from splatgl.readers.options import LoadOptions
 
 # numpy codes by ElementType; MetaIO's LONG always has four bytes
@@ -58,7 +66,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     a vector in the world, with its length as samples.
     """
     fields, files, start = _header(path)
-    sizes = _integers(fields, "DimSize")
+    sizes = convert_words(fields.get("DimSize", "").split(), int, "DimSize")
     grid_shape(sizes[:3])
     if len(sizes) != _integer(fields, "NDims", 3) or min(sizes) < 1:
         raise expected("DimSize", f"{fields['NDims']} positive numbers", fields["DimSize"], "the header is damaged")
@@ -236,16 +244,9 @@ def _flag(fields: Fields, name: str, default: bool) -> bool:
     return fields.get(name, str(default)).lower() in ("true", "1")
 
 
-def _integers(fields: Fields, name: str) -> list[int]:
-    try:
-        return [int(word) for word in fields.get(name, "").split()]
-    except ValueError:
-        raise expected(name, "whole numbers", repr(fields[name])) from None
-
-
 def _integer(fields: Fields, name: str, default: int) -> int:
     """The whole number of a field; the default without the field."""
-    numbers = _integers({name: str(default), **fields}, name)
+    numbers: list[int] = convert_words(fields.get(name, str(default)).split(), int, name)
     if len(numbers) != 1:
         raise expected(name, "one whole number", repr(fields[name]))
     return numbers[0]
@@ -253,10 +254,5 @@ def _integer(fields: Fields, name: str, default: int) -> int:
 
 def _numbers(fields: Fields, names: tuple[str, ...], default: list[float]) -> list[float]:
     """The numbers of the first field among `names` that the header has."""
-    for name in names:
-        if name in fields:
-            try:
-                return [float(word) for word in fields[name].split()]
-            except ValueError:
-                raise expected(name, "numbers", repr(fields[name])) from None
-    return default
+    name = next((name for name in names if name in fields), None)
+    return default if name is None else convert_words(fields[name].split(), float, name)

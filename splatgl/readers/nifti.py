@@ -150,18 +150,17 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def volume_of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` returns it."""
     # time points, pixdim[4] apart
-    sizes, zooms = _sizes(image), image.header.get_zooms()
+    sizes, zooms = _check_sizes([int(size) for size in image.shape]), image.header.get_zooms()
     unit = _TIMES.get(int(image.header["xyzt_units"]) & 56, 0.0)
     step = float(zooms[3]) * unit if len(zooms) > 3 else 0.0
     times = ChannelSet(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
-    volume = times.volume(options, lambda _: _volume(image, options))
+    volume = times.volume(options, lambda _: _volume(image, sizes, options))
     is_labels = int(image.header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
     return replace(volume, labels=()) if is_labels else volume
 
 
-def _volume(image: Any, options: LoadOptions) -> Volume:
-    # 1. sizes
-    sizes = _sizes(image)
+def _volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
+    # 1. the index
     times = sizes[3] if len(sizes) > 3 else 1
     arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
     if not arrays and times == 1:
@@ -182,11 +181,6 @@ def _volume(image: Any, options: LoadOptions) -> Volume:
         zooms = [abs(float(zoom)) or 1.0 for zoom in image.header.get_zooms()[:3]]
         return Volume(samples, triple(zooms, "pixdim"), unit=unit, notes=(UNORIENTED,))
     return volume_on_grid(samples, image.affine[:3, :3], image.affine[:3, 3], "affine", unit=unit, frame="RAS")
-
-
-def _sizes(image: Any) -> list[int]:
-    """Entries along x, y, z and further axes."""
-    return _check_sizes([int(size) for size in image.shape])
 
 
 def _read_stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:

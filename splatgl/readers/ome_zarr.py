@@ -245,16 +245,11 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
 
         def read_one(channel: int | None) -> Volume:
             channel_options = replace(options, channel=channel)
-            volumes = [
-                _with_stored_colors(
-                    path,
-                    group,
-                    node,
-                    _read_volume(path, group, node, multiscale, channel_options, remote, most),
-                    remote,
-                )
-                for node, most in zip(nodes, (WHOLE_BYTES, *(WHOLE_LEVEL for _ in nodes[1:])), strict=True)
-            ]
+            volumes = []
+            for node in nodes:
+                most = WHOLE_BYTES if node is nodes[0] else WHOLE_LEVEL
+                volume = _read_volume(path, group, node, multiscale, channel_options, remote, most)
+                volumes.append(_with_stored_colors(path, group, node, volume, remote))
             return replace(volumes[0], coarser=tuple(volumes[1:]))
 
         attributes: dict[str, Any] = group.attrs.asdict()
@@ -336,14 +331,12 @@ def list_images(path: Path) -> list[str]:
         group = zarr.open(path, mode="r")
         if not isinstance(group, zarr.Group) or _multiscale(group) is not None:
             return []
-        return [f"* {'  '.join(_describe_image(image))}" for image in _find_images(group)]
-
-
-def _describe_image(node: Any) -> tuple[str, str]:
-    """The path of an image, and its size and type."""
-    multiscale = _multiscale(node) if hasattr(node, "members") else None
-    array = node[multiscale["datasets"][0]["path"]] if multiscale else node
-    return node.path, _describe_array(("", array))[1]
+        lines = []
+        for image in _find_images(group):
+            multiscale = _multiscale(image) if isinstance(image, zarr.Group) else None
+            array = image[multiscale["datasets"][0]["path"]] if multiscale else image
+            lines.append(f"* {image.path}  {_describe_array(array)}")
+        return lines
 
 
 def _is_volume(array: Any) -> bool:
@@ -395,7 +388,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
     import zarr
 
     name = options.array
-    arrays = list(group.arrays())
+    arrays = sorted(group.arrays(), key=lambda item: natural_key(item[0]))
     volumes = [key for key, array in arrays if _is_volume(array)]
     names = volumes or [key for key, _ in arrays]
     levels = [entry["path"] for entry in multiscale["datasets"]] if multiscale is not None else []
@@ -417,14 +410,14 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
         got = "several arrays" if name is None else repr(name)
         fix = f"pick one with array=NAME; there are: {', '.join(names)}"
         error = expected("array", "the name of one array", got, fix)
-        listed = [_describe_array(array) for array in arrays if array[0] in names]
+        listed = [(key, _describe_array(array)) for key, array in arrays if key in names]
         raise Choice(str(error), "array", listed) if options.array is None else error
     return node
 
 
-def _describe_array(item: tuple[str, Any]) -> tuple[str, str]:
-    """An array's name; its size, x first, and its type."""
-    return item[0], f"{' × '.join(map(str, item[1].shape[::-1]))} {item[1].dtype.name}"
+def _describe_array(array: Any) -> str:
+    """An array's size, x first, and its type."""
+    return f"{' × '.join(map(str, array.shape[::-1]))} {array.dtype.name}"
 
 
 def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tuple[int | slice, ...]:

@@ -55,7 +55,12 @@ def read_npz(path: Path, options: LoadOptions) -> Volume:
     # 1. the arrays in it
     with decoder_errors("NumPy .npz"), zipfile.ZipFile(path) as archive:
         members = {name.removesuffix(".npy"): name for name in archive.namelist() if name.endswith(".npy")}
-        headers = {name: _member_header(archive, member) for name, member in members.items()}
+        headers = {}
+        for name, file_name in members.items():
+            if archive.getinfo(file_name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise expected(file_name, "stored or deflated data, as NumPy writes", "another compression")
+            with archive.open(file_name) as file:
+                headers[name] = _read_header(file)
     name = _select_array(headers, options)
     header = headers[name]
     _check_header(header)
@@ -83,13 +88,6 @@ def _select_array(headers: dict[str, _Header], options: LoadOptions) -> str:
         error = expected("arrays", "one 3-D array of real numbers", len(volumes), fix)
         raise Choice(str(error), "array", [(name, headers[name].about) for name in volumes]) if volumes else error
     return volumes[0]
-
-
-def _member_header(archive: zipfile.ZipFile, member: str) -> _Header:
-    if archive.getinfo(member).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise expected(member, "stored or deflated data, as NumPy writes", "another compression")
-    with archive.open(member) as file:
-        return _read_header(file)
 
 
 def _read_header(opened: IO[bytes]) -> _Header:

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 
 from splatgl.errors import expected
 from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, parse_window
+from splatgl.readers.common import parse_number
 from splatgl.readers.heightmap import DEGREE, Survey
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.vtk_xml import parse_xml
@@ -54,35 +55,25 @@ def _ome_color(text: str | None) -> str | None:
 def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int) -> ChannelSet:
     """ImageJ's channels: colours are the ends of lookup tables, windows the display ranges."""
     tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
-    labels, composite = _channel_names(metadata.get("Labels", ()), count), metadata.get("mode") == "composite"
+    # planes' labels name channels, which vary fastest, if they are the same on all planes of a channel; else numbers
+    texts = [str(text).strip() for text in labels] if isinstance(labels := metadata.get("Labels"), list | tuple) else []
+    same = all(text == texts[n % count] for n, text in enumerate(texts)) and len(set(texts[:count]) - {""}) == count
+    names, composite = texts if same else [str(n) for n in range(count)], metadata.get("mode") == "composite"
     usual = dict(enumerate(COMPOSITE)) if composite and not len(tables) else {}
     channels = []
     for n in range(count):
-        color = (
-            hex_color([int(row[-1]) for row in tables[n]]) if n < len(tables) and len(tables[n]) == 3 else usual.get(n)
-        )
+        table = tables[n] if n < len(tables) else ()
+        color = hex_color([int(row[-1]) for row in table]) if len(table) == 3 else usual.get(n)
         window = parse_window(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
-        channels.append(Channel(labels[n], color, window))
+        channels.append(Channel(names[n], color, window))
     together = count > 1 and (composite or any(channel.color not in (None, WHITE) for channel in channels))
     return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("finterval")) or None)
 
 
-def _channel_names(labels: Any, count: int) -> list[str]:
-    """Names of channels: the planes' labels if they are the same on all planes of a channel; else numbers."""
-    texts = [str(text).strip() for text in labels] if isinstance(labels, list | tuple) else []
-    names = texts[:count]
-    # channels vary fastest over the planes
-    same = all(text == names[n % count] for n, text in enumerate(texts))
-    return names if same and len(set(names) - {""}) == count else [str(n) for n in range(count)]
-
-
 def _positive_number(text: object) -> float:
     """The positive, finite number in a text; else 0."""
-    try:
-        number = float(str(text))
-    except ValueError:
-        return 0.0
-    return number if math.isfinite(number) and number > 0 else 0.0
+    number: float = parse_number(text)
+    return number if 0 < number < math.inf else 0.0
 
 
 # tags of GeoTIFF (1.1 §2.5 to 2.8) and GDAL
@@ -165,8 +156,8 @@ def read_survey(page: Any) -> Survey | None:
         notes = (f"degrees are drawn as metres at latitude {middle:.4g}°",)
     elif step and unit:
         step = (step[0] * length, step[1] * length)
-    slope, offset = (_parse_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
-    missing = _parse_number(str(tags.get(NODATA, "")).strip("\0 "), None)
+    slope, offset = (parse_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
+    missing = parse_number(str(tags.get(NODATA, "")).strip("\0 "), None)
     return Survey(step, unit, missing, slope * (upward if unit else 1.0), offset, notes)
 
 
@@ -190,10 +181,3 @@ def _gdal_items(text: str) -> dict[str, str]:
         return {}
     nodes = [node for node in parse_xml(text.strip("\0 \n"), "GDAL_METADATA").iter() if node.get("sample", "0") == "0"]
     return {node.get("role", ""): (node.text or "").strip() for node in nodes if node.get("role")}
-
-
-def _parse_number(text: str | None, default: Any) -> Any:
-    try:
-        return float(text or "")
-    except ValueError:
-        return default

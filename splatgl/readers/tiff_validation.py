@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.errors import expected
+from splatgl.readers.common import convert_words, parse_number
 from splatgl.readers.dicom_pixels import check_picture
 
 # most planes of a series: a list of them takes memory, even if they are not in the file
@@ -89,32 +90,19 @@ def _read_layout(head: bytes) -> tuple[_Layout, int] | None:
 
 
 def check_ome(root: Element) -> None:
-    """Raises InputError if OME's metadata state more than MAX_PLANES planes."""
+    """Raises InputError if OME's metadata state more than MAX_PLANES planes or steps."""
     for node in root.iter():
-        counts = {name: _whole_number(node, name) for name in _OME_COUNTS if name in node.attrib}
+        stated = {name: node.attrib[name] for name in _OME_COUNTS if name in node.attrib}
+        counts = {name: convert_words([text], int, f"OME-XML {name}")[0] for name, text in stated.items()}
         planes = abs(counts.get("SizeC", 1) * counts.get("SizeT", 1) * counts.get("SizeZ", 1))
         most = max((planes, *map(abs, counts.values())))
         if most > MAX_PLANES:
             raise expected("OME-XML", f"at most {MAX_PLANES} planes", most, "the metadata are damaged")
         if "Start" in node.attrib and "End" in node.attrib:
-            _check_steps(node)
-
-
-def _check_steps(node: Element) -> None:
-    """Raises InputError for a modulo annotation with more than MAX_PLANES steps."""
-    try:
-        start, end, step = (float(node.get(name, "1")) for name in ("Start", "End", "Step"))
-    except ValueError:
-        return
-    if not abs(end - start) <= MAX_PLANES * abs(step):
-        raise expected("OME-XML", f"at most {MAX_PLANES} steps", "more", "the metadata are damaged")
-
-
-def _whole_number(node: Element, name: str) -> int:
-    try:
-        return int(node.attrib[name])
-    except ValueError:
-        raise expected(f"OME-XML {name}", "a whole number", repr(node.attrib[name])) from None
+            # the steps of a modulo annotation
+            start, end, step = (parse_number(node.get(name, "1")) for name in ("Start", "End", "Step"))
+            if abs(end - start) > MAX_PLANES * abs(step):
+                raise expected("OME-XML", f"at most {MAX_PLANES} steps", "more", "the metadata are damaged")
 
 
 _LZW, _PICTURES = 5, (7, 33003, 33005, 34712)

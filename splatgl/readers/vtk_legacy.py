@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count
-from splatgl.readers.common import Shape, field_hints, grid_shape, map_array, read_numbers, require_bytes
+from splatgl.readers.common import Shape, convert_words, field_hints, grid_shape, map_array, read_numbers, require_bytes
 from splatgl.readers.options import LoadOptions
 
 # most names of arrays in a note
@@ -142,9 +142,9 @@ class _Parser:
     file: BinaryIO
     binary: bool
     grid: dict[str, Words] = field(default_factory=dict)
-    arrays: list[PointArray] = field(default_factory=list)
     count: int = 0
     of_points: bool = False
+    points: list[PointArray] = field(default_factory=list)
     cells: list[PointArray] = field(default_factory=list)
 
     def words(self) -> Words:
@@ -156,29 +156,26 @@ class _Parser:
 
     def values(self, count: int, type_name: str) -> Callable[[], np.ndarray]:
         """Skips `count` numbers; returns a function that reads them."""
-        code = _TYPES.get(type_name.lower())
-        if type_name.lower() == "bit" and self.binary and count >= 0:
-            return self._bits(count)
+        is_bits = type_name.lower() == "bit" and self.binary
+        code = "u1" if is_bits else _TYPES.get(type_name.lower())
         if code is None:
             raise expected("type", "a VTK number type such as float", type_name)
         if count < 0:
             # a negative count would loop forever
             raise expected("entries", "zero or more", count, "the header is damaged")
         dtype, start = np.dtype(code), self.file.tell()
+        there = self.path.stat().st_size - start
         if not self.binary:
-            numbers = read_numbers(self.file, count, dtype, self.path.stat().st_size - start)
+            numbers = read_numbers(self.file, count, dtype, there)
             return lambda: numbers
-        size, there = byte_count((count,), dtype), self.path.stat().st_size - start
+        entries = -(-count // 8) if is_bits else count
+        size = byte_count((entries,), dtype)
         require_bytes(size, there)
         self.file.seek(start + size)
+        if is_bits:
+            # the highest bit of a byte is the first
+            return lambda: np.unpackbits(map_array(self.path, start, dtype, (size,)), count=count).view(bool)
         return lambda: map_array(self.path, start, dtype, (count,))
-
-    def _bits(self, count: int) -> Callable[[], np.ndarray]:
-        """Skips packed bits, the highest of a byte first; returns a function that reads them as bool."""
-        start, size = self.file.tell(), -(-count // 8)
-        require_bytes(size, self.path.stat().st_size - start)
-        self.file.seek(start + size)
-        return lambda: np.unpackbits(map_array(self.path, start, np.dtype(np.uint8), (size,)), count=count).view(bool)
 
     def shape(self) -> Shape:
         return grid_shape(_whole_numbers(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
@@ -188,15 +185,14 @@ class _Parser:
         if components < 1 or count < 0:
             raise expected(name, "one or more components and entries", f"{components}, {count}")
         read = self.values(count * components, type_name)
-        if self.of_points and count == self.count:
-            shape = (*self.shape(), components)
-            if count != math.prod(self.shape()):
-                raise expected("DIMENSIONS", "one line before the data", "another line after it")
-            self.arrays.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(shape)))
-        per_axis = tuple(map(cells_along, self.shape())) if not self.of_points and self.count else ()
-        if per_axis and count == self.count == math.prod(per_axis):
-            cell_shape = (*per_axis, components)
-            self.cells.append(PointArray(unquote(name), components, is_vectors, lambda: read().reshape(cell_shape)))
+        if count != self.count or not (self.of_points or count):
+            return
+        shape = self.shape() if self.of_points else tuple(map(cells_along, self.shape()))
+        if count == math.prod(shape):
+            array = PointArray(unquote(name), components, is_vectors, lambda: read().reshape(*shape, components))
+            (self.points if self.of_points else self.cells).append(array)
+        elif self.of_points:
+            raise expected("DIMENSIONS", "one line before the data", "another line after it")
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -205,9 +201,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
         parser = _Parser(path, file, _is_binary(file))
         while words := parser.words():
             _section(parser, words)
-    choice, grid = select_arrays(parser.arrays, parser.cells, options), parser.grid
-    spacing = _three_floats(grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"])), "SPACING")
-    origin = _three_floats(grid.get("ORIGIN", ["0", "0", "0"]), "ORIGIN")
+    choice, grid = select_arrays(parser.points, parser.cells, options), parser.grid
+    steps = grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"]))
+    spacing = triple(convert_words(steps, float, "SPACING"), "SPACING")
+    origin = triple(convert_words(grid.get("ORIGIN", ["0", "0", "0"]), float, "ORIGIN"), "ORIGIN")
     if choice.of_cells:
         halves = [step / 2 * (count > 1) for step, count in zip(spacing, parser.shape()[::-1], strict=True)]
         origin = triple([start + half for start, half in zip(origin, halves, strict=True)], "ORIGIN")
@@ -251,7 +248,10 @@ def _section(parser: _Parser, words: Words) -> None:
 def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
     if keyword == "SCALARS" and len(rest) >= 2:
         components = _whole_numbers(rest[2:3], "SCALARS")[0] if len(rest) > 2 else 1
-        _skip_table_name(parser.file)
+        # the line 'LOOKUP_TABLE name', which some writers leave out
+        start = parser.file.tell()
+        if not parser.file.readline(_LINE_LIMIT).upper().startswith(b"LOOKUP_TABLE"):
+            parser.file.seek(start)
         parser.add(rest[0], components, rest[1], False, parser.count)
     elif keyword in _COMPONENTS and len(rest) >= 2:
         parser.add(rest[0], _COMPONENTS[keyword], rest[1], keyword == "VECTORS", parser.count)
@@ -277,13 +277,6 @@ def _fields(parser: _Parser, rest: Words) -> None:
         parser.add(words[0], components, words[3], is_vectors, count)
 
 
-def _skip_table_name(file: BinaryIO) -> None:
-    """Skips the line 'LOOKUP_TABLE name' after SCALARS, which some writers leave out."""
-    start = file.tell()
-    if not file.readline(_LINE_LIMIT).upper().startswith(b"LOOKUP_TABLE"):
-        file.seek(start)
-
-
 def _skip_metadata(file: BinaryIO) -> None:
     """Skips a METADATA block, which ends at a blank line."""
     while file.readline(_LINE_LIMIT).strip():
@@ -291,21 +284,10 @@ def _skip_metadata(file: BinaryIO) -> None:
 
 
 def _whole_numbers(words: Words, what: str) -> list[int]:
-    try:
-        numbers = [int(word) for word in words]
-    except ValueError:
-        raise expected(what, "numbers", repr(" ".join(words))) from None
+    numbers = convert_words(words, int, what)
     if not numbers:
         raise expected(what, "whole numbers", "none", "the header is incomplete")
     return numbers
-
-
-def _three_floats(words: Words, what: str) -> tuple[float, float, float]:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        raise expected(what, "numbers", repr(" ".join(words))) from None
-    return triple(numbers, what)
 
 
 def cells_along(points: int) -> int:

@@ -18,8 +18,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from typing import Any
+from xml.etree.ElementTree import XML, Element, TreeBuilder, XMLParser
 
 import numpy as np
 
@@ -506,32 +506,24 @@ MAX_DEPTH = 64
 
 def parse_xml(text: str | bytes, title: str) -> Element:
     """The root element of `text`. Raises InputError for damaged XML, for a DOCTYPE, and beyond MAX_DEPTH."""
-    builder, depth = TreeBuilder(), 0
-    parser = expat.ParserCreate(namespace_separator="}")
-
-    def refuse(*_declaration: object) -> None:
-        raise expected("XML", "no document type", "a DOCTYPE", "remove it")
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > MAX_DEPTH:
-            raise expected("XML", f"at most {MAX_DEPTH} levels of elements", "more", "the file is damaged")
-        builder.start(_braced(tag), {_braced(name): value for name, value in attributes.items()})
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(_braced(tag))
-
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler, parser.buffer_text = builder.data, True
     with decoder_errors(title):
-        parser.Parse(text, True)
-        return builder.close()
+        return XML(text, XMLParser(target=_LimitedBuilder()))
 
 
-def _braced(name: str) -> str:
-    """'uri}tag' as ElementTree writes it: '{uri}tag'."""
-    return f"{{{name}" if "}" in name else name
+class _LimitedBuilder(TreeBuilder):
+    """Builder of elements that raises InputError for a DOCTYPE, and beyond MAX_DEPTH."""
+
+    depth = 0
+
+    def start(self, tag: Any, attrs: dict[Any, str], /) -> Element:
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise expected("XML", f"at most {MAX_DEPTH} levels of elements", "more", "the file is damaged")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> Element:
+        self.depth -= 1
+        return super().end(tag)
+
+    def doctype(self, *_declaration: object) -> None:
+        raise expected("XML", "no document type", "a DOCTYPE", "remove it")

@@ -224,7 +224,7 @@ HOSTILE = {
     "nrrd none": ("a.nrrd", b"NRRD0004\ntype: uchar\ndimension: 0\nsizes:\nencoding: raw\n\n1", "a.nrrd: "),
     "nrrd head": ("a.nrrd", b"NRRD0004\n" + b"# no end\n" * 120_000, "header: expected at most 1048576 bytes"),
     "mha channels": ("a.mha", META.replace(b"Channels = 1", b"Channels = "), "Channels: expected one whole number"),
-    "mha inf": ("a.mha", META.replace(b"Channels = 1", b"Channels = 1e999"), "Channels: expected whole numbers"),
+    "mha inf": ("a.mha", META.replace(b"Channels = 1", b"Channels = 1e999"), "Channels: expected a whole number"),
     "mha skip": ("a.mha", META.replace(b"HeaderSize = 0", b"HeaderSize = -9"), "HeaderSize: expected -1"),
     "mha lines": ("a.mha", b"Comment = x\n" * 20_000, "header: expected at most 10000 lines"),
     # lengths for which room would be made, and data that inflate beyond what is asked

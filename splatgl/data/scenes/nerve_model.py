@@ -87,8 +87,7 @@ def _cell(rng: np.random.Generator) -> list[Capsule]:
 
 
 def _towards(degrees: float, rise: float = 0.0) -> np.ndarray:
-    direction = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), rise])
-    return np.asarray(direction / np.linalg.norm(direction))
+    return _unit(np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), rise]))
 
 
 def _from_body(degrees: float, radius: float, rng: np.random.Generator) -> Sprout:
@@ -130,8 +129,7 @@ def _bend(place: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """A unit heading, bent smoothly towards the middle plane near the top and the bottom."""
     middle, reach = NERVE_SHAPE[0] / 2, NERVE_SHAPE[0] / 2 - MARGIN
     heading = heading - np.array([0.0, 0.0, 0.25]) * np.clip((place[2] - middle) / reach, -1, 1) ** 3
-    heading[2] *= 0.97
-    return np.asarray(heading / np.linalg.norm(heading))
+    return _unit(heading * (1.0, 1.0, 0.97))
 
 
 def _fork(heading: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
