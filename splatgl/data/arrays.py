@@ -179,9 +179,7 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
         volumes.append(volume_on_grid(samples, scaled, start, "transform", unit=unit, name=x.name, hints=hints))
     if kind == "Labels":
         volumes = [replace(volume, labels=()) for volume in volumes]
-    first, *coarser = volumes
-    object.__setattr__(first, "coarser", tuple(coarser))
-    return first
+    return replace(volumes[0], coarser=tuple(volumes[1:]))
 
 
 def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...]:

@@ -423,8 +423,8 @@ def _read_time(groups: _Groups, tag: str, sequence: str) -> float:
     """A tag as a number that orders images, NaN without one. A time of day HHMMSS.F is ordered as a number, too."""
     try:
         return float(str(groups.get(tag, sequence)))
-    except ValueError:
-        # of pydicom, too: a value that is not of its tag's type
+    except (NotImplementedError, ValueError):
+        # of pydicom, too: an unknown type, or a value that is not of its tag's type
         return math.nan
 
 
