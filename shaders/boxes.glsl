@@ -18,7 +18,7 @@ uniform float normals_step;    // and voxels to the next
 struct BoxRay {
     vec3 start;      // its place at depth 0
     vec3 direction;  // steps per depth
-    vec3 inverse;    // of each component
+    vec3 inverted;   // of each component
     float near;      // depths between which matter is drawn
     float far;
     float stretch;   // lengths per depth
@@ -35,7 +35,7 @@ BoxRay box_ray(vec2 pixel) {
     it.direction = index_from_eye() * along;
     // away from 0: a ray along a face is in one of its two voxels
     it.direction = mix(it.direction, vec3(1e-18), lessThan(abs(it.direction), vec3(1e-18)));
-    it.inverse = 1.0 / it.direction;
+    it.inverted = 1.0 / it.direction;
     it.near = 0.0;
     it.far = 1e18;
     it.stretch = length(along);
@@ -53,7 +53,7 @@ BoxRay box_ray(vec2 pixel) {
 // Depths at which a ray enters and leaves the box of a voxel; outside it, the first is not less. Neighbours share the
 // depths of their faces, bit for bit.
 vec2 box_ends(BoxRay it, vec3 place) {
-    vec3 a = (place - 0.5 - it.start) * it.inverse, b = (place + 0.5 - it.start) * it.inverse;
+    vec3 a = (place - 0.5 - it.start) * it.inverted, b = (place + 0.5 - it.start) * it.inverted;
     vec3 low = min(a, b), high = max(a, b);
     return vec2(max(max(low.x, low.y), max(low.z, it.near)), min(min(high.x, high.y), min(high.z, it.far)));
 }

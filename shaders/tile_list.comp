@@ -49,7 +49,7 @@ void main() {
         it.span = span_of(it.center, it.extent, it.tile.y);
     }
     // one loop over splats and their tiles: SIMD lanes do not wait for another lane's large splat
-    for (uint round = 0u; n < end && round < budget; round++) {
+    for (uint turn = 0u; n < end && turn < budget; turn++) {
         bool touched = it.tile.x <= it.span.y && it.tile.y <= it.rows.y;
         // non-touching splats write to a dummy slot, which avoids divergence
         uint slot = column + (touched ? uint(it.tile.y * tiles.x + it.tile.x) : nobody);
