@@ -165,7 +165,11 @@ ensure_display() { # for the tests only: a display that is not there, and keys a
         say "the tests of the window are skipped; to run them: sudo apt-get install xvfb xdotool"
 }
 
-ensure_peers() { # for the long tests only: libraries of Qt's windows, and a browser
+ensure_peers() { # for the long tests only: libraries of Qt's windows, a browser, and the reference compiler of GLSL
+    if ! command -v glslangValidator >/dev/null; then
+        apt_install glslang-tools ||
+            say "the tests by the reference compiler are skipped; to run them: sudo apt-get install glslang-tools"
+    fi
     if ! command -v xauth >/dev/null || ! ldconfig -p | grep -q libxcb-cursor; then
         # shellcheck disable=SC2086
         apt_install $window_packages ||

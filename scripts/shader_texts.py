@@ -133,12 +133,22 @@ PICTURES: dict[str, tuple[Picture, dict[str, dict[str, Any]]]] = {
 
 # switches by which programs of the screen differ: comparison and overlay
 SCREENS = tuple(product(("none", "split", "difference"), (False, True)))
-# changes of a picture that are made together
-MOST = 2
+COUNTING: tuple[dict[str, bool], ...] = ({"COUNTING": True}, {"COUNTING": False})
+# by shape, shaders that list splats by tile, with their switches; and those of them that sort splats by sheet
+LISTING: dict[str, list[tuple[str, dict[str, bool]]]] = {
+    "processor": list(product(("tile_list.comp", "sheet_sort.comp"), COUNTING)),
+    "card": [
+        *product(("card_pairs.comp", "card_sort.comp"), COUNTING),
+        ("card_sort.comp", {"COUNTING": False, "LAST": True}),
+        *product(("card_scan.comp",), ({"PAIRS": True}, {"PAIRS": False})),
+        *product(("card_lists.comp", "card_sheets.comp"), ({},)),
+    ],
+}
+SORTING = {"sheet_sort.comp", "card_sheets.comp"}
 # switches that are no part of a plan
-OPTIONS = {"COUNTING", "CARRIED", "LIMITED", "LAYERED", "ORDERED", "CULLED", "LAYERS", "SIDE", "OVERLAY", "NEAR"} | {
-    "PIECE",
-    "SLOTTED",
+OPTIONS = {
+    *("COUNTING", "CARRIED", "LIMITED", "LAYERED", "ORDERED", "CULLED", "LAYERS", "SIDE", "OVERLAY", "NEAR"),
+    *("PAIRS", "LAST", "PIECE", "SLOTTED"),
 }
 # numbers of layers that are composited together
 LAYERS = (2, 3, 4)
@@ -195,16 +205,20 @@ class Recorder(Programs):
         self.picture = ""
         # by shader and source: two pictures may need the same text
         self.texts: dict[tuple[str, str], Text] = {}
+        self.programs: list[tuple[Text, ...]] = []
         self.names: dict[tuple[str, str], int] = {}
 
     def add(self, stages: tuple[str, ...], chosen: Chosen) -> None:
         """Composes the texts of a program's stages."""
         switches = dict(chosen)
         declared = frozenset().union(*map(declared_switches, stages))
+        keys = []
         for shader in stages:
             source = compose(shader, switches, declared).source
             if (shader, source) not in self.texts:
                 self.texts[shader, source] = Text(self._name(shader, switches), shader, source)
+            keys.append((shader, source))
+        self.programs.append(tuple(self.texts[key] for key in keys))
 
     def draw(self, picture: str, plan: Plan, most: int) -> None:
         """Composes the programs of a plan. most: number of options that are on together."""
@@ -251,10 +265,9 @@ class Recorder(Programs):
         sheets = program.look.sheets > 0
         for ordered, culled in [(True, False)] if sheets else product((True, False), repeat=2):
             self.for_screen("tile_place.frag", program, {"ORDERED": ordered, "CULLED": culled})
-        for counting in (True, False):
-            self.for_tiles("tile_list.comp", program, {"COUNTING": counting})
-            if sheets:
-                self.for_tiles("sheet_sort.comp", program, {"COUNTING": counting})
+        for name, switches in LISTING[self.shape.name]:
+            if sheets or name not in SORTING:
+                self.for_tiles(name, program, switches)
         drawing = "sheet_draw.comp" if sheets else "box_draw.comp" if program.boxes else "tile_draw.comp"
         # layers and meshes are drawn in the order of depth
         mixed = program.look.blend.ordered and drawing != "tile_draw.comp"
@@ -285,12 +298,12 @@ def choices(names: Iterable[str], most: int) -> Iterator[tuple[str, ...]]:
     return chain.from_iterable(combinations(names, count) for count in range(most + 1))
 
 
-def plans() -> Iterator[tuple[str, Plan, int]]:
-    """Yields the name and the plan of each picture, by tiles and by quads, and the number of changes that are left.
-    Leaves out settings that refuse each other.
+def plans(most: int) -> Iterator[tuple[str, Plan, int]]:
+    """Yields the name and the plan of each picture of at most `most` changes, by tiles and by quads, and the number of
+    changes that are left. Leaves out settings that refuse each other.
     """
     for kind, (picture, changes) in PICTURES.items():
-        for names in choices(changes, MOST):
+        for names in choices(changes, most):
             settings = [changes[name].items() for name in names]
             merged = dict(chain.from_iterable(settings))
             if len(merged) < sum(map(len, settings)):
@@ -301,17 +314,17 @@ def plans() -> Iterator[tuple[str, Plan, int]]:
                     plan = plan_of(picture.changed({**merged, "technique": technique}))
                 except sg.InputError:
                     continue
-                yield "+".join(filter(None, (kind, *names))) or "default", plan, MOST - len(names)
+                yield "+".join(filter(None, (kind, *names))) or "default", plan, most - len(names)
 
 
-def texts(shape: Shape) -> list[Text]:
-    """Returns the texts of all programs. shape: of compute shaders."""
+def programs(shape: Shape, most: int = 2) -> list[tuple[Text, ...]]:
+    """Returns the texts of the stages of all programs. shape: of compute shaders. most: changes made together."""
     recorder = Recorder(shape)
-    for name, plan, most in plans():
-        recorder.draw(name, plan, most)
+    for name, plan, left in plans(most):
+        recorder.draw(name, plan, left)
     recorder.meshes()
     recorder.screen()
-    return list(recorder.texts.values())
+    return recorder.programs
 
 
 def main(arguments: list[str]) -> int:
@@ -320,7 +333,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--shape", choices=SHAPES, default="processor", help="of compute shaders (default processor)")
     options = parser.parse_args(arguments)
-    folder, written = options.folder, texts(SHAPES[options.shape])
+    folder = options.folder
+    written = dict.fromkeys(chain.from_iterable(programs(SHAPES[options.shape])))
     folder.mkdir(parents=True, exist_ok=True)
     for text in written:
         (folder / text.name).write_text(text.source, encoding="utf-8")

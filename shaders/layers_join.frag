@@ -88,15 +88,15 @@ void main() {
         // until the next end or beginning
         float end = NOTHING;
         for (int n = 0; n < LAYERS; n++) end = min(end, near[n] > begin ? near[n] : far[n]);
-        vec4 all = vec4(0.0);
+        vec4 sum = vec4(0.0);
         for (int n = 0; n < LAYERS; n++) {
             if (near[n] > begin) continue;
             float share = far[n] > end ? (end - begin) / (far[n] - begin) : 1.0;
-            all += matter[n] * share;
+            sum += matter[n] * share;
             matter[n] *= 1.0 - share;
             near[n] = far[n] <= end ? NOTHING : end;
         }
-        light = behind(light, all);
+        light = behind(light, sum);
     }
     fragment = light;
 }
