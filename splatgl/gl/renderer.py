@@ -203,8 +203,8 @@ class Renderer:
         """Draws a volume while its values are extracted, with only some bricks in memory at a time.
 
         progress: called with the number of bricks done, and of all. bands: number of bands of rows, drawn one after
-        another, as each needs memory for fewer splats. Raises InputError for settings that need quads or splats other
-        than values in sheets, and for a parallel view from inside the volume.
+        another, as each needs memory for fewer splats. Raises InputError for settings that need splats other than
+        values in sheets, and for a parallel view from inside the volume.
         """
         started = time.perf_counter()
         chosen = self.plan_bricks(bricks, camera, settings)

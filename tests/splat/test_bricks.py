@@ -66,6 +66,7 @@ def test_bricks_draw_the_picture_of_the_whole(
         assert found.info["splats"] == right.info["splats"]
 
 
+@pytest.mark.compute
 def test_no_dispatch_has_more_tiles_than_it_may(
     renderer: sg.Renderer, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
