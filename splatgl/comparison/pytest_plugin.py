@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 UPDATE, REPORT = "--splatgl-update", "--splatgl-report"
-UPDATE_CLASS, ADD = f"{UPDATE}-class", f"{UPDATE}-add"
+UPDATE_CLASS, ADD = "--splatgl-update-class", "--splatgl-update-add"
 # attribute of a test report with the compared cases
 CASES_ATTRIBUTE = "splatgl_cases"
 # the fixture's former name, which pytest-regressions uses for another fixture
