@@ -20,8 +20,6 @@ from splatgl.gl.shader import ABREAST, CLOSED, SORT_BLOCK, SORT_LANES
 # maximum number of splats of a part, and of pairs of a sort: passes are short enough for a watchdog
 MOST_SPLATS, MOST_PAIRS = 2**18, 2**22
 MOST_UINT = 2**32 - 1
-# number of pairs that the first buffers hold
-LEAST_PAIRS = 2**20
 # bytes of a pair; bits of a digit
 PAIR, BITS = 8, 4
 # card_work.glsl: the word of the pairs that were counted last; byte offsets of the most pairs, and of the sizes of
@@ -46,9 +44,8 @@ class CardLists:
         self.ctx = ctx
         self.buffers: dict[str, moderngl.Buffer] = {}
         self.order: moderngl.Texture | None = None
-        # pairs that fit into a storage block of this OpenGL, and into the buffers; number of sorts of a part
-        self.most = min(MOST_PAIRS, most_block(ctx) // PAIR)
-        self.room, self.sorts = min(LEAST_PAIRS, self.most), 1
+        # pairs of a sort, which fit into a storage block of this OpenGL; number of sorts of a part
+        self.room, self.sorts = min(MOST_PAIRS, most_block(ctx) // PAIR), 1
         # tiles of the band; the splats that are listed, as uniforms
         self.tiles, self.part = 1, {"number": 1}
 
@@ -74,18 +71,14 @@ class CardLists:
 
     def fits(self) -> bool:
         """Whether the pairs of all parts since the last call fitted into their sorts; waits for the device. If not,
-        the next ones have room: the picture must be drawn again.
+        the next parts have more sorts: the picture must be drawn again.
         """
         work = self._work()
         (most,) = np.frombuffer(work.read(4, offset=MOST_NEEDED), np.uint32).tolist()
         work.write(np.zeros(1, np.uint32), offset=MOST_NEEDED)
         fitted = most <= self.room * self.sorts
-        self._make_room(most)
+        self.sorts = max(-(-most // self.room), 1)
         return fitted
-
-    def _make_room(self, pairs: int) -> None:
-        self.room = max(self.room, min(1 << pairs.bit_length(), self.most))
-        self.sorts = max(-(-pairs // self.room), 1)
 
     def sort_by_sheet(
         self, compile_: Compile, texels: Texels, count: int, number: int, uniforms: Uniforms
@@ -111,11 +104,11 @@ class CardLists:
         self._scan(compile_, 0)
 
     def read(self) -> np.ndarray:
-        """Returns the mask of the band's terminated tiles, and makes room for the pairs that were counted last; waits
-        for the device.
+        """Returns the mask of the band's terminated tiles, and sets the number of sorts to that of the pairs that were
+        counted last; waits for the device.
         """
         words = np.frombuffer(self._work().read(STATES_AT + self.tiles * 4), np.uint32)
-        self._make_room(int(words[TOTAL]))
+        self.sorts = max(-(-int(words[TOTAL]) // self.room), 1)
         return words[STATES_AT // 4 :] == CLOSED
 
     def list_tiles(self, compile_: Compile, sort: int) -> None:
