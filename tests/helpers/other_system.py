@@ -193,10 +193,13 @@ def main(system: str, folder: Path) -> None:
     from splatgl.distributed import worker
     from splatgl.fileio import budget
     from splatgl.gl.context import current
-    from splatgl.platforms import free_memory, user_folder
+    from splatgl.platforms import free_memory, has_display, user_folder
     from splatgl.readers.common import is_mapped
+    from splatgl.viewer.adaptive_quality import return_free_memory, return_large_blocks
 
-    assert free_memory() == FREE and budget() == FREE // 2
+    assert free_memory() == FREE and budget() == FREE // 2 and has_display()
+    return_large_blocks()
+    return_free_memory()
     print("folder", user_folder("cache", {"HOME": "/home"}), user_folder("state", {"HOME": "/home"}))
 
     # a file is read, drawn and not replaced while it is mapped
