@@ -4,6 +4,7 @@ they may."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -281,7 +282,7 @@ def test_few_voxels_fill_a_large_picture(renderer: sg.Renderer) -> None:
     splats = sg.extract(volume, sg.default_transfer(volume))
     camera = sg.Camera.orbit(volume, 30, 20, size=(3000, 3000), zoom=3)
     drawn = renderer.render(splats, camera, settings, verify_bound=False)
-    checked = sg.check(drawn, splats, camera, settings).info["checked"]
+    checked: Any = sg.check(drawn, splats, camera, settings).info["checked"]
     assert drawn.info["technique"] == "tiles" and checked["pixels"] > 100 and checked["largest"] < 1e-3
 
 
