@@ -4,13 +4,13 @@
 #include "tile_states.glsl"
 #define FAR_SHEET 0x7fffffff  // behind all sheets
 
-// Whether the pixel is opaque, or the sheet that is closed next, and all behind it, are behind the volume's box.
+// Whether the pixel is opaque, or the sheet that is closed next, and all behind it, show nothing of the volume's box.
 bool is_opaque() {
     return IN_ORDER && light[0].a > opaque;
 }
 
 bool is_behind(int current) {
-    return STEPS > 0 && float(current) - 1.5 >= ends[0].y;
+    return STEPS > 0 && (float(current) - 1.5 >= ends[0].y || ends[0].x >= ends[0].y);
 }
 
 // Adds `count` staged splats to the pixel, and closes the sheets that they have passed, or all if no more splats follow.
@@ -23,6 +23,9 @@ bool add_batch(Ray ray, uint count, bool last, inout int current, inout int hold
             current++;
             holding--;
             if (is_opaque() || is_behind(current)) return true;
+        } else if (i < count && STEPS > 0 && float(base + SHEETS) < floor(ends[0].x)) {
+            // all of its sheets are before the box
+            i++;
         } else if (i < count) {
             current = max(base, current);
             Joined it = staged_splat(i);
