@@ -21,7 +21,7 @@ from splatgl.gl.meshes import LIMIT_UNITS, Limits
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
-from splatgl.gl.sheet_quads import Group, SheetQuads, group_by
+from splatgl.gl.sheet_quads import Group, SheetQuads, sort_by_number
 from splatgl.gl.target import Portions, Target, settle
 from splatgl.gl.textures import Tables
 from splatgl.gl.tiles import bands_of
@@ -260,10 +260,10 @@ class BoxPieces:
         if signs not in self.octants:
             view, positions = self.plan.view, self.splats.positions
             numbers = np.rint(positions - base_of(self.splats, view.eye_index)).astype(np.int64) @ signs
-            indices, groups = group_by(numbers, positions, view)
+            indices, order = sort_by_number(numbers, positions)
             instances = Instances(self.ctx)
             instances.fill(self.splats.records[indices])
-            self.octants[signs] = instances, groups
+            self.octants[signs] = instances, order.groups(view)
         return self.octants[signs]
 
 

@@ -8,6 +8,7 @@ of one value collect the values of all sheets in a separate texture, which the l
 from __future__ import annotations
 
 import functools
+import weakref
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -31,7 +32,7 @@ from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bou
 from splatgl.splat.grid import corners_of
 from splatgl.splat.plan import Plan
 from splatgl.splat.settings import BLENDS, BlendMode
-from splatgl.splat.sheets import NearField, Sheets
+from splatgl.splat.sheets import NearField, Sheets, index_direction
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
@@ -110,6 +111,8 @@ class SheetQuads:
         self.ctx, self.programs, self.whole, self.tables, self.frame = ctx, programs, whole, tables, frame
         self.near = near
         self.instances = Instances(ctx)
+        # the latest records, where their sheets are, and their order
+        self.filled: tuple[weakref.ref[np.ndarray], tuple[object, ...], Order] | None = None
         self.ring: Ring | None = None
         # texture of joined values and lengths, for blends of one value
         self.values: moderngl.Texture | None = None
@@ -120,7 +123,7 @@ class SheetQuads:
         for part in (self.instances, self.ring, self.joined, self.values):
             if part is not None:
                 part.release()
-        self.ring, self.joined, self.values = None, None, None
+        self.filled, self.ring, self.joined, self.values = None, None, None, None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
@@ -155,12 +158,19 @@ class SheetQuads:
         return Sheeted(splats, plan, sheet_uniforms(splats, plan), field)
 
     def fill(self, picture: Sheeted, splats: Splats) -> dict[int, Group]:
-        """Uploads splats of a picture, by first sheet; returns their groups by first sheet, ascending."""
-        assert picture.plan.resolved.sheets is not None
-        indices, groups = by_first_sheet(splats, picture.plan.resolved.sheets, picture.plan.view, picture.first)
+        """Uploads splats of a picture, by first sheet, unless the latest ones are the same, seen from the same eye;
+        returns their groups by first sheet, ascending.
+        """
+        sheets, view = picture.plan.resolved.sheets, picture.plan.view
+        assert sheets is not None
         records = splats.records_with_runs if picture.plan.program.runs else splats.records
-        self.instances.fill(records[indices])
-        return groups
+        rays = () if view.perspective else tuple(index_direction(view))
+        eye = sheets, picture.first, tuple(view.eye_index), rays
+        if self.filled is None or self.filled[0]() is not records or self.filled[1] != eye:
+            indices, order = sort_by_number(first_sheets(splats, sheets, view, picture.first), splats.positions)
+            self.instances.fill(records[indices])
+            self.filled = weakref.ref(records), eye, order
+        return self.filled[2].groups(view)
 
     def bind(self, picture: Sheeted, band: Window, corner: tuple[int, int], piece: bool = False) -> None:
         """Sets up the programs for a band. corner: the target's place of the band's first pixel. piece: whether parts
@@ -344,26 +354,38 @@ class Ring:
         return [textures[n] for textures in (self.sums, self.masses) if textures for n in slots]
 
 
-def by_first_sheet(splats: Splats, sheets: Sheets, view: GridView, first: int) -> tuple[np.ndarray, dict[int, Group]]:
-    """Returns indices that sort the records by first sheet, int64 [N], and the groups by first sheet, ascending. first:
-    number of the sheet from which sheets are counted.
+def first_sheets(splats: Splats, sheets: Sheets, view: GridView, first: int) -> np.ndarray:
+    """Returns the first sheet of each splat, counted from `first`: int16 [N], which holds up to MOST_SHEETS and which
+    numpy sorts by radix.
     """
-    positions = splats.positions
-    # 16-bit integers hold up to MOST_SHEETS, and numpy sorts them by radix
-    base = (sheets.base(sheets.places(view, positions)) - first).astype(np.int16)
-    return group_by(base, positions, view)
+    return (sheets.base(sheets.places(view, splats.positions)) - first).astype(np.int16)
 
 
-def group_by(numbers: np.ndarray, positions: np.ndarray, view: GridView) -> tuple[np.ndarray, dict[int, Group]]:
-    """Returns indices that sort splats at grid positions [N, 3] by their numbers [N], and the groups by number."""
+class Order(NamedTuple):
+    """Groups of splats of equal number: the numbers, ascending; the first splat of each, and the end; boxes around each
+    group's positions, low [G, 3] and high.
+    """
+
+    numbers: list[int]
+    ends: list[int]
+    low: np.ndarray
+    high: np.ndarray
+
+    def groups(self, view: GridView) -> dict[int, Group]:
+        """Returns the groups by number, with the windows that they reach."""
+        boxes = zip(self.low, self.high, strict=True)
+        windows = [screen_bounds(corners_of(*box), view).window for box in boxes]
+        groups = map(Group, self.ends, self.ends[1:], windows)
+        return dict(zip(self.numbers, groups, strict=True))
+
+
+def sort_by_number(numbers: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, Order]:
+    """Returns indices that sort splats at grid positions [N, 3] by their numbers [N], and their order."""
     indices = np.argsort(numbers, kind="stable")
     unique, begins = np.unique(numbers[indices], return_index=True)
     in_order = positions[indices]
     low, high = (reach.reduceat(in_order, begins).astype(np.float64) for reach in (np.minimum, np.maximum))
-    ends = [*begins[1:], len(numbers)]
-    windows = [screen_bounds(corners_of(*box), view).window for box in zip(low, high, strict=True)]
-    groups = zip(begins.tolist(), ends, windows, strict=True)
-    return indices, dict(zip(unique.tolist(), (Group(*group) for group in groups), strict=True))
+    return indices, Order(unique.tolist(), [*begins.tolist(), len(numbers)], low, high)
 
 
 def within(groups: dict[int, Group], band: Window) -> dict[int, Group]:

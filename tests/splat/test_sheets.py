@@ -6,17 +6,19 @@ from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 
 import splatgl as sg
 from splatgl.gl import sheet_quads, sheet_tiles, target, tiles
+from splatgl.gl.sheet_quads import SheetQuads
 from splatgl.gl.target import Interrupted
 from splatgl.reference.ray_integral import ray_integral
 from splatgl.splat import technique as techniques
 from splatgl.splat.kernels import KERNELS, depth_deviation, kernel
 from splatgl.splat.ordering import order_for
-from splatgl.splat.settings import Technique
+from splatgl.splat.settings import BlendMode, Technique
 from splatgl.splat.sheets import Sheets
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 
@@ -190,21 +192,53 @@ def test_an_interrupted_picture_leaves_no_trace(
 
 
 @pytest.mark.parametrize("count", COUNTS)
-def test_quads_leave_out_sheets_without_splats(renderer: sg.Renderer, count: int) -> None:
+def test_quads_leave_out_sheets_without_splats(
+    renderer: sg.Renderer, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Places that nothing reaches for a while, in depth and across the view, and single splats between."""
     rng = np.random.default_rng(count)
     places = np.array([[0, 0, 0], [12, 3, 1], [12, 9, 5], [13, 9, 5], [40, -8, -4]])
     points = (places[:, None] + rng.normal(size=(5, 9, 3)) * [[[1]], [[0]], [[1.5]], [[0.1]], [[1]]]).reshape(-1, 3)
     splats = sg.Splats.from_points(points, rng.random((45, 3)), rng.uniform(0.05, 0.8, 45))
     settings = EXACT.but(sheets=count, technique="quads", antialias="off")
+    sheets: list[int] = []
+    close = SheetQuads.close
+
+    def counted(self: SheetQuads, into: moderngl.Framebuffer, sheet: int, blend: BlendMode | None) -> None:
+        sheets.append(sheet)
+        close(self, into, sheet, blend)
+
+    monkeypatch.setattr(SheetQuads, "close", counted)
     for view in ("fitted", "parallel"):
         camera = eyes(splats)[view]
         chosen = renderer.plan(splats, camera, settings)
         assert chosen.resolved.sheets is not None
-        _, groups = sheet_quads.by_first_sheet(splats, chosen.resolved.sheets, chosen.view)
-        sheets = sheet_quads.closed(groups, count)
-        assert len(sheets) < sheets[-1] - sheets[0] + 1 and {first + count - 1 for first in groups} < set(sheets)
+        first, _ = chosen.resolved.sheets.range(splats, chosen.view)
+        firsts = set(sheet_quads.first_sheets(splats, chosen.resolved.sheets, chosen.view, first).tolist())
+        sheets.clear()
         assert apart(renderer, splats, camera, settings) < 4e-6
+        assert sheets == sorted(set(sheets)) and len(sheets) < sheets[-1] - sheets[0] + 1
+        assert {number + n for number in firsts for n in range(count)} == set(sheets)
+
+
+def test_the_order_of_quads_is_kept_while_the_eye_stays(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another field of view, size or direction needs no other order; another eye does, and so do other splats."""
+    splats, camera = matter(), views(matter())["fitted"]
+    settings = EXACT.but(technique="quads")
+    sorted_: list[int] = []
+    sort = sheet_quads.sort_by_number
+    monkeypatch.setattr(sheet_quads, "sort_by_number", lambda *given: (sorted_.append(1), sort(*given))[1])
+    renderer.free()
+    turned = sg.Camera.look_at(camera.eye, splats.corners.mean(axis=0) + 0.3, (0, 0, 1), 25, (20, 28))
+    near = sg.Camera.look_at(camera.eye * 0.9, splats.corners.mean(axis=0), (0, 0, 1), 40, (24, 20))
+    for view, drawn, count in (
+        (camera, splats, 1),
+        (turned, splats, 1),
+        (near, splats, 2),
+        (near, splats.part(np.arange(len(splats)) % 2 == 0), 3),
+    ):
+        assert apart(renderer, drawn, view, settings) < 4e-5
+        assert len(sorted_) == count
 
 
 def test_without_compute_shaders_quads_draw_sheets(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
