@@ -92,10 +92,13 @@ def _check_backend(backend: str, device: int | None) -> tuple[list[str], bool]:
     except InputError as error:
         return [f"nothing can be drawn: {error}"], False
     try:
-        info, checks = context_info(ctx), run_checks(ctx)
-    finally:
-        ctx.release()
-    image_lines, right = _check_images(backend, device)
+        try:
+            info, checks = context_info(ctx), run_checks(ctx)
+        finally:
+            ctx.release()
+        image_lines, right = _check_images(backend, device)
+    except Exception as error:
+        return [f"pictures are WRONG on this driver: {_first_line(error)}"], False
     ok = right and all(check.passed for check in checks if check.required)
     lines = [
         f"rendering with {info.backend}: {info.renderer}",
@@ -167,13 +170,16 @@ def _check_image(
         else:
             drawn = renderer.render(splats, camera, settings, motion, verify_bound=False)
     except Exception as error:
-        # a driver may fail anywhere
-        first = (str(error).splitlines() or [type(error).__name__])[0]
-        return f"  {name:18} FAILED {first}", False
+        return f"  {name:18} FAILED {_first_line(error)}", False
     truth = reference.render(splats, camera, settings.but(technique="auto", motion="off")).pixels
     difference = float(np.abs(drawn.pixels - truth).max()) if np.isfinite(drawn.pixels).all() else np.inf
     check = Check(name, difference, 0.0, MAX_ERROR, required=True)
     return check_line(check), check.passed
+
+
+def _first_line(error: Exception) -> str:
+    """First line of any error: a driver may fail anywhere."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def check_line(check: Check) -> str:

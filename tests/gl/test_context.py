@@ -340,6 +340,17 @@ def test_doctor_says_when_an_image_is_wrong(monkeypatch: pytest.MonkeyPatch) -> 
     assert any(line.startswith("boxes by quads WRONG 0.01") for line in lines)
 
 
+def test_doctor_says_when_a_check_can_not_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    need("egl")
+
+    def refuse(ctx: moderngl.Context) -> None:
+        raise moderngl.Error("the framebuffer is not complete\nand more")
+
+    monkeypatch.setattr(doctor, "run_checks", refuse)
+    text, ok = doctor.report("egl")
+    assert not ok and text.endswith("pictures are WRONG on this driver: the framebuffer is not complete")
+
+
 def test_the_doctors_bricks_are_bricks() -> None:
     need("egl")
     volume, settings, _ = doctor._images(tiles=True)["bricks"]
