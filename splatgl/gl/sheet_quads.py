@@ -23,12 +23,12 @@ from splatgl.gl.meshes import LIMIT_UNITS, Limits
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.quads import CORNERS
-from splatgl.gl.sheet_tiles import AROUND_CUT, Batches, sheet_uniforms
+from splatgl.gl.sheet_tiles import Batches, may_show, sheet_uniforms
 from splatgl.gl.target import Portions, Target, settle
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables
 from splatgl.gl.tiles import bands_of
 from splatgl.gl.uniforms import frame_block
-from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds
+from splatgl.splat.culling import Window, screen_bounds
 from splatgl.splat.grid import corners_of
 from splatgl.splat.plan import Plan
 from splatgl.splat.settings import BLENDS, BlendMode
@@ -410,10 +410,7 @@ def around(groups: dict[int, Group], first: int, last: int) -> Window:
 
 def is_visible(low: np.ndarray, high: np.ndarray, plan: Plan, band: Window) -> bool:
     """Whether a box of voxels, from low to high (x, y, z), may be visible in a band of the picture."""
-    clip = plan.resolved.clip
-    if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
-        return False
-    if not blocks_in_frustum(np.concatenate([low + high, high - low])[None] / 2, Frustum.of(plan.view))[0]:
+    if not may_show(low, high, plan):
         return False
     _, top, _, height = screen_bounds(corners_of(low, high), plan.view).window.box
     return top < band.y + band.height and top + height > band.y

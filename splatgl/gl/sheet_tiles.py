@@ -156,14 +156,9 @@ class SheetTiles(Tiles):
     ) -> None:
         band = self._begin(whole, plan, window)
         across = -(-window.width // COLUMNS)
-        frustum = Frustum.of(plan.view)
-
-        clip = plan.resolved.clip
 
         def is_visible(low: np.ndarray, high: np.ndarray) -> bool:
-            if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
-                return False
-            if not blocks_in_frustum(np.concatenate([low + high, high - low])[None] / 2, frustum)[0]:
+            if not may_show(low, high, plan):
                 return False
             x, y, width, height = screen_bounds(corners_of(low, high), plan.view).window.box
             x, y = x - window.x, y - window.y
@@ -354,6 +349,14 @@ def window_edges(view: GridView, window: Window) -> tuple[float, ...]:
     x, y, width, height = window.box
     ends = np.array([[x, y], [x + width, y + height]]) - np.array(view.size) / 2
     return tuple((ends * view.pitch).ravel().tolist())
+
+
+def may_show(low: np.ndarray, high: np.ndarray, plan: Plan) -> bool:
+    """Whether a part of a box of voxels, from low to high (x, y, z), is in the picture and kept by clip planes."""
+    clip = plan.resolved.clip
+    if clip is not None and not clip.meets(low - AROUND_CUT, high + AROUND_CUT):
+        return False
+    return bool(blocks_in_frustum(np.concatenate([low + high, high - low])[None] / 2, Frustum.of(plan.view))[0])
 
 
 def sheet_span(splats: Splats, plan: Plan) -> int:
