@@ -149,7 +149,7 @@ class SheetTiles(Tiles):
     def least_bands(self, window: Window) -> int:
         """Returns the number of bands into which batches of splats must be drawn: a dispatch takes MOST_TILES tiles."""
         across, down = -(-window.width // COLUMNS) + 1, -(-window.height // ROWS) + 1
-        return 1 if self.card is None else -(-down // (MOST_TILES // across))
+        return 1 if self.card is None else -(-down // max(MOST_TILES // across, 1))
 
     def _draw_band(
         self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions, window: Window
