@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -111,14 +112,10 @@ def compose(name: str, switches: Mapping[str, str | int | bool], allowed: frozen
     if unknown:
         raise ShaderError(f"{name}: no such switch: {', '.join(sorted(unknown))}; it has {', '.join(declared)}")
     values = {switch: _literal(switches.get(switch, default)) for switch, default in declared.items()}
-    lines = list(_expand(name, (), set(), values))
-    version = next((match[1] for text in _read(name) if (match := VERSION_LINE.match(text))), VERSION)
-    used = [f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text))]
-    head = [f"#version {version} core", *used, *(f"#define {switch} {value}" for switch, value in values.items())]
-    places = [f"{name}: switches"] * len(head) + [place for place, _ in lines]
-    # drivers cache programs by their text: without comments, a changed comment recompiles nothing
-    code = (COMMENT.sub("", text) for _, text in lines)
-    return ShaderText("\n".join([*head, *code]) + "\n", tuple(places))
+    choosing = tuple((switch, values[switch] != "0") for switch in _choosing(name) if switch in values)
+    version, extensions, code, places = _expand_all(name, choosing)
+    head = [f"#version {version} core", *extensions, *(f"#define {switch} {value}" for switch, value in values.items())]
+    return ShaderText("\n".join([*head, code]) + "\n", (f"{name}: switches",) * len(head) + places)
 
 
 def declared_switches(name: str) -> frozenset[str]:
@@ -130,6 +127,28 @@ def declared_switches(name: str) -> frozenset[str]:
 def _declared(name: str) -> dict[str, str]:
     """Returns the default of each switch."""
     return {match[1]: match[2] for _, text in _expand(name, (), set()) if (match := SWITCH.match(text))}
+
+
+@lru_cache(maxsize=64)
+def _choosing(name: str) -> tuple[str, ...]:
+    """Returns the switches by which shader `name` and its includes choose files."""
+    files: set[str] = set()
+    deque(_expand(name, (), files), maxlen=0)
+    named = (match[2] for file in files for text in _read(file) if (match := INCLUDE.match(text)) and match[2])
+    return tuple(sorted({switch for names in named for switch in names.split(" or ")}))
+
+
+@lru_cache(maxsize=256)
+def _expand_all(name: str, choosing: tuple[tuple[str, bool], ...]) -> tuple[str, tuple[str, ...], str, tuple[str, ...]]:
+    """Returns version, extensions, code and the place of each of its lines. choosing: switches that choose
+    files, and whether they are on.
+    """
+    lines = list(_expand(name, (), set(), {switch: str(int(on)) for switch, on in choosing}))
+    version = next((match[1] for text in _read(name) if (match := VERSION_LINE.match(text))), VERSION)
+    used = tuple(f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text)))
+    # drivers cache programs by their text: without comments, a changed comment recompiles nothing
+    code = "\n".join(COMMENT.sub("", text) for _, text in lines)
+    return str(version), used, code, tuple(place for place, _ in lines)
 
 
 def _expand(

@@ -35,8 +35,8 @@ Twin = Callable[..., np.ndarray]
 
 def read_again() -> None:
     """Forgets the shader files, which a test has changed."""
-    shader._read.cache_clear()
-    shader._declared.cache_clear()
+    for cached in (shader._read, shader._declared, shader._choosing, shader._expand_all):
+        cached.cache_clear()
 
 
 @pytest.fixture
