@@ -269,8 +269,6 @@ class Tiles:
         height = (total + 4) // (LISTED * 4) + 1
         listed = self._buffer(LISTED_BUFFER, height * LISTED * 16)
         self._run(plan, count, {"COUNTING": False}, total + 4)
-        if self.programs.shape.name == "card":
-            return
         if self.list is None or self.list.height < height:
             if self.list is not None:
                 self.list.release()

@@ -120,6 +120,8 @@ def test_quads_in_bands_draw_the_same(renderer: sg.Renderer, monkeypatch: pytest
         whole = renderer.render(splats, camera, settings, verify_bound=False).pixels
         with monkeypatch.context() as patched:
             patched.setattr(sheet_quads, "MOST_PIXELS", rows * camera.size[0])
+            # a ring with more rows would serve
+            renderer.free()
             answers = iter([*[False] * 30, True])
             with pytest.raises(Interrupted):
                 renderer.render(splats, camera, settings, interrupted=partial(next, answers))
