@@ -187,10 +187,11 @@ def test_small_storage_blocks_draw_the_same(
 def test_shaders_of_a_card_keep_to_what_every_device_has() -> None:
     """At most 7 storage blocks, and 16 KB of shared memory, with all features together."""
     for name in ("sheet_draw.comp", "tile_draw.comp", "box_draw.comp", "layers_over.comp"):
-        on = {"CARRIED": 1, "LAYERED": 1, "NEAR": 1, "LIMITED": 1, "SHEETS": 4, "STEPS": 3, "CLIPPED": 1, "MASKED": 1}
-        switches = (
-            {"SKY": 1, "SHADOWS": 1, "ANTIALIAS": 1, "CUBIC": 0, "ALIGN": "ALIGN_EXACT"} | on | SHAPES["card"].switches
+        on: dict[str, str | int | bool] = dict.fromkeys(
+            ("CARRIED", "LAYERED", "NEAR", "LIMITED", "CLIPPED", "MASKED"), 1
         )
+        on |= {"SKY": 1, "SHADOWS": 1, "ANTIALIAS": 1, "CUBIC": 0, "ALIGN": "ALIGN_EXACT", "SHEETS": 4, "STEPS": 3}
+        switches = on | SHAPES["card"].switches
         declared = declared_switches(name)
         text = compose(name, {switch: value for switch, value in switches.items() if switch in declared}).source
         assert 1 <= len(re.findall(r"^layout\(std430, binding = \d+\)", text, re.M)) <= 7

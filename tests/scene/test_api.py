@@ -16,9 +16,10 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.platforms import has_display
 from splatgl.scene import shared_renderer
 from splatgl.splat.opaque_bounds import Opaque
-from splatgl.viewer.show import has_display, in_notebook
+from splatgl.viewer.show import in_notebook
 
 
 @pytest.fixture
