@@ -11,7 +11,8 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,20 @@ class Window:
             self.server.kill()
         assert line, self.process.communicate()[1] or "no answer"
         return json.loads(line)
+
+
+@contextmanager
+def resized(window: Window, width: int, height: int) -> Iterator[None]:
+    """The window has another size, in which a float64 reference takes less time."""
+    before, identity = window.ask("look")["size"], window.identity
+    window.hands("windowsize", "--sync", identity, width, height)
+    assert window.ask("settle")["size"] == [width, height]
+    yield
+    # nothing is compared that would be drawn again
+    while window.ask("look")["compare"] != "off":
+        window.hands("key", "d")
+    window.hands("windowsize", "--sync", identity, *before)
+    assert window.ask("settle")["size"] == before
 
 
 def silent(window: Window) -> None:
