@@ -8,7 +8,7 @@ import shutil
 import subprocess
 from collections import Counter, defaultdict
 from functools import cache
-from itertools import chain
+from itertools import chain, combinations
 from pathlib import Path
 
 import pytest
@@ -139,10 +139,17 @@ def test_what_is_drawn_is_among_the_texts(technique: str) -> None:
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which(COMPILER) is None, reason=f"needs {COMPILER}: apt-get install glslang-tools")
 def test_the_reference_compiler_accepts_all(tmp_path: Path) -> None:
-    for text in texts(2):
-        (tmp_path / text.name).write_text(text.source)
-    names = sorted(text.name for text in texts(2))
-    assert len(names) > 2000
+    """Texts of pictures of one change, and others in which two values of switches meet that meet in none before."""
+    names, met = [], set[object]()
+    for text in (*texts(1), *texts(2)):
+        pairs = {(text.shader, *pair) for pair in combinations(text.switches.items(), 2)} or {(text.shader,)}
+        if pairs - met or len(names) < len(texts(1)):
+            met |= pairs
+            # pictures of either shape have the same names
+            names.append(f"{len(names)}.{text.name}")
+            (tmp_path / names[-1]).write_text(text.source)
+    print(f"{len(names)} texts")
+    assert len(names) > len(texts(1)) > 500
     answer = subprocess.run([COMPILER, *names], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stdout[-3000:]
 
