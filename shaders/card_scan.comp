@@ -25,7 +25,7 @@ void main() {
         uint before = sum + scanned_before().x;
         sum += scanned[SORT_LANES - 1u].x;
         for (uint i = 0u; i < 4u; i++) if (n + i < end) counts[n + i] = before + upto[i] - four[i];
-        barrier();
+        wait_for_all();
     }
     if (PAIRS == 1 && lane == 0u) {
         if (number > 0u) total = sum;

@@ -17,9 +17,11 @@ uniform uint count;
 uniform uint number;  // of sheets
 
 void main() {
-    uint n = gl_GlobalInvocationID.x;
-    if (n >= count) return;
-    uint sheet = first_sheet_of(record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0)), number);
-    pairs[n] = uvec2(sheet, n);
-    if (sheet < number) atomicAdd(drawn, 1u);
+    // a dispatch has no more groups than every OpenGL allows
+    for (uint n = gl_GlobalInvocationID.x; n < count; n += gl_NumWorkGroups.x * SORT_LANES) {
+        vec3 position = record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0));
+        uint sheet = first_sheet_of(position, number);
+        pairs[n] = uvec2(sheet, n);
+        if (sheet < number) atomicAdd(drawn, 1u);
+    }
 }

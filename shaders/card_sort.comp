@@ -24,7 +24,7 @@ void main() {
     uint lane = gl_LocalInvocationID.x, block = gl_WorkGroupID.x, blocks = blocks_of(entries);
     uint first = block * SORT_BLOCK, end = min(first + SORT_BLOCK, entries);
     if (lane < DIGITS) begins[lane] = COUNTING == 1 ? 0u : counts[lane * blocks + block];
-    barrier();
+    wait_for_all();
     for (uint start = first; start < end; start += SORT_LANES) {
         uint n = start + lane;
         uvec2 pair = n < end ? pairs[n] : uvec2(0u);
@@ -36,19 +36,19 @@ void main() {
             uvec4 one = uvec4(equal(uvec4(digit / 4u), uvec4(0u, 1u, 2u, 3u))) << (digit % 4u * 8u);
             scan_group(one);
             if (lane == SORT_LANES - 1u) last_digit = digit;
-            barrier();
+            wait_for_all();
             if (digit < DIGITS) {
                 uint place = begins[digit] + ((scanned_before()[digit / 4u] >> (digit % 4u * 8u)) & 0xffu);
                 if (LAST == 1) imageStore(order, ivec2(place % ABREAST, place / ABREAST), uvec4(pair.y));
                 else sorted[place] = pair;
             }
-            barrier();
+            wait_for_all();
             if (lane < DIGITS) {
                 uint others = (scanned[SORT_LANES - 2u][lane / 4u] >> (lane % 4u * 8u)) & 0xffu;
                 begins[lane] += others + uint(last_digit == lane);
             }
         }
-        barrier();
+        wait_for_all();
     }
     if (COUNTING == 1 && lane < DIGITS) counts[lane * blocks + block] = begins[lane];
 }

@@ -1,4 +1,5 @@
 // Sums within a work group of SORT_LANES lanes.
+#include "wait_for_all.glsl"
 #constant SORT_LANES
 shared uvec4 scanned[SORT_LANES];
 
@@ -6,12 +7,12 @@ shared uvec4 scanned[SORT_LANES];
 void scan_group(uvec4 value) {
     uint lane = gl_LocalInvocationID.x;
     scanned[lane] = value;
-    barrier();
+    wait_for_all();
     for (uint step_ = 1u; step_ < SORT_LANES; step_ *= 2u) {
         uvec4 earlier = lane >= step_ ? scanned[lane - step_] : uvec4(0u);
-        barrier();
+        wait_for_all();
         scanned[lane] += earlier;
-        barrier();
+        wait_for_all();
     }
 }
 

@@ -1,4 +1,5 @@
 // Stages splats of a tile's list in shared memory, from where all pixels of the tile read them.
+#include "wait_for_all.glsl"
 #define BATCH 64u  // splats at a time: one an invocation
 layout(std430, binding = 6) readonly buffer Listed { uint listed[]; };
 
@@ -37,10 +38,4 @@ Joined staged_splat(uint slot) {
         }
     }
     return it;
-}
-
-// Waits until all invocations have written, or read, what is staged.
-void wait_for_all() {
-    memoryBarrierShared();
-    barrier();
 }

@@ -27,6 +27,8 @@ PAIR, BITS = 8, 4
 TOTAL, MOST_NEEDED, BY_ENTRY, BY_BLOCK = 3, 8, 16, 32
 # byte offset of the tiles' states behind them, and most tiles of a band
 STATES_AT, MOST_TILES = 256, 65_535
+# maximum number of groups of a dispatch
+MOST_GROUPS = 65_535
 # maximum number of pixels of a band of tiles
 MOST_BAND = 2**21
 # bindings, see the shaders
@@ -63,7 +65,7 @@ class CardLists:
 
     def set_entries(self, count: int, drawn: int = MOST_UINT) -> None:
         """Writes the number of pairs to sort, and of the splats of the order that are drawn."""
-        sizes = [-(-count // SORT_LANES), 1, 1, 0, -(-count // SORT_BLOCK), 1, 1, 0]
+        sizes = [min(-(-count // SORT_LANES), MOST_GROUPS), 1, 1, 0, -(-count // SORT_BLOCK), 1, 1, 0]
         work = self._work()
         work.write(np.array([count, drawn], np.uint32))
         work.write(np.array(sizes, np.uint32), offset=BY_ENTRY)
@@ -173,7 +175,12 @@ class CardLists:
         self.ctx.memory_barrier()
 
     def _work(self) -> moderngl.Buffer:
-        return self._buffer("work", STATES_AT + MOST_TILES * 4)
+        """Returns the buffer of card_work.glsl and of the tiles' states, at first of zeros."""
+        is_new = "work" not in self.buffers
+        work = self._buffer("work", STATES_AT + MOST_TILES * 4)
+        if is_new:
+            work.clear()
+        return work
 
     def _bind_work(self) -> None:
         self._work().bind_to_storage_buffer(WORK_BINDING, size=STATES_AT)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from typing import Any
 
+import moderngl
 import numpy as np
 import pytest
 
@@ -197,6 +199,33 @@ def test_shaders_of_a_card_keep_to_what_every_device_has() -> None:
         assert 1 <= len(re.findall(r"^layout\(std430, binding = \d+\)", text, re.M)) <= 7
         vectors = [count for line in re.findall(r"^shared vec4 .*;", text, re.M) for count in re.findall(r"\[", line)]
         assert 16 * 64 * len(vectors) + 64 <= 16_384
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    "kind", ["values", "inside", "splat by splat, composite", "labels", "layers", "meshes", "bricks"]
+)
+def test_memory_of_a_device_holds_anything_at_first(
+    kind: str, shape: str, renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Software clears its memory, cards do not."""
+    monkeypatch.setattr(bricking, "BATCH", 200)
+    draw = KINDS[kind]()
+    right = draw(renderer)
+    original = moderngl.Context.buffer
+
+    def dirty(self: moderngl.Context, data: Any = None, **options: Any) -> moderngl.Buffer:
+        buffer = original(self, data, **options)
+        if data is None:
+            buffer.write(b"\xff" * buffer.size)
+        return buffer
+
+    monkeypatch.setattr(moderngl.Context, "buffer", dirty)
+    with sg.Renderer(shape=shape) as other:
+        for limit in (tiles.MOST, 300):
+            monkeypatch.setattr(tiles, "MOST", limit)
+            assert np.abs(draw(other) - right).max() < 10 * ROUNDED
 
 
 def test_a_pixel_that_ends_hides_no_more_than_it_may(renderer: sg.Renderer, card: sg.Renderer) -> None:
