@@ -140,7 +140,8 @@ def test_what_is_drawn_is_among_the_texts(technique: str) -> None:
 @pytest.mark.skipif(shutil.which(COMPILER) is None, reason=f"needs {COMPILER}: apt-get install glslang-tools")
 def test_the_reference_compiler_accepts_all(tmp_path: Path) -> None:
     """Texts of pictures of one change, and others in which two values of switches meet that meet in none before."""
-    names, met = [], set[object]()
+    names: list[str] = []
+    met: set[object] = set()
     for text in (*texts(1), *texts(2)):
         pairs = {(text.shader, *pair) for pair in combinations(text.switches.items(), 2)} or {(text.shader,)}
         if pairs - met or len(names) < len(texts(1)):

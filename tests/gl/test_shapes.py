@@ -223,7 +223,7 @@ def test_memory_of_a_device_holds_anything_at_first(
 
     monkeypatch.setattr(moderngl.Context, "buffer", dirty)
     with sg.Renderer(shape=shape) as other:
-        for limit in (tiles.MOST, 300):
+        for limit in (2**20, 300):
             monkeypatch.setattr(tiles, "MOST", limit)
             assert np.abs(draw(other) - right).max() < 10 * ROUNDED
 
