@@ -59,6 +59,6 @@ bool reaches(vec3 v, vec4 edges) {
 }
 
 // Returns whether a splat may be visible; twin of splatgl/splat/culling.py.
-bool may_be_seen(vec3 v) {
+bool may_show(vec3 v) {
     return reaches(v, vec4(-frame.edge, frame.edge));
 }

@@ -61,7 +61,7 @@ void main() {
     Projected it = projected(v, quad);
     give_matter(v, quad);
     // culls each splat too far beyond the edge, besides whole blocks
-    drawn = drawn && may_be_seen(v);
+    drawn = drawn && may_show(v);
     bool around = ALIGN == ALIGN_EXACT && v.z <= HAS_PLACE * frame.depth_reach;
     float half_side = drawn && !around ? it.half_side : UNSEEN;
     vec3 triangle = triangle_of(it.to_local);

@@ -264,7 +264,7 @@ def test_what_reaches_into_the_picture(twin: Twin, rng: np.random.Generator) -> 
             frustum = Frustum.of(plan.view)
             voxel = plan.view.voxels(rng.uniform(-30, 40, (COUNT, 3)))
             voxel = voxel[:, voxel[2] > -plan.view.reach]
-            found = twin("projection.glsl", "result.x = float(may_be_seen(v))", plan, splats, v=voxel.T)[:, 0] > 0
+            found = twin("projection.glsl", "result.x = float(may_show(v))", plan, splats, v=voxel.T)[:, 0] > 0
             right = frustum.may_show(voxel)
             assert not (found & ~right).any()
             assert (found != right).mean() < 0.02
