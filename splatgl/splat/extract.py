@@ -306,11 +306,10 @@ def _records(
     gradient = np.zeros((len(flat), 3))
     if (transfer.shading and part.normals is None) or transfer.gradient:
         # faces at the ends are lit; opacity by gradients would show them
-        around = None if transfer.gradient else partial(nearest_transparent, opaque_intervals(transfer))
-        gradient = gradients(slab.samples, x, y, z, 2, around)
-        if not transfer.gradient:
-            # only directions matter, and tiny components may not be multiplied exactly
-            gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
+        if transfer.gradient:
+            gradient = gradients(slab.samples, x, y, z, 2)
+        else:
+            gradient = _directions(slab.samples, (x, y, z), opaque_intervals(transfer))
         gradient = gradient @ np.linalg.inv(volume.world_from_index)
     if transfer.gradient:
         opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
@@ -333,6 +332,25 @@ def _records(
     if transfer.shading:
         records["normal"] = _snorm(gradient if part.normals is None else part.normals.of_voxels(x, y, z))
     return records, everyone
+
+
+def _directions(
+    samples: np.ndarray, places: tuple[np.ndarray, np.ndarray, np.ndarray], opaque: np.ndarray
+) -> np.ndarray:
+    """Gradients [N, 3] per grid step whose length does not matter. opaque [n, 2]: intervals of values whose missing
+    neighbours count as transparent.
+    """
+    # tiny values are not halved exactly
+    is_tiny = samples.dtype == np.float64 and np.nanmax(np.abs(samples), initial=0.0) < TINY
+    scale = 2.0**60 if is_tiny else 1.0
+
+    def around(center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        outside, within = nearest_transparent(opaque, center / scale)
+        return outside * scale, within
+
+    gradient = gradients(samples * scale if is_tiny else samples, *places, 2, around)
+    gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
+    return gradient
 
 
 def _snorm(gradient: np.ndarray) -> np.ndarray:
