@@ -309,7 +309,9 @@ def _records(
         if transfer.gradient:
             gradient = gradients(slab.samples, x, y, z, 2)
         else:
-            gradient = _directions(slab.samples, (x, y, z), opaque_intervals(transfer))
+            # values that are tiny are not halved exactly
+            is_tiny = values.dtype == np.float64 and np.abs(values).max(initial=0.0) < TINY
+            gradient = _directions(slab.samples, (x, y, z), opaque_intervals(transfer), 2.0**60 if is_tiny else 1.0)
         gradient = gradient @ np.linalg.inv(volume.world_from_index)
     if transfer.gradient:
         opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
@@ -335,20 +337,17 @@ def _records(
 
 
 def _directions(
-    samples: np.ndarray, places: tuple[np.ndarray, np.ndarray, np.ndarray], opaque: np.ndarray
+    samples: np.ndarray, places: tuple[np.ndarray, np.ndarray, np.ndarray], opaque: np.ndarray, scale: float
 ) -> np.ndarray:
-    """Gradients [N, 3] per grid step whose length does not matter. opaque [n, 2]: intervals of values whose missing
-    neighbours count as transparent.
+    """Gradients [N, 3] per grid step whose length does not matter, of scaled values. opaque [n, 2]: intervals of values
+    whose missing neighbours count as transparent.
     """
-    # tiny values are not halved exactly
-    is_tiny = samples.dtype == np.float64 and np.nanmax(np.abs(samples), initial=0.0) < TINY
-    scale = 2.0**60 if is_tiny else 1.0
 
     def around(center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         outside, within = nearest_transparent(opaque, center / scale)
         return outside * scale, within
 
-    gradient = gradients(samples * scale if is_tiny else samples, *places, 2, around)
+    gradient = gradients(samples if scale == 1.0 else samples * scale, *places, 2, around)
     gradient[np.abs(gradient).max(axis=1) < TINY] *= 2.0**60
     return gradient
 
