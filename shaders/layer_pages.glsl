@@ -1,5 +1,5 @@
 // Stores the matter of layers along each pixel's ray: a list of pages, each of PAGE − 1 pieces and the number of the next
-// page. A piece holds its begin, in sheets from the first; red and green; its optical depth; blue and its length.
+// page.
 #constant COLUMNS
 #constant TILE_ROWS
 #constant PAGE
@@ -32,18 +32,6 @@ bool keep_piece(uint head, uint room, uvec4 piece) {
     return true;
 }
 
-uvec4 packed_piece(vec2 ends, vec4 matter, float brightest) {
-    vec3 color = matter.rgb / (matter.a * brightest);
-    uint last = packUnorm2x16(vec2(color.b, (ends.y - ends.x) / LONGEST_PIECE));
-    return uvec4(floatBitsToUint(ends.x), packUnorm2x16(color.rg), floatBitsToUint(matter.a), last);
-}
-
-vec4 matter_of_piece(uvec4 words, float brightest) {
-    vec3 color = vec3(unpackUnorm2x16(words.y), unpackUnorm2x16(words.w).x);
-    return vec4(color * brightest, 1.0) * uintBitsToFloat(words.z);
-}
-
-vec2 ends_of_piece(uvec4 words) {
-    float begin = uintBitsToFloat(words.x);
-    return vec2(begin, begin + unpackUnorm2x16(words.w).y * LONGEST_PIECE);
-}
+#define packed_pair packUnorm2x16
+#define unpacked_pair unpackUnorm2x16
+#include "layer_piece.glsl"

@@ -282,6 +282,18 @@ def uneven(rows: int) -> int:
     return max(rows, 2) | 1 if rows < 1024 else rows
 
 
+def order_texture(ctx: moderngl.Context, old: moderngl.Texture | None, count: int) -> moderngl.Texture:
+    """Returns a texture for the order of `count` splats: the old one, or a larger one after it is freed."""
+    height = -(-max(count, 1) // ABREAST)
+    if old is not None and old.height >= height:
+        return old
+    if old is not None:
+        old.release()
+    order = ctx.texture((ABREAST, uneven(height)), 1, dtype="u4")
+    order.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return order
+
+
 def most_block(ctx: moderngl.Context) -> int:
     """Returns the size, in bytes, of the largest storage block that the device binds."""
     return int(ctx.info.get("GL_MAX_SHADER_STORAGE_BLOCK_SIZE", 2**24))

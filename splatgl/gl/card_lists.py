@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Texels, most_block, uneven
+from splatgl.gl.buffers import Texels, most_block, order_texture
 from splatgl.gl.features import Uniforms
 from splatgl.gl.program import set_uniforms
-from splatgl.gl.shader import ABREAST, CLOSED, SORT_BLOCK, SORT_LANES
+from splatgl.gl.shader import CLOSED, SORT_BLOCK, SORT_LANES
 
 # maximum number of splats of a part, and of pairs of a sort: passes are short enough for a watchdog
 MOST_SPLATS, MOST_PAIRS = 2**18, 2**22
@@ -91,9 +91,10 @@ class CardLists:
         texels.records.use(RECORDS_UNIT)
         program = compile_("card_sheets.comp", {})
         self._run(program, BY_ENTRY, {**uniforms, "records": RECORDS_UNIT, "count": count, "number": number})
-        self._order(count).bind_to_image(IMAGE, read=False, write=True)
+        self.order = order_texture(self.ctx, self.order, count)
+        self.order.bind_to_image(IMAGE, read=False, write=True)
         self._sort(compile_, number, count, in_image=True)
-        return self._order(count)
+        return self.order
 
     def count_pairs(self, compile_: Compile, first: int, count: int) -> None:
         """Counts the tiles of `count` placed splats, from `first` of their order on."""
@@ -196,12 +197,3 @@ class CardLists:
                 buffer.release()
             buffer = self.buffers[name] = self.ctx.buffer(reserve=size)
         return buffer
-
-    def _order(self, count: int) -> moderngl.Texture:
-        height = -(-max(count, 1) // ABREAST)
-        if self.order is None or self.order.height < height:
-            if self.order is not None:
-                self.order.release()
-            self.order = self.ctx.texture((ABREAST, uneven(height)), 1, dtype="u4")
-            self.order.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        return self.order

@@ -10,13 +10,13 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels, most_block, uneven
+from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels, most_block, order_texture
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
 from splatgl.gl.near_sheets import NOTHING, NearSheets
 from splatgl.gl.program import Programs, set_uniforms
-from splatgl.gl.shader import ABREAST, CONTINUED
+from splatgl.gl.shader import CONTINUED
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_uniforms
 from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
@@ -397,7 +397,7 @@ class SheetOrder:
         # ordered by sheet, then by run
         until = np.cumsum(counts.T, dtype=np.uint32).reshape(number + 1, runs)
         cursors.write(np.ascontiguousarray((until - counts.T).T))
-        order = self._order(count)
+        order = self.order = order_texture(self.ctx, self.order, count)
         order.bind_to_image(IMAGE, read=False, write=True)
         self._run(plan, False, {**uniforms, "count": count, "number": number}, runs)
         return Texels(texels.records, texels.rest, order), int(until[-1, 0]) - int(counts[0, -1])
@@ -418,12 +418,3 @@ class SheetOrder:
             self.cursors = self.ctx.buffer(reserve=size)
         self.cursors.bind_to_storage_buffer(CURSORS)
         return self.cursors
-
-    def _order(self, count: int) -> moderngl.Texture:
-        height = -(-max(count, 1) // ABREAST)
-        if self.order is None or self.order.height < height:
-            if self.order is not None:
-                self.order.release()
-            self.order = self.ctx.texture((ABREAST, uneven(height)), 1, dtype="u4")
-            self.order.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        return self.order
