@@ -32,6 +32,12 @@ bool keep_piece(uint head, uint room, uvec4 piece) {
     return true;
 }
 
-#define packed_pair packUnorm2x16
-#define unpacked_pair unpackUnorm2x16
+uint packed_pair(vec2 pair) {
+    return packUnorm2x16(pair);
+}
+
+vec2 unpacked_pair(uint word) {
+    return unpackUnorm2x16(word);
+}
+
 #include "layer_piece.glsl"
