@@ -33,6 +33,10 @@ class Group(StrEnum):
     ANIMATION = "animation"
 
 
+def _literal(*values: object) -> str:
+    return f"Literal[{', '.join(f'{value!r}' for value in values)}]"
+
+
 def is_number(value: object) -> bool:
     """Whether a value is a real number, and not a bool."""
     return isinstance(value, Real) and not isinstance(value, bool)
@@ -42,7 +46,8 @@ def is_number(value: object) -> bool:
 class Kind:
     """Kind of value. this: its description in messages; written: of its text, unless that is metavar and `this`. check:
     returns the value that is stored, of a keyword or of TOML; read: the value of a command line's text. Both raise
-    TypeError or ValueError for others. choices: its values, the default first. span: lowest and highest number.
+    TypeError or ValueError for others. choices: its values, the default first. span: lowest and highest number. hint:
+    type of a keyword's value, as Python that type checkers read.
     """
 
     this: str
@@ -52,6 +57,7 @@ class Kind:
     choices: Callable[[], tuple[str, ...]] | None = None
     span: tuple[float, float] = (-inf, inf)
     written: str = ""
+    hint: str = ""
 
     def parse(self, text: str) -> Any:
         """An argparse type: the value of a text."""
@@ -79,7 +85,7 @@ class Kind:
                 raise ValueError
             return value
 
-        return Kind(this, check, choices=known)
+        return Kind(this, check, choices=known, hint=_literal(*fixed) if fixed else "str")
 
     @staticmethod
     def number(
@@ -92,7 +98,7 @@ class Kind:
                 raise ValueError
             return float(value)
 
-        return Kind(this, check, float, metavar, span=(low, high))
+        return Kind(this, check, float, metavar, span=(low, high), hint="float")
 
     @staticmethod
     def whole(low: int, high: float = inf, this: str = "", metavar: str = "N") -> Kind:
@@ -104,7 +110,7 @@ class Kind:
             return int(value)
 
         this = this or f"a whole number {f'from {low} to {high}' if high < inf else f'of at least {low}'}"
-        return Kind(this, check, int, metavar, span=(low, high))
+        return Kind(this, check, int, metavar, span=(low, high), hint="int")
 
     @staticmethod
     def one_of(*values: int) -> Kind:
@@ -116,7 +122,8 @@ class Kind:
                 raise ValueError
             return int(value)
 
-        return Kind(f"{', '.join(names[:-1])} or {names[-1]}", check, int, "|".join(names))
+        this = f"{', '.join(names[:-1])} or {names[-1]}"
+        return Kind(this, check, int, "|".join(names), hint=_literal(*values))
 
     @staticmethod
     def instance(this: str, *types: type, metavar: str = "NAME") -> Kind:
@@ -127,7 +134,7 @@ class Kind:
                 raise ValueError
             return value
 
-        return Kind(this, check, str, metavar)
+        return Kind(this, check, str, metavar, hint=" | ".join(kind.__name__ for kind in types))
 
     @staticmethod
     def numbers(count: int, metavar: str, this: str = "", integers: bool = False, positive: bool = False) -> Kind:
@@ -147,7 +154,8 @@ class Kind:
                 raise ValueError
             return tuple(map(kind, parts))
 
-        return Kind(this or f"{count} {'whole' if integers else 'finite'} numbers", check, read, metavar)
+        this = this or f"{count} {'whole' if integers else 'finite'} numbers"
+        return Kind(this, check, read, metavar, hint="Numbers")
 
     @staticmethod
     def interval() -> Kind:
@@ -177,7 +185,7 @@ class Kind:
             width, height = read(str(value)) if plain else pair.check(value)
             return width, height
 
-        return replace(pair, check=check, read=read)
+        return replace(pair, check=check, read=read, hint="int | str | Numbers")
 
     @staticmethod
     def flag() -> Kind:

@@ -24,7 +24,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion
 from splatgl.splat.presets import default_transfer
 from splatgl.splat.scene import Layer, Scene
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import Settings, Technique
 
 PACKAGES = ("splatgl", "moderngl", "numpy", "glfw", "pyrr", "Pillow")
 # largest error of a correct driver; voxels across the ball, and pixels a side
@@ -135,6 +135,7 @@ def _images(tiles: bool) -> dict[str, tuple[Subject, Settings, Motion | None]]:
     low, high = volume.corners.min(axis=0), volume.corners.max(axis=0)
     triangle = Mesh(np.array([low, high, (low[0], high[1], high[2])]), np.array([[0, 1, 2]]))
     plain, like = Settings(), Settings.like("0.1")
+    techniques: tuple[Technique, ...] = ("quads", "tiles") if tiles else ("quads",)
     both = Scene([Layer(volume), Layer(segments, default_transfer(segments))])
     by_technique = {
         "sheets": (volume, plain),
@@ -147,7 +148,7 @@ def _images(tiles: bool) -> dict[str, tuple[Subject, Settings, Motion | None]]:
         **{
             f"{name} by {technique}": (subject, settings.but(technique=technique), None)
             for name, (subject, settings) in by_technique.items()
-            for technique in ("quads", "tiles")[: 1 + tiles]
+            for technique in techniques
         },
         "streaks": (volume, like.but(motion="exact"), TURNING),
         "layers": (both, plain, None),

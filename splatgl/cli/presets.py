@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from splatgl.cli.options import add_backend, add_source, add_view, record_of, scene_from
 from splatgl.data.volume import Volume
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 def looks_of(volume: Volume, settings: Settings) -> Iterator[tuple[str, tuple[Transfer, Settings]]]:
     """(name, (transfer function, settings)) of each preset for a volume."""
     for name, row in PRESETS.items():
-        blend = {} if row.blend is None or "blend" in settings.given else {"blend": row.blend}
+        blend: dict[str, Any] = {} if row.blend is None or "blend" in settings.given else {"blend": row.blend}
         yield name, (preset(name, volume), settings.but(**blend))
 
 

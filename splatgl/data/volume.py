@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from splatgl.errors import expected
 
 if TYPE_CHECKING:
     from splatgl.data.mask import Mask
+    from splatgl.keywords import ArrayKeywords
 
 
 Triple = tuple[float, float, float]
@@ -136,7 +137,7 @@ class Volume:
         object.__setattr__(self, "direction", direction)
 
     @classmethod
-    def of(cls, x: Any, **options: Any) -> Volume:
+    def of(cls, x: Any, **options: Unpack[ArrayKeywords]) -> Volume:
         """The volume in an array or image of another library, with its grid, unit and name; a view where possible.
 
         x: numpy arrays and lists [z, y, x]; arrays of dask, zarr and h5py, which are read in parts; DataArrays of

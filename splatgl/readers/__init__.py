@@ -6,7 +6,7 @@ import re
 from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, expected
@@ -15,6 +15,9 @@ from splatgl.readers.common import silence_libraries
 from splatgl.readers.heightmap import terrain_from_heights
 from splatgl.readers.options import FORMATS, Format, LoadOptions, converter, inside
 from splatgl.readers.remote import Remote, address_name, is_address
+
+if TYPE_CHECKING:
+    from splatgl.keywords import LoadKeywords
 
 __all__ = ["FORMATS", "Format", "LoadOptions", "list_volumes", "load", "terrain_from_heights"]
 
@@ -52,7 +55,7 @@ _STARTS = {
 }
 
 
-def load(path: str | Path, options: LoadOptions | None = None, **given: object) -> Volume:
+def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[LoadKeywords]) -> Volume:
     """Loads the volume in a file or Zarr folder, or at an address (https, s3, gs); the suffix selects the reader.
 
     path: see `FORMATS` for the endings; an address without ending is a Zarr store, whose chunks are read when needed.
@@ -64,7 +67,8 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: object) 
     path = source if is_address(source) else Path(source)
     try:
         with silence_libraries():
-            given = given if array is None else {"array": array, **given}
+            if array is not None:
+                given.setdefault("array", array)
             names = [field.name for field in fields(LoadOptions)]
             refuse_unknown("options", sorted(given), names, f"some of {', '.join(names)}")
             load_options = replace(options or LoadOptions(), **given)  # type: ignore[arg-type]

@@ -135,7 +135,7 @@ class LoadOptions:
     )
     dtype: str | None = _option(
         None,
-        Kind("the name of a type", _dtype, metavar="TYPE"),
+        Kind("the name of a type", _dtype, metavar="TYPE", hint="str"),
         "sample type of a headerless file, such as uint8, int16, >u2 or float32",
     )
     spacing: Triple | None = _option(
@@ -151,17 +151,19 @@ class LoadOptions:
         flag="--offset",
     )
     array: str | int | None = _option(
-        None, Kind("a name or a number", _text), "array, block or step of a file that holds several"
+        None, Kind("a name or a number", _text, hint="str | int"), "array, block or step of a file that holds several"
     )
     channel: int | str | None = _option(
         None,
-        Kind("a number of zero or more, a name, several of them, or all", _channel, metavar="N|NAME,…"),
+        Kind(
+            "a number of zero or more, a name, several of them, or all", _channel, metavar="N|NAME,…", hint="int | str"
+        ),
         "number of a channel, from 0. Of TIFF, Zarr and Imaris also its name, several, or all",
         level="basic",
     )
     time: int | None = _option(
         None,
-        Kind("zero or more", Kind.whole(0).check, read_time, "N", written="a number, or FIRST:END:STEP"),
+        Kind("zero or more", Kind.whole(0).check, read_time, "N", written="a number, or FIRST:END:STEP", hint="int"),
         "time point of a file, from 0. animate draws several, FIRST:END:STEP",
     )
     level: int | None = _option(
@@ -171,7 +173,7 @@ class LoadOptions:
     )
     series: str | int | None = _option(
         None,
-        Kind("a number or the end of a UID", _text, metavar="N|UID"),
+        Kind("a number or the end of a UID", _text, metavar="N|UID", hint="str | int"),
         "DICOM series: its number in splatgl info, or its UID",
     )
     color: str | Path | None = _option(

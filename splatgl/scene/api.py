@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
+    from splatgl.keywords import RenderKeywords
     from splatgl.splat.camera import Camera
 
 
@@ -36,7 +37,7 @@ def depth_map(
     camera: Camera | None = None,
     settings: Settings | None = None,
     at: float | str | None = None,
-    **options: Any,
+    **options: Unpack[RenderKeywords],
 ) -> np.ndarray:
     """Returns the eye-space depths of the picture that `render` draws with the same arguments: float64 [H, W], world
     units along the view direction, of rays through pixel centres, row 0 on top; NaN where a ray meets no matter.
@@ -60,7 +61,7 @@ def render(
     transfer: Transfer | str | Mapping[str, Any] | None = None,
     camera: Camera | None = None,
     settings: Settings | None = None,
-    **options: Any,
+    **options: Unpack[RenderKeywords],
 ) -> Image:
     """Draws `x` with the defaults of `splatgl render`; the pixels are the same bit for bit.
 

@@ -35,7 +35,14 @@ class DrawOptions:
     is_shared: bool = False
     memory: int | None = option(
         None,
-        Kind("a number of bytes", int, parse_bytes, "SIZE", written="a number of bytes, such as 4GiB or 500MB"),
+        Kind(
+            "a number of bytes",
+            int,
+            parse_bytes,
+            "SIZE",
+            written="a number of bytes, such as 4GiB or 500MB",
+            hint="int | str",
+        ),
         "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)",
         group=Group.SPEED,
     )

@@ -160,7 +160,7 @@ class SceneFile:
     visible: bool = option(True, Kind.flag())
     clip: tuple[Any, ...] | None = option(
         None,
-        Kind("conditions", _clip, metavar="CONDITION"),
+        Kind("conditions", _clip, metavar="CONDITION", hint="str | Sequence[Any]"),
         "keep a part, such as x>0.3, z<=30mm or x+y>1. By shares of the volume's box, by lengths, or by a point and a "
         "normal; repeatable",
         group=Group.CLIPPING,
@@ -175,7 +175,7 @@ class SceneFile:
     )
     mask: tuple[Any, ...] | None = option(
         None,
-        Kind("FILE[:N,N…][:outside], or several", _several, metavar="FILE[:N,N…][:outside]"),
+        Kind("FILE[:N,N…][:outside], or several", _several, metavar="FILE[:N,N…][:outside]", hint="Any"),
         "keep voxels inside a mask file. N,N…: inside these labels of it; outside: outside of them; repeatable",
         group=Group.CLIPPING,
         level="basic",
@@ -183,7 +183,7 @@ class SceneFile:
     )
     surfaces: float | None = option(
         None,
-        Kind("a strength of smoothing from 0 to 1", check_strength, float, "S"),
+        Kind("a strength of smoothing from 0 to 1", check_strength, float, "S", hint="float"),
         f"draw segmentations as smooth closed surfaces, smoothed by 0 to 1 (default {SMOOTHING:g})",
         group=Group.LAYERS,
         bare=SMOOTHING,
@@ -199,7 +199,7 @@ class SceneFile:
     )
     meshes: tuple[MeshFile, ...] = option(
         (),
-        Kind("an opacity from 0 to 1", tuple, MeshFile.read, "FILE[:COLOUR[:OPACITY]]"),
+        Kind("an opacity from 0 to 1", tuple, MeshFile.read, "FILE[:COLOUR[:OPACITY]]", hint="Any"),
         "a surface (.stl, .vtp, .obj, …) or lines (.trk, .tck). COLOUR: or MAP=ARRAY for values; repeatable",
         group=Group.LAYERS,
         level="basic",
@@ -208,7 +208,7 @@ class SceneFile:
     )
     annotate: tuple[str, ...] = option(
         (),
-        Kind("names", _annotations, metavar="NAMES"),
+        Kind("names", _annotations, metavar="NAMES", hint="str | Sequence[str] | None"),
         "scale, colorbar, axes, directions, box, title=TEXT. Or time=TEXT; several are separated by commas",
         group=Group.PICTURE,
         level="basic",

@@ -32,6 +32,7 @@ from functools import lru_cache
 import numpy as np
 
 from splatgl.splat.kernels import Kernel, half_chord, kernel, unit_rule
+from splatgl.splat.settings import Motions
 
 # a path shorter than this, l√k = 1e−4 at k = 2, is a point: its mean is the middle's value to 5e−10,
 # while the difference of two areas loses digits
@@ -39,7 +40,7 @@ POINT = 1e-4 / np.sqrt(2.0)
 # points between two knots, where F is smooth in the angle: 1e−12 of the area
 QUADRATURE_ORDER = 32
 # the values of Settings.motion that are streaks
-MOTIONS = ("exact", "energy", "paper")
+MOTIONS: tuple[Motions, ...] = ("exact", "energy", "paper")
 
 
 def partial_area(kernel: Kernel, u: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
 from splatgl.splat.colormaps import labels_of, select_labels
 from splatgl.splat.label_detection import LABELS, MASK, kind_of
+from splatgl.splat.settings import Blend
 from splatgl.splat.statistics import Cut, Ground, Statistics, sorted_percentile, statistics
 from splatgl.splat.transfer import Nodes, Transfer
 
@@ -55,7 +56,7 @@ class Preset:
     rung: int | None = None
     hounsfield: Look | None = None
     shading: bool = True
-    blend: str | None = None
+    blend: Blend | None = None
 
 
 def surface(stats: Statistics, rung: int | None) -> Look:

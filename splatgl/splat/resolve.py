@@ -19,7 +19,7 @@ from splatgl.splat.kernels import BOX, Kernel, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.settings import BLENDS, BlendMode, Settings
+from splatgl.splat.settings import BLENDS, BlendMode, Motions, Settings
 from splatgl.splat.sheets import MOST_SHEETS, Sheets
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
@@ -319,7 +319,7 @@ def draws_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
     return splats.labels is not None and plain and has_radial_footprints(settings) and not moving
 
 
-def blur_form(splats: Splats, settings: Settings) -> str:
+def blur_form(splats: Splats, settings: Settings) -> Motions:
     """The form of motion blur: moments, off or a form of streaks.
 
     Streaks are exact for sums; in other blends the mean of moments has a smaller error in the same time. Values

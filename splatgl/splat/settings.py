@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
@@ -16,6 +16,12 @@ from splatgl.splat.clipping import Plane, check_planes
 from splatgl.splat.kernels import KERNELS
 from splatgl.splat.lighting import check_place
 
+if TYPE_CHECKING:
+    from splatgl.keywords import SettingsKeywords
+
+
+Blend = Literal["composite", "xray", "mip", "minip", "mean"]
+
 
 @dataclass(frozen=True)
 class BlendMode:
@@ -24,7 +30,7 @@ class BlendMode:
     peak: whether a splat's value is its opacity times its share of the footprint's peak, instead of a line integral.
     """
 
-    name: str
+    name: Blend
     join: str
     combine: np.ufunc
     vtk: int | None
@@ -57,7 +63,7 @@ class BlendMode:
         return self.join in ("min", "mean")
 
 
-BLENDS = {
+BLENDS: dict[str, BlendMode] = {
     mode.name: mode
     for mode in (
         BlendMode("composite", "over", np.add, 0, "'over' by opacity, nearest first"),
@@ -130,9 +136,9 @@ class Settings:
     (transparent) or linear RGB. clip: planes (n_x, n_y, n_z, d); what lies at n · x ≥ d of each is drawn, world units.
     """
 
-    blend: str = _picture(
+    blend: Blend = _picture(
         "composite",
-        Kind.choice(BLENDS),
+        Kind.choice(Blend),
         "how a ray blends. One splat over the next, sums (X-ray), or maximum, minimum or mean of values",
         level="basic",
     )
@@ -213,7 +219,7 @@ class Settings:
     )
     light_from: tuple[float, float] | None = _picture(
         None,
-        Kind("degrees", check_place, Kind.numbers(2, "").read, "SIDE,ABOVE"),
+        Kind("degrees", check_place, Kind.numbers(2, "").read, "SIDE,ABOVE", hint="Numbers"),
         "place of the light, degrees to the right of the eye and above it",
     )
     ambient_occlusion: float = _picture(
@@ -257,13 +263,18 @@ class Settings:
             read_background,
             "COLOUR",
             written=BACKGROUNDS,
+            hint="str | Numbers",
         ),
         "auto, transparent, #rrggbb or a CSS name. auto: white behind surfaces, else black",
         level="basic",
     )
     clip: tuple[Plane, ...] = option(
-        (), Kind("planes", check_planes), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)"
+        (), Kind("planes", check_planes, hint="Sequence[Numbers]"), "planes that keep n · x ≥ d of (n_x, n_y, n_z, d)"
     )
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **options: Unpack[SettingsKeywords]) -> None: ...
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -273,10 +284,10 @@ class Settings:
         """The fields that differ from their defaults."""
         return non_default(self)
 
-    def but(self, **changes: Any) -> Settings:
+    def but(self, **changes: Unpack[SettingsKeywords]) -> Settings:
         """The settings with changes. Raises InputError for unknown names."""
         refuse_unknown("settings", changes, declared(self), "names of Settings' fields")
-        return replace(self, **changes)
+        return replace(self, **changes)  # type: ignore[arg-type]
 
     @classmethod
     def of(cls, x: Any) -> Settings:
@@ -288,14 +299,14 @@ class Settings:
         return settings_of(x)
 
     @classmethod
-    def like(cls, version: str, **changes: Any) -> Settings:
+    def like(cls, version: str, **changes: Unpack[SettingsKeywords]) -> Settings:
         """The defaults of an earlier version, "0.1": its default picture, within its error bound."""
         if version not in LIKE:
             raise expected("like", f"a version that is known: {', '.join(LIKE)}", repr(version))
         return cls(**LIKE[version]).but(**changes)
 
     @classmethod
-    def paper(cls, **changes: Any) -> Settings:
+    def paper(cls, **changes: Unpack[SettingsKeywords]) -> Settings:
         """The 1998 hardware path: hybrid, an 8-bit 256×256 table, opacity attenuation, quads, 8-bit target, every splat
         in order.
         """

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -176,7 +177,8 @@ def table_of_refusals() -> list[tuple[str, ...]]:
         for value in values:
             if name in ("technique", "motion"):
                 continue
-            settings = Settings().but(**{name: value})
+            change: dict[str, Any] = {name: value}
+            settings = Settings().but(**change)
             post = settings.classification == "post" or BLENDS[settings.blend].post_only
             sheets = post or settings.compositing == "sheets"
             reasons = [why(Request(settings, name_ == "streaks", True, sheets)) for name_, why in TECHNIQUES.items()]

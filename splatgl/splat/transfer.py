@@ -86,7 +86,7 @@ class Transfer:
     points: Nodes = field(
         metadata={
             "option": Option(
-                Kind("pairs", _points, read_pairs, "V:A,V:A…"),
+                Kind("pairs", _points, read_pairs, "V:A,V:A…", hint="Sequence[Numbers]"),
                 "opacity A at value V, linear between",
                 Group.TRANSFER,
                 "basic",
@@ -95,7 +95,7 @@ class Transfer:
     )
     colormap: str = _option(
         "gray",
-        Kind("a name", _colormap, str, "NAME"),
+        Kind("a name", _colormap, str, "NAME", hint="str"),
         "gray, bone, hot, viridis, …. Or any map of cmap or Matplotlib",
         level="basic",
     )
@@ -107,7 +107,7 @@ class Transfer:
     )
     gradient: Nodes = _option(
         (),
-        Kind("pairs", partial(_nodes, "transfer gradient", "weight"), read_pairs, "G:W,G:W…"),
+        Kind("pairs", partial(_nodes, "transfer gradient", "weight"), read_pairs, "G:W,G:W…", hint="Sequence[Numbers]"),
         "factor W of the opacity at gradient G, linear between",
     )
     shading: bool = option(True, Kind.flag())

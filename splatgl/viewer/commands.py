@@ -85,7 +85,7 @@ def _toggle(name: str) -> Run:
     return toggle
 
 
-def _next(values: Sequence[str], value: str) -> str:
+def _next(values: Sequence[Any], value: str) -> Any:
     return values[(values.index(value) + 1) % len(values)]
 
 
@@ -185,7 +185,8 @@ def _cycle(name: str, note: str = "") -> Run:
         allowed, value = choices()[name], getattr(state.settings, name)
         for _ in allowed:
             value = _next(allowed, value)
-            settings = state.settings.but(**{name: value})
+            change: dict[str, Any] = {name: value}
+            settings = state.settings.but(**change)
             if not why_not(settings, state, document):
                 break
         return replace(state, settings=settings, message=f"{name} {value}{note}")

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError
@@ -19,6 +19,7 @@ from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
+    from splatgl.keywords import RenderKeywords
     from splatgl.splat.camera import Camera
     from splatgl.viewer.loading import Files, Reopen
     from splatgl.viewer.viewer import Options
@@ -29,7 +30,7 @@ def show(
     transfer: Transfer | str | Mapping[str, Any] | None = None,
     camera: Camera | None = None,
     settings: Settings | None = None,
-    **options: Any,
+    **options: Unpack[RenderKeywords],
 ) -> Any:
     """Shows `x`; the arguments are those of `render`.
 

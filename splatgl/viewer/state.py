@@ -14,7 +14,7 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.scene.meshes import MeshFile
 from splatgl.splat.clipping import MOST_CLIPS, Plane, check_planes, index_plane
 from splatgl.splat.motion_blur import MOTIONS
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import Motions, Settings
 from splatgl.splat.transfer import OPAQUE, Transfer
 from splatgl.viewer.trackball import Pose
 
@@ -227,7 +227,7 @@ COMPARE = ("off", "split", "difference")
 # amounts of text over the picture
 HUDS = ("short", "full", "off")
 # motion blur modes of a rotating view
-BLURS = ("off", "moments", *MOTIONS)
+BLURS: tuple[Motions, ...] = ("off", "moments", *MOTIONS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +250,7 @@ class State:
     cuts: Cuts = field(default_factory=Cuts)
     annotate: tuple[str, ...] = ()
     turning: bool = False
-    blur: str = "off"
+    blur: Motions = "off"
     show_zk: bool = False
     compare: str = "off"
     hud: str = "short"

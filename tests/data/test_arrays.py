@@ -74,7 +74,7 @@ def test_what_makes_no_volume_is_refused_in_a_line(x: Any, told: str) -> None:
 
 def test_unknown_options_are_refused() -> None:
     with pytest.raises(sg.InputError, match=r"some of spacing.*got spacings"):
-        sg.Volume.of(SAMPLES, spacings=(1, 1, 1))
+        sg.Volume.of(SAMPLES, spacings=(1, 1, 1))  # type: ignore[call-arg]
     with pytest.raises(sg.InputError, match="array: expected no value"):
         sg.Volume.of(SAMPLES, array="ct")
 

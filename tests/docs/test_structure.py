@@ -13,7 +13,7 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "splatgl"
 # Rooms by level. A room imports rooms of lower levels only.
 LEVELS = (
-    ("errors", "platforms"),
+    ("errors", "platforms", "keywords"),
     ("fileio", "options"),
     ("data",),
     ("readers",),

@@ -43,7 +43,7 @@ def test_bad_settings(asked: dict, message: str) -> None:
     with pytest.raises(sg.InputError, match=message):
         SPLATS.but(**asked)
     with pytest.raises(sg.InputError, match="names of Settings"):
-        SPLATS.but(colour="red")
+        SPLATS.but(colour="red")  # type: ignore[call-arg]
 
 
 def test_plan_leaves_out_what_is_not_needed(letter: sg.Splats) -> None:

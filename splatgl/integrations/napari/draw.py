@@ -23,7 +23,7 @@ from splatgl.splat.clipping import Plane
 from splatgl.splat.colormaps import SOLID, colormap_name, labels_of
 from splatgl.splat.presets import SURFACE
 from splatgl.splat.scene import LEAST, THROUGH, Layer, Scene
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import BLENDS, Blend, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ BEFORE = 4.0
 LEAST_PERSPECTIVE = 0.01
 BLACK = (0.0, 0.0, 0.0)
 # an image layer's `rendering` in 3-D → blend of its image; others: composite
-RENDERINGS = {"mip": "mip", "attenuated_mip": "mip", "minip": "minip", "average": "mean"}
+RENDERINGS: dict[str, Blend] = {"mip": "mip", "attenuated_mip": "mip", "minip": "minip", "average": "mean"}
 # functions that join samples across a plane
 ACROSS = {"mip": np.maximum, "attenuated_mip": np.maximum, "minip": np.minimum, "average": np.add}
 # another rendering
@@ -87,7 +87,7 @@ class LayerImage:
         return self.rgb * alpha + ground * (1 - alpha)
 
 
-def picture(viewer: Any, blend: str | None = None, size: tuple[int, int] | None = None) -> Image:
+def picture(viewer: Any, blend: Blend | None = None, size: tuple[int, int] | None = None) -> Image:
     """Image of the visible layers on the canvas' colour. blend: None: each layer as in napari, in 2-D its slice; else
     all voxels in that blend, on black. size: (width, height) in pixels; None: the canvas' size.
 
@@ -176,7 +176,7 @@ def _draw_additive(viewer: Any, layer: Any, size: tuple[int, int] | None) -> tup
 def _draw(
     viewer: Any,
     scene: Scene,
-    blend: str,
+    blend: Blend,
     size: tuple[int, int] | None,
     background: tuple[float, float, float] | None = None,
 ) -> Image:

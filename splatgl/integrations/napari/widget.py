@@ -50,7 +50,7 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
         self.shown.clear()
         self.save_button.setEnabled(False)
         try:
-            blend = self.blends.currentText()
+            blend: Any = self.blends.currentText()
             self.image = picture(self.viewer, None if blend == AS_SHOWN else blend)
         except InputError as error:
             self.summary.setText(str(error))

@@ -19,7 +19,7 @@ from splatgl.integrations.vtk.properties import clip_planes, matrix_of, transfer
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.scene import Layer, Scene
-from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.settings import BLENDS, Blend, Settings
 from splatgl.splat.transfer import Transfer
 
 # VTK's light types: at the eye, and positioned in camera axes
@@ -266,7 +266,7 @@ def _combine_colors(parts: list[Volume]) -> Volume:
     return replace(parts[3], color=np.stack([part.samples for part in parts[:3]], axis=-1))
 
 
-def blend_of(mapper: Any) -> str:
+def blend_of(mapper: Any) -> Blend:
     """Blend of a volume mapper. Raises InputError for modes without a counterpart."""
     names = {mode.vtk: mode.name for mode in BLENDS.values()}
     mode = int(mapper.GetBlendMode())

@@ -30,7 +30,7 @@ from splatgl.splat.extract import extract
 from splatgl.splat.motion import Draw, Moments, count_moments, streaks
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.resolve import blur_form
-from splatgl.splat.settings import MAX_MOMENTS, Settings
+from splatgl.splat.settings import MAX_MOMENTS, Attenuation, Blend, Settings
 from splatgl.splat.splats import Splats
 from splatgl.studies.aliasing import (
     Reach,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 # configurations for aliasing: blend mode, kernel, and attenuations beyond z_k, of which X-rays have one
-KINDS = (
+KINDS: tuple[tuple[Blend, str, tuple[Attenuation, ...]], ...] = (
     ("xray", "crawfis-max", ("auto",)),
     ("xray", "gaussian", ("auto",)),
     ("composite", "crawfis-max", ("opacity", "optical-depth", "fill")),

@@ -1,0 +1,154 @@
+"""Keywords of public functions for type checkers and editors.
+
+scripts/keywords.py writes this file from the declared options.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, TypedDict
+
+import numpy as np
+
+Numbers = Sequence[float] | np.ndarray
+
+
+class SettingsKeywords(TypedDict, total=False):
+    """Fields of `Settings`."""
+
+    blend: Literal["composite", "xray", "mip", "minip", "mean"]
+    kernel: str
+    classification: Literal["auto", "post", "pre"]
+    compositing: Literal["auto", "sheets", "splats"]
+    sheets: int | None
+    steps: int | None
+    antialias: Literal["auto", "paper", "off", "supersample"]
+    samples: int
+    align: Literal["auto", "exact", "ray", "grid", "hybrid"]
+    z_s: float | None
+    attenuation: Literal["auto", "opacity", "optical-depth", "fill"]
+    footprint: Literal["auto", "table"]
+    table_size: int | None
+    table_bits: Literal[8, 16, 32]
+    target: Literal["rgba32f", "rgba16f", "rgba8", "auto"]
+    technique: Literal["auto", "quads", "tiles"]
+    shading: Literal["auto", "on", "off"]
+    light: Literal["head", "matte", "glossy", "flat"]
+    light_from: Numbers | None
+    ambient_occlusion: float
+    shadows: float
+    motion: Literal["auto", "moments", "exact", "energy", "paper", "off"]
+    moments: int | None
+    shutter: float
+    order: Literal["auto", "back-to-front", "front-to-back"]
+    occlusion: Literal["auto", "off"]
+    tolerance: float
+    background: str | Numbers | None
+    clip: Sequence[Numbers]
+
+
+class LoadKeywords(TypedDict, total=False):
+    """Fields of `LoadOptions`."""
+
+    shape: Numbers | None
+    dtype: str | None
+    spacing: Numbers | None
+    header_offset: int
+    array: str | int | None
+    channel: int | str | None
+    time: int | None
+    level: int | None
+    series: str | int | None
+    color: str | Path | None
+    relief: float | None
+    levels: int
+    values: Literal["labels", "amounts", "heights"] | None
+    anywhere: bool
+
+
+class ArrayKeywords(TypedDict, total=False):
+    """Options of `Volume.of`."""
+
+    spacing: Numbers | None
+    origin: Numbers | None
+    unit: str | None
+    name: str | None
+    array: str | int | None
+    values: str | None
+
+
+class RenderKeywords(TypedDict, total=False):
+    """Options of `render`, `show` and `depth_map`."""
+
+    size: int | str | Numbers
+    azimuth: float | None
+    elevation: float | None
+    fov: float | None
+    zoom: float | None
+    eye: Numbers | None
+    look_at: Numbers | None
+    up: Numbers | None
+    orthographic: bool
+    height: float | None
+    blend: Literal["composite", "xray", "mip", "minip", "mean"]
+    kernel: str
+    classification: Literal["auto", "post", "pre"]
+    compositing: Literal["auto", "sheets", "splats"]
+    sheets: int | None
+    steps: int | None
+    antialias: Literal["auto", "paper", "off", "supersample"]
+    samples: int
+    align: Literal["auto", "exact", "ray", "grid", "hybrid"]
+    z_s: float | None
+    attenuation: Literal["auto", "opacity", "optical-depth", "fill"]
+    footprint: Literal["auto", "table"]
+    table_size: int | None
+    table_bits: Literal[8, 16, 32]
+    target: Literal["rgba32f", "rgba16f", "rgba8", "auto"]
+    technique: Literal["auto", "quads", "tiles"]
+    shading: Literal["auto", "on", "off"]
+    light: Literal["head", "matte", "glossy", "flat"]
+    light_from: Numbers | None
+    ambient_occlusion: float
+    shadows: float
+    motion: Literal["auto", "moments", "exact", "energy", "paper", "off"]
+    moments: int | None
+    shutter: float
+    order: Literal["auto", "back-to-front", "front-to-back"]
+    occlusion: Literal["auto", "off"]
+    tolerance: float
+    background: str | Numbers | None
+    points: Sequence[Numbers]
+    gradient: Sequence[Numbers]
+    colormap: str
+    window: Numbers | None
+    scale: Literal["linear", "log"]
+    threshold: float
+    clip: str | Sequence[Any] | None
+    crop: str
+    mask: Any | None
+    surfaces: float | None
+    meshes: Any
+    annotate: str | Sequence[str] | None
+    clip_meshes: bool
+    vectors: Literal["magnitude", "direction"]
+    streamlines: int
+    arrows: int
+    memory: int | str | None
+    shape: Numbers | None
+    dtype: str | None
+    spacing: Numbers | None
+    header_offset: int
+    array: str | int | None
+    channel: int | str | None
+    time: int | None
+    level: int | None
+    series: str | int | None
+    color: str | Path | None
+    relief: float | None
+    values: Literal["labels", "amounts", "heights"] | None
+    anywhere: bool
+    origin: Numbers | None
+    unit: str | None
+    name: str | None
