@@ -18,6 +18,7 @@ from splatgl.readers.options import LoadOptions
 from splatgl.scene.api import SCENE, TRANSFER
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.meshes import VECTORS, Vectors
+from splatgl.scene.mixing import MIXING
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
@@ -53,10 +54,14 @@ def render_hints() -> dict[str, str]:
     vectors = hints_of(Vectors)
     known = {**hints_of(Transfer), **hints_of(Settings), **hints_of(SceneFile), **hints_of(ViewOptions)}
     known |= {**hints_of(DrawOptions), **array_hints(), **hints_of(LoadOptions)}
-    known |= {"clip_meshes": "bool", **{name: vectors[field] for name, field in VECTORS.items()}}
+    known |= {
+        "clip_meshes": "bool",
+        "mixing": MIXING.kind.hint,
+        **{name: vectors[field] for name, field in VECTORS.items()},
+    }
     drawing = names_of(ViewOptions, Settings)
     reading = [*names_of(LoadOptions), *array_hints()]
-    return {name: known[name] for name in [*drawing, *TRANSFER, *SCENE, "memory", *reading]}
+    return {name: known[name] for name in [*drawing, *TRANSFER, *SCENE, "memory", "mixing", *reading]}
 
 
 def array_hints() -> dict[str, str]:

@@ -136,6 +136,7 @@ class RenderKeywords(TypedDict, total=False):
     streamlines: int
     arrows: int
     memory: int | str | None
+    mixing: Literal["linear", "display"]
     shape: Numbers | None
     dtype: str | None
     spacing: Numbers | None

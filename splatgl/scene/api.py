@@ -15,15 +15,16 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import parse_bytes
-from splatgl.options import names_of, refuse_unknown
+from splatgl.options import checked, names_of, refuse_unknown
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.draw import DrawOptions, depths, draw, draw_subject
 from splatgl.scene.meshes import VECTORS
+from splatgl.scene.mixing import DISPLAY, LINEAR, MIXING, display_image, display_scene, display_settings
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -73,7 +74,8 @@ def render(
     colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (their number, or True); surfaces
     (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything that
     `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory; options of
-    `load` or `Volume.of` (spacing, array, …). background: linear RGB, a name or "#rrggbb"; without one the image is
+    `load` or `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as
+    VTK mixes them. background: linear RGB, a name or "#rrggbb"; without one the image is
     transparent. `info["notes"]` lists the notes that the command prints about a file. `render` does not compare the
     picture with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
     """
@@ -197,8 +199,9 @@ def is_scene(x: Any) -> bool:
 def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options: Mapping[str, Any]) -> Image:
     """Draws a scene of layers, or the view of a plotter on the plotter's background.
 
-    For a plotter info["notes"] lists the differences from its own picture. camera, settings: replace the plotter's.
-    options: fields of Settings, and of the view; for a plotter only the size.
+    For a plotter scalar bars and texts are drawn where it has them, and info["notes"] lists the differences from its
+    own picture. camera, settings: replace the plotter's. options: fields of Settings, `mixing`, and options of the
+    view; for a plotter only the size.
     """
     from splatgl.splat.camera import Camera
     from splatgl.splat.scene import Scene
@@ -206,20 +209,26 @@ def picture_of(x: Any, camera: Camera | None, settings: Settings | None, options
     layers = isinstance(x, Scene)
     drawing = {f.name: options[f.name] for f in fields(Settings) if f.name in options}
     viewing = {name: value for name, value in options.items() if name not in drawing}
+    mixing = checked(MIXING.kind, "mixing", viewing.pop("mixing", LINEAR))
     known = () if camera is not None else ORBIT if layers else ("size",)
     for name in viewing:
         if name not in known:
-            allowed = f"fields of Settings{', ' if known else ''}{', '.join(known)}"
+            allowed = ", ".join(["fields of Settings", "mixing", *known])
             raise expected("options", allowed, name, "a scene has its transfer functions" if layers else "")
     if "size" in viewing:
         viewing["size"] = ViewOptions(viewing["size"]).size
     scene = x if layers else Scene.of(x)
     view = camera or (Camera.orbit(scene, **{"azimuth": 30.0, "elevation": 20.0, **viewing}) if layers else None)
     view = view or Camera.of(x, viewing.get("size"))
-    base = settings or (Settings() if layers else Settings.of(x))
-    image = draw_subject(scene, view, replace(base, **drawing), DrawOptions(is_shared=True, check=0))
+    base = replace(settings or (Settings() if layers else Settings.of(x)), **drawing)
+    shared = DrawOptions(is_shared=True, check=0)
+    if mixing == DISPLAY and (layers or not BLENDS[base.blend].unbounded):
+        image = draw_subject(display_scene(scene), view, display_settings(base), shared)
+        image = display_image(image, base.background)
+    else:
+        image = draw_subject(scene, view, base, shared)
     if layers:
         return image
-    from splatgl.integrations.vtk.scene import list_differences
+    from splatgl.integrations.vtk.overlays import finish
 
-    return Image(image.pixels, {**image.info, "notes": tuple(list_differences(x))})
+    return finish(image, x, base.background)

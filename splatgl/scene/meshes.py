@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -133,16 +133,16 @@ def is_mesh(source: str) -> bool:
     return Path(source).suffix.lower() in ALONE
 
 
-def stage(source: str) -> Volume:
-    """Empty volume with the bounds of a mesh file, to place the camera."""
-    mesh = MeshFile(source).open()
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+def stage(meshes: Sequence[Mesh], name: str = "") -> Volume:
+    """Empty volume with the bounds of meshes, to place the camera."""
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
     side = np.maximum(high - low, FLAT * max(float((high - low).max()), 1e-30))
     # two samples along each axis, cells of half a side
     (a, b, c), (x, y, z) = (side / 2).tolist(), ((low + high) / 2 - side / 4).tolist()
     hints = Hints(points=((0.0, 0.0), (1.0, 0.0)), window=(0.0, 1.0))
     samples = np.zeros((2, 2, 2), np.uint8)
-    return Volume(samples, (a, b, c), (x, y, z), name=Path(source).name, frame=mesh.frame, hints=hints)
+    return Volume(samples, (a, b, c), (x, y, z), name=name, frame=meshes[0].frame, hints=hints)
 
 
 def surfaces_of(scene: SceneFile) -> list[MeshFile]:

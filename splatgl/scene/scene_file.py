@@ -394,7 +394,7 @@ class SceneFile:
         if is_mesh(self.volume):
             if self.load:
                 raise expected("options", "none of volumes for a mesh", ", ".join(self.load), "leave them out")
-            return stage(self.volume)
+            return stage([MeshFile(self.volume).open()], Path(self.volume).name)
         return self._prepare(load(self.volume, **self.load))
 
     def _mask(self, volume: Volume) -> Volume:

@@ -203,14 +203,16 @@ class Camera:
 
 
 def _of_vtk(x: Any, size: tuple[int, int] | None) -> tuple[Any, tuple[int, int] | None]:
-    """Camera of a plotter, window or renderer, or `x` itself; and the size in pixels, if known."""
-    size = size or getattr(x, "window_size", None)
-    if hasattr(x, "GetRenderers"):
-        x, size = x.GetRenderers().GetFirstRenderer(), size or x.GetSize()
-    if hasattr(x, "GetActiveCamera") and not hasattr(x, "camera"):
-        window = x.GetRenderWindow()
-        return x.GetActiveCamera(), size or (x.GetSize() if window is not None else None)
-    return getattr(x, "camera", x), size
+    """Camera of a plotter, window or renderer, or `x` itself; and the pixels of its viewport, if known."""
+    if not any(hasattr(getattr(x, "renderer", x), name) for name in ("GetRenderers", "GetActiveCamera")):
+        return x, size
+    from splatgl.integrations.vtk.scene import renderer_of
+
+    renderer = renderer_of(x)
+    window = getattr(x, "window_size", None) or (renderer.GetRenderWindow() and renderer.GetRenderWindow().GetSize())
+    left, bottom, right, top = renderer.GetViewport()
+    size = size or (window and (round(window[0] * (right - left)), round(window[1] * (top - bottom))))
+    return getattr(x, "camera", None) or renderer.GetActiveCamera(), size
 
 
 def check_reach(corners: np.ndarray, camera: Camera, spacing: float) -> None:

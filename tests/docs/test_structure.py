@@ -32,6 +32,7 @@ FACADES = {
     "data/mask.py": {"readers"},
     "data/mesh.py": {"integrations"},
     "data/volume.py": {"integrations"},
+    "splat/camera.py": {"integrations"},
     "splat/scene.py": {"integrations"},
     "splat/settings.py": {"integrations"},
     "scene/api.py": {"integrations"},

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from math import ceil
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.affine import spacing_and_direction
-from splatgl.data.arrays import check_samples
+from splatgl.data.arrays import ArrayOptions, check_samples
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, missing_extra
 
-if TYPE_CHECKING:
-    from splatgl.data.arrays import ArrayOptions
-
-
+# relative difference of the distances of an even axis
+EVEN = 1e-4
 # names of unnamed arrays
 VALUES, COLORS, VECTORS = "values", "colors", "vectors"
 
 
 def volume_from_vtk(x: Any, options: ArrayOptions) -> Volume:
     """Volume of a vtkImageData or pyvista.ImageData, a view of its memory: the active scalars, or the array named
-    by `array`. Samples of cells lie at the cells' centres.
+    by `array`. Samples of cells lie at the cells' centres. Rectilinear grids are resampled to their least distances.
     """
-    if not hasattr(x, "IsA") or not x.IsA("vtkImageData"):
+    if not hasattr(x, "IsA") or not any(map(x.IsA, ("vtkImageData", "vtkRectilinearGrid"))):
         fix = "resample it: pyvista.ImageData(dimensions=…, spacing=…, origin=…).sample(x)"
         raise expected("array", "image data", f"a {type(x).__name__}", fix)
     array, in_cells = select_array(x, options)
@@ -36,8 +35,13 @@ def volume_from_vtk(x: Any, options: ArrayOptions) -> Volume:
 
 
 def volumes_from_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
-    """A volume for each component of an array of a vtkImageData, views of its memory."""
+    """A volume for each component of an array of a vtkImageData, views of its memory, or of a vtkRectilinearGrid."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    if x.IsA("vtkRectilinearGrid"):
+        return _resample(x, array, in_cells)
+    if not x.IsA("vtkImageData"):
+        volume_from_vtk(x, ArrayOptions())
 
     extent = x.GetExtent()
     first, last = np.array(extent[::2]), np.array(extent[1::2])
@@ -53,6 +57,44 @@ def volumes_from_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
     samples = vtk_to_numpy(array).reshape(*sizes[::-1], -1)
     parts = (check_samples(samples[..., component], "array") for component in range(samples.shape[3]))
     return [Volume(part, spacing, origin, direction, name=array.GetName() or "") for part in parts]
+
+
+# most samples along an axis of a resampled grid, as a multiple of those of the grid
+MOST_FINER = 4
+
+
+def _resample(grid: Any, array: Any, in_cells: bool) -> list[Volume]:
+    """A volume for each component of an array of a vtkRectilinearGrid, linear between its samples at even distances."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    coordinates = (grid.GetXCoordinates(), grid.GetYCoordinates(), grid.GetZCoordinates())
+    axes = [vtk_to_numpy(axis).astype(np.float64) for axis in coordinates]
+    axes = [(axis[1:] + axis[:-1]) / 2 for axis in axes] if in_cells else axes
+    if min(map(len, axes)) < 2 or any((np.diff(axis) <= 0).any() for axis in axes):
+        raise expected("rectilinear grid", "at least two ascending coordinates along each axis", "others")
+    values = vtk_to_numpy(array).reshape(*(len(axis) for axis in axes[::-1]), -1)
+    steps, is_even = list[float](), True
+    for number, axis in enumerate(axes):
+        apart = np.diff(axis)
+        is_even_axis = bool(np.ptp(apart) <= EVEN * apart.mean())
+        is_even &= is_even_axis
+        parts = len(apart) if is_even_axis else min(ceil(np.ptp(axis) / apart.min() - EVEN), MOST_FINER * len(apart))
+        steps.append(float(np.ptp(axis)) / parts)
+        if not is_even_axis:
+            values = _interpolate(values, axis, axis[0] + steps[-1] * np.arange(parts + 1), 2 - number)
+    x, y, z = (float(axis[0]) for axis in axes)
+    spacing = triple(steps, "spacing")
+    notes = () if is_even else (f"an uneven grid, resampled every {' × '.join(f'{step:.4g}' for step in steps)}",)
+    samples = (check_samples(values[..., number], "array") for number in range(values.shape[3]))
+    return [Volume(part, spacing, (x, y, z), name=array.GetName() or "", notes=notes) for part in samples]
+
+
+def _interpolate(values: np.ndarray, axis: np.ndarray, at: np.ndarray, number: int) -> np.ndarray:
+    """Values [D, H, W, C], float32, linear at new coordinates along one of their axes."""
+    below = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, len(axis) - 2)
+    share = np.clip((at - axis[below]) / (axis[below + 1] - axis[below]), 0.0, 1.0).astype(np.float32)
+    near, far = (values.take(below + side, number).astype(np.float32) for side in (0, 1))
+    return near + np.expand_dims(share, tuple(set(range(4)) - {number})) * (far - near)
 
 
 def image_data(volume: Volume) -> Any:

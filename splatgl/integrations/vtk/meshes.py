@@ -22,7 +22,7 @@ POINTS, WIREFRAME = 0, 1
 @dataclass(frozen=True, eq=False)
 class Shape:
     """Points float64 [N, 3], world; cells as arrays of point indices. colors uint8 [N, 4], None, or, if of_cells,
-    one per cell: balls, then lines, then triangles.
+    one per cell: balls, then lines, then triangles. places float64 [N, 2]: texture coordinates, or None.
     """
 
     points: np.ndarray
@@ -31,6 +31,7 @@ class Shape:
     faces: np.ndarray
     colors: np.ndarray | None
     of_cells: bool
+    places: np.ndarray | None = None
 
     def colors_of(self, cells: list[np.ndarray], first: int) -> np.ndarray | None:
         """Colours of the points of consecutive cells. first: index of the first cell."""
@@ -72,7 +73,100 @@ def meshes_of(actor: Any, camera: Camera) -> Iterator[Mesh]:
             shape = Shape(shape.points, corners, [], shape.faces[:0], colors, False)
         elif style == WIREFRAME:
             shape = replace(shape, faces=shape.faces[:0])
+        picture = _picture(actor)
+        if picture is not None and shape.places is not None and len(shape.faces):
+            yield paint_texture(shape, picture, actor)
+            shape = replace(shape, faces=shape.faces[:0])
         yield from _shape_meshes(shape, prop, prop.GetColor(), camera)
+
+
+def texture_differences(actor: Any) -> Iterator[str]:
+    """Names of what is not drawn of an actor's texture."""
+    texture, picture = actor.GetTexture(), _picture(actor)
+    if texture is not None and picture is None:
+        yield "a texture, whose samples are not of 8 bits"
+    elif picture is not None and picture.shape[2] in (2, 4) and picture[..., -1].min() < OPAQUE:
+        yield "the opacities of a texture"
+
+
+# opacity of 8 bits
+OPAQUE = 255
+# most triangles of a mesh that is cut for its texture
+MOST_PARTS = 2**19
+
+
+def _picture(actor: Any) -> np.ndarray | None:
+    """Texture of an actor, uint8 [H, W, channels], row 0 at the bottom; None without, and for other samples."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    texture = actor.GetTexture()
+    if texture is None or texture.GetCubeMap():
+        return None
+    texture.Update()
+    data = texture.GetInput()
+    scalars = None if data is None else data.GetPointData().GetScalars()
+    if scalars is None:
+        return None
+    width, height, _ = data.GetDimensions()
+    samples = vtk_to_numpy(scalars).reshape(height, width, -1)
+    return samples if samples.dtype == np.uint8 else None
+
+
+def paint_texture(shape: Shape, picture: np.ndarray, actor: Any) -> Mesh:
+    """Triangles of a shape, cut until each spans about a texel, in the colours of a texture times the actor's."""
+    prop, faces = actor.GetProperty(), shape.faces
+    assert shape.places is not None
+    plain = Mesh(shape.points, faces)
+    places = shape.places[faces]
+    texels = (places - np.roll(places, 1, axis=1)) * (picture.shape[1], picture.shape[0])
+    longest = np.hypot(texels[..., 0], texels[..., 1]).max(axis=1)
+    cuts = 2 ** np.ceil(np.log2(np.maximum(longest, 1.0))).astype(int)
+    while cuts.max() > 1 and int((cuts.astype(np.int64) ** 2).sum()) > MOST_PARTS:
+        cuts = np.maximum(cuts // 2, 1)
+    parts: list[tuple[np.ndarray, ...]] = []
+    corners = np.concatenate([shape.points[faces], plain.normals, places], axis=2)
+    for count in np.unique(cuts):
+        weights, numbers = _cut(int(count))
+        rows = np.einsum("pc,tcx->tpx", weights, corners[cuts == count])
+        first = np.arange(len(rows))[:, None, None] * len(weights)
+        parts.append((rows.reshape(-1, rows.shape[2]), (numbers + first).reshape(-1, 3)))
+    start = np.cumsum([0, *(len(rows) for rows, _ in parts)])
+    vertices = np.concatenate([rows for rows, _ in parts])
+    triangles = np.concatenate([numbers + n for n, (_, numbers) in zip(start, parts, strict=False)])
+    colors = _texels(picture, vertices[:, 6:], actor.GetTexture()) * np.clip(prop.GetColor(), 0.0, 1.0)
+    normals = vertices[:, 3:6][triangles]
+    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-30)
+    opacity = float(np.clip(prop.GetOpacity(), 0.0, 1.0))
+    painted = np.rint(colors).astype(np.uint8)
+    return Mesh(vertices[:, :3], triangles, opacity=opacity, colors=painted, corner_normals=normals)
+
+
+def _cut(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shares [P, 3] of a triangle's corners at the points of its count² equal parts, and their numbers [count², 3]."""
+    points = [(i, j) for i in range(count + 1) for j in range(count + 1 - i)]
+    number = {point: n for n, point in enumerate(points)}
+    up = [((i, j), (i + 1, j), (i, j + 1)) for i in range(count) for j in range(count - i)]
+    down = [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i in range(count) for j in range(count - i - 1)]
+    shares = np.array(points, float) / count
+    weights = np.column_stack([1 - shares.sum(axis=1), shares])
+    return weights, np.array([[number[point] for point in part] for part in [*up, *down]], np.int64)
+
+
+def _texels(picture: np.ndarray, places: np.ndarray, texture: Any) -> np.ndarray:
+    """sRGB [N, 3] from 0 to 255 at texture coordinates [N, 2], repeated or clamped, of the nearest texel or linear."""
+    rgb = picture[..., :3] if picture.shape[2] > 2 else np.repeat(picture[..., :1], 3, axis=2)
+    size = np.array([picture.shape[1], picture.shape[0]])
+    at = places * size - 0.5
+    is_linear = bool(texture.GetInterpolate())
+    first = np.floor(at) if is_linear else np.rint(at)
+    share = at - first if is_linear else np.zeros_like(at)
+    total = np.zeros((len(places), 3))
+    for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        weight = np.abs(1 - right - share[:, 0]) * np.abs(1 - up - share[:, 1])
+        cell = (first + np.array([right, up])).astype(np.int64)
+        cell = cell % size if texture.GetRepeat() else np.clip(cell, 0, size - 1)
+        total += weight[:, None] * rgb[cell[:, 1], cell[:, 0]]
+    return total
 
 
 def _shape_meshes(shape: Shape, prop: Any, color: Any, camera: Camera) -> Iterator[Mesh]:
@@ -190,7 +284,7 @@ def _shape(data: Any, matrix: np.ndarray) -> Shape:
     vtk_points = data.GetPoints()
     points = np.zeros((0, 3)) if vtk_points is None else vtk_to_numpy(vtk_points.GetData()).astype(np.float64)
     on_cells = data.GetCellData().GetArray(COLORS)
-    colors = on_cells or data.GetPointData().GetArray(COLORS)
+    colors, places = on_cells or data.GetPointData().GetArray(COLORS), data.GetPointData().GetTCoords()
     return Shape(
         points @ matrix[:3, :3].T + matrix[:3, 3],
         _cells(data.GetVerts()),
@@ -198,6 +292,7 @@ def _shape(data: Any, matrix: np.ndarray) -> Shape:
         np.array(_cells(data.GetPolys()), np.int64).reshape(-1, 3),
         None if colors is None else vtk_to_numpy(colors).copy(),
         on_cells is not None,
+        None if places is None else vtk_to_numpy(places)[:, :2].astype(np.float64),
     )
 
 

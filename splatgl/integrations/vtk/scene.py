@@ -13,9 +13,11 @@ from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
-from splatgl.integrations.vtk.image_data import select_array, volume_from_vtk, volumes_from_components
-from splatgl.integrations.vtk.meshes import meshes_of
+from splatgl.integrations import opacity_nodes
+from splatgl.integrations.vtk.image_data import select_array, volumes_from_components
+from splatgl.integrations.vtk.meshes import meshes_of, texture_differences
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, transfer_of
+from splatgl.scene.meshes import stage
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.scene import Layer, Scene
@@ -28,13 +30,12 @@ AT_EYE, OF_CAMERA = 1, 2
 NEAREST, PHYSICAL = 0, 3
 # default range of averaged values
 UNBOUNDED = (float(np.finfo(np.float32).min), float(np.finfo(np.float32).max))
+# classes of props that are drawn over pictures
+DRAWN_OVER = ("vtkScalarBarActor", "vtkTextActor", "vtkCornerAnnotation")
 # classes of props without a counterpart here
 KINDS = {
-    "vtkScalarBarActor": "a scalar bar",
-    "vtkTextActor": "a text",
     "vtkTextActor3D": "a text",
     "vtkBillboardTextActor3D": "a text",
-    "vtkCornerAnnotation": "a text",
     "vtkLegendBoxActor": "a legend",
     "vtkCubeAxesActor": "axes",
     "vtkAxesActor": "axes",
@@ -47,10 +48,16 @@ NEAR_EYE = 1.0
 
 
 def renderer_of(x: Any) -> Any:
-    """Active vtkRenderer of a plotter, or first renderer of a window. Raises InputError for other objects."""
+    """Active vtkRenderer of a plotter, or of a window: the one clicked last, else the first that shows anything. Raises
+    InputError for other objects.
+    """
     renderer = getattr(x, "renderer", x)
     if hasattr(renderer, "GetRenderers"):
-        renderer = renderer.GetRenderers().GetFirstRenderer()
+        found = items(renderer.GetRenderers())
+        style = renderer.GetInteractor() and renderer.GetInteractor().GetInteractorStyle()
+        clicked = style.GetCurrentRenderer() if hasattr(style, "GetCurrentRenderer") else None
+        shown = [each for each in found if each.GetViewProps().GetNumberOfItems()]
+        renderer = clicked if clicked in found else (shown or found or [x])[0]
     if not hasattr(renderer, "GetVolumes"):
         raise expected("scene", "a plotter of PyVista, or a window or renderer of VTK", f"a {type(x).__name__}")
     return renderer
@@ -60,12 +67,11 @@ def scene_of(x: Any) -> Scene:
     """Scene of the visible volumes and meshes; see `Scene.of`."""
     renderer, camera = renderer_of(x), Camera.of(x)
     layers = [layer for prop in _volumes(renderer) for layer in layers_of(prop)]
-    if not layers:
-        raise expected("plotter", "a visible volume", "none", "add one: plotter.add_volume(…)")
-    meshes = [
-        mesh for actor in _items(renderer.GetActors()) if actor.GetVisibility() for mesh in meshes_of(actor, camera)
-    ]
-    return Scene(layers, meshes=[mesh for mesh in meshes if len(mesh) and mesh.opacity > 0])
+    actors = [actor for actor in items(renderer.GetActors()) if actor.GetVisibility()]
+    meshes = [mesh for actor in actors for mesh in meshes_of(actor, camera) if len(mesh) and mesh.opacity > 0]
+    if not layers and not meshes:
+        raise expected("plotter", "a visible volume or mesh", "none", "add one: plotter.add_volume(…)")
+    return Scene(layers or [stage(meshes)], meshes=meshes)
 
 
 def settings_of(x: Any) -> Settings:
@@ -77,19 +83,22 @@ def settings_of(x: Any) -> Settings:
         raise expected("plotter", "volumes of one blend mode", " and ".join(sorted(blends)))
     sides = [renderer.GetBackground()] + [renderer.GetBackground2()] * bool(renderer.GetGradientBackground())
     ground = linear_from_srgb(np.clip(np.mean(sides, axis=0), 0.0, 1.0)).tolist()
-    surfaces = [prop.GetProperty() for prop in volumes] + [
-        actor.GetProperty() for actor in _items(renderer.GetActors())
-    ]
+    surfaces = [prop.GetProperty() for prop in volumes] + [actor.GetProperty() for actor in items(renderer.GetActors())]
     return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer, surfaces))
 
 
 def list_differences(x: Any) -> Iterator[str]:
     """A line for each thing that a plotter shows, but not its scene and settings."""
     renderer = renderer_of(x)
-    visible = [prop for prop in _items(renderer.GetViewProps()) if prop.GetVisibility()]
+    visible = [prop for prop in items(renderer.GetViewProps()) if prop.GetVisibility()]
     kinds = [name for prop in visible for name in _prop_differences(prop)]
     for name in dict.fromkeys(kinds):
         yield f"not drawn: {name}" + (f", {kinds.count(name)} times" if kinds.count(name) > 1 else "")
+    mappers = [prop.GetMapper() for prop in _volumes(renderer)]
+    if any(mapper.GetBlendMode() == ADDITIVE for mapper in mappers) and any(renderer.GetBackground()):
+        yield "the background is seen through sums, not black behind the volume's box"
+    if any(mapper.GetInputDataObject(0, 0).IsA("vtkRectilinearGrid") for mapper in mappers):
+        yield "uneven grids are resampled to even ones"
     lights = _lights(renderer)
     if len(lights) > 1:
         yield f"lit by the brightest of {len(lights)} lights"
@@ -101,7 +110,7 @@ def list_differences(x: Any) -> Iterator[str]:
         yield "not drawn: effects of render passes"
     window = renderer.GetRenderWindow()
     # PyVista adds an empty renderer for its background
-    others = [] if window is None else [other for other in _items(window.GetRenderers()) if other is not renderer]
+    others = [] if window is None else [other for other in items(window.GetRenderers()) if other is not renderer]
     if any(other.GetViewProps().GetNumberOfItems() for other in others):
         yield "not drawn: other renderers of the window"
 
@@ -114,10 +123,11 @@ def _prop_differences(prop: Any) -> Iterator[str]:
         low, high = getattr(prop.GetMapper(), "GetAverageIPScalarRange", lambda: UNBOUNDED)()
         if prop.GetMapper() is not None and blend_of(prop.GetMapper()) == "mean" and (low, high) != UNBOUNDED:
             yield "the range of values that are averaged"
+    elif any(map(prop.IsA, DRAWN_OVER)):
+        return
     elif prop.IsA("vtkActor") and hasattr(prop.GetMapper(), "GetLookupTable"):
         # polygons, lines and points
-        if prop.GetTexture() is not None:
-            yield "a texture"
+        yield from texture_differences(prop)
         if prop.GetProperty().GetInterpolation() == PHYSICAL:
             yield "physically based shading"
     else:
@@ -126,14 +136,15 @@ def _prop_differences(prop: Any) -> Iterator[str]:
 
 
 def _volumes(renderer: Any) -> list[Any]:
-    return [prop for prop in _items(renderer.GetVolumes()) if prop.GetVisibility() and prop.GetMapper() is not None]
+    return [prop for prop in items(renderer.GetVolumes()) if prop.GetVisibility() and prop.GetMapper() is not None]
 
 
 def _lights(renderer: Any) -> list[Any]:
-    return [light for light in _items(renderer.GetLights()) if light.GetSwitch() and light.GetIntensity() > 0]
+    return [light for light in items(renderer.GetLights()) if light.GetSwitch() and light.GetIntensity() > 0]
 
 
-def _items(collection: Any) -> list[Any]:
+def items(collection: Any) -> list[Any]:
+    """Items of a collection of VTK."""
     return [collection.GetItemAsObject(number) for number in range(collection.GetNumberOfItems())]
 
 
@@ -167,6 +178,8 @@ def _place(light: Any, camera: Camera) -> tuple[float, float]:
 BY_NAME, SUBVOLUME = (3, 4), 0x2000
 # red, green, blue, opacity
 COMPONENTS = 4
+# VTK's additive blend mode, and control points of its transfer function
+ADDITIVE, SAMPLES = 4, 512
 # VTK's type of masks that show voxels other than 0
 BINARY = 0
 
@@ -193,8 +206,6 @@ def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
         source.Update()
     data = mapper.GetInputDataObject(port, 0)
     options = ArrayOptions(array=mapper.GetArrayName() or None) if mapper.GetScalarMode() in BY_NAME else ArrayOptions()
-    if not data.IsA("vtkImageData"):
-        volume_from_vtk(data, options)
     array, in_cells = select_array(data, options)
     matrix = matrix_of(prop)
     planes = (*clip_planes(mapper), *_cropping(mapper, matrix))
@@ -204,6 +215,8 @@ def _layers(mapper: Any, port: int, prop: Any) -> Iterator[Layer]:
     is_mean = blend_of(mapper) == "mean"
     for number, part in enumerate(parts):
         transfer = transfer_of(looks, number, float(np.mean(part.spacing)), is_mean)
+        if mapper.GetBlendMode() == ADDITIVE:
+            transfer = _additive(part, transfer)
         if part.color is not None:
             transfer = replace(transfer, colormap="gray", window=None)
         if is_mean:
@@ -219,6 +232,16 @@ def _average(volume: Volume, transfer: Transfer) -> tuple[Volume, Transfer]:
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     mean = replace(transfer, points=((low, 1.0), (high, 1.0)), gradient=(), shading=False)
     return replace(volume, samples=samples), mean
+
+
+def _additive(volume: Volume, transfer: Transfer) -> Transfer:
+    """White transfer function whose optical depth is VTK's sum: of opacities times shares of the values' range."""
+    samples = np.asarray(volume.samples[:])
+    low, high = float(np.nanmin(samples)), float(np.nanmax(samples))
+    values = np.union1d(np.linspace(low, high, SAMPLES), [value for value, _ in transfer.points])
+    shares = np.clip((values - low) / ((high - low) or 1.0), 0.0, 1.0)
+    nodes = opacity_nodes(values, -np.expm1(-transfer.opacity(values) * shares))
+    return replace(transfer, points=nodes, colormap="#ffffff", window=None, gradient=(), shading=False)
 
 
 def _apply_mask(volume: Volume, mapper: Any) -> Volume:
@@ -268,9 +291,9 @@ def _combine_colors(parts: list[Volume]) -> Volume:
 
 def blend_of(mapper: Any) -> Blend:
     """Blend of a volume mapper. Raises InputError for modes without a counterpart."""
-    names = {mode.vtk: mode.name for mode in BLENDS.values()}
+    names: dict[int | None, Blend] = {mode.vtk: mode.name for mode in BLENDS.values()} | {ADDITIVE: "xray"}
     mode = int(mapper.GetBlendMode())
     if mode not in names:
-        got = {4: "additive", 5: "isosurface", 6: "slice"}.get(mode, str(mode))
-        raise expected("blend mode", "composite, maximum, minimum or average", got, "set another")
+        got = {5: "isosurface", 6: "slice"}.get(mode, str(mode))
+        raise expected("blend mode", "composite, maximum, minimum, average or additive", got, "set another")
     return names[mode]
