@@ -16,17 +16,19 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FLUSH, GRAZING, Clip
-from splatgl.splat.culling import STRETCHED, Window
+from splatgl.splat.culling import STRETCHED, Window, block_boxes
 from splatgl.splat.footprint import ROWS, Quads, Splat, fill_depth, on_quads, table_quad
 from splatgl.splat.grid import Grid
 from splatgl.splat.line_integral import Integral, row1
-from splatgl.splat.splats import Splats
+from splatgl.splat.splats import Splats, in_parts
 from splatgl.splat.view import GridView, smallest_axis
 
 # relative enlargement of a box against rounding
 MARGIN = 1e-9
 # splats processed together: their temporaries stay in the cache
 SOME = 1 << 16
+# consecutive splats that are examined as one box
+RUN = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,26 +137,37 @@ def _widened_bounds(view: GridView, row: str, voxel: np.ndarray, corner: np.ndar
 
 
 def may_reach(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
-    """bool [N]: whether splats at grid positions [N, 3] may reach one of the windows of the picture.
+    """bool [N]: whether splats at grid positions [N, 3] may reach one of the windows of the picture; of runs of RUN
+    positions whose box may reach none, no position is examined.
 
     around: also counts splats up to this many grid steps from the positions.
     """
-    parts = (positions[start : start + SOME] for start in range(0, len(positions), SOME))
-    return np.concatenate([np.zeros(0, bool), *(_part_may_reach(part, view, windows, around) for part in parts)])
+    boxes = block_boxes(positions, RUN)
+    within = np.linalg.norm(boxes[:, 3:], axis=1) + around
+    found = np.repeat(_part_may_reach(boxes[:, :3], view, windows, within), RUN)[: len(positions)]
+    near = np.flatnonzero(found)
+
+    def examine(part: slice) -> None:
+        found[near[part]] = _part_may_reach(positions[near[part]], view, windows, around)
+
+    in_parts(len(near), SOME, examine)
+    return found
 
 
-def _part_may_reach(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float) -> np.ndarray:
+def _part_may_reach(
+    positions: np.ndarray, view: GridView, windows: Sequence[Window], around: np.ndarray | float
+) -> np.ndarray:
     v = view.voxels(positions)
     # a ball around the kernel; beyond z_k footprints grow with depth
-    reach = (view.kernel.radius + around) * np.linalg.norm(view.eye_from_index, 2)
+    size = float(np.linalg.norm(view.eye_from_index, 2))
+    reach, further = view.kernel.radius * size, around * size
     widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
-    depth = np.ones(len(positions))
+    depth, slant = np.ones(len(positions)), 1.0
     if view.perspective:
         depth = np.where(v[2] > 0, v[2], 1.0)
-        steepest = float(np.abs(np.array(view.size) / 2 + 1).max()) * view.pitch
         # distance from a plane through the eye to a point: difference of slopes times depth, divided by this
-        reach, widest = reach * np.hypot(1.0, steepest), widest * np.hypot(1.0, steepest)
-    half = np.maximum(reach / depth, widest)
+        slant = float(np.hypot(1.0, np.abs(np.array(view.size) / 2 + 1).max() * view.pitch))
+    half = np.maximum(reach * slant / depth, widest * slant) + further * slant * (1 + widest) / depth
     may_reach = np.zeros(len(positions), bool)
     places, half = v[:2] / depth / view.pitch, half / view.pitch
     for window in windows:
@@ -162,7 +175,8 @@ def _part_may_reach(positions: np.ndarray, view: GridView, windows: Sequence[Win
         near = np.flatnonzero(np.abs(places[0] - x) <= half + (window.width / 2 + 1))
         may_reach[near[np.abs(places[1, near] - y) <= half[near] + (window.height / 2 + 1)]] = True
     if view.perspective:
-        may_reach = np.where(v[2] > 0, may_reach, v[2] > -reach)
+        # a splat around a place in front of the eye may be behind it
+        may_reach = np.where(v[2] > further, may_reach, v[2] > -reach - further)
     return may_reach
 
 

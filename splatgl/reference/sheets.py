@@ -35,11 +35,13 @@ from splatgl.splat.sheets import (
     index_direction,
     layer_wave,
 )
-from splatgl.splat.splats import Splats
+from splatgl.splat.splats import Splats, in_parts
 from splatgl.splat.view import GridView
 
 # opacity behind which the remaining light is less than rounding
 OPAQUE = 1 - 1e-15
+# parts of rays that are classified together: many enough that numpy's calls cost little, their temporaries a few MB
+PAIRS = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +80,18 @@ class SheetField:
             return (light[:, 3] < OPAQUE) | self.blend.one_value | self.blend.unbounded
 
         for part in self.parts(sums, rays, first, sheets, seen):
-            at = part.pixel
-            if self.blend.one_value:
-                length = part.ends[1] - part.ends[0]
-                # Simpson's rule for the mean, and nearly the extremes
-                for value, share in ((part.begin[:, 0], 1 / 6), (part.value, 2 / 3), (part.end[:, 0], 1 / 6)):
-                    light[at] = join_values(light[at], value, length * share, self.blend.join)
-            elif self.blend.unbounded:
-                light[at] += self.matter(part, rays)
-            else:
-                light[at] = add_behind(light[at], self.matter(part, rays))
+            length = part.ends[1] - part.ends[0]
+            matter = None if self.blend.one_value else self.matter(part, rays)
+            for one in np.split(np.arange(len(part.pixel)), np.flatnonzero(np.diff(part.number)) + 1):
+                at = part.pixel[one]
+                if matter is None:
+                    # Simpson's rule for the mean, and nearly the extremes
+                    for value, share in ((part.begin[:, 0], 1 / 6), (part.value, 2 / 3), (part.end[:, 0], 1 / 6)):
+                        light[at] = join_values(light[at], value[one], length[one] * share, self.blend.join)
+                elif self.blend.unbounded:
+                    light[at] += matter[one]
+                else:
+                    light[at] = add_behind(light[at], matter[one])
         if not self.blend.one_value:
             return light
         return classify_values(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
@@ -95,36 +99,39 @@ class SheetField:
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
     ) -> Iterator[Part]:
-        """Yields the matter around all sheets within the volume's box, in `steps` parts, nearest first. is_visible:
-        returns in which pixels further matter is visible.
+        """Yields the matter around all sheets within the volume's box, in `steps` parts each, nearest first, about
+        PAIRS parts of rays at a time. is_visible: returns in which pixels further matter is visible.
         """
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
         entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
         stretch = rays.stretch * sheets.thickness
         padded = np.pad(self.center(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
-        along = rays.toward * stretch[:, None]
-        for n in range(1, padded.shape[1] - 1):
-            some = np.flatnonzero((padded[:, n - 1 : n + 2, 0] > 0).any(axis=1) & is_visible())
-            before, at_sheet, behind_ = (padded[some, n + k] for k in (-1, 0, 1))
+        along, steps, mass = rays.toward * stretch[:, None], sheets.steps, padded[..., 0] > 0
+        has_mass = mass[:, :-2] | mass[:, 1:-1] | mass[:, 2:]
+        together = max(PAIRS // (max(len(sums), 1) * steps), 1)
+        for start in range(0, has_mass.shape[1], together):
+            seen = has_mass[:, start : start + together] & is_visible()[:, None]
+            number, some = np.nonzero(np.repeat(seen.T, steps, axis=0))
+            sheet, step = np.divmod(number, steps)
+            sheet += start
+            before, at_sheet, behind_ = (padded[some, sheet + n] for n in range(3))
             around = remove_bend(np.stack([(before + at_sheet) / 2, at_sheet, (at_sheet + behind_) / 2]), along[some])
             # half-way from the previous sheet
-            begin = first + n - 2 - 0.5
+            begin = first - 1.5 + sheet
             # the part within the box
             low, high = (np.clip(end[some] - begin, 0.0, 1.0) for end in (near, far))
             face = entry[some] - begin + FACE / sheets.thickness
-            for i in range(sheets.steps):
-                ends = self._clip_to_mask(
-                    [np.clip((i + end) / sheets.steps, low, high) for end in (0, 1)], begin, some, rays, sheets
-                )
-                middle = (ends[0] + ends[1]) / 2
-                has = between_sheets(around, middle)[:, 0] >= LEAST_MASS
-                ends[1] = np.where(has, ends[1], ends[0])
-                length = ends[1] - ends[0]
-                faced = np.clip(face - ends[0], 0.0, length) / np.where(length > 0, length, 1.0)
-                first_, mean, last = (means_of(between_sheets(around, at)) for at in (ends[0], middle, ends[1]))
-                distance = (begin + middle) * sheets.thickness
-                between = (ends[0], ends[1])
-                yield Part(some, begin, between, first_, mean, last, stretch[some], faced, distance)
+            ends = [np.clip((step + end) / steps, low, high) for end in (0, 1)]
+            ends = self._clip_to_mask(ends, begin, some, rays, sheets)
+            middle = (ends[0] + ends[1]) / 2
+            has = between_sheets(around, middle)[:, 0] >= LEAST_MASS
+            ends[1] = np.where(has, ends[1], ends[0])
+            length = ends[1] - ends[0]
+            faced = np.clip(face - ends[0], 0.0, length) / np.where(length > 0, length, 1.0)
+            first_, mean, last = (means_of(between_sheets(around, at)) for at in (ends[0], middle, ends[1]))
+            distance = (begin + middle) * sheets.thickness
+            place, between = number + start * steps, (ends[0], ends[1])
+            yield Part(some, place, begin, between, first_, mean, last, stretch[some], faced, distance)
 
     def center(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, sheets, 6]: sums [P, sheets, 5] normalised to the mass of constant matter, with values moved along their
@@ -158,9 +165,9 @@ class SheetField:
         return np.concatenate([moved * even[..., None], further[..., None]], axis=-1)
 
     def _clip_to_mask(
-        self, ends: list[np.ndarray], sheet: float, some: np.ndarray, rays: Rays, sheets: Sheets
+        self, ends: list[np.ndarray], sheet: np.ndarray, some: np.ndarray, rays: Rays, sheets: Sheets
     ) -> list[np.ndarray]:
-        """Clips parts of rays to the mask. ends: in sheets, counted from `sheet`; some: pixels."""
+        """Clips parts of rays to the mask. ends: in sheets, counted from `sheet` [P]; some: pixels [P]."""
         if self.mask is None:
             return ends
         at = [self.mask.at(self._points((sheet + end) * sheets.thickness, some, rays)) for end in ends]
@@ -218,7 +225,8 @@ class SheetField:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Part of the matter around a sheet, of pixels [P]. ends: its start and end, in sheets, counted from `sheet`.
+    """Parts of the matter around sheets, of pixels [P], of several sheets in their order. number [P]: of the part among
+    all of its ray, from 0. ends: its start and end, in sheets, counted from `sheet` [P].
 
     begin, mean, end [P, 4]: values and gradients at its start, middle and end. stretch [P]: mean spacings per sheet.
     faced [P]: share within the face of a clip plane. middle [P]: distance of its middle, index units, measured as for
@@ -226,7 +234,8 @@ class Part:
     """
 
     pixel: np.ndarray
-    sheet: float
+    number: np.ndarray
+    sheet: np.ndarray
     ends: tuple[np.ndarray, np.ndarray]
     begin: np.ndarray
     mean: np.ndarray
@@ -356,7 +365,7 @@ class SheetScene:
         sizes = [w.width * w.height for w in windows]
         if len(windows) > 1 and sum(sizes) * self.many * self.terms.shape[1] > MOST_SUMS:
             return [self.part(window) for window in windows]
-        sums = np.concatenate([self._sums(window) for window in windows])
+        sums = np.concatenate(in_parts(len(windows), 1, lambda one: self._sums(windows[one.start])))
         light = composite_sums(sums) if self.field is None else self._classified(sums, windows)
         ends = np.cumsum(sizes)[:-1]
         return [part.reshape(w.height, w.width, 4) for part, w in zip(np.split(light, ends), windows, strict=True)]
@@ -397,12 +406,12 @@ class SheetScene:
             return Pieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
         all_pixels = np.ones(len(sums), bool)
         number = (self.many + 2) * self.sheets.steps
-        ends, matter = np.zeros((len(sums), number, 2)), np.zeros((len(sums), number, 4))
-        for n, part in enumerate(self.field.parts(sums, rays, self.first, self.sheets, lambda: all_pixels)):
-            # one piece for each part, also where there is no value
-            ends[:, n] = part.sheet + (n % self.sheets.steps) / self.sheets.steps
-            ends[part.pixel, n] = part.sheet + np.stack(part.ends, axis=1)
-            matter[part.pixel, n] = self.field.matter(part, rays)
+        # one piece for each part, also where there is no value
+        ends = np.tile(self.first - 1.5 + np.arange(number)[:, None] / self.sheets.steps, (len(sums), 1, 2))
+        matter = np.zeros((len(sums), number, 4))
+        for part in self.field.parts(sums, rays, self.first, self.sheets, lambda: all_pixels):
+            ends[part.pixel, part.number] = part.sheet[:, None] + np.stack(part.ends, axis=1)
+            matter[part.pixel, part.number] = self.field.matter(part, rays)
         return Pieces(self._depths(rays, ends), matter)
 
     def _rays(self, window: Window, near: np.ndarray | None, far: np.ndarray | None) -> Rays:

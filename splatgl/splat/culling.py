@@ -97,11 +97,11 @@ class Frustum:
         return np.asarray((beyond <= reach * (1 + 1e-3) + 1e-3 * self.support[:, None]).all(axis=0) & ahead)
 
 
-def block_boxes(positions: np.ndarray) -> np.ndarray:
-    """[blocks, 6]: centres and half sides of the boxes around each BLOCK of positions [N, 3], grid indices."""
+def block_boxes(positions: np.ndarray, block: int = BLOCK) -> np.ndarray:
+    """[blocks, 6]: centres and half sides of the boxes around each `block` of positions [N, 3], grid indices."""
     if not len(positions):
         return np.zeros((0, 6))
-    begins = np.arange(0, len(positions), BLOCK)
+    begins = np.arange(0, len(positions), block)
     low, high = (extreme.reduceat(positions, begins).astype(np.float64) for extreme in (np.minimum, np.maximum))
     return np.concatenate([(low + high) / 2, (high - low) / 2], axis=1)
 
