@@ -444,7 +444,8 @@ def test_light_over_matter(
     along = length * splats.unit / splats.grid.mean_spacing
     faced = np.clip(face[:, 3], 0, 1)
     ends, middle = (np.zeros(COUNT), np.ones(COUNT)), (first + last) / 2
-    part = Part(np.arange(COUNT), np.zeros(COUNT, int), np.zeros(COUNT), ends, first, middle, last, along, faced, np.zeros(COUNT))
+    none = np.zeros(COUNT)
+    part = Part(np.arange(COUNT), none.astype(int), none, ends, first, middle, last, along, faced, none)
     rays = replace(some_rays(rng), toward=toward, face=face[:, :3] if cut else None)
     right = add_behind(light, field.matter(part, rays))
     shines = np.broadcast_to(0.0 if field.shines is None else field.shines, (COUNT, 3))
