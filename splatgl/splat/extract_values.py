@@ -7,10 +7,11 @@ of one value show.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,9 @@ PEAK, PAIR, WAVE = np.float32(0.5), np.float32(0.25), np.float32(1.0)
 TABLE_BYTES = 2
 # voxels smoothed, and records filled, at a time
 CHUNK_VOXELS, RECORDS = 1 << 18, 1 << 16
+# voxels along a side of the cells of which boxes for the prefilter consist, the share of voxels above which one box
+# holds all, and the cost of two halves, relative to the whole, below which it is halved
+CELL, DENSE, WORTH = 8, 0.4, 0.85
 # planes of a slab that make its halo cheap
 THICK = 32
 # planes around a slab that a step of the prefilter, differences, and the prefilter's limits read
@@ -193,14 +197,13 @@ def post_records(
     records = np.zeros(len(places[0]), record_type(volume.shape, post=True))
     if not len(records):
         return records
-    margin = margin_of(kernel)
-    inside = tuple(place + (part.start or 0) for place, part in zip(places, inner, strict=True))
-    box = tuple(slice(max(int(i.min()) - margin, 0), int(i.max()) + margin + 1) for i in inside)
+    for place, own in zip(places, inner, strict=True):
+        place += own.start or 0
     around = post.around if post.faced else None
-    values = Values(u, prefilter(u[box], kernel), beside, tuple(part.start for part in box), around)
+    values = Values(u, *coefficients(u, kernel, places), beside, around)
     spacing = Grid.of(volume).mean_spacing
     world = np.linalg.inv(volume.world_from_index) * spacing
-    in_parts(len(records), RECORDS, partial(_fill, records, values, inside, first, world))
+    in_parts(len(records), RECORDS, partial(_fill, records, values, places, first, world))
     return records
 
 
@@ -211,8 +214,8 @@ class Values(NamedTuple):
 
     u: np.ndarray
     c: np.ndarray
+    start: Places
     near: np.ndarray
-    start: tuple[int, ...]
     around: Around | None
 
 
@@ -233,7 +236,7 @@ def _fill(
     outer = ~values.near[z, y, x]
     value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
     filled["value"] = value
-    filled["gradient"] = gradients(values.u, x, y, z, around=values.around) @ world
+    filled["gradient"] = (world.T @ gradients(values.u, x, y, z, around=values.around).T).T
 
 
 def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
@@ -244,6 +247,66 @@ def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
         table = post.relative(np.arange(2 ** (8 * kind.itemsize)).astype(kind.newbyteorder("=")))
         return np.take(table, samples.astype(kind.newbyteorder("="), copy=False).view(f"u{kind.itemsize}"))
     return post.relative(samples if samples.dtype.kind in "bui" else np.where(np.isfinite(samples), samples, np.nan))
+
+
+def coefficients(u: np.ndarray, kernel: Kernel, places: tuple[np.ndarray, ...]) -> tuple[np.ndarray, Places]:
+    """Coefficients of samples u [D, H, W] in a box around all `places` (z, y, x), defined at these, and the box's first
+    place.
+    """
+    first, second, third = ((int(i.min()), int(i.max()) + 1) for i in places)
+    whole, margin = (slice(*first), slice(*second), slice(*third)), margin_of(kernel)
+    c, boxes = np.empty([side.stop - side.start for side in whole], np.float32), cover(places, whole, margin)
+
+    def fill(some: slice) -> None:
+        for box in boxes[some]:
+            outer = tuple(slice(max(side.start - margin, 0), side.stop + margin) for side in box)
+            inner, here = (
+                tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(box, beside, strict=True))
+                for beside in (outer, whole)
+            )
+            c[here] = prefilter(u[outer], kernel)[inner]
+
+    in_parts(len(boxes), 1, fill)
+    return c, (first[0], second[0], third[0])
+
+
+Sides = tuple[slice, ...]
+
+
+def cover(places: tuple[np.ndarray, ...], whole: Sides, margin: int) -> list[Sides]:
+    """Boxes that contain all `places` (z, y, x) of the box `whole`, and are small with their margins; of whole cells of
+    CELL voxels, but at the ends.
+    """
+    if len(places[0]) > DENSE * math.prod(side.stop - side.start for side in whole):
+        return [whole]
+    cells = np.zeros([-(-side.stop // CELL) for side in whole], bool)
+    cells[tuple(i // CELL for i in places)] = True
+    return [
+        tuple(slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, whole, strict=True))
+        for box in _halve(cells, (0, 0, 0), margin)
+    ]
+
+
+def _halve(cells: np.ndarray, at: tuple[int, ...], margin: int) -> list[Sides]:
+    """Boxes of the occupied ones of `cells`, the first of which lies at `at`."""
+    occupied = np.nonzero(cells)
+    if not len(occupied[0]):
+        return []
+    tight = tuple(slice(int(i.min()), int(i.max()) + 1) for i in occupied)
+    cells, at = cells[tight], tuple(a + side.start for a, side in zip(at, tight, strict=True))
+    box = tuple(slice(a * CELL, (a + size) * CELL) for a, size in zip(at, cells.shape, strict=True))
+    axis = int(np.argmax(cells.shape))
+    middle = cells.shape[axis] // 2
+    if middle == 0 or cells.mean() > DENSE:
+        return [box]
+    first, second = np.split(cells, [middle], axis=axis)
+    beside = tuple(a + middle * (n == axis) for n, a in enumerate(at))
+    halves = [*_halve(first, at, margin), *_halve(second, beside, margin)]
+
+    def cost(boxes: list[Sides]) -> int:
+        return sum(math.prod(side.stop - side.start + 2 * margin for side in box) for box in boxes)
+
+    return halves if cost(halves) < WORTH * cost([box]) else [box]
 
 
 def prefilter(u: np.ndarray, kernel: Kernel) -> np.ndarray:
@@ -351,7 +414,7 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
         low[some], high[some] = least[inner], most[inner]
 
     # larger chunks, as each is read with a halo
-    in_parts(len(u), 2 * _planes_of(u), limit)
+    in_parts(len(u), 4 * _planes_of(u), limit)
     return low, high
 
 
@@ -364,27 +427,19 @@ def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray 
     if gone is not None:
         np.copyto(rise, 0, where=np.isnan(rise))
     bend = rise[1:] - rise[:-1]
-    for sign, ends, change in ((1, low, np.subtract), (-1, high, np.add)):
-        # one sample that is a peak, up or down
-        if sign > 0:
-            peak = np.minimum(rise[3:-2], np.negative(rise[2:-3]))
-            pair = np.minimum(bend[1:-2], bend[2:-1])
-            outer = np.minimum(bend[:-3], bend[3:])
-            pair += np.minimum(outer, 0, out=outer)
-        else:
-            peak = np.minimum(rise[2:-3], np.negative(rise[3:-2]))
-            pair = np.maximum(bend[1:-2], bend[2:-1])
-            outer = np.maximum(bend[:-3], bend[3:])
-            pair += np.maximum(outer, 0, out=outer)
-            np.negative(pair, out=pair)
-        np.maximum(peak, 0, out=peak)
-        peak *= PEAK
-        change(ends, peak, out=ends)
+    ahead, back = rise[3:-2], np.negative(rise[2:-3])
+    pair, outer, change = np.empty_like(bend[2:-1]), np.empty_like(bend[2:-1]), np.empty_like(back)
+    for ends, least_of, most_of in ((low, np.minimum, np.maximum), (high, np.maximum, np.minimum)):
+        # one sample that is a peak, down or up
+        most_of(least_of(ahead, back, out=change), 0, out=change)
+        change *= PEAK
+        ends -= change
         # two samples that bend alike, less the opposite bend beside them
-        bend_pair = np.maximum(pair[:-1], pair[1:])
-        np.maximum(bend_pair, 0, out=bend_pair)
-        bend_pair *= PAIR
-        change(ends, bend_pair, out=ends)
+        least_of(bend[1:-2], bend[2:-1], out=pair)
+        pair += least_of(least_of(bend[:-3], bend[3:], out=outer), 0, out=outer)
+        most_of(most_of(pair[:-1], pair[1:], out=change), 0, out=change)
+        change *= PAIR
+        ends -= change
     # a wave bends everywhere, neighbours included
     wave = np.abs(bend[2:-2])
     if gone is not None:
@@ -425,9 +480,13 @@ def select_needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.nd
 def extremes(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The smallest and the largest u [N] among each voxel and its 26 neighbours."""
     low, high = np.full(len(x), np.inf, u.dtype), np.full(len(x), -np.inf, u.dtype)
-    for step in np.ndindex(3, 3, 3):
-        at = (np.clip(i + n - 1, 0, size - 1) for i, n, size in zip((z, y, x), step, u.shape, strict=True))
-        value = u[tuple(at)]
+    flat, strides = u.ravel(), (u.shape[1] * u.shape[2], u.shape[2], 1)
+    rows, columns, steps = (
+        [np.clip(i + n, 0, size - 1) * stride for n in (-1, 0, 1)]
+        for i, size, stride in zip((z, y, x), u.shape, strides, strict=True)
+    )
+    for row, column, step in product(rows, columns, steps):
+        value = np.take(flat, row + column + step)
         np.fmin(low, value, out=low)
         np.fmax(high, value, out=high)
     return low, high
@@ -447,7 +506,8 @@ def gradients(
     flat, reach = u.ravel(), order // 2
     base = (z * u.shape[1] + y) * u.shape[2] + x
     center = flat[base].astype(np.float64)
-    gradient, gone = np.zeros((len(center), 3)), np.zeros((2, len(center), 3), bool)
+    # components in rows of memory
+    gradient, gone = np.zeros((3, len(center))).T, np.zeros((2, len(center), 3), bool)
     outside, opaque = around(center) if around else (center, np.zeros(len(center), bool))
     filled = outside != center
     for axis, (index, stride) in enumerate(((x, 1), (y, u.shape[2]), (z, u.shape[1] * u.shape[2]))):

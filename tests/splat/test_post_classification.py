@@ -295,6 +295,20 @@ def test_records_do_not_depend_on_parts(monkeypatch: pytest.MonkeyPatch) -> None
         assert sg.extract(sg.Volume(holes), RAMP, slab=slab, classification="post").records.tobytes() == right
 
 
+def test_boxes_of_sparse_voxels_give_the_records_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coefficients of few voxels are computed in small boxes around them, with the same bits, and in fewer voxels."""
+    samples = np.zeros((24, 30, 40), np.float32)
+    samples[2:4, 3, 5:9], samples[17, 22:, 30:], samples[20, 1, 38] = 0.7, 0.9, 0.4
+    volume, filtered = sg.Volume(samples), list[int]()
+    right = extract_values.prefilter
+    monkeypatch.setattr(extract_values, "prefilter", lambda u, kernel: filtered.append(u.size) or right(u, kernel))
+    found = [sg.extract(volume, RAMP, classification="post").records.tobytes()]
+    boxes, small = len(filtered), sum(filtered)
+    monkeypatch.setattr(extract_values, "DENSE", 0.0)
+    found.append(sg.extract(volume, RAMP, classification="post").records.tobytes())
+    assert found[0] == found[1] and boxes > 1 and small < 0.7 * filtered[-1]
+
+
 def test_values_of_any_size_draw_the_same() -> None:
     right = drawn(matter())
     for scale, offset, allowed in ((1e38, 0.0, 1e-9), (1e-38, 0.0, 1e-9), (1.0, 1e9, 1e-4)):
