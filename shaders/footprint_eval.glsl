@@ -20,6 +20,18 @@
 uniform sampler2D footprint_table;
 uniform sampler2D half_table;  // share of a chord's integral from the eye on: over s/L in [−1, 1], D²/R²
 
+// A linearly filtered texel. Graphics cards weight texels in steps of 1/256: there it is computed in float32.
+float filtered(sampler2D table, vec2 place) {
+    if (CARD == 0) return texture(table, place).r;
+    ivec2 last = textureSize(table, 0) - 1;
+    vec2 texel = clamp(place * vec2(last + 1) - 0.5, vec2(0.0), vec2(last)), part = fract(texel);
+    ivec2 low = ivec2(texel), high = min(low + 1, last);
+    vec2 upper = vec2(texelFetch(table, low, 0).r, texelFetch(table, ivec2(high.x, low.y), 0).r);
+    vec2 lower = vec2(texelFetch(table, ivec2(low.x, high.y), 0).r, texelFetch(table, high, 0).r);
+    vec2 both = mix(upper, lower, part.y);
+    return mix(both.x, both.y, part.x);
+}
+
 // F/F(0) by the squared distance, in voxels
 float radial(float d2) {
     if (FOOTPRINT == FOOTPRINT_SINGLE) {
@@ -48,7 +60,7 @@ float radial(float d2) {
     }
     // along the table's middle row, which holds every distance
     float share = sqrt(max(d2, 0.0)) / style.radius;
-    return share < 1.0 ? texture(footprint_table, vec2(share * 0.5 + 0.5, 0.5)).r : 0.0;
+    return share < 1.0 ? filtered(footprint_table, vec2(share * 0.5 + 0.5, 0.5)) : 0.0;
 }
 
 // A pixel's ray: the terms shared by all splats.
@@ -97,7 +109,7 @@ float half_line(vec3 i, vec3 ray) {
     float start = clamp(dot(i, along) * inversesqrt(chord2), -1.0, 1.0);
     vec2 place = vec2(start * 0.5 + 0.5, d2 / (style.radius * style.radius));
     vec2 texels = vec2(textureSize(half_table, 0));
-    float share = texture(half_table, (place * (texels - 1.0) + 0.5) / texels).r;
+    float share = filtered(half_table, (place * (texels - 1.0) + 0.5) / texels);
     return radial(d2) * share * (PEAK == 1 ? 1.0 : length(ray) / speed);
 }
 

@@ -26,6 +26,13 @@ out uvec4 piece;
 out vec4 fragment;  // linear premultiplied: 'over', sum or maximum, as JOIN says
 #endif
 
+// Coordinates of a pixel on the quad, as interpolation gives them where corners are not snapped to parts of a pixel.
+vec2 quad_place(vec2 pixel) {
+    vec2 ray = (pixel - frame.image_center) * frame.pixel_pitch;
+    vec2 offset = (PERSPECTIVE == 1 ? ray * place_middle.z : ray) - place_middle.xy;
+    return vec2(dot(place_rows.xy, offset), dot(place_rows.zw, offset)) / (1.0 + dot(place_tilt, offset));
+}
+
 // Footprint of a still splat, over F(0)·gain.
 float footprint() {
     if (HALF_LINE == 1 && center.w > 0.0) return half_line(center.xyz, ray_at(gl_FragCoord.xy));
@@ -34,7 +41,7 @@ float footprint() {
     if (FOOTPRINT != FOOTPRINT_TABLE) return radial(r2);
     // quads are a little larger than the table
     vec2 place = at / style.radius;
-    return max(abs(place.x), abs(place.y)) <= 1.0 ? texture(footprint_table, place * 0.5 + 0.5).r : 0.0;
+    return max(abs(place.x), abs(place.y)) <= 1.0 ? filtered(footprint_table, place * 0.5 + 0.5) : 0.0;
 }
 
 #if SLOTTED
@@ -72,6 +79,9 @@ float streaked() {
 }
 
 void main() {
+#if CARD
+    at = quad_place(gl_FragCoord.xy);
+#endif
 #if SHEETS
     float share = footprint();
     vec4 term = STEPS == 0 ? splat.a * vec4(splat.rgb, 1.0) : splat;

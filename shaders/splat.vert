@@ -28,6 +28,14 @@ vec2 widened_corner(vec2 corner, vec3 v, Quad quad) {
     return corner * (1.0 + PIXEL_MARGIN * pixel_side(v.z) / max(sides, vec2(1e-30)));
 }
 
+// Gives quad_place the map from pixels to the coordinates on a plane through v.
+void give_place(vec3 v, vec3 axis_1, vec3 axis_2) {
+    vec3 pole = PERSPECTIVE == 1 ? v : vec3(0.0, 0.0, 1.0), normal = cross(axis_1, axis_2);
+    place_middle = v;
+    place_rows = vec4(cross(axis_2, pole).xy, cross(pole, axis_1).xy) / dot(pole, normal);
+    place_tilt = PERSPECTIVE == 1 ? normal.xy / dot(pole, normal) : vec2(0.0);
+}
+
 void main() {
     read_words(in_first, in_second, in_rest);
     // relative to the eye before any rounding
@@ -50,6 +58,7 @@ void main() {
     corner = widened_corner(corner, v, quad);
     at = corner * quad.reach;
     vec3 point = v + at.x * quad.axis_1 + at.y * quad.axis_2;
+    give_place(v, quad.axis_1, quad.axis_2);
     give_matter(v, quad);
     if (SHEETS > 0) sheet_shares = sheet_weights(sheet_place(in_position) - float(sheet));
 
@@ -63,6 +72,7 @@ void main() {
         inner_y = inner.axes[1];
         at = streak_corner(corner, v, path_step, quad, widened);
         point = v + vec3(at, 0.0);
+        give_place(v, vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0));
         float size = length_of(inner, v, path_step);
         float alone = isolation(size, run_along(index_from_eye() * vec3(path_step, 0.0), in_runs));
         path_isolation = vec3(ATTENUATION == ATTENUATION_FILL ? alone : 0.0, inner.shrink);

@@ -3,6 +3,7 @@
 // varyings. Varyings that a program does not need become plain variables that are never read.
 // switch HALF_LINE 0  the eye may be inside a kernel
 // switch SHEETS 0     sheets that share a splat; 0: splats composite one by one
+// switch CARD 0       a graphics card, whose rasteriser snaps corners: see quad_place
 #include "motion.glsl"
 
 #if ALIGN == ALIGN_EXACT
@@ -36,7 +37,18 @@
 #define SHEETS_VARYING
 #endif
 
-VARYING vec2 at;                       // footprint coordinates, voxels; for streaks, see passing
+#if CARD
+#define CARD_VARYING FLAT VARYING
+#define PLAIN_VARYING
+#else
+#define CARD_VARYING
+#define PLAIN_VARYING VARYING
+#endif
+
+PLAIN_VARYING vec2 at;                 // footprint coordinates, voxels; for streaks, see passing
+CARD_VARYING vec3 place_middle;        // of quad_place: the quad's middle, eye axes
+CARD_VARYING vec2 place_tilt;
+CARD_VARYING vec4 place_rows;
 FLAT VARYING vec4 splat;               // linear RGB, shaded; optical depth at the centre, or opacity
 OPACITY_VARYING float coverage;        // 1/m² [M98 Eq. 6]
 EXACT_VARYING vec4 bend;               // see Quad

@@ -294,6 +294,13 @@ def order_texture(ctx: moderngl.Context, old: moderngl.Texture | None, count: in
     return order
 
 
+def clear_buffer(buffer: moderngl.Buffer, size: int | None = None) -> None:
+    """Writes zeros to the first `size` bytes, by default to all. Buffer.clear maps the buffer instead: NVIDIA's driver
+    then loses the second write after it.
+    """
+    buffer.write(bytes(buffer.size if size is None else size))
+
+
 def most_block(ctx: moderngl.Context) -> int:
     """Returns the size, in bytes, of the largest storage block that the device binds."""
     return int(ctx.info.get("GL_MAX_SHADER_STORAGE_BLOCK_SIZE", 2**24))

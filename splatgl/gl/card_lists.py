@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Texels, most_block, order_texture
+from splatgl.gl.buffers import Texels, clear_buffer, most_block, order_texture
 from splatgl.gl.features import Uniforms
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CLOSED, SORT_BLOCK, SORT_LANES
@@ -127,7 +127,7 @@ class CardLists:
 
     def bind_empty(self) -> None:
         """Binds the tiles' states, and lists that are empty."""
-        self._buffer("lists", self.tiles * 16).clear()
+        clear_buffer(self._buffer("lists", self.tiles * 16), self.tiles * 16)
         self._bind("lists", SECOND_BINDING, self.tiles * 16)
         self._bind("listed", LISTED, self.room * 4)
         self._work().bind_to_storage_buffer(STATES, offset=STATES_AT, size=self.tiles * 4)
@@ -180,7 +180,7 @@ class CardLists:
         is_new = "work" not in self.buffers
         work = self._buffer("work", STATES_AT + MOST_TILES * 4)
         if is_new:
-            work.clear()
+            clear_buffer(work)
         return work
 
     def _bind_work(self) -> None:

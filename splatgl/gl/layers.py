@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError
-from splatgl.gl.buffers import DrawOrder, SplatBuffers, most_block
+from splatgl.gl.buffers import DrawOrder, SplatBuffers, clear_buffer, most_block
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import PAGE
@@ -155,7 +155,7 @@ class LayerTiles(SheetTiles):
             if self.heads is not None:
                 self.heads.release()
             self.heads = self.ctx.buffer(reserve=size)
-        self.heads.clear(size)
+        clear_buffer(self.heads, size)
         return self.heads
 
     def _bind_pieces(self) -> None:

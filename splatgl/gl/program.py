@@ -139,7 +139,7 @@ class Programs:
     def for_splats(self, program: Program, more: Switches | None = None) -> moderngl.Program:
         """Returns the program that draws splats as quads with a plan's switches. more: additional switches."""
         stages = "splat.vert", "splat.frag"
-        return self._drawing(*stages, self._read(stages, program, more or {}))
+        return self._drawing(*stages, self._read(stages, program, {**self.shape.switches, **(more or {})}))
 
     def for_screen(
         self, fragment: str, program: Program | None = None, more: Switches | None = None

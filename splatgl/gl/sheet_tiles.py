@@ -10,7 +10,16 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import DrawOrder, Range, Rewritten, SplatBuffers, Texels, most_block, order_texture
+from splatgl.gl.buffers import (
+    DrawOrder,
+    Range,
+    Rewritten,
+    SplatBuffers,
+    Texels,
+    clear_buffer,
+    most_block,
+    order_texture,
+)
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.meshes import FARTHEST_UNIT, NEAREST_UNIT, Limits
@@ -236,7 +245,7 @@ class SheetTiles(Tiles):
             set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
             self._buffer(LISTS, part.nbytes).write(part)
             flags = self._buffer(OPEN, self.band.closed.size * 4)
-            flags.clear()
+            clear_buffer(flags)
             program.run(len(part))
             self.ctx.memory_barrier()
             open_ = np.frombuffer(flags.read(self.band.closed.size * 4), np.uint32)[part[:, 0]] > 0
@@ -269,7 +278,7 @@ class SheetTiles(Tiles):
         """Provides empty storage for the open sheets of all tiles."""
         tiles = self.band.closed.size
         size = tiles * RING_BYTES
-        self._buffer(RINGS, size).clear(size)
+        clear_buffer(self._buffer(RINGS, size), size)
         self.kept = np.zeros(tiles, bool)
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
@@ -390,7 +399,7 @@ class SheetOrder:
         runs = max(LEAST_RUNS, -(-count // (MOST_RUN * lanes)) * lanes)
         size = runs * (number + 1) * 4
         cursors = self._cursors(size)
-        cursors.clear(size)
+        clear_buffer(cursors, size)
         texels.records.use(RECORDS_UNIT)
         self._run(plan, True, {**uniforms, "count": count, "number": number}, runs)
         counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, number + 1)

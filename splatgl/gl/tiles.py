@@ -14,7 +14,7 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, uneven
+from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, clear_buffer, uneven
 from splatgl.gl.card_lists import MOST_BAND, MOST_SPLATS, CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.program import Programs, set_uniforms
@@ -243,7 +243,7 @@ class Tiles:
         # plus a slot for splats that touch no tile
         size = runs * (across * down + 1) * 4
         cursors = self._buffer(CURSORS, size)
-        cursors.clear(size)
+        clear_buffer(cursors, size)
         self._run(plan, count, {"COUNTING": True})
         counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, across * down + 1)
         counts = counts[:, :-1]
@@ -286,7 +286,7 @@ class Tiles:
         lengths = np.clip(count - length * np.arange(runs), 0, length)
         # per run: splats done, and progress of the next splat, as a large splat may need several dispatches
         done = self._buffer(DONE, lengths.size * 16)
-        done.clear()
+        clear_buffer(done)
         progress = np.zeros((lengths.size, 4), np.uint32)
         while (progress[:, 0] < lengths).any():
             program.run(GROUPS)
@@ -307,7 +307,7 @@ class Tiles:
             part[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + 4 * ROUNDS)
             self._buffer(LISTS, part.nbytes).write(part)
             flags = self._buffer(OPEN, self.band.closed.size * 4)
-            flags.clear()
+            clear_buffer(flags)
             program.run(len(part))
             self.ctx.memory_barrier()
             lists[:, 1] = part[:, 2]
