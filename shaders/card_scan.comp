@@ -7,6 +7,7 @@ layout(local_size_x = SORT_LANES) in;
 #include "group_scan.glsl"
 #include "card_work.glsl"
 #define DIGITS 16u
+#define EACH 16u  // numbers that a lane adds up at a time
 
 layout(std430, binding = 1) buffer Counts { uint counts[]; };
 uniform uint number;   // of groups of splats; 0: their sums are there already
@@ -16,15 +17,19 @@ uniform uint room;     // pairs of a sort
 void main() {
     uint lane = gl_LocalInvocationID.x, sum = 0u;
     uint end = PAIRS == 1 ? number : DIGITS * blocks_of(entries);
-    for (uint start = 0u; start < end; start += 4u * SORT_LANES) {
-        uvec4 four = uvec4(0u);
-        uint n = start + 4u * lane;
-        for (uint i = 0u; i < 4u; i++) if (n + i < end) four[i] = counts[n + i];
-        uvec4 upto = uvec4(four.x, four.x + four.y, four.x + four.y + four.z, four.x + four.y + four.z + four.w);
-        scan_group(uvec4(upto.w, 0u, 0u, 0u));
+    for (uint start = 0u; start < end; start += EACH * SORT_LANES) {
+        uint values[EACH], own = 0u, n = start + EACH * lane;
+        for (uint i = 0u; i < EACH; i++) {
+            values[i] = n + i < end ? counts[n + i] : 0u;
+            own += values[i];
+        }
+        scan_group(uvec4(own, 0u, 0u, 0u));
         uint before = sum + scanned_before().x;
         sum += scanned[SORT_LANES - 1u].x;
-        for (uint i = 0u; i < 4u; i++) if (n + i < end) counts[n + i] = before + upto[i] - four[i];
+        for (uint i = 0u; i < EACH; i++) {
+            if (n + i < end) counts[n + i] = before;
+            before += values[i];
+        }
         wait_for_all();
     }
     if (PAIRS == 1 && lane == 0u) {

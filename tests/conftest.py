@@ -71,6 +71,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.fixture
+def processor(renderer: sg.Renderer) -> Iterator[sg.Renderer]:
+    """Renderer whose compute shaders have a processor's shape, also on a graphics card."""
+    if renderer.passes.programs.shape.name == "processor":
+        yield renderer
+    else:
+        with sg.Renderer(shape="processor") as own:
+            yield own
+
+
+@pytest.fixture
 def are_long(pytestconfig: pytest.Config) -> dict[str, bool]:
     """Of all tests of the files that are collected, whether they are long."""
     if any("::" in each for each in pytestconfig.args):

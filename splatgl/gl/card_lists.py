@@ -18,7 +18,7 @@ from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CLOSED, SORT_BLOCK, SORT_LANES
 
 # maximum number of splats of a part, and of pairs of a sort: passes are short enough for a watchdog
-MOST_SPLATS, MOST_PAIRS = 2**18, 2**22
+MOST_SPLATS, MOST_PAIRS = 2**20, 2**23
 MOST_UINT = 2**32 - 1
 # bytes of a pair; bits of a digit
 PAIR, BITS = 8, 4

@@ -120,7 +120,8 @@ def _bind_blocks(program: Compiled) -> None:
 def set_uniforms(program: Compiled, **values: object) -> None:
     """Sets the uniforms; skips those that the program lacks."""
     for name, value in values.items():
-        if name in program:
+        # `in` would walk all members
+        if program.get(name, None) is not None:
             program[name] = value
 
 

@@ -66,8 +66,8 @@ class Renderer:
         try:
             self.info = context_info(self.ctx)
             self.passes = Passes(self.ctx, self.owned, choose_shape(self.info.software, shape))
-            # tiles are faster if the CPU blends
-            self.tiles = self.info.software if self.ctx.version_code >= COMPUTE else None
+            # tiles are faster than quads on processors and on cards
+            self.tiles = True if self.ctx.version_code >= COMPUTE else None
         except BaseException:
             self.owned.close()
             raise

@@ -206,7 +206,7 @@ ABREAST, LISTED = 1024, 2048
 # cell ends per row of the classification table
 TABLE_ROW = 128
 # invocations per work group of a card's sort, and pairs that a group sorts
-SORT_LANES, SORT_BLOCK = 256, 4096
+SORT_LANES, SORT_BLOCK = 256, 2048
 # entries of a page: pieces of matter, and last the number of the next page
 PAGE = 8
 # states of a tile on a card: the next dispatch continues it; light passes it no more

@@ -57,7 +57,7 @@ def test_a_sort_is_stable(renderer: sg.Renderer, rng: np.random.Generator, large
 
 
 @pytest.mark.parametrize("name", ["quick", "many"])
-def test_lists_are_those_of_the_processor(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_lists_are_those_of_the_processor(processor: sg.Renderer, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Of splats of every size, some in all tiles; with some tiles closed, and in several sorts."""
     splats = noise("sheared", size=16, opacity=0.5)
     eye = splats.corners.mean(axis=0) + 6.0
@@ -70,12 +70,12 @@ def test_lists_are_those_of_the_processor(renderer: sg.Renderer, monkeypatch: py
 
     original = Tiles._count
     monkeypatch.setattr(Tiles, "_count", keep)
-    renderer.render(splats, camera, SPLATS.but(technique="tiles", tolerance=1e-4))
+    processor.render(splats, camera, SPLATS.but(technique="tiles", tolerance=1e-4))
     (tiles, plan, count), *_ = placed
-    with current(renderer.ctx):
+    with current(processor.ctx):
         closed = np.zeros(tiles.band.closed.size, bool)
         closed[5:90:3] = True
-        lists = CardLists(renderer.ctx)
+        lists = CardLists(processor.ctx)
         if name == "many":
             lists.room = 1000
         lists.begin(closed)

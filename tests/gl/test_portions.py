@@ -31,22 +31,22 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("kind", TECHNIQUES)
 @pytest.mark.usefixtures("small")
-def test_a_picture_can_be_cancelled_between_portions(renderer: sg.Renderer, kind: str) -> None:
+def test_a_picture_can_be_cancelled_between_portions(processor: sg.Renderer, kind: str) -> None:
     """Wherever it is cancelled, what comes next is right bit for bit; whoever asks changes nothing."""
     splats = noise(size=20, opacity=0.9)
     camera = views(splats)["fitted"]
     for change in ({}, {"occlusion": "off"}, {"blend": "xray"}):
         settings = SPLATS.but(technique=kind, **change)
-        right = renderer.render(splats, camera, settings).pixels
+        right = processor.render(splats, camera, settings).pixels
         asked: list[bool] = []
-        counted = renderer.render(splats, camera, settings, interrupted=partial(record, asked)).pixels
+        counted = processor.render(splats, camera, settings, interrupted=partial(record, asked)).pixels
         assert (counted == right).all()
         assert len(asked) > 5
         for allowed in (0, 1, len(asked) - 1):
             answers = iter([False] * allowed + [True])
             with pytest.raises(sg.Interrupted):
-                renderer.render(splats, camera, settings, interrupted=partial(next, answers))
-        assert (renderer.render(splats, camera, settings).pixels == right).all()
+                processor.render(splats, camera, settings, interrupted=partial(next, answers))
+        assert (processor.render(splats, camera, settings).pixels == right).all()
 
 
 def test_too_many_that_flow_are_refused(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:

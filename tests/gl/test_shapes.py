@@ -154,13 +154,13 @@ KINDS: dict[str, Callable[[], Draw]] = {
 @pytest.mark.few(4)
 @pytest.mark.parametrize("kind", KINDS)
 def test_shapes_draw_the_same(
-    kind: str, renderer: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+    kind: str, processor: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A picture of every kind, whose sides are no multiples of a tile's."""
     monkeypatch.setattr(bricking, "BATCH", 200)
     draw = KINDS[kind]()
-    right, drawn = draw(renderer), draw(card)
-    assert renderer.passes.programs.shape != card.passes.programs.shape
+    right, drawn = draw(processor), draw(card)
+    assert processor.passes.programs.shape != card.passes.programs.shape
     assert right.max() > 0.2
     most = ROUNDED if "layers" in kind or "quads" in kind or kind in ("mip", "parallel", "cues") else SAME
     assert np.abs(drawn - right).max() < most * max(float(right.max()), 1.0)
@@ -171,11 +171,11 @@ def test_shapes_draw_the_same(
     "draw", [values, lambda: values(blend="mip"), lambda: layers(), lambda: classified(base=SINGLY)]
 )
 def test_portions_draw_the_same(
-    draw: Callable[[], Draw], renderer: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+    draw: Callable[[], Draw], processor: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Lists that go on in other dispatches."""
     drawing = draw()
-    right = drawing(renderer)
+    right = drawing(processor)
     monkeypatch.setattr(tiles, "MOST", 300)
     # pieces of layers end with a portion
     assert np.abs(drawing(card) - right).max() < 10 * ROUNDED
@@ -184,11 +184,11 @@ def test_portions_draw_the_same(
 @pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["values", "mip", "bricks", "layers"])
 def test_small_storage_blocks_draw_the_same(
-    kind: str, renderer: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+    kind: str, processor: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Open sheets are bound a few tiles at a time, and bricks drawn in bands; layers have little room."""
     draw = KINDS[kind]()
-    right = draw(renderer)
+    right = draw(processor)
     monkeypatch.setattr(tiles, "MOST", 300)
     monkeypatch.setattr(sheet_tiles, "most_block", lambda ctx: 3 * sheet_tiles.RING_BYTES)
     monkeypatch.setattr(sheet_tiles, "MOST_TILES", 14)
@@ -218,12 +218,12 @@ def test_shaders_of_a_card_keep_to_what_every_device_has() -> None:
     "kind", ["values", "inside", "splat by splat, composite", "labels", "layers", "meshes", "bricks"]
 )
 def test_memory_of_a_device_holds_anything_at_first(
-    kind: str, shape: str, renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+    kind: str, shape: str, processor: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Software clears its memory, cards do not."""
     monkeypatch.setattr(bricking, "BATCH", 200)
     draw = KINDS[kind]()
-    right = draw(renderer)
+    right = draw(processor)
     original = moderngl.Context.buffer
     # NVIDIA's driver loses writes after it
     monkeypatch.delattr(moderngl.Buffer, "clear")
@@ -241,12 +241,12 @@ def test_memory_of_a_device_holds_anything_at_first(
             assert np.abs(draw(other) - right).max() < 10 * ROUNDED
 
 
-def test_a_pixel_that_ends_hides_no_more_than_it_may(renderer: sg.Renderer, card: sg.Renderer) -> None:
+def test_a_pixel_that_ends_hides_no_more_than_it_may(processor: sg.Renderer, card: sg.Renderer) -> None:
     scene = volume()
     splats = sg.extract(scene, sg.Transfer([(0.45, 0), (0.6, 1.0)], unit=0.2))
     camera, settings = cameras(scene)["outside"], WHOLE.but(occlusion="auto")
     cutoff = card.plan(splats, camera, settings).hiding.cutoff
-    whole = renderer.render(splats, camera, WHOLE).pixels
+    whole = processor.render(splats, camera, WHOLE).pixels
     assert 0 < cutoff < 1e-3
     assert 0 < np.abs(card.render(splats, camera, settings).pixels - whole).max() < cutoff + SAME
 

@@ -286,10 +286,10 @@ def test_few_voxels_fill_a_large_picture(renderer: sg.Renderer) -> None:
     assert drawn.info["technique"] == "tiles" and checked["pixels"] > 100 and checked["largest"] < 1e-3
 
 
-def test_compute_shaders_that_do_nothing_are_told(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compute_shaders_that_do_nothing_are_told(processor: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where a context is lost: one line instead of waiting forever."""
     splats = noise()
     # no round for anybody
     monkeypatch.setattr(tiles, "ROUNDS", 0)
     with pytest.raises(sg.InputError, match="compute shaders do nothing"):
-        renderer.render(splats, views(splats)["fitted"], TILED)
+        processor.render(splats, views(splats)["fitted"], TILED)

@@ -161,7 +161,8 @@ def test_targets_hold_what_they_can(target: str, renderer: sg.Renderer) -> None:
     right = pixel_of(renderer.render(splats, camera, SPLATS))[3]
     peak = float(kernel("crawfis-max").footprint(np.zeros(())))
     assert right == pytest.approx(-np.expm1(-2 * peak), abs=3e-4)
-    assert pixel_of(renderer.render(splats, camera, SPLATS.but(target=target)))[3] < 0.8 * right
+    # software rounds to nearest and keeps less; a card may keep more
+    assert abs(pixel_of(renderer.render(splats, camera, SPLATS.but(target=target)))[3] - right) > 0.1 * right
 
 
 def test_shading_is_a_head_light(renderer: sg.Renderer) -> None:

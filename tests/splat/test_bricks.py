@@ -68,12 +68,12 @@ def test_bricks_draw_the_picture_of_the_whole(
 
 @pytest.mark.compute
 def test_no_dispatch_has_more_tiles_than_it_may(
-    renderer: sg.Renderer, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+    processor: sg.Renderer, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All sheets that are still open at the end are closed, too, of a picture of many tiles."""
     volume = sg.Volume(noise(rng, (9, 8, 9)))
     camera = cameras(volume)["outside"]
-    right = renderer.render_bricks(in_bricks(volume, RAMP, ALL), camera, ALL).pixels
+    right = processor.render_bricks(in_bricks(volume, RAMP, ALL), camera, ALL).pixels
     groups: list[int] = []
     run = moderngl.ComputeShader.run
 
@@ -86,7 +86,7 @@ def test_no_dispatch_has_more_tiles_than_it_may(
     most = 8
     for module in (tiles, sheet_tiles):
         monkeypatch.setattr(module, "MOST_TILES", most)
-    found = renderer.render_bricks(in_bricks(volume, RAMP, ALL), camera, ALL).pixels
+    found = processor.render_bricks(in_bricks(volume, RAMP, ALL), camera, ALL).pixels
     assert max(groups) <= most and len(groups) > 4
     assert np.array_equal(found, right)
 

@@ -156,12 +156,12 @@ def test_batches_draw_the_same(
 
 
 @pytest.mark.compute
-def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tiles_end_where_almost_no_light_passes(processor: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     splats = matter(size=14, opacity=0.99)
     camera = views(splats)["fitted"]
     settings = sg.Settings(compositing="sheets", sheets=3)
-    whole = renderer.render(splats, camera, settings.but(occlusion="off"), verify_bound=False).pixels
-    cutoff = renderer.plan(splats, camera, settings).hiding.cutoff
+    whole = processor.render(splats, camera, settings.but(occlusion="off"), verify_bound=False).pixels
+    cutoff = processor.plan(splats, camera, settings).hiding.cutoff
     listed: list[int] = []
     count = tiles.Tiles._count
     monkeypatch.setattr(tiles.Tiles, "_count", lambda self, plan, n: listed.append(n) or count(self, plan, n))
@@ -170,7 +170,7 @@ def test_tiles_end_where_almost_no_light_passes(renderer: sg.Renderer, monkeypat
         monkeypatch.setattr(tiles, "MOST", most)
         monkeypatch.setattr(techniques, "MANY_IN_SHEETS", many)
         listed.clear()
-        ended = renderer.render(splats, camera, settings, verify_bound=False).pixels
+        ended = processor.render(splats, camera, settings, verify_bound=False).pixels
         assert 0 < np.abs(ended - whole).max() <= 1.01 * cutoff + 3e-6 and len(listed) == batches
 
 
