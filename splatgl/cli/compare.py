@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatgl.comparison.compare import Picture, find_pairs, match_formats, read, read_mask
 from splatgl.comparison.metrics import require_flip
+from splatgl.comparison.pictures import Picture, find_pairs, match_formats, read, read_mask
 from splatgl.comparison.verdict import Tolerance, Verdict, judge
 from splatgl.data.image import Image, encode_png
 from splatgl.errors import InputError, expected

@@ -38,7 +38,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import BLENDS
 
 if TYPE_CHECKING:
-    from splatgl.comparison.compare import Picture
+    from splatgl.comparison.pictures import Picture
     from splatgl.data.color import Color
     from splatgl.distributed.worker import Drawing
 
@@ -191,7 +191,7 @@ def _draw_on_workers(
 def _reference(name: str, output: Path) -> Picture:
     """Reads the picture of --ref. Raises InputError if it is missing, or would be overwritten."""
     from splatgl.cli.compare import check_apart
-    from splatgl.comparison.compare import read
+    from splatgl.comparison.pictures import read
 
     reference = read(name)
     check_apart(output, Path(name))

@@ -12,18 +12,16 @@ import hashlib
 import re
 import shlex
 from dataclasses import asdict, dataclass, field, replace
-from io import BytesIO
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Literal
 
 import numpy as np
 import pytest
 from PIL.Image import Image as PillowImage
 
-from splatgl.comparison.compare import Picture, match_formats, read
 from splatgl.comparison.html_report import Case, build_case, build_single_case
+from splatgl.comparison.pictures import Picture, as_image, match_formats, read
 from splatgl.comparison.verdict import Tolerance, Verdict, judge
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
@@ -236,48 +234,6 @@ class ImageRegression:
 
     def _keep(self, case: Case, written: str = "") -> None:
         self.cases.append({**asdict(case), "written": written})
-
-
-def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Image:
-    """Converts any accepted input to an Image. Raises InputError for other input."""
-    if isinstance(value, Image):
-        return value
-    if isinstance(value, (str, Path)):
-        return read(value).image
-    if isinstance(value, PillowImage):
-        value = _encode_pillow(value)
-    if isinstance(value, (bytes, bytearray, memoryview)):
-        return _decode_bytes(bytes(value))
-    samples = np.asarray(value)
-    shape_ok = samples.ndim == 3 and samples.shape[2] in (3, 4)
-    if samples.dtype == np.uint8 and shape_ok:
-        return Image.from_samples(samples)
-    if samples.dtype.kind == "f" and shape_ok and samples.shape[2] == 4:
-        return Image(samples.astype(np.float32))
-    got = f"{samples.dtype} {samples.shape}" if samples.dtype != object else type(value).__name__
-    fix = "colour with float samples needs its alpha: premultiplied, linear, [H, W, 4]" if shape_ok else ""
-    raise expected("image", "an Image, a file, its bytes, uint8 [H, W, 3 or 4] or float [H, W, 4]", got, fix)
-
-
-def _encode_pillow(image: PillowImage) -> bytes:
-    """The bytes of a PNG of Pillow's image. Raises InputError for modes that PNG lacks."""
-    file = BytesIO()
-    try:
-        image.save(file, "PNG")
-    except OSError as error:
-        raise expected("image", "a mode of PNG", image.mode, "convert it to RGB or RGBA") from error
-    return file.getvalue()
-
-
-def _decode_bytes(content: bytes) -> Image:
-    """The image of a PNG's or JPEG's bytes. Raises InputError for others."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "image"
-        path.write_bytes(content)
-        try:
-            return read(path).image
-        except InputError as error:
-            raise InputError(str(error).replace(str(path), f"image of {len(content)} bytes")) from error
 
 
 def relative_path(path: Path) -> str:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.comparison.compare import Picture, match_formats, read
+from splatgl.comparison.pictures import Picture, match_formats, read
 from splatgl.comparison.verdict import Tolerance, judge
 from splatgl.data.color import linear_from_srgb
 
