@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
+import re
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -31,6 +33,17 @@ def has_display() -> bool:
     """Whether a window can be opened: always on Windows and macOS, elsewhere if the environment names a display."""
     names = ("DISPLAY", "WAYLAND_DISPLAY")
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in names)
+
+
+def processor_vendor() -> str:
+    """intel, amd, arm, or the name of another architecture in small letters and digits."""
+    text = f"{platform.processor()} {platform.machine()}"
+    with suppress(OSError):
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")[:4096] + text
+    vendors = (("intel", "genuineintel|^i386"), ("amd", "authenticamd"), ("arm", "arm|aarch64"))
+    lower = text.lower()
+    known = next((name for name, pattern in vendors if re.search(pattern, lower)), None)
+    return known or re.sub("[^a-z0-9]", "", platform.machine().lower()) or "other"
 
 
 # folders for files of programs, below the home folder

@@ -6,152 +6,87 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
-
+from splatgl.comparison.compare import ALIGNMENTS
 from splatgl.comparison.metrics import require_flip
-from splatgl.comparison.pictures import Picture, find_pairs, match_formats, read, read_mask
-from splatgl.comparison.verdict import Tolerance, Verdict, judge
+from splatgl.comparison.pairs import DIFFERENT, UNUSABLE, Files, Outcome, build_cases, compare_all
+from splatgl.comparison.pictures import Picture, find_pairs, match_formats
+from splatgl.comparison.settings import LIMITS, METRICS, Settings, read_limit
+from splatgl.comparison.verdict import NOISE, Criteria, Pair, Tolerance, Verdict, judge
 from splatgl.data.image import Image, encode_png
 from splatgl.errors import InputError, expected
 from splatgl.fileio import check_output, write_file
 
-if TYPE_CHECKING:
-    from splatgl.comparison.html_report import Case
-
-
-SAME, DIFFERENT, UNUSABLE = 0, 1, 2
-METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "ssim", "flip")
-# flags of limits, their fields of Tolerance, and help
-LIMITS = (
-    ("--max-difference", "maximum", "largest difference of a channel"),
-    ("--max-rmse", "rmse", "root mean square of the differences"),
-    ("--max-bias", "bias", "mean difference of a channel"),
-    ("--max-share", "share", "share of pixels above --threshold, 0 to 1"),
-    ("--max-unmatched", "unmatched", "that share without edges that moved by one pixel"),
-    ("--max-flip", "flip", "mean FLIP error, 0 to 1 (extra compare)"),
-    ("--min-psnr", "psnr", "PSNR in decibels"),
-    ("--min-ssim", "ssim", "structural similarity, up to 1"),
-)
 # delay of the progress bar in seconds
 PATIENCE = 1.0
-
-
-@dataclass(frozen=True)
-class Criteria:
-    """Limits, further metrics, mask and pixel formats of a comparison."""
-
-    tolerance: Tolerance
-    extra: frozenset[str] = frozenset()
-    mask: np.ndarray | None = None
-    any_mode: bool = False
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Result for one pair. verdict: None if the pair cannot be compared; error: the reason. images: kept on request.
-    of_sizes: whether the pictures differ in size.
-    """
-
-    name: str
-    actual: Path
-    right: Path
-    verdict: Verdict | None
-    error: str = ""
-    images: tuple[Image, Image] | None = None
-    of_sizes: bool = False
-
-    @property
-    def code(self) -> int:
-        """The pair's exit code: SAME, DIFFERENT or UNUSABLE."""
-        if self.verdict is None:
-            return DIFFERENT if self.of_sizes else UNUSABLE
-        return SAME if self.verdict.same else DIFFERENT
-
-    def __str__(self) -> str:
-        return str(self.verdict) if self.verdict is not None else self.error
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl compare`."""
     parser.add_argument(
-        "actual", metavar="ACTUAL", help="picture, .png (8 or 16 bits) or .npy, or a folder of pictures"
+        "actual", metavar="ACTUAL", help="picture, .png (8 or 16 bits), .npy, .gif, .pdf, .mp4 …, or a folder of them"
     )
     parser.add_argument("expected", metavar="EXPECTED", help="correct picture, or a folder with the same file names")
     names = ", ".join(METRICS)
-    parser.add_argument(
-        "--metric", type=_metrics, default=(), metavar="M,M…", help=f"metrics to print: {names}; or all"
-    )
+    parser.add_argument("--metric", type=_metrics, metavar="M,M…", help=f"metrics to print: {names}; or all")
     parser.add_argument("--mask", metavar="FILE", help="compare only where this picture is not black")
-    parser.add_argument("--any-mode", action="store_true", help="also compare RGB with RGBA or gray, as they look")
+    about = "do not compare a rectangle, where a picture is not black, or a region of pyproject.toml; may be repeated"
+    parser.add_argument("--ignore", action="append", metavar="LEFT,TOP,WIDTH,HEIGHT|FILE|NAME", help=about)
+    about = "do not compare pixels that only smooth an edge"
+    parser.add_argument("--ignore-antialiased", dest="antialiased", action="store_const", const=False, help=about)
+    about = "also compare RGB with RGBA or gray, as they look"
+    parser.add_argument("--any-mode", action="store_const", const=True, help=about)
+    about = f"lay pictures of other sizes over each other by: {' or '.join(ALIGNMENTS)} (default: corner)"
+    parser.add_argument("--align", choices=ALIGNMENTS, metavar="HOW", help=about)
     parser.add_argument("--diff", metavar="FILE.png", help="write the difference: black, to pale yellow at the maximum")
-    parser.add_argument("--report", metavar="FILE.html", help="write an HTML page: side by side, difference, flicker")
+    parser.add_argument("--report", metavar="FILE.html", help="write an HTML page of all differences")
+    parser.add_argument("--summary", metavar="FILE.md", help="append a summary in Markdown ($GITHUB_STEP_SUMMARY)")
+    parser.add_argument("--junit", metavar="FILE.xml", help="write a JUnit report, and the pictures that it attaches")
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
     parser.add_argument("--quiet", action="store_true", help="print only pairs that differ or cannot be compared")
+    parser.add_argument("--processes", type=_count, metavar="N", help="at most (default: one a core)")
     group = parser.add_argument_group(
         "limits", "default: rounding to 8 bits passes; any limit replaces the default ones"
     )
-    group.add_argument("--tolerance", type=_limit, metavar="E", help="same as --max-difference E")
+    about = f"limits by name: {' or '.join(NOISE)}; driver allows few, scattered pixels that differ by few levels"
+    group.add_argument("--noise", choices=tuple(NOISE), metavar="NAME", help=about)
     about = "smallest difference of a pixel that --max-share counts (default: one 8-bit step)"
     group.add_argument("--threshold", type=_limit, metavar="E", help=about)
-    for option, name, about in LIMITS:
-        group.add_argument(option, dest=f"limit_{name}", type=_limit, metavar="X", help=about)
+    for name, _, about in LIMITS:
+        group.add_argument(f"--{name}", type=_limit, metavar="E" if name == "tolerance" else "X", help=about)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Compares and prints; returns 0 if all pairs are the same, 1 if any differ, 2 if any cannot be compared."""
     actual, right = Path(args.actual), Path(args.expected)
-    pairs = find_pairs(actual, right)
+    pairs = [Files(*names) for names in find_pairs(actual, right)]
     if args.diff and actual.is_dir():
         raise expected("--diff", "two files", "two folders", "use --report for folders")
-    for path, suffixes in ((args.diff, (".png",)), (args.report, (".html",))):
+    outputs = ((args.diff, (".png",)), (args.report, (".html",)), (args.summary, (".md", "")), (args.junit, (".xml",)))
+    for path, suffixes in outputs:
         if path:
-            check_output(Path(path), suffixes)
+            check_output(Path(path), suffixes if path != args.summary else (Path(path).suffix.lower(),))
             check_apart(Path(path), actual, right, *([Path(args.mask)] if args.mask else []))
     criteria = _criteria(args)
-    keep = len(pairs) == 1
-    outcomes = [compare_files(name, a, b, criteria, keep) for name, a, b in _bar(pairs, args.quiet or args.json)]
+    progress = _bar(compare_all(pairs, criteria, args.processes), len(pairs), args.quiet or args.json)
+    outcomes = list(progress)
     # print the verdict first, in case a file cannot be written
     print(_json(outcomes) if args.json else _text(outcomes, args), end="", flush=True)
-    if args.diff and outcomes[0].images and outcomes[0].verdict:
-        write_file(Path(args.diff), _diff(*outcomes[0].images, criteria))
-    if args.report:
-        write_file(Path(args.report), _page(outcomes, criteria, f"{actual} against {right}").encode())
+    if args.diff and outcomes[0].pair:
+        write_file(Path(args.diff), _diff(outcomes[0].pair))
+    if args.report or args.summary or args.junit:
+        _write_reports(args, outcomes, criteria, f"{actual} against {right}")
     return max(outcome.code for outcome in outcomes)
-
-
-def compare_files(name: str, actual: Path, right: Path, criteria: Criteria, keep: bool = False) -> Outcome:
-    """Compares a pair of files; returns errors as an outcome. keep: keeps the images in it."""
-    try:
-        images = _images(actual, right, criteria)
-        sizes = [image.pixels.shape[:2] for image in images]
-        if sizes[0] != sizes[1]:
-            got, this = (f"{width}×{height}" for height, width in sizes)
-            error = expected(actual, f"one size, {this}", got, "draw both at the same size")
-            return Outcome(name, actual, right, None, str(error), images if keep else None, True)
-        verdict = judge(*images, criteria.tolerance, criteria.extra, (str(actual), str(right)), criteria.mask)
-    except InputError as error:
-        return Outcome(name, actual, right, None, str(error))
-    return Outcome(name, actual, right, verdict, images=images if keep else None)
 
 
 def check_apart(output: Path, *inputs: Path) -> None:
     """InputError if writing `output` would overwrite one of the compared images."""
     if output.exists() and any(path.exists() and output.samefile(path) for path in inputs):
         raise expected(output, "another file than the compared pictures", "one of them", "write to another name")
-
-
-def _images(actual: Path, right: Path, criteria: Criteria) -> tuple[Image, Image]:
-    """Both images, read in parallel if large: decoding releases the GIL."""
-    with ThreadPoolExecutor(2) as threads:
-        pictures = list(threads.map(read, (actual, right)))
-    return match_formats(pictures[0], pictures[1], criteria.any_mode)
 
 
 def check_against(
@@ -165,52 +100,53 @@ def check_against(
     return judge(first, second, Tolerance(), frozenset(), (str(output), reference.name))
 
 
+# options that are settings of comparisons, too
+NAMES = (
+    "metric",
+    "any-mode",
+    "antialiased",
+    "align",
+    "noise",
+    "threshold",
+    *(name for name, *_ in LIMITS),
+)
+
+
 def _criteria(args: argparse.Namespace) -> Criteria:
-    limits = {name: getattr(args, f"limit_{name}") for _, name, _ in LIMITS}
-    limits = {name: limit for name, limit in limits.items() if limit is not None}
-    if args.tolerance is not None:
-        limits["maximum"] = min(args.tolerance, limits.get("maximum", math.inf))
-    tolerance = Tolerance.only(args.threshold, **limits) if limits else Tolerance(args.threshold)
-    mask = read_mask(args.mask) if args.mask else None
-    extra = frozenset(args.metric) & {"ssim", "flip"}
-    if "flip" in extra | tolerance.extra:
+    """The criteria of the project and of the command line, whose files are relative to the working folder."""
+    from_here = Settings.of_project(Path()).but({name: getattr(args, name.replace("-", "_")) for name in NAMES})
+    for name in ("mask", "ignore"):
+        if getattr(args, name):
+            from_here = replace(from_here, folder=Path()).but({name: getattr(args, name)})
+    criteria = from_here.criteria()
+    if "flip" in criteria.extra | criteria.tolerance.extra:
         require_flip()
-    return Criteria(tolerance, extra, mask, args.any_mode)
+    return criteria
 
 
-def _diff(actual: Image, right: Image, criteria: Criteria) -> bytes:
+def _diff(pair: Pair) -> bytes:
     from splatgl.comparison import html_report
 
-    difference = html_report.largest_difference(actual, right, criteria.mask)
+    difference = html_report.largest_difference(pair.actual, pair.right, pair.mask)
     return encode_png(html_report.heat_map(difference), html_report.COMPRESSION)
 
 
-def _page(outcomes: list[Outcome], criteria: Criteria, title: str) -> str:
-    """HTML report: pairs that cannot be compared, then the largest differences. Reads pairs with images again."""
-    from splatgl.comparison.html_report import MOST_PICTURED, build_page
+def _write_reports(args: argparse.Namespace, outcomes: Sequence[Outcome], criteria: Criteria, title: str) -> None:
+    from splatgl.comparison.ci_outputs import append_text, junit_xml, markdown_summary, with_history
+    from splatgl.comparison.html_report import build_page
 
-    ranked = sorted(outcomes, key=lambda o: -o.verdict.comparison.rmse if o.verdict else -math.inf)
-    return build_page([_case(outcome, criteria, i < MOST_PICTURED) for i, outcome in enumerate(ranked)], title)
-
-
-def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
-    from splatgl.comparison.html_report import build_case, build_single_case, build_size_case
-
-    if outcome.of_sizes and pictured:
-        images = outcome.images or _images(outcome.actual, outcome.right, criteria)
-        return build_size_case(outcome.name, outcome.error, *images)
-    if outcome.of_sizes:
-        return build_single_case(outcome.name, "different", outcome.error)
-    if outcome.verdict is None:
-        return build_single_case(outcome.name, "unusable", outcome.error)
-    if outcome.verdict.same or not pictured:
-        return build_single_case(outcome.name, "same" if outcome.verdict.same else "different", outcome.verdict.line)
-    verdict = replace(outcome.verdict, name=outcome.name)
-    first, second = outcome.images or _images(outcome.actual, outcome.right, criteria)
-    return build_case(verdict, first, second, criteria.mask)
+    cases = build_cases(outcomes, criteria)
+    if args.report:
+        page = [with_history(case) if case.html else case for case in cases]
+        write_file(Path(args.report), build_page(page, title).encode())
+    if args.summary:
+        append_text(Path(args.summary), markdown_summary(cases, title, args.report or ""))
+    if args.junit:
+        junit = Path(args.junit)
+        write_file(junit, junit_xml(cases, title, junit.with_suffix("")))
 
 
-def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:
+def _text(outcomes: Sequence[Outcome], args: argparse.Namespace) -> str:
     """A line for each pair that differs; for a single pair its metrics, too."""
     lines = []
     for outcome in outcomes:
@@ -222,12 +158,15 @@ def _text(outcomes: list[Outcome], args: argparse.Namespace) -> str:
         checks = (c for c in outcomes[0].verdict.checks if not args.metric or c.name in args.metric)
         lines += [f"  {check}" for check in checks]
     if len(outcomes) > 1 and not args.quiet:
-        counts = [sum(o.code == code for o in outcomes) for code in (SAME, DIFFERENT, UNUSABLE)]
-        lines.append(f"{len(outcomes)} pairs: {counts[0]} same, {counts[1]} different, {counts[2]} unusable")
+        counts = {
+            state: sum(o.state == state for o in outcomes) for state in ("same", "different", "unusable", "missing")
+        }
+        shown = [f"{count} {state}" for state, count in counts.items() if count or state != "missing"]
+        lines.append(f"{len(outcomes)} pairs: {', '.join(shown)}")
     return "".join(f"{line}\n" for line in lines)
 
 
-def _json(outcomes: list[Outcome]) -> str:
+def _json(outcomes: Sequence[Outcome]) -> str:
     """JSON with a record for each pair; infinite decibels become null."""
     records = [_record(outcome) for outcome in outcomes]
     return json.dumps({"exit": max(o.code for o in outcomes), "pairs": records}, indent=1, ensure_ascii=False) + "\n"
@@ -235,8 +174,7 @@ def _json(outcomes: list[Outcome]) -> str:
 
 def _record(outcome: Outcome) -> dict[str, object]:
     if outcome.verdict is None:
-        state = "different" if outcome.of_sizes else "unusable"
-        return {"name": outcome.name, "verdict": state, "error": outcome.error}
+        return {"name": outcome.name, "verdict": outcome.state, "error": outcome.error}
     verdict = outcome.verdict
     numbers = {
         key: None if isinstance(value, float) and not math.isfinite(value) else value
@@ -244,7 +182,8 @@ def _record(outcome: Outcome) -> dict[str, object]:
     }
     return {
         "name": outcome.name,
-        "verdict": "same" if verdict.same else "different",
+        "verdict": outcome.state,
+        "sizes": verdict.sizes or None,
         "kind": verdict.kind.name if verdict.kind else None,
         "message": str(verdict),
         "broken": [check.name for check in verdict.checks if not check.ok],
@@ -263,23 +202,24 @@ def _metrics(text: str) -> tuple[str, ...]:
 def _limit(text: str) -> float:
     """Parses a number or a fraction such as 2/255."""
     try:
-        top, _, bottom = text.partition("/")
-        value = float(top) / float(bottom or 1)
-    except (ValueError, ZeroDivisionError):
-        value = math.nan
-    if not 0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number from 0, or a fraction such as 2/255, got {text!r}")
-    return value
+        return read_limit("", text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix(": ")) from error
 
 
-def _bar(pairs: list[tuple[str, Path, Path]], quiet: bool) -> Iterator[tuple[str, Path, Path]]:
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a number from 1, got {text!r}")
+    return int(text)
+
+
+def _bar(outcomes: Iterable[Outcome], count: int, quiet: bool) -> Iterator[Outcome]:
     """Progress bar over pairs, if tqdm is installed and stderr is a terminal."""
-    shown: Iterable[tuple[str, Path, Path]] = pairs
-    if not quiet and len(pairs) > 1 and sys.stderr.isatty():
+    if not quiet and count > 1 and sys.stderr.isatty():
         try:
             from tqdm import tqdm
 
-            shown = tqdm(pairs, "comparing", unit="pair", delay=PATIENCE, leave=False)
+            outcomes = tqdm(outcomes, "comparing", count, unit="pair", delay=PATIENCE, leave=False)
         except ImportError:
             pass
-    return iter(shown)
+    return iter(outcomes)

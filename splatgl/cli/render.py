@@ -149,7 +149,8 @@ def _check_outputs(args: argparse.Namespace, output: Path, files: Sequence[str])
 
 def _compare(image: Image, reference: Picture, output: Path, background: Color | None, is_quiet: bool) -> int:
     """Compares with --ref, and prints the verdict; returns 0, or 1 for a different picture."""
-    from splatgl.cli.compare import DIFFERENT, SAME, check_against
+    from splatgl.cli.compare import check_against
+    from splatgl.comparison.pairs import DIFFERENT, SAME
 
     verdict = check_against(image, reference, output, background)
     if not (verdict.same and is_quiet):

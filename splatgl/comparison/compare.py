@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.comparison.metrics import count_unmatched, exceeds_threshold, flip, over_channels, ssim
+from splatgl.comparison.metrics import (
+    count_unmatched,
+    densest_share,
+    exceeds_threshold,
+    flip,
+    largest_step,
+    over_channels,
+    ssim,
+)
 from splatgl.data.image import Image
 from splatgl.errors import expected
 
@@ -16,6 +24,8 @@ from splatgl.errors import expected
 LEVELS = 255.0
 # rows per band: at 4096 columns a band of float64 differences is 2 MB and fits in the cache
 BAND_ROWS = 16
+# metrics that are computed on request
+EXTRA = ("ssim", "flip", "levels", "density")
 NAMES = ("first picture", "second picture")
 
 
@@ -30,7 +40,9 @@ class Comparison:
     threshold, right and bottom exclusive; or None.
     bias: signed mean of a − b in the channel in which it is largest. share_unmatched: fraction of pixels over the
     threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.count_unmatched`).
-    ssim, flip: see `metrics`, None if not requested. pixels: number of compared pixels.
+    ssim, flip: see `metrics`, None if not requested. levels: largest difference in steps of 8-bit samples. density:
+    largest share of pixels over the threshold in a window of 7×7. Both are None if not requested. pixels: number of
+    compared pixels.
     """
 
     maximum: float
@@ -47,6 +59,8 @@ class Comparison:
     ssim: float | None = None
     flip: float | None = None
     pixels: int = 0
+    levels: float | None = None
+    density: float | None = None
 
     def __str__(self) -> str:
         column, row = self.where
@@ -74,14 +88,14 @@ def compare(
     """Compares the image `a` with the reference `b`.
 
     threshold: minimum difference of a differing pixel, as a fraction of the peak; None: more than 8-bit rounding can
-    explain. extra: "ssim" and "flip", which are slower. names: of both, for messages. mask: bool [H, W], the pixels
+    explain. extra: names of EXTRA, which are slower. names: of both, for messages. mask: bool [H, W], the pixels
     to compare; the others count as empty in both. Raises InputError for different sizes, NaN and infinity, and if
     `flip` is requested but not installed.
     """
     first, second = _pixels(names[0], a), _pixels(names[1], b)
     if first.shape != second.shape:
         what = "pictures" if names == NAMES else names[0]
-        raise expected(what, f"one size, {_format_size(second)}", _format_size(first), "draw both at the same size")
+        raise expected(what, f"one size, {format_size(second)}", format_size(first), "draw both at the same size")
     if mask is not None:
         _check_mask(mask, first)
         first, second = apply_mask(first, mask), apply_mask(second, mask)
@@ -110,7 +124,44 @@ def compare(
         ssim=ssim(first, second, peak, mask) if "ssim" in extra else None,
         flip=flip(first, second, peak, mask) if "flip" in extra else None,
         pixels=count,
+        levels=largest_step(first, second, peak) if "levels" in extra else None,
+        density=densest_share(over) if "density" in extra else None,
     )
+
+
+def equal_comparison(pixels: int, threshold: float | None, extra: Collection[str] = ()) -> Comparison:
+    """The comparison of two equal images, without reading them."""
+    nothing = {name: 1.0 if name == "ssim" else 0.0 for name in extra}
+    return Comparison(0.0, 0.0, math.inf, 0.0, 0.0, (0, 0), None, threshold=threshold, pixels=pixels, **nothing)
+
+
+# where pictures of other sizes are laid over each other: their left and upper edges, or their centres
+ALIGNMENTS = ("corner", "center")
+
+
+def unite_sizes(
+    actual: Image, right: Image, mask: np.ndarray | None, align: str
+) -> tuple[Image, Image, np.ndarray | None]:
+    """Images of different sizes on one canvas of the larger width and height, and the pixels that both have.
+
+    mask: [H, W] of `right`, as is returned for images of one size; only its pixels count. align: one of ALIGNMENTS.
+    """
+    shapes = np.array([image.pixels.shape[:2] for image in (actual, right)])
+    whole = shapes.max(axis=0)
+    if mask is not None:
+        _check_mask(mask, right.pixels)
+    if (shapes == whole).all():
+        return actual, right, mask
+    starts = (whole - shapes) // 2 if align == "center" else np.zeros_like(shapes)
+    canvases, shared = [], np.ones(tuple(whole), bool)
+    for image, (top, left), (height, width) in zip((actual, right), starts, shapes, strict=True):
+        place = slice(top, top + height), slice(left, left + width)
+        canvas, covered = np.zeros((*whole, 4), image.pixels.dtype), np.zeros(tuple(whole), bool)
+        canvas[place] = image.pixels
+        covered[place] = True if image is actual or mask is None else mask
+        canvases.append(replace(image, pixels=canvas))
+        shared &= covered
+    return canvases[0], canvases[1], shared
 
 
 def apply_mask(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
@@ -118,14 +169,15 @@ def apply_mask(pixels: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
     return pixels if mask is None else np.where(mask[..., None], pixels, np.float32(0))
 
 
-def _format_size(pixels: np.ndarray) -> str:
+def format_size(pixels: np.ndarray) -> str:
+    """The size of pixels [H, W, …] as width×height."""
     return f"{pixels.shape[1]}×{pixels.shape[0]}"
 
 
 def _check_mask(mask: np.ndarray, pixels: np.ndarray) -> None:
     if mask.shape != pixels.shape[:2]:
         raise expected(
-            "mask", f"the pictures' size, {_format_size(pixels)}", _format_size(mask) if mask.ndim == 2 else mask.shape
+            "mask", f"the pictures' size, {format_size(pixels)}", format_size(mask) if mask.ndim == 2 else mask.shape
         )
     if not mask.any():
         raise expected("mask", "at least one light pixel, which counts", "none")

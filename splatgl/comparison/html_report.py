@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterable, Sequence
+import re
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -12,7 +14,7 @@ import numpy as np
 
 from splatgl.comparison.compare import BAND_ROWS, Comparison
 from splatgl.comparison.metrics import over_channels
-from splatgl.comparison.verdict import Verdict, format_metric
+from splatgl.comparison.verdict import Pair, Verdict, format_metric
 from splatgl.data.image import Image, encode_png
 
 # pixels along the longer side of an image in a report, and of the enlarged detail
@@ -102,6 +104,8 @@ HINTS = {
     "bias": "mean difference of the channel where it is largest",
     "share": "pixels over the threshold",
     "unmatched": "of these, what no neighbouring pixel explains",
+    "levels": "largest difference in levels of 8 bits",
+    "density": "of these in a window of 7×7",
     "flip": "mean FLIP error as seen at 0.7 m",
     "psnr": "peak over rmse",
     "ssim": "mean structural similarity",
@@ -110,58 +114,58 @@ HINTS = {
 
 @dataclass(frozen=True)
 class Case:
-    """A comparison in the report. state: one of STATES. line: its summary. html: its images, or empty."""
+    """A comparison in the report.
+
+    state: one of STATES. line: its summary. html: its images, or empty. accept: the shell command that makes the new
+    image the expected one. file: the expected image, "" if it has none.
+    """
 
     name: str
     state: str
     line: str
     html: str = ""
+    accept: str = ""
+    file: str = ""
+
+    @property
+    def anchor(self) -> str:
+        """The case's id on the page, for links."""
+        return "case-" + re.sub(r"[^A-Za-z0-9_.-]+", "-", self.name).strip("-")
 
 
-def build_case(verdict: Verdict, actual: Image, right: Image, mask: np.ndarray | None = None) -> Case:
+def build_case(verdict: Verdict, pair: Pair) -> Case:
     """A verdict with its images; without them if the images are the same."""
     if verdict.same:
         return Case(verdict.name, "same", verdict.line)
-    difference = largest_difference(actual, right, mask)
-    return Case(verdict.name, "different", verdict.line, _panels(verdict, actual, right, difference) + _table(verdict))
+    difference = largest_difference(pair.actual, pair.right, pair.mask)
+    return Case(verdict.name, "different", verdict.line, _panels(verdict, pair, difference) + _table(verdict))
 
 
-def build_single_case(name: str, state: str, line: str, image: Image | None = None) -> Case:
-    """A case without a counterpart: only the image, if there is a displayable one."""
+def build_single_case(name: str, state: str, line: str, image: Image | None = None, expected: bool = False) -> Case:
+    """A case without a counterpart: only the image, if there is a displayable one. expected: whether it is expected."""
     if image is None or not np.isfinite(image.pixels).all():
         return Case(name, state, line)
-    return Case(name, state, line, _side_by_side(actual=image))
+    peak = float(image.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
+    panel = _panel("expected" if expected else "actual", _image(to_display(image, peak)))
+    return Case(name, state, line, f'<div class="row">{panel}</div>')
 
 
-def build_size_case(name: str, line: str, first: Image, second: Image) -> Case:
-    """A case of two pictures of different sizes, which are shown side by side."""
-    return Case(name, "different", line, _side_by_side(actual=first, expected=second))
-
-
-def _side_by_side(**images: Image) -> str:
-    """A row of images by their titles; what is not finite is drawn as 0."""
-    panels = []
-    for title, image in images.items():
-        finite = Image(np.nan_to_num(image.pixels, posinf=0.0, neginf=0.0), image.info)
-        peak = float(finite.pixels.max()) or 1.0 if image.info.get("blend") == "xray" else 1.0
-        panels.append(_panel(title, _image(to_display(finite, peak))))
-    return f'<div class="row">{"".join(panels)}</div>'
-
-
-def build_page(cases: Sequence[Case], title: str) -> str:
-    """The HTML page: counts, then differing cases with images, then a line for each equal case."""
+def build_page(cases: Sequence[Case], title: str, extra: str = "") -> str:
+    """The HTML page: counts, then differing cases with images, then a line for each equal case. extra: more HTML."""
     ranked = sorted(cases, key=lambda c: STATES.index(c.state))
     numbers = {state: sum(c.state == state for c in cases) for state in STATES}
-    counts = " ".join(f'<b class="{state}">{count} {state}</b>' for state, count in numbers.items() if count)
     css, js = (files("splatgl.comparison").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
     wrong = [c for c in ranked if c.state != "same"]
     rows = "".join(f"<tr><td>{escape(c.name)}<td>{escape(c.line)}" for c in cases if c.state == "same")
     parts = [
-        f'<header><h1>{escape(title)}</h1><p class="counts">{counts}</p>',
+        f'<header><h1>{escape(title)}</h1><p class="counts">{_filters(numbers)}</p>',
         f"{_controls() if wrong else ''}</header>",
         "<main>",
         *(_section(c, pictured=i < MOST_PICTURED) for i, c in enumerate(wrong)),
-        f"<details><summary>{numbers['same']} the same</summary><table>{rows}</table></details>" if rows else "",
+        f'<details class="same"><summary>{numbers["same"]} the same</summary><table>{rows}</table></details>'
+        if rows
+        else "",
+        extra,
         f"</main><script>{js}</script>",
     ]
     return html_page(title, css, parts)
@@ -187,16 +191,46 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], classes: Iter
     return f"<table{kind and f' class={kind}'}>{''.join(lines)}</table>"
 
 
+# what the page shows of a case, in the order of the keys 1 to 5, and what moves its handle
+VIEWS = ("side by side", "slider", "blink", "overlay", "difference")
+KEYS = "j, k: next, previous · 1–5: view · m: mark · c: copy the commands of all marked · /: search"
+
+
+def list_files(title: str, names: Sequence[str]) -> str:
+    """A list of files with the command that removes them, for `build_page`; "" for none."""
+    if not names:
+        return ""
+    rows = "".join(f"<tr><td>{escape(name)}" for name in names)
+    command = escape(f"rm {' '.join(shlex.quote(name) for name in names)}")
+    return f"<details open><summary>{len(names)} {title}</summary><table>{rows}</table><code>{command}</code></details>"
+
+
+def _filters(numbers: Mapping[str, int]) -> str:
+    """A button for each state that occurs, which shows or hides its cases."""
+    return " ".join(
+        f'<button class="{state}" data-state="{state}" aria-pressed="true">{count} {state}</button>'
+        for state, count in numbers.items()
+        if count
+    )
+
+
 def _controls() -> str:
     grounds = "".join(f'<option value="{name}">{name}</option>' for name in ("checks", "black", "white"))
+    views = "".join(
+        f'<label><input type="radio" name="view" value="{number}"{" checked" if number == 1 else ""}>{name}</label>'
+        for number, name in enumerate(VIEWS, 1)
+    )
     return (
-        '<p class="controls"><label>enlarge <select id="zoom"><option value="0">to fit</option>'
+        f'<div class="controls"><span class="views">{views}</span>'
+        '<input id="find" type="search" placeholder="part of a name" aria-label="part of a name">'
+        '<label>enlarge <select id="zoom"><option value="0">to fit</option>'
         '<option value="1">1×</option><option value="2">2×</option><option value="4">4×</option>'
         '<option value="8">8×</option></select></label>'
-        f'<label>behind what is transparent <select id="ground">{grounds}</select></label>'
+        f'<label>behind <select id="ground">{grounds}</select></label>'
         '<label>difference × <input id="gain" type="range" min="0" max="6" step="0.5" value="0">'
         "<output>1</output></label>"
-        '<label><input id="flicker" type="checkbox" checked> in turn (hold to see the expected one)</label></p>'
+        '<button id="accept" disabled>copy commands of <span>0</span> marked</button>'
+        f'<span class="keys">{KEYS}</span></div>'
     )
 
 
@@ -204,16 +238,24 @@ def _section(c: Case, pictured: bool) -> str:
     body = c.html if pictured else f"<p>Only the first {MOST_PICTURED} are shown with pictures.</p>" if c.html else ""
     what, mark, rest = c.line.partition(";")
     line = f'<p class="line"><strong>{escape(what)}</strong>{mark}{escape(rest)}</p>'
-    head = f'<h2><b class="{c.state}">{c.state}</b> {escape(c.name)}</h2>{line}'
-    return f'<section class="case">{head}{body}</section>'
+    link = f'<a href="#{escape(c.anchor)}">{escape(c.name)}</a>'
+    head = f'<h2><b class="{c.state}">{c.state}</b> {link}</h2>{line}'
+    accept = ""
+    if c.accept:
+        accept = (
+            '<p class="accept"><label><input type="checkbox" class="marked"> mark</label>'
+            f'<button class="copy">copy</button><code>{escape(c.accept)}</code></p>'
+        )
+    attributes = f'class="case" id="{escape(c.anchor)}" data-state="{c.state}"'
+    return f"<section {attributes}>{head}{accept}{body}</section>"
 
 
-def _panels(verdict: Verdict, actual: Image, right: Image, difference: np.ndarray) -> str:
+def _panels(verdict: Verdict, pair: Pair, difference: np.ndarray) -> str:
     """Two rows: the images with the box of the difference, and the enlarged detail."""
-    result, both = verdict.comparison, (actual, right)
+    result, both = verdict.comparison, (pair.actual, pair.right)
     rows = [_row(both, heat_map(shrink(difference, np.max)), result, _mark(verdict))]
     left, top, end, bottom = detail_box(result, difference.shape)
-    if (end - left, bottom - top) != verdict.size:
+    if verdict.kind is not None and (end - left, bottom - top) != verdict.size:
         part = slice(top, bottom), slice(left, end)
         cut = [Image(image.pixels[part]) for image in both]
         rows.append(f'<p class="part">columns {left}–{end - 1}, rows {top}–{bottom - 1}, enlarged</p>')
@@ -228,14 +270,13 @@ def _row(both: Sequence[Image], difference: np.ndarray, comparison: Comparison, 
         _panel("actual", first),
         _panel("expected", second),
         _panel(gain, _image(difference, "picture heat") + mark),
-        # the page's script inserts both images here, so that the file holds them only once
-        _panel('<span class="now">in turn</span>', "", "flicker"),
     ]
+    # the page's script adds one view of both images, so that the file holds them only once
     return f'<div class="row {kind}">{"".join(panels)}</div>'
 
 
-def _panel(title: str, inside: str, kind: str = "") -> str:
-    return f'<figure><figcaption>{title}</figcaption><div class="view {kind}">{inside}</div></figure>'
+def _panel(title: str, inside: str) -> str:
+    return f'<figure><figcaption>{title}</figcaption><div class="view">{inside}</div></figure>'
 
 
 def _image(samples: np.ndarray, kind: str = "picture") -> str:

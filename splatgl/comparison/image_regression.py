@@ -11,20 +11,22 @@ from __future__ import annotations
 import hashlib
 import re
 import shlex
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
-from PIL.Image import Image as PillowImage
 
 from splatgl.comparison.html_report import Case, build_case, build_single_case
-from splatgl.comparison.pictures import Picture, as_image, match_formats, read
-from splatgl.comparison.verdict import Tolerance, Verdict, judge
+from splatgl.comparison.pictures import Picture, as_images, match_formats, read
+from splatgl.comparison.settings import Settings
+from splatgl.comparison.verdict import Criteria, Pair, Tolerance, Verdict
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
+from splatgl.platforms import processor_vendor
 
 FOLDER = "baselines"
 # key of baselines valid for any renderer
@@ -45,34 +47,35 @@ LONGEST = 120
 
 @dataclass(frozen=True)
 class Baselines:
-    """The accepted images of a name. key: the renderer's class, or None."""
+    """The accepted images of a name. keys: the classes that the image belongs to, the narrowest first."""
 
     folder: Path
     stem: str
-    key: str | None
+    keys: tuple[str, ...] = ()
     suffix: str = ".png"
 
     @property
     def portable(self) -> Path:
-        """The baseline for renderers without a baseline of their class."""
+        """The baseline for images without a baseline of their class."""
         return self.folder / f"{self.stem}{self.suffix}"
 
     @property
     def of_class(self) -> Path:
-        """The baseline of the renderer's class; the portable one if there is no class."""
-        return self.folder / f"{self.stem}.{self.key}{self.suffix}" if self.key else self.portable
+        """The baseline of the narrowest class; the portable one if there is no class."""
+        return self._of(self.keys[0]) if self.keys else self.portable
 
     def valid(self) -> list[Path]:
-        """Existing files to compare with: the class's baseline, else the portable one; then additional ones."""
-        more = self._more(self.key or PORTABLE)
-        if self.key and self.of_class.is_file():
-            return [self.of_class, *more]
-        portable = [self.portable] if self.portable.is_file() else []
-        return [*portable, *(self._more(PORTABLE) if self.key else []), *more]
+        """Existing files to compare with: the narrowest class's baseline, else the portable one; then more."""
+        more: list[Path] = []
+        for key in self.keys:
+            more += self._more(key)
+            if self._of(key).is_file():
+                return [self._of(key), *more]
+        return [*([self.portable] if self.portable.is_file() else []), *self._more(PORTABLE), *more]
 
     def others(self) -> list[Path]:
-        """Baselines for other renderers only."""
-        return sorted(set(self._named(r"\.[a-z]+(-\d+)?")) - set(self.valid()))
+        """Baselines for other classes only."""
+        return sorted(set(self._named(r"\.[a-z][a-z0-9-]*")) - set(self.valid()))
 
     def current(self) -> Path:
         """The first valid baseline; without one the path of the portable one."""
@@ -82,9 +85,12 @@ class Baselines:
         """Path for a new baseline: the first of the class, or a further one if a valid one exists."""
         if not self.valid():
             return self.of_class
-        key = self.key or PORTABLE
+        key = self.keys[0] if self.keys else PORTABLE
         places = (self.folder / f"{self.stem}.{key}-{number}{self.suffix}" for number in count(2))
         return next(place for place in places if not place.exists())
+
+    def _of(self, key: str) -> Path:
+        return self.folder / f"{self.stem}.{key}{self.suffix}"
 
     def _more(self, key: str) -> list[Path]:
         """Additional baselines of a class, or of any renderer."""
@@ -102,6 +108,21 @@ def renderer_class(image: Image) -> str | None:
     return next((name for name, pattern in CLASSES if re.search(pattern, renderer, re.IGNORECASE)), None)
 
 
+def classes_of(image: Image, setting: str | None) -> tuple[str, ...]:
+    """The classes of an image, the narrowest first. setting: "cpu" adds the vendor of the processor to images that it
+    draws; another name is a class itself. Raises InputError for a name that files may not have.
+    """
+    renderer = renderer_class(image)
+    classes = (renderer,) if renderer else ()
+    if setting is None:
+        return classes
+    if setting == "cpu":
+        return (f"cpu-{processor_vendor()}", *classes) if renderer in (None, "llvmpipe") else classes
+    if not isinstance(setting, str) or not re.fullmatch("[a-z][a-z0-9-]*[a-z]", setting) or setting == PORTABLE:
+        raise expected("class", "cpu, or small letters, digits and - that end in a letter", repr(setting))
+    return (setting, *classes)
+
+
 def file_stem(name: str) -> str:
     """A file stem of Latin letters, digits, _ and -; a digest distinguishes names with replaced characters."""
     plain = re.sub(r"\[(.*)\]$", r"-\1", name)
@@ -115,113 +136,127 @@ def file_stem(name: str) -> str:
 class ImageRegression:
     """The fixture's value: call it with an image.
 
-    test: its id on pytest's command line. default_name: of baselines. mode: the baselines to write. cases: collects the
-    comparisons.
+    test: its id on pytest's command line. folder: of its baselines. default_name: of baselines. mode: the baselines to
+    write. cases: collects the comparisons. settings: of the project.
     """
 
     test: str
     file: Path
+    folder: Path
     default_name: str
     mode: Literal["", "update", "update-class", "add"]
     cases: list[dict[str, str]]
     report: bool = False
+    settings: Settings = field(default_factory=Settings)
     used: set[str] = field(default_factory=set)
 
     def __call__(
         self,
-        image: Image | np.ndarray | PillowImage | bytes | str | Path,
+        image: Any,
         name: str | None = None,
         tolerance: Tolerance | float | None = None,
         bits: int | None = 8,
         mask: np.ndarray | None = None,
+        **options: Any,
     ) -> None:
         """Fails the test if `image` differs from all of its baselines, or has none.
 
-        image: an Image, an image file or its bytes, an image of Pillow, linear premultiplied floats [H, W, 4], or sRGB
-        samples (uint8, [H, W, 3 or 4]).
-        name: of the baseline; the test's own if None. tolerance: the largest difference of a channel, or a
-        `Tolerance`; None allows rounding to 8 bits. bits: 8 or 16 for a PNG, None for a .npy of floats; `image` is
-        rounded accordingly before the comparison. mask: [H, W], the pixels to compare.
+        image: see `as_image`; or an image file, of which each page or frame has a baseline. name: of the baseline; the
+        test's own if None. tolerance: the largest difference of a channel, or a `Tolerance`; None allows what the
+        project's settings allow, by default rounding to 8 bits. bits: 8 or 16 for a PNG, None for a .npy of floats;
+        `image` is rounded accordingly before the comparison. mask: [H, W], the pixels to compare. options: further
+        settings, as on the command line of `splatgl compare`: noise, max_rmse, ignore, antialiased, align, class_, ….
         """
         __tracebackhide__ = True
+        failures = []
         try:
-            picture = as_image(image)
-            baselines = self._baselines(picture, name, bits)
-            counts = None if mask is None else np.asarray(mask, bool)
-            outcome = self._outcome(picture, baselines, Tolerance.of(tolerance), bits, counts)
+            given = {key.rstrip("_"): value for key, value in options.items()}
+            settings = self.settings.but({"tolerance": tolerance, **given})
+            criteria = settings.criteria()
+            if mask is not None:
+                counts = np.asarray(mask, bool)
+                criteria = replace(criteria, mask=counts if criteria.mask is None else counts & criteria.mask)
+            pictures = list(as_images(image))
+            for number, picture in enumerate(pictures, 1):
+                stem = self._stem(name, number if len(pictures) > 1 else 0)
+                suffix = ".png" if bits else ".npy"
+                baselines = Baselines(self.folder, stem, classes_of(picture, settings.get("class")), suffix)
+                failures += [self._outcome(picture, baselines, criteria, bits)]
+            if len(pictures) > 1 and not self.mode:
+                failures += [self._surplus(name, len(pictures))]
         except InputError as error:
             self._keep(build_single_case(f"{self.test}: {name or self.default_name}", "unusable", str(error)))
-            outcome = str(error)
-        if outcome:
-            pytest.fail(outcome, pytrace=False)
+            failures += [str(error)]
+        if any(failures):
+            pytest.fail("\n".join(filter(None, failures)), pytrace=False)
 
-    def _baselines(self, picture: Image, name: str | None, bits: int | None) -> Baselines:
-        """Baselines by name; a test's second unnamed image gets the suffix -2, and so on."""
-        stem = file_stem(name or self.default_name)
+    def _stem(self, name: str | None, number: int) -> str:
+        """File stem of a baseline; a test's second unnamed image gets the suffix -2, and so on. number: of a frame."""
+        stem = file_stem(f"{name or self.default_name}[{number}]" if number else name or self.default_name)
         if name is None and stem in self.used:
             stem = next(f"{stem}-{i}" for i in range(2, len(self.used) + 3) if f"{stem}-{i}" not in self.used)
         self.used.add(stem)
-        folder = self.file.parent / FOLDER / self.file.stem
-        return Baselines(folder, stem, renderer_class(picture), ".png" if bits else ".npy")
+        return stem
 
-    def _outcome(
-        self, picture: Image, baselines: Baselines, tolerance: Tolerance, bits: int | None, mask: np.ndarray | None
-    ) -> str:
+    def _surplus(self, name: str | None, count: int) -> str:
+        """The failure message for a baseline beyond the last frame; "" for none."""
+        next_one = Baselines(self.folder, file_stem(f"{name or self.default_name}[{count + 1}]"))
+        more = [path for path in (next_one.portable, next_one.portable.with_suffix(".npy")) if path.is_file()]
+        return f"{name or self.default_name} has {count} frames, but {relative_path(more[0])} is there" if more else ""
+
+    def _outcome(self, picture: Image, baselines: Baselines, criteria: Criteria, bits: int | None) -> str:
         """The failure message; "" for success."""
         title = f"{self.test}: {baselines.stem}"
         paths = baselines.valid()
-        outcomes = [self._compare(picture, path, tolerance, mask) for path in paths]
+        outcomes = [self._compare(picture, path, criteria) for path in paths]
         match = next((verdict for verdict, _ in outcomes if verdict is not None and verdict.same), None)
         if match is not None:
-            self._keep(Case(title, "same", match.line))
+            self._keep(Case(title, "same", match.line), baselines)
             return ""
         if self.mode:
             targets = {"add": baselines.fresh, "update-class": lambda: baselines.of_class, "update": baselines.current}
-            return self._write(title, picture, targets[self.mode](), bits)
+            return self._write(title, picture, baselines, targets[self.mode](), bits)
         if not paths:
             return self._missing(title, picture, baselines)
         return self._different(title, outcomes, baselines)
 
-    def _compare(
-        self, picture: Image, path: Path, tolerance: Tolerance, mask: np.ndarray | None
-    ) -> tuple[Verdict | None, Case]:
+    def _compare(self, picture: Image, path: Path, criteria: Criteria) -> tuple[Verdict | None, Case]:
         """Verdict and case for one baseline; no verdict if it cannot be compared."""
         try:
-            actual, right = match_formats(Picture(path.stem, picture), replace(read(path), mode=None))
-            verdict = judge(actual, right, tolerance, names=(path.stem, relative_path(path)), mask=mask)
+            pair = Pair.of(*match_formats(Picture(path.stem, picture), replace(read(path), mode=None)), criteria)
+            verdict = pair.judge(criteria, (path.stem, relative_path(path)))
         except InputError as error:
             return None, build_single_case(path.stem, "unusable", str(error), picture if self.report else None)
         if verdict.same or not self.report:
             return verdict, Case(path.stem, "same" if verdict.same else "different", verdict.line)
-        return verdict, build_case(verdict, actual, right, mask)
+        return verdict, build_case(verdict, pair)
 
-    def _write(self, title: str, picture: Image, target: Path, bits: int | None) -> str:
+    def _write(self, title: str, picture: Image, baselines: Baselines, target: Path, bits: int | None) -> str:
         if not np.isfinite(picture.pixels).all():
             raise expected(title, "finite numbers to write as a baseline", "NaN or infinity")
         target.parent.mkdir(parents=True, exist_ok=True)
         picture.save(target, bits or 8)
-        self._keep(Case(title, "same", f"written to {relative_path(target)}"), relative_path(target))
+        self._keep(Case(title, "same", f"written to {relative_path(target)}"), baselines, relative_path(target))
         return ""
 
     def _missing(self, title: str, picture: Image, baselines: Baselines) -> str:
         others = ", ".join(path.name for path in baselines.others())
-        whose = f" for {baselines.key or 'any renderer'}, only {others}" if others else ""
+        whose = f" for {' or '.join(baselines.keys) or 'any renderer'}, only {others}" if others else ""
         line = f"no baseline{whose}: expected {relative_path(baselines.portable)}"
-        self._keep(build_single_case(title, "missing", line, picture if self.report else None))
+        self._keep(build_single_case(title, "missing", line, picture if self.report else None), baselines)
         look, update = self._advice()
         return f"{line}\n  look at the picture: {look}\n  then make it with: {update}"
 
     def _different(self, title: str, outcomes: list[tuple[Verdict | None, Case]], baselines: Baselines) -> str:
         """Failure message, from the nearest baseline."""
         verdict, nearest = min(outcomes, key=lambda pair: np.inf if pair[0] is None else pair[0].comparison.rmse)
-        self._keep(replace(nearest, name=title))
+        self._keep(replace(nearest, name=title), baselines)
         which = f", the nearest of {len(outcomes)}" if len(outcomes) > 1 else ""
         lines = [nearest.line]
         if verdict is not None:
             lines = [
-                f"{baselines.stem} differs: {verdict.kind.text if verdict.kind else ''}",
-                f"where: {verdict.place}",
-                f"limits: {verdict.broken}",
+                f"{baselines.stem} differs: {verdict.what}",
+                *([f"where: {verdict.place}", f"limits: {verdict.broken}"] if verdict.kind else []),
                 f"baseline: {verdict.against}{which}",
             ]
         look, update = self._advice()
@@ -232,8 +267,30 @@ class ImageRegression:
         command = f"pytest {shlex.quote(self.test)}"
         return "in the report" if self.report else f"{command} --splatgl-report DIR", f"{command} --splatgl-update"
 
-    def _keep(self, case: Case, written: str = "") -> None:
-        self.cases.append({**asdict(case), "written": written})
+    def _keep(self, case: Case, baselines: Baselines | None = None, written: str = "") -> None:
+        """Collects a case, with the baseline's place for the lists of unused ones and for its history."""
+        if case.state != "same":
+            case = replace(case, accept=self._advice()[1], file=str(baselines.current()) if baselines else "")
+        place = {"folder": str(baselines.folder), "stem": baselines.stem} if baselines else {}
+        self.cases.append({**asdict(case), "written": written, "test_file": str(self.file), **place})
+
+
+def list_unused(cases: Sequence[Mapping[str, str]], incomplete: Collection[Path]) -> list[str]:
+    """Baselines that no test compares, and those of files that are gone. incomplete: test files not run in whole."""
+    placed = [case for case in cases if case.get("stem")]
+    stems = {(Path(case["folder"]), case["stem"]) for case in placed}
+    unused = []
+    for folder, source in sorted({(Path(case["folder"]), Path(case["test_file"])) for case in placed}):
+        if source not in incomplete:
+            unused += [path for path in _stored(folder) if (folder, path.name.partition(".")[0]) not in stems]
+        for beside in sorted(path for path in folder.parent.iterdir() if path.is_dir()) if folder.is_dir() else []:
+            if not (source.parent / f"{beside.name}.py").exists() and not (source.parent / beside.name).is_dir():
+                unused += _stored(beside)
+    return sorted({relative_path(path) for path in unused})
+
+
+def _stored(folder: Path) -> list[Path]:
+    return [path for path in folder.glob("*") if path.suffix in (".png", ".npy")]
 
 
 def relative_path(path: Path) -> str:

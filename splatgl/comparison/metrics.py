@@ -1,12 +1,14 @@
-"""Image metrics: SSIM, PSNR, FLIP, unmatched pixels and steps of 8 bits."""
+"""Image metrics: SSIM, FLIP, unmatched pixels, steps of 8 bits, density of differences, and anti-aliased edges."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from splatgl.data.color import srgb_from_linear
 from splatgl.errors import expected, import_extra
 
 # Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, Eq. 13: K1 and K2;
@@ -165,25 +167,93 @@ def exceeds_step(a: np.ndarray, b: np.ndarray, worst: np.ndarray, peak: float) -
         band = slice(top, top + STEP_BAND_ROWS)
         if over[band].any():
             scaled = (a[band], b[band]) if peak == 1 else (a[band] / peak, b[band] / peak)
-            over[band] &= _exceeds_unit_step(*scaled)
+            over[band] &= _unit_steps(*scaled) > 1
     return over
 
 
-def _exceeds_unit_step(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """`exceeds_step` for images of full scale 1.
+def _unit_steps(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """[H, W]: the difference of each pixel in steps of 8-bit samples times SLACK, for images of full scale 1.
 
     A colour is α l: a step of sRGB changes it by α dl, at most the step times √(α l · α); a step of alpha by l dα.
     """
     off, most = np.abs(a - b), np.clip(np.maximum(a, b), 0, 1)
     alpha, off_alpha = most[..., 3].copy(), off[..., 3].copy()
     share = off_alpha / np.maximum(np.minimum(a[..., 3], b[..., 3]), NOTHING)
-    over = off_alpha > ALPHA_STEP
+    steps = off_alpha / np.float32(ALPHA_STEP)
     # per channel: numpy is slow over an axis of three
     for channel in range(3):
         color = most[..., channel]
         step = np.sqrt(color * alpha)
         step *= np.float32(STEP)
         np.maximum(step, np.float32(DARK_STEP), out=step)
-        step += np.minimum(color * share, off_alpha)
-        over |= off[..., channel] > step
-    return np.asarray(over)
+        rest = off[..., channel] - np.minimum(color * share, off_alpha)
+        np.maximum(steps, rest / step, out=steps)
+    return np.asarray(steps)
+
+
+def largest_step(a: np.ndarray, b: np.ndarray, peak: float) -> float:
+    """The largest difference of a pixel, [H, W, 4], in steps of 8-bit samples, as large as at the lighter one."""
+    most = 0.0
+    for top in range(0, len(a), STEP_BAND_ROWS):
+        band = slice(top, top + STEP_BAND_ROWS)
+        if not np.array_equal(a[band], b[band]):
+            most = max(most, float(_unit_steps(a[band] / np.float32(peak), b[band] / np.float32(peak)).max()))
+    return SLACK * most
+
+
+def densest_share(over: np.ndarray) -> float:
+    """The largest share of `over` pixels, bool [H, W], in a window of 7×7: 1 for an area, 1/49 for single pixels."""
+    rows, columns = np.flatnonzero(over.any(axis=1)), np.flatnonzero(over.any(axis=0))
+    if not rows.size:
+        return 0.0
+    part = over[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return float(_window_mean(np.pad(part, SSIM_WINDOW - 1).astype(np.float32)).max())
+
+
+# neighbours of a pixel: rows and columns
+AROUND = [(down, across) for down in (-1, 0, 1) for across in (-1, 0, 1) if (down, across) != (0, 0)]
+# equal neighbours of a pixel in an even area, at least
+EVEN = 3
+
+
+def find_antialiased(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """bool [H, W]: pixels that only smooth an edge, in `a` or in `b`, linear premultiplied [H, W, 4] of one size.
+
+    Vyšniauskas, "Measuring perceived color difference using YIQ NTSC transmission color space", 2009: such a pixel lies
+    between a darker and a lighter neighbour, equals at most two, and the darkest or the lightest neighbour is part of
+    an even area in both images.
+    """
+    levels = [_gray_levels(pixels) for pixels in (a, b)]
+    even = np.logical_and(*(_count_equal(gray) >= EVEN for gray in levels))
+    return np.logical_or(*(_smooths_edge(gray, even) for gray in levels))
+
+
+def _gray_levels(pixels: np.ndarray) -> np.ndarray:
+    """Brightness over white, int16 [H, W]: 8-bit sRGB levels."""
+    light = pixels[..., :3] @ np.array((0.2126, 0.7152, 0.0722), np.float32) + (1 - pixels[..., 3])
+    return np.rint(255 * srgb_from_linear(np.clip(light, 0, 1))).astype(np.int16)
+
+
+def _shifted(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Each neighbour's values; those at the border are repeated."""
+    padded = np.pad(values, 1, mode="edge")
+    height, width = values.shape
+    for down, across in AROUND:
+        yield padded[1 + down : 1 + down + height, 1 + across : 1 + across + width]
+
+
+def _count_equal(gray: np.ndarray) -> np.ndarray:
+    return np.sum([near == gray for near in _shifted(gray)], axis=0)
+
+
+def _smooths_edge(gray: np.ndarray, even: np.ndarray) -> np.ndarray:
+    """bool [H, W]: whether a pixel is between a darker and a lighter one, of which one is `even`."""
+    least, most = np.zeros_like(gray), np.zeros_like(gray)
+    least_even, most_even = np.zeros(gray.shape, bool), np.zeros(gray.shape, bool)
+    for near, near_even in zip(_shifted(gray), _shifted(even), strict=True):
+        off = near - gray
+        least_even = np.where(off < least, near_even, least_even)
+        most_even = np.where(off > most, near_even, most_even)
+        np.minimum(least, off, out=least)
+        np.maximum(most, off, out=most)
+    return (least < 0) & (most > 0) & (_count_equal(gray) < EVEN) & (least_even | most_even)

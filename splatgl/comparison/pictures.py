@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from tokenize import TokenError
+from typing import Any
 
 import numpy as np
+from PIL import Image as Pillow
+from PIL import ImageSequence
+from PIL.Image import DecompressionBombError
 from PIL.Image import Image as PillowImage
 
 from splatgl.comparison.compare import check_finite
 from splatgl.data.image import PNG_SIGNATURE, Image
 from splatgl.data.image_files import EXR, TIFF, is_float_tiff
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError, expected, import_extra
 
-SUFFIXES = (".png", ".npy")
-
+# endings of files that may hold several pictures: by Pillow, and by av
+ANIMATED, MOVIES = (".gif", ".webp", ".apng", ".png", ".tif", ".tiff"), (".mp4", ".mov", ".mkv", ".webm", ".avi")
+# endings of pictures in folders
+SUFFIXES = (*ANIMATED, ".npy", ".exr", ".jpg", ".jpeg", ".bmp", ".svg", ".pdf", *MOVIES)
+# pixels an inch of a PDF's page
+PAGE_DPI = 144
+# a PNG's last chunk (PNG specification §11.2.5)
+PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
 
 # colour type in a PNG's header (PNG specification §11.2.2) and its name; a palette is RGB, or RGBA with tRNS
 COLOR_TYPES = {0: "gray", 2: "RGB", 3: "RGB", 4: "gray with alpha", 6: "RGBA"}
@@ -39,8 +51,6 @@ class Picture:
 
 def read(path: str | Path) -> Picture:
     """Reads a PNG, NPY, EXR, TIFF or JPEG file. Raises InputError for missing, truncated and invalid files."""
-    from PIL.Image import DecompressionBombError
-
     source = Path(path)
     try:
         image = Image.load(source)
@@ -95,10 +105,10 @@ def read_mask(path: str | Path) -> np.ndarray:
 
 
 def find_pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
-    """(name, actual, right) of one pair of files, or of every PNG and NPY in two folders, by relative path.
+    """(name, actual, right) of one pair of files, or of every picture in two folders, by relative path.
 
-    A file in only one folder is listed too: reading it fails. Raises InputError for a file against a folder, and for a
-    folder without images.
+    A file in only one folder is listed too. Raises InputError for a file against a folder, and for a folder without
+    pictures.
     """
     for path in (actual, right):
         if not path.exists():
@@ -112,30 +122,154 @@ def find_pairs(actual: Path, right: Path) -> list[tuple[str, Path, Path]]:
     for folder in (actual, right):
         files = [path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file()]
         if not files:
-            raise expected(folder, f"pictures ({', '.join(SUFFIXES)})", "none")
+            raise expected(folder, "pictures (.png, .npy, .jpg, .gif, .pdf, …)", "none")
         names |= {path.relative_to(folder).as_posix() for path in files}
     return [(name, actual / name, right / name) for name in sorted(names)]
 
 
-def as_image(value: Image | np.ndarray | PillowImage | bytes | str | Path) -> Image:
-    """Converts any accepted input to an Image. Raises InputError for other input."""
+def read_size(path: Path) -> tuple[int, int] | None:
+    """Width and height of a PNG from its header; None for other files, and for a PNG that is cut."""
+    with path.open("rb") as file:
+        header = file.read(HEADER_BYTES)
+        if len(header) < HEADER_BYTES or header[: len(PNG_SIGNATURE)] != PNG_SIGNATURE:
+            return None
+        file.seek(-len(PNG_END), os.SEEK_END)
+        if file.read() != PNG_END:
+            return None
+    return int.from_bytes(header[16:20]), int.from_bytes(header[20:24])
+
+
+def frames(path: Path) -> Iterator[Picture]:
+    """The pictures of a file: one, the pages of a PDF or TIFF, or the frames of an animation or movie.
+
+    Raises InputError for what cannot be read, and for a missing extra.
+    """
+    ending = path.suffix.lower()
+    if not path.is_file():
+        raise InputError(f"{path}: cannot be read: {'a directory' if path.is_dir() else 'no such file'}")
+    if ending in MOVIES:
+        yield from _numbered(path, _movie_frames(path))
+    elif ending == ".pdf":
+        yield from _numbered(path, _pdf_pages(path))
+    elif ending == ".svg":
+        cairosvg = import_extra("cairosvg", f"{path}: SVG", "cairosvg", "documents")
+        try:
+            content = cairosvg.svg2png(url=str(path))
+        # of cairosvg and of its parsers, for damaged files
+        except Exception as error:
+            raise InputError(f"{path}: cannot be read as a picture: {error}") from error
+        yield replace(_decode_bytes(content), name=str(path))
+    elif ending in ANIMATED and (animation := _open_animation(path)):
+        with animation:
+            yield from _numbered(
+                path, (np.asarray(frame.convert("RGBA")) for frame in ImageSequence.Iterator(animation))
+            )
+    else:
+        yield read(path)
+
+
+def _numbered(path: Path, frames: Iterator[np.ndarray]) -> Iterator[Picture]:
+    number = 0
+    try:
+        for number, samples in enumerate(frames, 1):
+            name = str(path) if number == 1 else f"{path} [{number}]"
+            yield Picture(name, Image.from_samples(samples), None, 8)
+    except (OSError, ValueError, EOFError, SyntaxError) as error:
+        raise InputError(f"{path}: cannot be read after {number} pictures: {error}") from error
+    if not number:
+        raise expected(path, "at least one picture", "none")
+
+
+def _open_animation(path: Path) -> Any:
+    """Pillow's image of a file with several frames; None for one of a single frame, or for no picture."""
+    try:
+        animation = Pillow.open(path)
+    except (OSError, ValueError, SyntaxError, DecompressionBombError):
+        return None
+    if getattr(animation, "n_frames", 1) > 1:
+        return animation
+    animation.close()
+    return None
+
+
+def _movie_frames(path: Path) -> Iterator[np.ndarray]:
+    av = import_extra("av", f"{path}: movies", "av", "video")
+    with av.open(str(path)) as movie:
+        if not movie.streams.video:
+            raise expected(path, "a movie", "no pictures")
+        for frame in movie.decode(video=0):
+            yield frame.to_ndarray(format="rgb24")
+
+
+def _pdf_pages(path: Path) -> Iterator[np.ndarray]:
+    pdfium = import_extra("pypdfium2", f"{path}: PDF", "pypdfium2", "documents")
+    try:
+        document = pdfium.PdfDocument(path)
+    except pdfium.PdfiumError as error:
+        raise InputError(f"{path}: cannot be read as a PDF: {error}") from error
+    for page in document:
+        yield np.asarray(page.render(scale=PAGE_DPI / 72).to_pil().convert("RGB"))
+
+
+def as_images(value: Any) -> Iterator[Image]:
+    """The images of any accepted input, see `as_image`; several of a file with pages or frames."""
+    if isinstance(value, str | Path):
+        yield from (picture.image for picture in frames(Path(value)))
+    else:
+        yield as_image(value)
+
+
+def as_image(value: Any) -> Image:
+    """The image of an Image, the bytes of a PNG or JPEG, samples (uint8 or uint16 sRGB, grey, with alpha, RGB or RGBA;
+    bool), linear premultiplied floats [H, W, 4], or an object that draws itself: an image of Pillow, a figure of
+    Matplotlib or Plotly, a viewer of napari, a plotter of PyVista. Raises InputError for others.
+    """
     if isinstance(value, Image):
         return value
-    if isinstance(value, (str, Path)):
-        return read(value).image
-    if isinstance(value, PillowImage):
-        value = _encode_pillow(value)
-    if isinstance(value, (bytes, bytearray, memoryview)):
-        return _decode_bytes(bytes(value))
-    samples = np.asarray(value)
-    shape_ok = samples.ndim == 3 and samples.shape[2] in (3, 4)
-    if samples.dtype == np.uint8 and shape_ok:
-        return Image.from_samples(samples)
+    drawn = _draw(value)
+    if isinstance(drawn, (bytes, bytearray, memoryview)):
+        return _decode_bytes(bytes(drawn)).image
+    samples = np.asarray(drawn)
+    if samples.dtype == bool:
+        samples = samples.astype(np.uint8) * np.uint8(255)
+    is_samples = samples.dtype in (np.uint8, np.uint16)
+    if is_samples and samples.ndim == 2:
+        samples = samples[..., None]
+    shape_ok = samples.ndim == 3 and samples.shape[2] in (1, 2, 3, 4) and samples.size > 0
+    if is_samples and shape_ok:
+        gray = np.repeat(samples[..., :1], 3, axis=-1)
+        color = samples[..., :3] if samples.shape[2] > 2 else gray
+        alpha = samples[..., -1:] if samples.shape[2] in (2, 4) else samples[..., :0]
+        return Image.from_samples(np.concatenate([color, alpha], axis=-1))
     if samples.dtype.kind == "f" and shape_ok and samples.shape[2] == 4:
         return Image(samples.astype(np.float32))
     got = f"{samples.dtype} {samples.shape}" if samples.dtype != object else type(value).__name__
-    fix = "colour with float samples needs its alpha: premultiplied, linear, [H, W, 4]" if shape_ok else ""
-    raise expected("image", "an Image, a file, its bytes, uint8 [H, W, 3 or 4] or float [H, W, 4]", got, fix)
+    is_float = samples.dtype.kind == "f" and samples.ndim in (2, 3)
+    fix = "floats need colour and alpha: premultiplied, linear, [H, W, 4]" if is_float else ""
+    this = "an Image, a file, its bytes, a figure, uint8 [H, W] or [H, W, 3 or 4], or float [H, W, 4]"
+    raise expected("image", this, got, fix)
+
+
+def _draw(value: Any) -> Any:
+    """The bytes or samples of an object that draws itself; other values as they are."""
+    if isinstance(value, Pillow.Image):
+        return _encode_pillow(value)
+    file = BytesIO()
+    if hasattr(value, "savefig"):
+        value.savefig(file, format="png")
+    elif hasattr(value, "to_image"):
+        try:
+            return value.to_image(format="png")
+        # of Plotly's exporter, which needs a browser
+        except (ValueError, RuntimeError) as error:
+            raise InputError(f"image: Plotly cannot draw {type(value).__name__}: {error}") from error
+    elif type(value).__module__.startswith("napari"):
+        return value.screenshot(canvas_only=True, flash=False)
+    elif hasattr(value, "screenshot"):
+        return value.screenshot(return_img=True)
+    elif hasattr(value, "_repr_png_"):
+        return value._repr_png_()
+    return file.getvalue() or value
 
 
 def _encode_pillow(image: PillowImage) -> bytes:
@@ -148,12 +282,12 @@ def _encode_pillow(image: PillowImage) -> bytes:
     return file.getvalue()
 
 
-def _decode_bytes(content: bytes) -> Image:
-    """The image of a PNG's or JPEG's bytes. Raises InputError for others."""
+def _decode_bytes(content: bytes) -> Picture:
+    """The picture of a PNG's or JPEG's bytes. Raises InputError for others."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "image"
         path.write_bytes(content)
         try:
-            return read(path).image
+            return read(path)
         except InputError as error:
             raise InputError(str(error).replace(str(path), f"image of {len(content)} bytes")) from error

@@ -9,22 +9,31 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
+    from splatgl.comparison.html_report import Case
     from splatgl.comparison.image_regression import ImageRegression
+    from splatgl.comparison.settings import Settings
 
 
 UPDATE, REPORT = "--splatgl-update", "--splatgl-report"
 UPDATE_CLASS, ADD = "--splatgl-update-class", "--splatgl-update-add"
+SUMMARY = "--splatgl-summary"
+# the name of the settings in pytest.ini and of pytest's tables in other files
+INI = "splatgl"
 # attribute of a test report with the compared cases
 CASES_ATTRIBUTE = "splatgl_cases"
 # the fixture's former name, which pytest-regressions uses for another fixture
 FORMER_NAME = "image_regression"
 CASES: pytest.StashKey[list[dict[str, str]]] = pytest.StashKey()
+SETTINGS: pytest.StashKey[Settings] = pytest.StashKey()
+# the folder in the report's for pictures that a JUnit report attaches
+ATTACHMENTS = "attachments"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -35,6 +44,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     add(UPDATE_CLASS, action="store_true", help="write baselines for this class of renderers only (llvmpipe, …)")
     add(ADD, action="store_true", help="add pictures that differ as further baselines for this class of renderers")
     add(REPORT, metavar="DIR", help="write all comparisons to DIR/index.html, with pictures of the differences")
+    add(SUMMARY, metavar="FILE", help="append a summary in Markdown to FILE, such as $GITHUB_STEP_SUMMARY")
+    parser.addini(INI, "settings of comparisons in TOML, as in [tool.splatgl.compare] of pyproject.toml", default="")
 
 
 @pytest.hookimpl(trylast=True)
@@ -60,10 +71,30 @@ def _option(config: pytest.Config, name: str) -> Any:
     return config.getoption(name.lstrip("-").replace("-", "_"), None)
 
 
+def settings_of(config: pytest.Config) -> Settings:
+    """The project's settings: of pyproject.toml and of pytest's configuration. Bad ones fail the test."""
+    from splatgl.comparison.settings import Settings
+    from splatgl.errors import InputError
+
+    if SETTINGS not in config.stash:
+        try:
+            settings = Settings.of_project(config.rootpath)
+            config.stash[SETTINGS] = replace(settings.but_text(config.getini(INI), INI), folder=config.rootpath)
+        except InputError as error:
+            pytest.fail(str(error), pytrace=False)
+    return config.stash[SETTINGS]
+
+
+def output_of(config: pytest.Config, option: str) -> Path | None:
+    """The folder of the report, or the file of the summary: of the option, else of the settings."""
+    given = _option(config, option)
+    return Path(given) if given else settings_of(config).path(option.rpartition("-")[2])
+
+
 @pytest.fixture
 def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
     """Call it with an image: `splatgl_image(image)`, `splatgl_image(image, name="front", tolerance=0.02)`."""
-    from splatgl.comparison.image_regression import ImageRegression
+    from splatgl.comparison.image_regression import FOLDER, ImageRegression
 
     modes = {UPDATE: "update", UPDATE_CLASS: "update-class", ADD: "add"}
     mode: Any = next((mode for option, mode in modes.items() if _option(request.config, option)), "")
@@ -72,13 +103,21 @@ def splatgl_image(request: pytest.FixtureRequest) -> ImageRegression:
     with suppress(ValueError):
         file = os.path.relpath(file, request.config.invocation_params.dir)
     parts = [node.name for node in request.node.listchain() if isinstance(node, (pytest.Class, pytest.Item))]
+    path, settings = Path(request.node.path), settings_of(request.config)
+    folder, root = settings.path("baselines"), request.config.rootpath
+    if folder is None:
+        folder = path.parent / FOLDER
+    elif path.is_relative_to(root):
+        folder = folder / path.parent.relative_to(root)
     return ImageRegression(
         test="::".join([Path(file).as_posix(), *parts]),
-        file=Path(request.node.path),
+        file=path,
+        folder=folder / path.stem,
+        settings=settings,
         default_name="-".join(parts),
         mode=mode,
         cases=request.node.stash.setdefault(CASES, []),
-        report=bool(_option(request.config, REPORT)),
+        report=output_of(request.config, REPORT) is not None,
     )
 
 
@@ -98,38 +137,90 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     # report a case once: fixtures may also compare, before or after the test
     if cases := item.stash.get(CASES, []):
         setattr(report, CASES_ATTRIBUTE, list(cases))
+        if item.config.getoption("xmlpath", None):
+            _attach(item, cases)
         cases.clear()
     return report
 
 
+def _attach(item: pytest.Item, cases: list[dict[str, str]]) -> None:
+    """Writes the pictures of failures into the report's folder, and names them in the JUnit report of the test.
+
+    The property `attachment` is in every report; lines that Jenkins and GitLab read are with `junit_logging`.
+    """
+    from splatgl.comparison.ci_outputs import attachment_lines, write_attachments
+
+    folder = output_of(item.config, REPORT)
+    if folder is None:
+        return
+    for case in cases:
+        paths = write_attachments(_case_of(case), folder.absolute() / ATTACHMENTS)
+        item.user_properties.extend(("attachment", str(path)) for path in paths)
+        if paths:
+            item.add_report_section("call", "stdout", attachment_lines(paths))
+
+
+def _case_of(values: dict[str, str]) -> Case:
+    from splatgl.comparison.html_report import Case
+
+    return Case(**{name: values[name] for name in ("name", "state", "line", "html", "accept", "file")})
+
+
 class Collector:
-    """Comparisons of all tests, collected in the controller process."""
+    """Comparisons of all tests, in the controller process. incomplete: files with tests that did not compare."""
 
     def __init__(self) -> None:
         self.cases: list[dict[str, str]] = []
+        self.incomplete: set[str] = set()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Collects the cases attached to a test's report."""
-        self.cases += getattr(report, CASES_ATTRIBUTE, [])
+        cases = getattr(report, CASES_ATTRIBUTE, [])
+        self.cases += cases
+        if report.skipped or (report.failed and not cases):
+            self.incomplete.add(report.location[0])
 
     def pytest_terminal_summary(self, terminalreporter: Any, config: pytest.Config) -> None:
         """Writes the HTML report if --splatgl-report is given, and lists the files written."""
-        folder = _option(config, REPORT)
-        written = [case["written"] for case in self.cases if case.get("written")]
-        lines = [f"wrote {path}" for path in sorted(set(written))]
+        if not self.cases:
+            return
+        folder, summary = output_of(config, REPORT), output_of(config, SUMMARY)
+        lines = [f"wrote {path}" for path in sorted({case["written"] for case in self.cases if case.get("written")})]
+        unused = self._unused(config)
+        lines += [f"unused baseline: {path}" for path in unused]
         if folder:
-            lines.append(self._report(Path(folder)))
+            lines.append(self._report(folder, unused))
+        if summary:
+            self._summary(summary, folder)
         if lines:
             terminalreporter.section("splatgl")
             for line in lines:
                 terminalreporter.write_line(line)
 
-    def _report(self, folder: Path) -> str:
+    def _unused(self, config: pytest.Config) -> list[str]:
+        """Baselines that no test of a whole run compares; none are known if only some tests of a file ran."""
+        from splatgl.comparison.image_regression import list_unused
+
+        chosen = ("keyword", "markexpr", "deselect", "lf", "last_failed", "stepwise", "maxfail")
+        if any(config.getoption(name, None) for name in chosen) or any("::" in name for name in config.args):
+            return []
+        return list_unused(self.cases, {config.rootpath / name for name in self.incomplete})
+
+    def _report(self, folder: Path, unused: list[str]) -> str:
         """Writes the report and returns a message with its path."""
-        from splatgl.comparison.html_report import Case, build_page
+        from splatgl.comparison.ci_outputs import with_history
+        from splatgl.comparison.html_report import build_page, list_files
         from splatgl.fileio import write_file
 
-        cases = [Case(*(case[key] for key in ("name", "state", "line", "html"))) for case in self.cases]
+        cases = [with_history(_case_of(case)) for case in self.cases]
         wrong = sum(case.state != "same" for case in cases)
-        write_file(folder / "index.html", build_page(cases, "Image regression").encode())
+        extra = list_files("baselines that no test compares", unused)
+        write_file(folder / "index.html", build_page(cases, "Image regression", extra).encode())
         return f"{wrong} of {len(cases)} pictures differ, are missing or unusable: {folder / 'index.html'}"
+
+    def _summary(self, path: Path, folder: Path | None) -> None:
+        """Appends the summary in Markdown."""
+        from splatgl.comparison.ci_outputs import append_text, markdown_summary
+
+        page = str(folder / "index.html") if folder else ""
+        append_text(path, markdown_summary([_case_of(case) for case in self.cases], "Image regression", page))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from splatgl.comparison.compare import NAMES, Comparison, apply_mask, compare
+from splatgl.comparison.compare import EXTRA, NAMES, Comparison, apply_mask, compare, format_size, unite_sizes
 from splatgl.comparison.difference_kinds import Kind, classify_difference
+from splatgl.comparison.metrics import find_antialiased
 from splatgl.data.image import Image
 from splatgl.errors import expected
 
@@ -23,8 +24,8 @@ class Tolerance:
 
     threshold: minimum difference of a differing pixel, as a fraction of the peak; None is one 8-bit step. share,
     unmatched: maximum fraction of differing pixels, and of pixels that a shift by one pixel does not explain. maximum,
-    rmse, bias: fractions of the peak. flip: a maximum. psnr (decibels), ssim: minima. Linear premultiplied light; see
-    `Comparison`.
+    rmse, bias: fractions of the peak. flip, levels, density: maxima. psnr (decibels), ssim: minima. Linear
+    premultiplied light; see `Comparison`.
     """
 
     threshold: float | None = None
@@ -36,6 +37,8 @@ class Tolerance:
     psnr: float | None = None
     ssim: float | None = None
     flip: float | None = None
+    levels: float | None = None
+    density: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -57,7 +60,70 @@ class Tolerance:
     @property
     def extra(self) -> set[str]:
         """The slower metrics that the limits need."""
-        return {name for name in ("ssim", "flip") if getattr(self, name) is not None}
+        return {name for name in EXTRA if getattr(self, name) is not None}
+
+
+# Limits by the name of what may differ. driver: the same program on other drivers and processors, which differ by
+# rounding: few pixels, by few levels, in no closed area. Of independent pixels, 0.5 % put 8 into a window of 7×7 with a
+# probability of 2e-10.
+NOISE = {
+    "none": Tolerance(),
+    "driver": Tolerance(share=0.005, rmse=0.5 / 255, levels=8, density=8 / 49),
+}
+# a share of the differing pixels in a window of 7×7 is printed as their number
+WINDOW = 49
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """What is compared, and how.
+
+    extra: metrics besides those with a limit. mask: bool [H, W], the pixels to compare. ignore: rectangles that are not
+    compared: left, top, width, height. antialiased: whether pixels that smooth an edge are compared. any_mode: whether
+    RGB may be compared with RGBA. align: of pictures of other sizes, see ALIGNMENTS.
+    """
+
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    extra: frozenset[str] = frozenset()
+    mask: np.ndarray | None = None
+    ignore: tuple[tuple[int, int, int, int], ...] = ()
+    antialiased: bool = True
+    any_mode: bool = False
+    align: str = "corner"
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two images on one canvas. mask: the pixels to compare, or None. sizes: the difference of their sizes, or ""."""
+
+    actual: Image
+    right: Image
+    mask: np.ndarray | None = None
+    sizes: str = ""
+
+    @classmethod
+    def of(cls, actual: Image, right: Image, criteria: Criteria) -> Pair:
+        """The pair, and the pixels that count by the criteria. Raises InputError if none does."""
+        sizes = [format_size(image.pixels) for image in (actual, right)]
+        mask = criteria.mask
+        if criteria.ignore:
+            mask = np.ones(right.pixels.shape[:2], bool) if mask is None else mask.copy()
+            for left, top, width, height in criteria.ignore:
+                mask[top : top + height, left : left + width] = False
+            if not mask.any():
+                raise expected("ignore", "a part of the picture", "all of it")
+        first, second, mask = unite_sizes(actual, right, mask, criteria.align)
+        if not criteria.antialiased and np.isfinite(first.pixels).all() and np.isfinite(second.pixels).all():
+            counts = ~find_antialiased(first.pixels, second.pixels)
+            mask = counts if mask is None else mask & counts
+        return cls(first, second, mask, "" if sizes[0] == sizes[1] else f"size {sizes[0]}, expected {sizes[1]}")
+
+    def judge(self, criteria: Criteria, names: tuple[str, str] = NAMES) -> Verdict:
+        """The verdict, see `judge`; pictures of other sizes are different."""
+        if self.sizes and self.mask is not None and not self.mask.any():
+            raise expected(names[0], "a part that counts in both pictures", f"none; {self.sizes}")
+        verdict = judge(self.actual, self.right, criteria.tolerance, criteria.extra, names, self.mask)
+        return replace(verdict, sizes=self.sizes)
 
 
 @dataclass(frozen=True)
@@ -82,7 +148,8 @@ class Check:
 class Verdict:
     """name, against: names of the two images. checks: every computed metric.
 
-    kind: the kind of difference, None if the same. size: (width, height).
+    kind: the kind of difference, None if the same. size: (width, height). sizes: both sizes if they differ, else "":
+    the metrics are those of what both images have.
     """
 
     name: str
@@ -92,11 +159,12 @@ class Verdict:
     tolerance: Tolerance
     checks: tuple[Check, ...]
     kind: Kind | None
+    sizes: str = ""
 
     @property
     def same(self) -> bool:
-        """Whether every metric is within its limit."""
-        return all(check.ok for check in self.checks)
+        """Whether every metric is within its limit, and both sizes are equal."""
+        return not self.sizes and all(check.ok for check in self.checks)
 
     def __str__(self) -> str:
         """One line: the kind of change, its location, and each exceeded limit."""
@@ -105,9 +173,15 @@ class Verdict:
     @property
     def line(self) -> str:
         """The summary without the pair's name."""
-        if self.kind is None:
+        if self.same:
             return ", ".join(str(check) for check in self.checks)
-        return f"{self.kind.text}; {self.place}; {self.broken}"
+        return f"{self.what}; {self.place}; {self.broken}" if self.kind else self.what
+
+    @property
+    def what(self) -> str:
+        """What changed, in words."""
+        kind = self.kind.text if self.kind else "the same"
+        return f"{self.sizes}; of what both have, {self.comparison.pixels} pixels: {kind}" if self.sizes else kind
 
     @property
     def broken(self) -> str:
@@ -137,19 +211,30 @@ def judge(
     """The verdict on `actual` against `right`, see `compare`. extra: metrics to compute besides those with a limit."""
     limits = Tolerance.of(tolerance)
     comparison = compare(actual, right, limits.threshold, {*extra, *limits.extra}, names, mask)
-    checks = _checks(comparison, limits)
+    checks = check_limits(comparison, limits)
     kind = None
     if not all(check.ok for check in checks):
         kind = classify_difference(apply_mask(actual.pixels, mask), apply_mask(right.pixels, mask), comparison)
+        if kind.name in ("changed", "noise") and limits == Tolerance():
+            kind = _driver_noise(compare(actual, right, None, NOISE["driver"].extra, names, mask)) or kind
     size = (right.pixels.shape[1], right.pixels.shape[0])
     return Verdict(names[0], names[1], size, comparison, limits, checks, kind)
 
 
-def _checks(comparison: Comparison, limits: Tolerance) -> tuple[Check, ...]:
+def _driver_noise(comparison: Comparison) -> Kind | None:
+    """The kind of a difference within the limits for other drivers."""
+    if not all(check.ok for check in check_limits(comparison, NOISE["driver"])):
+        return None
+    count = round(comparison.share_over * comparison.pixels)
+    text = f"{count} scattered pixels off by up to {comparison.levels:.0f} levels, as between drivers"
+    return Kind("driver", f"{text}; --noise driver allows it")
+
+
+def check_limits(comparison: Comparison, limits: Tolerance) -> tuple[Check, ...]:
     """Checks of all metrics; for X-rays, limits relative to the peak are multiplied by it."""
     fields = {"share": "share_over", "unmatched": "share_unmatched"}
     checks = []
-    for name in ("maximum", "rmse", "bias", "share", "unmatched", "flip", "psnr", "ssim"):
+    for name in ("maximum", "rmse", "bias", "share", "unmatched", "levels", "density", "flip", "psnr", "ssim"):
         value, limit = getattr(comparison, fields.get(name, name)), getattr(limits, name)
         if value is None:
             continue
@@ -167,4 +252,6 @@ def format_metric(name: str, value: float) -> str:
         return f"{100 * value:.3g} %"
     if name == "psnr":
         return f"{value:.2f} dB"
+    if name == "density":
+        return f"{WINDOW * value:.0f}/{WINDOW}"
     return f"{value:.4g}"

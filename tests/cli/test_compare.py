@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
+import shutil
+import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,6 +18,9 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main
+from splatgl.comparison.pairs import Files, compare_all, compare_files
+from splatgl.comparison.pictures import find_pairs
+from splatgl.comparison.verdict import Criteria
 
 RIGHT = sg.Image.load(Path(__file__).parents[1] / "comparison" / "baselines" / "test_scenes" / "letter-f-composite.png")
 
@@ -125,8 +132,10 @@ def test_diff_shows_the_pixel(here: Path) -> None:
 def test_the_report_needs_nothing_from_elsewhere(here: Path) -> None:
     assert main(["compare", "wrong.png", "right.png", "--report", "r.html"]) == 1
     html = Path("r.html").read_text(encoding="utf-8")
-    sources = re.findall(r'(?:src|href)="([^"]{0,30})', html)
+    sources = re.findall(r'src="([^"]{0,30})', html)
     assert len(sources) == 6 and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert set(re.findall(r'href="([^"]*)"', html)) == {"#case-wrong.png"} and 'id="case-wrong.png"' in html
+    assert "<code>cp wrong.png right.png</code>" in html
     assert not re.search(r"https?:|@import|url\(", html)
     assert "one wrong pixel" in html and "columns 14–26, rows 24–36, enlarged" in html
 
@@ -172,13 +181,22 @@ def test_folders_pairwise(here: Path, capsys: Said) -> None:
     folders(here)
     assert main(["compare", "new", "old", "--report", "r.html"]) == 2
     said = capsys.readouterr()
-    assert said.out.splitlines()[-1] == "5 pairs: 1 same, 1 different, 3 unusable"
+    assert said.out.splitlines()[-1] == "5 pairs: 1 same, 1 different, 1 unusable, 2 missing"
     assert "new/deep/other.png: different: one wrong pixel" in said.out
-    for line in ("new/deep/cut.png: cannot be read as a picture", "new/deep/gone.png: cannot be read: no such file"):
-        assert line in said.err
-    assert "old/deep/extra.png: cannot be read: no such file" in said.err
+    assert "new/deep/cut.png: cannot be read as a picture" in said.err
+    assert "deep/gone.png: no new picture: expected new/deep/gone.png" in said.out
+    assert "deep/extra.png: no baseline: expected old/deep/extra.png" in said.out
     html = Path("r.html").read_text()
-    assert "3 unusable" in html and "1 different" in html and "1 same" in html
+    assert all(
+        f"{count} {state}" in html for count, state in ((1, "unusable"), (1, "different"), (2, "missing"), (1, "same"))
+    )
+    assert html.count("<figcaption>expected<") == 3 and html.count("<figcaption>actual<") == 3, "missing ones are shown"
+    assert (
+        "<code>cp new/deep/extra.png old/deep/extra.png</code>" in html and "<code>rm old/deep/gone.png</code>" in html
+    )
+    for folder in ("new", "old"):
+        Path(folder, "deep", "cut.png").unlink()
+    assert main(["compare", "new", "old"]) == 1
     drop_unusable(here)
     assert main(["compare", "new", "old"]) == 1
     assert main(["compare", "old", "old", "--quiet"]) == 0
@@ -222,9 +240,9 @@ def test_bad_input_each_in_its_own_words(here: Path, capsys: Said) -> None:
         "header.npy right.npy": "header.npy: cannot be read",
         "cut.npy right.npy": "cut.npy: cannot be read",
         "huge.png right.png": "huge.png: cannot be read as a picture: Image size (200000000 pixels) exceeds limit",
-        "dir dir": "dir: expected pictures (.png, .npy), got none",
-        "dir full": "dir: expected pictures (.png, .npy), got none",
-        "full dir": "dir: expected pictures (.png, .npy), got none",
+        "dir dir": "dir: expected pictures (.png, .npy, .jpg, .gif, .pdf, …), got none",
+        "dir full": "dir: expected pictures (.png, .npy, .jpg, .gif, .pdf, …), got none",
+        "full dir": "dir: expected pictures (.png, .npy, .jpg, .gif, .pdf, …), got none",
         "full full --diff d.png": "--diff: expected two files, got two folders; use --report for folders",
         "right.png right16.png --diff right16.png": "right16.png: expected another file than the compared pictures",
         "right.png right16.png --mask rgb.png --diff ./rgb.png": "rgb.png: expected another file than the compared",
@@ -336,13 +354,185 @@ def test_other_sizes_are_a_difference(tmp_path: Path, capsys: pytest.CaptureFixt
         (tmp_path / folder).mkdir()
         Pillow.new("RGB", (width, height), (9, 99, 199)).save(tmp_path / folder / "p.png")
     one, two = tmp_path / "a", tmp_path / "b"
-    said = "p.png: expected one size, 40×33, got 41×30; draw both at the same size"
+    said = "p.png: different: size 41×30, expected 40×33; of what both have, 1200 pixels: the same"
     for first, second in ((one / "p.png", two / "p.png"), (one, two)):
         report = tmp_path / "r.html"
         assert main(["compare", str(first), str(second), "--report", str(report)]) == 1
         told = capsys.readouterr()
         assert said in told.out and not told.err
         page = report.read_text(encoding="utf-8")
-        assert page.count("<figure") == 2 and "1 different" in page
+        assert page.count("<figcaption>actual<") == page.count("<figcaption>expected<") == 1 and "1 different" in page
         assert main(["compare", str(first), str(second), "--json"]) == 1
         assert '"verdict": "different"' in capsys.readouterr().out
+
+
+CASES = Path(os.environ.get("SPLATGL_DATA", Path(__file__).parents[3] / "shared" / "data")).parent / "cases"
+
+
+def noisy(changed: list[int]) -> np.ndarray:
+    """Waves of 120×90 with pixels changed by 3 levels of red, by their numbers."""
+    y, x = np.indices((90, 120))
+    samples = np.stack([120 + 100 * np.sin(x / 23), 120 + 100 * np.cos(y / 31), 120 + 0 * x], -1).astype(np.uint8)
+    samples.reshape(-1, 3)[changed, 0] += 3
+    return samples
+
+
+def test_noise_of_drivers_passes_and_a_change_of_the_same_size_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    square = [120 * row + column for row in range(30, 36) for column in range(50, 56)]
+    scattered = [97 * number for number in range(36)]
+    # 0.33 % of the pixels in both
+    for name, changed in (("right", []), ("noisy", scattered), ("changed", square), ("many", range(0, 10800, 53))):
+        Pillow.fromarray(noisy(list(changed))).save(f"{name}.png")
+    assert main(["compare", "noisy.png", "right.png"]) == 1
+    said = capsys.readouterr().out
+    assert "36 scattered pixels off by up to 3 levels, as between drivers; --noise driver allows it" in said
+    assert main(["compare", "noisy.png", "right.png", "--noise", "driver"]) == 0
+    assert main(["compare", "changed.png", "right.png", "--noise", "driver"]) == 1
+    assert "density 36/49 > 8/49" in capsys.readouterr().out
+    assert main(["compare", "many.png", "right.png", "--noise", "driver"]) == 1
+    assert "share 1.89 % > 0.5 %" in capsys.readouterr().out
+    samples = noisy([])
+    samples[10, 10, 1] += 20
+    Pillow.fromarray(samples).save("spot.png")
+    assert main(["compare", "spot.png", "right.png", "--noise", "driver"]) == 1
+    assert "levels 18.58 > 8" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the pictures of known cases are not here")
+def test_noise_of_vendors() -> None:
+    folder = CASES / "21-vendor-noise"
+    for name, code in (("intel", 0), ("changed", 1)):
+        pair = [str(folder / f"{name}.png"), str(folder / "amd.png")]
+        assert main(["compare", *pair]) == 1 and main(["compare", *pair, "--noise", "driver"]) == code
+
+
+def test_other_sizes_are_aligned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said) -> None:
+    monkeypatch.chdir(tmp_path)
+    samples = noisy([])
+    Pillow.fromarray(samples).save("old.png")
+    Pillow.fromarray(samples[3:87, 4:116]).save("new.png")
+    Pillow.fromarray(samples[:84, :112] + np.uint8(9)).save("offset.png")
+    assert main(["compare", "new.png", "old.png", "--align", "center"]) == 1
+    assert "size 112×84, expected 120×90; of what both have, 9408 pixels: the same" in capsys.readouterr().out
+    assert main(["compare", "new.png", "old.png"]) == 1
+    assert ": the same" not in capsys.readouterr().out
+    outputs = ["--junit", "j.xml", "--summary", "s.md", "--report", "r.html"]
+    assert main(["compare", "offset.png", "old.png", *outputs]) == 1
+    assert "9408 pixels: colours times 1.11;" in capsys.readouterr().out
+    suite = ElementTree.parse("j.xml").getroot()[0]
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("1", "1", "0")
+    attached = re.findall(r"\[\[ATTACHMENT\|(.*?)\]\]", suite[0].findtext("system-out") or "")
+    assert [Path(name).name for name in attached] == [
+        f"offset.png.{k}.png" for k in ("actual", "expected", "difference")
+    ]
+    assert all(Pillow.open(name).size == (120, 90) for name in attached)
+    summary = Path("s.md").read_text(encoding="utf-8")
+    assert "1 different" in summary and "| offset.png | different | size 112×84, expected 120×90;" in summary
+    assert "cp offset.png old.png" in summary and "`r.html`" in summary
+    main(["compare", "old.png", "old.png", "--summary", "s.md"])
+    assert Path("s.md").read_text(encoding="utf-8").startswith(summary), "as steps of a workflow append"
+
+
+SETTINGS = """
+[tool.splatgl.compare]
+noise = "driver"
+ignore = ["clock"]
+regions = {clock = [50, 30, 6, 6], date = "date.png"}
+"""
+
+
+def test_parts_that_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said) -> None:
+    monkeypatch.chdir(tmp_path)
+    square = [120 * row + column for row in range(30, 36) for column in range(50, 56)]
+    for name, changed in (("a", []), ("b", square)):
+        Pillow.fromarray(noisy(changed)).save(f"{name}.png")
+    date = np.zeros((90, 120), np.uint8)
+    date[30:36, 50:56] = 255
+    Pillow.fromarray(date).save("date.png")
+    compare = ["compare", "b.png", "a.png"]
+    for place, code in (("50,30,6,6", 0), ("50,30,6,5", 1), ("date.png", 0)):
+        assert main([*compare, "--ignore", place]) == code
+    assert main([*compare, "--ignore", "0,0,120,90"]) == 2
+    assert main([*compare, "--ignore", "clock"]) == 2
+    err = capsys.readouterr().err
+    assert "ignore: expected a part of the picture, got all of it" in err
+    assert "--ignore: expected left,top,width,height in pixels, a picture, or a name of regions, got 'clock'" in err
+    Path("pyproject.toml").write_text(SETTINGS)
+    assert main(compare) == 0, "of the project, also for a folder below"
+    assert main([*compare, "--ignore", "0,0,9,9"]) == 1, "what is given replaces the project's"
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir(tmp_path / "below")
+    assert main(["compare", "../b.png", "../a.png", "--ignore", "date"]) == 2, "pictures of options are here"
+    Path("../pyproject.toml").write_text(SETTINGS.replace('["clock"]', '["date"]'))
+    assert main(["compare", "../b.png", "../a.png"]) == 0, "pictures of the project's are there"
+    Path("../pyproject.toml").write_text(SETTINGS.replace("noise", "nois"))
+    capsys.readouterr()
+    assert main(["compare", "../b.png", "../a.png"]) == 2
+    assert "did you mean noise?" in capsys.readouterr().err
+
+
+def test_antialiased_edges(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An edge that is smoothed otherwise passes on request; an edge that moved does not."""
+    monkeypatch.chdir(tmp_path)
+    for name, edge, gray in (("a", 20, 90), ("b", 20, 150), ("moved", 24, 90)):
+        samples = np.full((30, 40), 255, np.uint8)
+        samples[:, :edge] = 10
+        samples[:, edge] = gray
+        samples[::3, edge] += 30
+        Pillow.fromarray(samples).save(f"{name}.png")
+    assert main(["compare", "b.png", "a.png"]) == 1
+    assert main(["compare", "b.png", "a.png", "--ignore-antialiased"]) == 0
+    assert main(["compare", "moved.png", "a.png", "--ignore-antialiased"]) == 1
+
+
+def test_frames_and_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said) -> None:
+    monkeypatch.chdir(tmp_path)
+    frames = [Pillow.new("L", (20, 10), 50 * number) for number in range(4)]
+    for name, count in (("old.gif", 4), ("short.gif", 3)):
+        frames[0].save(name, save_all=True, append_images=frames[1:count], duration=50)
+    changed = [*frames[:2], Pillow.new("L", (20, 10), 233), frames[3]]
+    changed[0].save("new.gif", save_all=True, append_images=changed[1:], duration=50)
+    assert main(["compare", "old.gif", "old.gif"]) == 0
+    assert main(["compare", "new.gif", "old.gif", "--report", "r.html"]) == 1
+    assert "new.gif [3]: different" in capsys.readouterr().out
+    html = Path("r.html").read_text(encoding="utf-8")
+    assert "new.gif [3]" in html and "3 the same" in html
+    assert main(["compare", "short.gif", "old.gif"]) == 1
+    assert "no new picture in short.gif, which has fewer" in capsys.readouterr().out
+
+
+def test_the_history_of_a_baseline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The report shows the expected picture at the commits that changed it."""
+    if shutil.which("git") is None:
+        pytest.skip("git is not here")
+    monkeypatch.chdir(tmp_path)
+    git = ["git", "-c", "user.name=a", "-c", "user.email=a@b"]
+    subprocess.run([*git, "init", "-q"], check=True)
+    for gray, subject in ((50, "first <b>"), (90, "second")):
+        Pillow.new("L", (20, 10), gray).save("old.png")
+        subprocess.run([*git, "add", "old.png"], check=True)
+        subprocess.run([*git, "commit", "-qm", subject], check=True)
+    Pillow.new("L", (20, 10), 99).save("new.png")
+    assert main(["compare", "new.png", "old.png", "--report", "r.html"]) == 1
+    history = Path("r.html").read_text(encoding="utf-8").partition('<details class="history">')[2]
+    assert history.index("second") < history.index("first &lt;b&gt;") and history.count("data:image/png") == 2
+
+
+def test_equal_bytes_are_not_decoded_and_processes_keep_the_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        for number in range(6):
+            changed = [number] if folder == "a" and number % 2 else []
+            Pillow.fromarray(noisy(changed)[:9, :16]).save(tmp_path / folder / f"{number}.png")
+    pairs = [Files(*names) for names in find_pairs(tmp_path / "a", tmp_path / "b")]
+    outcomes = list(compare_all(pairs, Criteria(extra=frozenset({"ssim"})), processes=2))
+    assert [o.state for o in outcomes] == ["same", "different"] * 3 and [o.files for o in outcomes] == pairs
+    slow = compare_files(pairs[0], Criteria(extra=frozenset({"ssim"})))[0]
+    assert outcomes[0].verdict == slow.verdict, "as if it had been decoded"
+    monkeypatch.setattr("splatgl.comparison.pairs.compare_files", pytest.fail)
+    assert [o.state for o in compare_all([pairs[0], pairs[2]], Criteria())] == ["same", "same"]

@@ -40,8 +40,8 @@ def test_names_as_files(tmp_path: Path) -> None:
     # one name's files are not another's
     for name in ("front.png", "front.nvidia.png", "front-2.png", "front.nvidia-2.png", "frontal.nvidia.png"):
         (tmp_path / name).touch()
-    mine = Baselines(tmp_path, "front", "nvidia")
+    mine = Baselines(tmp_path, "front", ("nvidia",))
     assert [path.name for path in mine.valid()] == ["front.nvidia.png", "front.nvidia-2.png"]
-    assert [path.name for path in Baselines(tmp_path, "front", "amd").valid()] == ["front.png"]
-    assert Baselines(tmp_path, "front-3", "amd").valid() == []
+    assert [path.name for path in Baselines(tmp_path, "front", ("amd",)).valid()] == ["front.png"]
+    assert Baselines(tmp_path, "front-3", ("amd",)).valid() == []
     assert mine.fresh().name == "front.nvidia-3.png"

@@ -10,7 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl.comparison import html_report
 from splatgl.comparison.html_report import build_case
-from splatgl.comparison.verdict import judge
+from splatgl.comparison.verdict import Pair, judge
 
 # more than LARGEST in both directions, and no multiple of what becomes one pixel
 HEIGHT, WIDTH = 1030, 2051
@@ -77,7 +77,7 @@ def test_a_large_difference_is_enlarged_at_its_worst() -> None:
 def test_the_frame_is_around_the_box() -> None:
     """In per cent of the picture, which the page may show at any size."""
     actual, right = pair(515, 500)
-    html = build_case(judge(actual, right), actual, right).html
+    html = build_case(judge(actual, right), Pair(actual, right)).html
     (frame,) = set(re.findall(r'class="mark" style="([^"]*)"', html))
     left, top, width, height = (float(n) for n in re.findall(r"([\d.]+)%", frame))
     assert (left, top) == pytest.approx((100 * 500 / WIDTH, 50), abs=1e-3)

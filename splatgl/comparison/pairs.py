@@ -1,0 +1,184 @@
+"""Compares pairs of files: equal bytes first, then pictures, pages and frames, by several processes."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice, zip_longest
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NamedTuple
+
+from splatgl.comparison.compare import equal_comparison
+from splatgl.comparison.html_report import MOST_PICTURED, Case, build_case, build_single_case
+from splatgl.comparison.pictures import Picture, frames, match_formats, read_size
+from splatgl.comparison.verdict import Criteria, Pair, Verdict, check_limits
+from splatgl.data.image import Image
+from splatgl.errors import InputError
+
+SAME, DIFFERENT, UNUSABLE = 0, 1, 2
+# bytes of a file that are compared at a time
+BLOCK = 2**20
+# pairs that a process of its own compares faster than this one, which starts it in half a second
+WORTH_A_PROCESS = 12
+
+
+class Files(NamedTuple):
+    """A pair of files by the name that both share."""
+
+    name: str
+    actual: Path
+    right: Path
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result for two pictures. state: same, different, missing (of one side) or unusable; error: the reason.
+
+    verdict: None if missing or unusable. frame: of a file with several. pair: on request.
+    """
+
+    files: Files
+    state: str
+    verdict: Verdict | None = None
+    error: str = ""
+    frame: int = 0
+    pair: Pair | None = None
+
+    @property
+    def code(self) -> int:
+        """The exit code: SAME, DIFFERENT or UNUSABLE."""
+        return {"same": SAME, "unusable": UNUSABLE}.get(self.state, DIFFERENT)
+
+    @property
+    def name(self) -> str:
+        """The name of the files, and the number of the frame from the second on."""
+        return self.files.name + (f" [{self.frame + 1}]" if self.frame else "")
+
+    @property
+    def line(self) -> str:
+        """The summary without the name."""
+        return self.verdict.line if self.verdict else self.error
+
+    @property
+    def accept(self) -> str:
+        """The shell command that makes the new picture the expected one; "" if nothing is to be accepted."""
+        actual, right = (shlex.quote(path.as_posix()) for path in self.files[1:])
+        if self.state == "same" or not self.files.actual.exists():
+            return "" if self.state == "same" else f"rm {right}"
+        folder = shlex.quote(self.files.right.parent.as_posix())
+        return f"{'' if self.files.right.parent.is_dir() else f'mkdir -p {folder} && '}cp {actual} {right}"
+
+    def __str__(self) -> str:
+        return str(self.verdict) if self.verdict else self.error
+
+
+def compare_all(pairs: Sequence[Files], criteria: Criteria, processes: int | None = None) -> Iterator[Outcome]:
+    """Yields the outcomes of pairs in their order. processes: at most; None: one a core, where that is faster."""
+    several = len(pairs) > 1 and criteria.mask is None and not criteria.ignore
+    equal = {files for files in pairs if several and have_equal_bytes(files)}
+    rest = [files for files in pairs if files not in equal]
+    count = min(processes or os.cpu_count() or 1, len(rest) // (1 if processes else WORTH_A_PROCESS))
+    work = partial(compare_files, criteria=criteria, keep=len(pairs) == 1)
+    if count < 2:
+        yield from _in_order(pairs, equal, map(work, rest), criteria)
+        return
+    with ProcessPoolExecutor(count, get_context("spawn")) as pool:
+        yield from _in_order(pairs, equal, pool.map(work, rest, chunksize=4), criteria)
+
+
+def _in_order(
+    pairs: Sequence[Files], equal: set[Files], compared: Iterator[list[Outcome]], criteria: Criteria
+) -> Iterator[Outcome]:
+    for files in pairs:
+        yield from [_equal_outcome(files, criteria)] if files in equal else next(compared)
+
+
+def have_equal_bytes(files: Files) -> bool:
+    """Whether both files are PNGs that end as such, of equal bytes."""
+    try:
+        if files.actual.stat().st_size != files.right.stat().st_size or read_size(files.actual) is None:
+            return False
+        with files.actual.open("rb") as a, files.right.open("rb") as b:
+            while True:
+                block = a.read(BLOCK)
+                if block != b.read(BLOCK):
+                    return False
+                if not block:
+                    return True
+    except OSError:
+        return False
+
+
+def _equal_outcome(files: Files, criteria: Criteria) -> Outcome:
+    width, height = read_size(files.actual) or (0, 0)
+    limits = criteria.tolerance
+    comparison = equal_comparison(width * height, limits.threshold, criteria.extra | limits.extra)
+    names = str(files.actual), str(files.right)
+    verdict = Verdict(*names, (width, height), comparison, limits, check_limits(comparison, limits), None)
+    return Outcome(files, "same", verdict)
+
+
+def compare_files(files: Files, criteria: Criteria, keep: bool = False) -> list[Outcome]:
+    """Outcomes of the pictures of two files: one, or one a page or frame. keep: keeps the pictures in it."""
+    for what, path, other in (("new picture", files.actual, files.right), ("baseline", files.right, files.actual)):
+        if not path.exists() and other.exists():
+            return [Outcome(files, "missing", error=f"{files.name}: no {what}: expected {path}")]
+    outcomes = []
+    try:
+        for number, pictures in enumerate(_together(files)):
+            outcomes.append(replace(_compare(files, *pictures, criteria), frame=number))
+            if not keep:
+                outcomes[-1] = replace(outcomes[-1], pair=None)
+    except InputError as error:
+        outcomes.append(Outcome(files, "unusable", error=str(error), frame=len(outcomes)))
+    return outcomes
+
+
+def _together(files: Files) -> Iterator[tuple[Picture | None, Picture | None]]:
+    """Pictures of both files; the first are read in parallel, as decoding releases the GIL."""
+    both = frames(files.actual), frames(files.right)
+    with ThreadPoolExecutor(2) as threads:
+        first = list(threads.map(next, both))
+    yield first[0], first[1]
+    yield from zip_longest(*both)
+
+
+def _compare(files: Files, actual: Picture | None, right: Picture | None, criteria: Criteria) -> Outcome:
+    if actual is None or right is None:
+        what, path = ("new picture", files.actual) if actual is None else ("baseline", files.right)
+        return Outcome(files, "missing", error=f"{files.name}: no {what} in {path}, which has fewer")
+    try:
+        pair = Pair.of(*match_formats(actual, right, criteria.any_mode), criteria)
+        verdict = pair.judge(criteria, (actual.name, right.name))
+    except InputError as error:
+        return Outcome(files, "unusable", error=str(error))
+    return Outcome(files, "same" if verdict.same else "different", verdict, pair=pair)
+
+
+def build_cases(outcomes: Iterable[Outcome], criteria: Criteria) -> list[Case]:
+    """Cases of a report, the largest differences first; pictures that were not kept are read again."""
+    ranked = sorted(outcomes, key=lambda o: (-o.code, -o.verdict.comparison.rmse if o.verdict else 0.0))
+    return [_case(outcome, criteria, place < MOST_PICTURED) for place, outcome in enumerate(ranked)]
+
+
+def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
+    files, line = outcome.files, outcome.line.removeprefix(f"{outcome.files.name}: ")
+    if outcome.state == "different" and pictured and outcome.verdict:
+        pair = outcome.pair or Pair.of(*_read_again(outcome, criteria), criteria)
+        case = build_case(replace(outcome.verdict, name=outcome.name), pair)
+    else:
+        image = None
+        if outcome.state == "missing" and pictured and files.actual.exists() != files.right.exists():
+            image = next(frames(files.actual if files.actual.exists() else files.right)).image
+        case = build_single_case(outcome.name, outcome.state, line, image, expected=not files.actual.exists())
+    return replace(case, accept=outcome.accept, file=files.right.as_posix())
+
+
+def _read_again(outcome: Outcome, criteria: Criteria) -> tuple[Image, Image]:
+    actual, right = (next(islice(frames(path), outcome.frame, None)) for path in outcome.files[1:])
+    return match_formats(actual, right, criteria.any_mode)

@@ -1,0 +1,166 @@
+"""Settings of comparisons: from pyproject.toml, pytest's configuration, the command line and calls, in that order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.comparison.compare import ALIGNMENTS
+from splatgl.comparison.pictures import read_mask
+from splatgl.comparison.verdict import NOISE, Criteria, Tolerance
+from splatgl.errors import error_prefix, expected
+from splatgl.fileio import load_table, parse_table
+from splatgl.options import refuse_unknown
+
+METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "levels", "density", "ssim", "flip")
+# names of limits, their fields of Tolerance, and help
+LIMITS = (
+    ("tolerance", "maximum", "same as --max-difference E"),
+    ("max-difference", "maximum", "largest difference of a channel"),
+    ("max-rmse", "rmse", "root mean square of the differences"),
+    ("max-bias", "bias", "mean difference of a channel"),
+    ("max-share", "share", "share of pixels above --threshold, 0 to 1"),
+    ("max-unmatched", "unmatched", "that share without edges that moved by one pixel"),
+    ("max-levels", "levels", "largest difference in 8-bit levels of sRGB and alpha"),
+    ("max-density", "density", "largest share of pixels above --threshold in a window of 7×7"),
+    ("max-flip", "flip", "mean FLIP error, 0 to 1 (extra compare)"),
+    ("min-psnr", "psnr", "PSNR in decibels"),
+    ("min-ssim", "ssim", "structural similarity, up to 1"),
+)
+FIELDS = {name: limit for name, limit, _ in LIMITS}
+# settings of a project alone: names of regions, folder of baselines, classes of renderers and processors, page, summary
+PROJECT = ("regions", "baselines", "class", "report", "summary")
+KEYS = (*FIELDS, "threshold", "noise", "metric", "mask", "ignore", "antialiased", "align", "any-mode", *PROJECT)
+FILE, TABLE = "pyproject.toml", "[tool.splatgl.compare]"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """values: by the names in KEYS. folder: relative names of files in them start here."""
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+    folder: Path = Path()
+
+    @classmethod
+    def of_project(cls, start: Path) -> Settings:
+        """The table [tool.splatgl.compare] of the nearest pyproject.toml in a folder or above it; empty without one."""
+        file = next((f / FILE for f in (start, *start.resolve().parents) if (f / FILE).is_file()), None)
+        if file is None:
+            return cls(folder=start)
+        table = load_table(file, "a project").get("tool", {}).get("splatgl", {}).get("compare", {})
+        return cls(folder=file.parent).but(table, f"{file}: {TABLE}")
+
+    def but(self, values: Mapping[str, Any], what: str = "options") -> Settings:
+        """The settings with others. A limit among them replaces all limits, `noise` too. what: their place."""
+        named = {name.replace("_", "-"): value for name, value in values.items() if value is not None}
+        refuse_unknown(what, named, KEYS)
+        limits = {"noise", *FIELDS}
+        kept = {k: v for k, v in self.values.items() if k not in limits or not limits & set(named)}
+        changed = replace(self, values={**kept, **named})
+        if what != "options":
+            with error_prefix(what):
+                changed.criteria()
+        return changed
+
+    def but_text(self, text: str, what: str) -> Settings:
+        """The settings with those of a text in TOML."""
+        return self.but(parse_table(text, f"{what}: expected settings in TOML"), what)
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """A value by its name."""
+        return self.values.get(name, default)
+
+    def path(self, name: str) -> Path | None:
+        """A file or folder by the name of its setting; relative to the settings' folder."""
+        value = self.get(name)
+        if value is not None and not isinstance(value, str):
+            raise expected(name, "a name", repr(value))
+        return self.folder / value if value else None
+
+    def criteria(self) -> Criteria:
+        """The criteria of a comparison. Raises InputError for bad values."""
+        noise, align = self.get("noise", "none"), self.get("align", "corner")
+        for name, value, known in (("noise", noise, NOISE), ("align", align, ALIGNMENTS)):
+            if value not in known:
+                raise expected(name, " or ".join(known), repr(value))
+        for name in ("antialiased", "any-mode"):
+            if not isinstance(self.get(name, True), bool):
+                raise expected(name, "true or false", repr(self.get(name)))
+        metrics = self.get("metric", ())
+        rectangles, pictures = self._ignored()
+        mask = read_mask(self.folder / self.get("mask")) if self.get("mask") else None
+        for name in pictures:
+            counts = ~read_mask(self.folder / name)
+            if mask is not None and mask.shape != counts.shape:
+                raise expected(f"ignore: {name}", "the mask's size", f"{counts.shape[1]}×{counts.shape[0]}")
+            mask = counts if mask is None else mask & counts
+        return Criteria(
+            tolerance=self._tolerance(NOISE[noise]),
+            extra=frozenset(metrics) & {"ssim", "flip", "levels", "density"},
+            mask=mask,
+            ignore=rectangles,
+            antialiased=self.get("antialiased", True),
+            any_mode=self.get("any-mode", False),
+            align=align,
+        )
+
+    def _tolerance(self, noise: Tolerance) -> Tolerance:
+        """The limits: those given, else those of the noise."""
+        threshold = self.get("threshold")
+        threshold = None if threshold is None else read_limit("threshold", threshold)
+        given = self.get("tolerance")
+        if isinstance(given, Tolerance):
+            return given
+        limits: dict[str, float] = {}
+        for name, limit in FIELDS.items():
+            if name in self.values:
+                value = read_limit(name, self.values[name])
+                limits[limit] = min(value, limits.get(limit, math.inf))
+        return Tolerance.only(threshold, **limits) if limits else replace(noise, threshold=threshold)
+
+    def _ignored(self) -> tuple[tuple[tuple[int, int, int, int], ...], list[str]]:
+        """Rectangles, and names of pictures, that are not compared: of `ignore` and of the regions that it names."""
+        regions = self.get("regions", {})
+        if not isinstance(regions, Mapping):
+            raise expected("regions", "names with rectangles, such as clock = [0, 0, 90, 20]", repr(regions))
+        rectangles, pictures = [], []
+        given = self.get("ignore", ())
+        for part in [given] if isinstance(given, str) or _is_rectangle(given) else given:
+            region = regions.get(part, part) if isinstance(part, str) else part
+            if isinstance(region, str) and "," in region:
+                region = [int(n) if n.strip().isdigit() else n for n in region.split(",")]
+            if _is_rectangle(region):
+                left, top, width, height = (int(n) for n in region)
+                rectangles.append((left, top, width, height))
+            elif isinstance(region, str) and Path(region).suffix:
+                pictures.append(region)
+            else:
+                this = "left,top,width,height in pixels, a picture, or a name of " + (", ".join(regions) or "regions")
+                raise expected("ignore", this, repr(part))
+        return tuple(rectangles), pictures
+
+
+def _is_rectangle(value: Any) -> bool:
+    """Whether a value is left, top, width and height."""
+    is_list = isinstance(value, Iterable) and not isinstance(value, str | Mapping)
+    numbers = list(value) if is_list else []
+    return (
+        len(numbers) == 4 and all(isinstance(n, int | np.integer) and n >= 0 for n in numbers) and min(numbers[2:]) > 0
+    )
+
+
+def read_limit(name: str, value: Any) -> float:
+    """A number from 0, or a fraction such as 2/255 as text. Raises InputError for others."""
+    try:
+        top, _, bottom = str(value).partition("/")
+        number = float(top) / float(bottom or 1)
+    except (ValueError, ZeroDivisionError):
+        number = math.nan
+    if isinstance(value, bool) or not 0 <= number < math.inf:
+        raise expected(name, "a number from 0, or a fraction such as 2/255", repr(value))
+    return number
