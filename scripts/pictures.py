@@ -11,7 +11,9 @@ with VTK if it is installed. scripts/gallery draws the gallery.
 from __future__ import annotations
 
 import os
+import re
 import shlex
+import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -162,6 +164,24 @@ def compare() -> None:
     Pillow.fromarray(np.concatenate(pictures, axis=1)).quantize(COLORS).save(FOLDER / "compare.png", optimize=True)
 
 
+def image_report() -> None:
+    """The report of the guide's sample project, with one bar changed, in Chromium."""
+    page = (ROOT / "splatgl" / "docs" / "image-regression.md").read_text(encoding="utf-8")
+    with TemporaryDirectory() as folder:
+        for name, text in re.findall(r"`([\w.]+)`:\n\n```python\n(.*?)```", page, re.DOTALL):
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        pytest = [sys.executable, "-m", "pytest", "-q"]
+        subprocess.run([*pytest, "--splatgl-update"], cwd=folder, check=True)
+        test = Path(folder) / "test_chart.py"
+        test.write_text(test.read_text(encoding="utf-8").replace("5", "4"), encoding="utf-8")
+        subprocess.run([*pytest, "--splatgl-report", "."], cwd=folder, check=False)
+        browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        options = ["--window-size=1100,640", f"--user-data-dir={folder}/user", f"--screenshot={folder}/page.png"]
+        subprocess.run([*browser, *options, f"file://{folder}/index.html"], check=True)
+        page_shot = Pillow.open(f"{folder}/page.png").convert("RGB")
+        page_shot.quantize(COLORS).save(FOLDER / "image_report.png", optimize=True)
+
+
 # the window's scene: bones of the Visible Male
 BONES = f"""volume = "{MALE}"
 [load]
@@ -219,7 +239,7 @@ def compared(*names: str) -> None:
     side_by_side(FOLDER / ("first.png" if len(names) == 1 else "side_by_side.png"), *names)
 
 
-BUILT_IN = (scenes, antialiasing, spinning, depth, turn, compare)
+BUILT_IN = (scenes, antialiasing, spinning, depth, turn, compare, image_report)
 FUNCTIONS = {
     **{function.__name__: function for function in (*BUILT_IN, front, classification, light, presets)},
     "window": window,

@@ -9,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -536,3 +537,48 @@ def test_equal_bytes_are_not_decoded_and_processes_keep_the_order(
     assert outcomes[0].verdict == slow.verdict, "as if it had been decoded"
     monkeypatch.setattr("splatgl.comparison.pairs.compare_files", pytest.fail)
     assert [o.state for o in compare_all([pairs[0], pairs[2]], Criteria())] == ["same", "same"]
+
+
+def save_movie(path: str, grays: tuple[int, ...]) -> None:
+    av = pytest.importorskip("av", reason="av is in the extra video")
+    with av.open(path, "w") as movie:
+        stream = movie.add_stream("mpeg4", rate=5)
+        stream.width, stream.height, stream.pix_fmt = 32, 16, "yuv420p"
+        frames = [av.VideoFrame.from_ndarray(np.full((16, 32, 3), gray, np.uint8)) for gray in grays]
+        for packet in [*(p for frame in frames for p in stream.encode(frame)), *stream.encode(None)]:
+            movie.mux(packet)
+
+
+def save_pages(path: str, grays: tuple[int, ...]) -> None:
+    pytest.importorskip("pypdfium2", reason="pypdfium2 is in the extra documents")
+    pages = [Pillow.new("RGB", (32, 16), (gray, 9, 9)) for gray in grays]
+    pages[0].save(path, save_all=True, append_images=pages[1:])
+
+
+def save_drawing(path: str, grays: tuple[int, ...]) -> None:
+    pytest.importorskip("cairosvg", reason="cairosvg is in the extra documents")
+    color = f"rgb({sum(grays)},9,9)"
+    Path(path).write_text(
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="32" height="16"><circle r="9" fill="{color}"/></svg>'
+    )
+
+
+@pytest.mark.parametrize(("ending", "save"), [("mp4", save_movie), ("pdf", save_pages), ("svg", save_drawing)])
+def test_movies_and_documents(
+    ending: str,
+    save: Callable[[str, tuple[int, ...]], None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Said,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    save(f"a.{ending}", (20, 90))
+    save(f"b.{ending}", (20, 120))
+    assert main(["compare", f"a.{ending}", f"a.{ending}"]) == 0
+    capsys.readouterr()
+    assert main(["compare", f"a.{ending}", f"b.{ending}"]) == 1
+    said = capsys.readouterr().out
+    assert f"a.{ending}{'' if ending == 'svg' else ' [2]'}: different" in said
+    Path(f"cut.{ending}").write_bytes(Path(f"a.{ending}").read_bytes()[:60])
+    assert main(["compare", f"cut.{ending}", f"b.{ending}"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import subprocess
@@ -393,3 +394,122 @@ def test_the_plugin_loads_without_opengl_and_numpy() -> None:
         "assert not {'moderngl', 'glcontext'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+CONFIGURED = """
+class Figure:
+    def savefig(self, file, format):
+        PIL.Image.new("RGB", (9, 8), (200, 10, 30)).save(file, format)
+
+class Plotly:
+    def to_image(self, format):
+        figure = io.BytesIO()
+        PIL.Image.new("L", (9, 8), 33).save(figure, format)
+        return figure.getvalue()
+
+class Plotter:
+    def screenshot(self, return_img):
+        return np.full((8, 9, 3), 77, np.uint8)
+
+def test_kinds(splatgl_image, tmp_path):
+    gray = np.full((8, 9), 99, np.uint8)
+    for image in (gray, gray[..., None], gray.astype(np.uint16) * 257, np.stack([gray] * 3, -1)):
+        splatgl_image(image, name="gray")
+    splatgl_image(gray > 0, name="white")
+    splatgl_image(Figure(), name="figure")
+    splatgl_image(Plotly(), name="plotly")
+    splatgl_image(Plotter(), name="plotter")
+
+def test_spot(splatgl_image):
+    image = picture()
+    image.pixels[2:4, 2:4, 1:] = float(os.environ.get("SPOT", 0))
+    splatgl_image(image)
+
+def test_strict(splatgl_image):
+    image = picture()
+    image.pixels[2:4, 2:4, 1:] = float(os.environ.get("SPOT", 0))
+    splatgl_image(image, max_difference=2, ignore=[])
+"""
+
+
+def test_settings_of_the_project(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    """pyproject.toml, then pytest's configuration, then the test; baselines in one folder, with a class's name."""
+    from splatgl.platforms import processor_vendor
+
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", "")
+    project = '[tool.splatgl.compare]\nbaselines = "kept"\nignore = ["mark"]\nregions = {mark = [1, 1, 4, 4]}\n'
+    (pytester.path / "pyproject.toml").write_text(project + 'class = "cpu"\nreport = "out"\nsummary = "out/s.md"\n')
+    pytester.mkdir("tests").joinpath("test_set.py").write_text("import io, PIL.Image\n" + TEST + CONFIGURED)
+    assert pytester.runpytest("--splatgl-update-class").ret == 0
+    names = {Path(name).relative_to("kept/tests/test_set").as_posix() for name in baselines(pytester)}
+    called = ("gray", "white", "figure", "plotly", "plotter", "test_spot", "test_strict")
+    vendor = f".cpu-{processor_vendor()}.png"
+    assert names == {name + vendor for name in called}
+    monkeypatch.setenv("SPOT", "1")
+    pytester.runpytest().assert_outcomes(passed=3)
+    assert "✅ Image regression: 10 same" in (pytester.path / "out" / "s.md").read_text(encoding="utf-8")
+    ini = pytester.path / "tox.ini"
+    plain = ini.read_text()
+    ini.write_text(plain + "\nsplatgl =\n  ignore = [[0, 0, 3, 3]]\n  max-rmse = 0.001\n")
+    result = pytester.runpytest("--junitxml", "j.xml", "-o", "junit_logging=system-out")
+    result.assert_outcomes(passed=2, failed=1)
+    result.stdout.fnmatch_lines(["*limits: rmse 0.0*> 0.001"])
+    junit = (pytester.path / "j.xml").read_text(encoding="utf-8")
+    attached = re.findall(r'<property name="attachment" value="(.*?)"', junit)
+    assert [Path(name).name.split(".")[-2] for name in attached] == ["actual", "expected", "difference"]
+    assert all(Path(name).is_file() and f"[[ATTACHMENT|{name}]]" in junit for name in attached)
+    ini.write_text(plain + "\nsplatgl = noise = 'drivers'\n")
+    pytester.runpytest("-k", "kinds").stdout.fnmatch_lines(["splatgl: noise: expected none or driver, got 'drivers'"])
+
+
+def test_baselines_that_no_test_compares(pytester: pytest.Pytester) -> None:
+    """Of a whole run: names that are gone, and folders of files that are gone; of a part nothing is said."""
+    pytester.makepyfile(test_one=ONE + "\ndef test_more(splatgl_image):\n    splatgl_image(picture(0.3))\n")
+    pytester.makepyfile(test_gone=ONE)
+    assert pytester.runpytest("--splatgl-update").ret == 0
+    (pytester.path / "test_gone.py").unlink()
+    pytester.makepyfile(test_one=ONE)
+    unused = ["unused baseline: baselines/test_gone/test_it.png", "unused baseline: baselines/test_one/test_more.png"]
+    result = pytester.runpytest("--splatgl-report", "out")
+    result.stdout.fnmatch_lines(unused)
+    html = (pytester.path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "<code>rm baselines/test_gone/test_it.png baselines/test_one/test_more.png</code>" in html
+    pytester.runpytest("-k", "test_it").stdout.no_fnmatch_line("*unused*")
+    pytester.makepyfile(test_one=ONE + "\ndef test_skipped():\n    __import__('pytest').skip('later')\n")
+    pytester.runpytest().stdout.no_fnmatch_line("*test_more.png*")
+
+
+def test_each_frame_has_a_baseline(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytester.makepyfile(test_film="def test_film(splatgl_image):\n    splatgl_image('film.gif')\n")
+    frames = [PIL.Image.new("L", (20, 10), 50 * number) for number in range(4)]
+    for count, options, outcome in ((3, ["--splatgl-update"], "passed"), (3, [], "passed"), (2, [], "failed")):
+        frames[0].save(pytester.path / "film.gif", save_all=True, append_images=frames[1:count], duration=50)
+        result = pytester.runpytest(*options)
+        result.assert_outcomes(**{outcome: 1})
+    result.stdout.fnmatch_lines(["test_film has 2 frames, but baselines/test_film/test_film-3.png is there"])
+    assert len(baselines(pytester)) == 3
+    frames[0].save(pytester.path / "film.gif", save_all=True, append_images=[frames[3], frames[2]], duration=50)
+    pytester.runpytest().stdout.fnmatch_lines(["test_film-2 differs: *"])
+
+
+def test_the_guides_sample_project(pytester: pytest.Pytester) -> None:
+    """Its files, a changed bar, and the commands of its workflow."""
+    matplotlib = pytest.importorskip("matplotlib.figure", reason="Matplotlib is in the extra plots")
+    # imported whole, see PRESENT
+    figure = matplotlib.Figure()
+    figure.subplots()
+    figure.savefig(io.BytesIO())
+    text = (Path(__file__).parents[2] / "splatgl" / "docs" / "image-regression.md").read_text(encoding="utf-8")
+    for name, content in re.findall(r"`([\w.]+)`:\n\n```python\n(.*?)```", text, re.DOTALL):
+        (pytester.path / name).write_text(content)
+    pytester.syspathinsert()
+    for options, outcome in (([], "failed"), (["--splatgl-update"], "passed"), ([], "passed")):
+        pytester.runpytest(*options).assert_outcomes(**{outcome: 1})
+    test = pytester.path / "test_chart.py"
+    test.write_text(test.read_text().replace("5", "4"))
+    (step,) = re.findall(r"- run: pytest (.*)", text)
+    result = pytester.runpytest(*step.replace('"$GITHUB_STEP_SUMMARY"', "summary.md").split())
+    said = text.partition("```text\n")[2].splitlines()[0]
+    result.stdout.fnmatch_lines([said.replace("64×30", "*×*")])
+    assert (pytester.path / "image-report" / "index.html").is_file()
+    assert "test_bars | different |" in (pytester.path / "summary.md").read_text(encoding="utf-8")

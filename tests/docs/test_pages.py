@@ -26,6 +26,7 @@ from PIL import Image as Pillow
 import splatgl as sg
 from splatgl.annotations.annotate import ANNOTATIONS
 from splatgl.cli.main import COMMANDS, _parser, main
+from splatgl.comparison.settings import Settings as ComparisonSettings
 from splatgl.readers import FORMATS
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat import kernels
@@ -44,7 +45,7 @@ MOST_LINES = 120
 # pages of the guide without a picture, or without a reference at the end
 NO_PICTURE, NO_REFERENCE = {"api", "changelog"}, {"api", "changelog", "index"}
 # of code blocks; text is output, and holds no command
-LANGUAGES = ("sh", "python", "toml", "text")
+LANGUAGES = ("sh", "python", "toml", "yaml", "text")
 # what begins a command line
 PROGRAMS = ("splatgl ", "scripts/", "pip ", "pytest ")
 
@@ -305,6 +306,7 @@ def write_files(text: str) -> None:
 def toml_files() -> dict[str, str]:
     """The TOML blocks, by the names that commands give them."""
     keys = {"scene.toml": "volume =", "flight.toml": "[[keyframe]]", "keys.toml": "[bindings]"}
+    keys["pyproject.toml"] = "[tool.splatgl.compare]"
     found = {name: [block.text for block in of("toml") if key in block.text] for name, key in keys.items()}
     assert sum(map(len, found.values())) == len(of("toml")) == len(keys)
     return {name: text for name, (text,) in found.items()}
@@ -362,6 +364,11 @@ def test_scene_file(here: Path) -> None:
     scene = SceneFile.from_toml(Path("scene.toml"))
     assert scene.settings.antialias == "supersample" and scene.view.size == (400, 300)
     assert main(["render", "scene.toml", "--size", "20"]) == 0
+
+
+def test_settings_of_comparisons(here: Path) -> None:
+    settings = ComparisonSettings.of_project(here)
+    assert settings.criteria().ignore == ((280, 10, 40, 12), (0, 0, 90, 20)) and settings.get("class") == "cpu"
 
 
 def test_key_bindings_file(here: Path) -> None:
@@ -450,6 +457,11 @@ def test_names_exist(path: Path) -> None:
             getattr(import_module(module), name)
 
 
+# options of pytest and of plugins that a page compares with its own
+OTHERS = {"--junitxml", "--mpl", "--mpl-generate-path", "--mpl-baseline-path", "--mpl-generate-summary"}
+OTHERS |= {"--force-regen", "--regen-all"}
+
+
 @cache
 def known_options() -> frozenset[str]:
     """Options of all commands, of the pytest plugin, and of scripts/test and scripts/gpu_check."""
@@ -460,7 +472,7 @@ def known_options() -> frozenset[str]:
         parser = _parser([name])
         (commands,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
         known |= set(commands.choices[name]._option_string_actions)
-    return frozenset(known)
+    return frozenset(known | OTHERS)
 
 
 @each_page
