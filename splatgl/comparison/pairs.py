@@ -11,14 +11,16 @@ from functools import partial
 from itertools import islice, zip_longest
 from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from splatgl.comparison.compare import equal_comparison
-from splatgl.comparison.html_report import MOST_PICTURED, Case, build_case, build_single_case
 from splatgl.comparison.pictures import Picture, frames, match_formats, read_size
 from splatgl.comparison.verdict import Criteria, Pair, Verdict, check_limits
 from splatgl.data.image import Image
 from splatgl.errors import InputError
+
+if TYPE_CHECKING:
+    from splatgl.comparison.html_report import Case
 
 SAME, DIFFERENT, UNUSABLE = 0, 1, 2
 # bytes of a file that are compared at a time
@@ -162,11 +164,15 @@ def _compare(files: Files, actual: Picture | None, right: Picture | None, criter
 
 def build_cases(outcomes: Iterable[Outcome], criteria: Criteria) -> list[Case]:
     """Cases of a report, the largest differences first; pictures that were not kept are read again."""
+    from splatgl.comparison.html_report import MOST_PICTURED
+
     ranked = sorted(outcomes, key=lambda o: (-o.code, -o.verdict.comparison.rmse if o.verdict else 0.0))
     return [_case(outcome, criteria, place < MOST_PICTURED) for place, outcome in enumerate(ranked)]
 
 
 def _case(outcome: Outcome, criteria: Criteria, pictured: bool) -> Case:
+    from splatgl.comparison.html_report import build_case, build_single_case
+
     files, line = outcome.files, outcome.line.removeprefix(f"{outcome.files.name}: ")
     if outcome.state == "different" and pictured and outcome.verdict:
         pair = outcome.pair or Pair.of(*_read_again(outcome, criteria), criteria)
