@@ -53,7 +53,7 @@ def check(
             inside[w.y : w.y + w.height, w.x : w.x + w.width] = True
         shown = np.flatnonzero(_is_visible(image.pixels, settings) & inside)
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
-        drawn = select_splats(layer, look, moving=False)
+        drawn = select_splats(layer, look, False, camera)
         samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
         far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, look)
         checked["field"] = {"pixels": len(pixels), **_errors(far)}
@@ -95,7 +95,7 @@ def check_input(splats: Splats | Scene, camera: Camera, settings: Settings, rows
     (layer, settings), *others = splats.drawn(settings)
     if others or splats.surfaces(settings):
         raise expected("--field", "a picture of one volume", "layers or meshes")
-    selected = select_splats(layer, settings, moving=False)
+    selected = select_splats(layer, settings, False, camera)
     why = why_classified_before(layer.source, selected, settings, moving=False)
     if why:
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")

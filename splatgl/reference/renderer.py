@@ -82,7 +82,8 @@ def _prepare(
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
     if len(layers) > 1 or meshes:
         shared = common_samples(layers, camera, settings)
-        layers = [(clip_behind_eye(select_splats(splats, look, moving=False), camera), look) for splats, look in shared]
+        chosen = ((select_splats(splats, look, False, camera), look) for splats, look in shared)
+        layers = [(clip_behind_eye(splats, camera), look) for splats, look in chosen]
         drawings = _prepare_layers(layers, camera, settings, windows, meshes)
         names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
         background = None if settings.background is None else list(settings.background)
@@ -92,7 +93,7 @@ def _prepare(
     if row != "row1":
         kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
         settings = replace(settings, classification="pre", compositing="splats", kernel=kernel)
-    splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
+    splats = clip_behind_eye(select_splats(splats, settings, False, camera), camera)
     resolved = Resolved.of(splats, camera, settings)
     scene = _scene(_select_reaching(splats, resolved, windows), resolved, row)
     return [(scene, resolved)], _provenance(splats, camera, resolved, row)

@@ -142,7 +142,7 @@ class Bricks:
         # `whole` masks the gaps of samples in memory
         gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
         low, high = zyx_index(self.low[brick]), zyx_index(self.high[brick])
-        records = box_records(self.volume, self.post, self.kernel, low, high, gaps)
+        records = box_records(self.volume, self.post, self.kernel, (low, high), gaps)
         self.gaps[brick] = sum(map(len, gaps or ()))
         return records
 
@@ -171,7 +171,7 @@ class Bricks:
         if box is None:
             return None
         low, high = (zyx_index(np.clip(end, 0, size)) for end in box)
-        records = box_records(self.volume, self.post, self.kernel, low, high)
+        records = box_records(self.volume, self.post, self.kernel, (low, high))
         return NearField.of_records(records, box, view, sheets)
 
     def within(self, sheets: Sheets, view: GridView, shell: Shell) -> Bricks:

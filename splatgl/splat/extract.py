@@ -18,6 +18,7 @@ from splatgl.data.volume import Slab, Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.extract_values import extract_post, gradients
 from splatgl.splat.grid import Grid
+from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
 from splatgl.splat.preintegration import (
@@ -58,7 +59,8 @@ Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 class Source:
     """Volume and transfer function of splats, to extract other splats from them when a picture needs these.
 
-    many: whether there would be more than MOST_KEPT values. made: extracted splats by classification and kernel.
+    many: whether there would be more than MOST_KEPT values, hidden ones included. made: extracted splats by
+    classification and kernel.
     """
 
     volume: Volume
@@ -115,7 +117,9 @@ def extract(
     for `kernel`, classified after reconstruction, of all voxels that opaque points need; "post-all": of all voxels, for
     blends of one value; "post-lean": without the quarter that only the rims of kernels need, for pictures in motion.
     The post kinds need a volume without colours, and no threshold. "auto": post where possible with at most MOST_KEPT
-    voxels, else pre; the splats refer to the volume, so that pictures can extract the other kind once.
+    voxels, else pre; the splats refer to the volume, so that pictures can extract the other kind once. Large interiors
+    that no eye outside sees are left out, too, and extracted with the rest for pictures that may show them; see
+    hidden_interior.py.
 
     threshold: opacity per reference length in [0, 1). slab: planes, or as many voxels, to read at a time. progress
     wraps the iteration over these parts (parts, their number). Raises InputError for a threshold outside [0, 1), for a
@@ -133,20 +137,22 @@ def extract(
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
     depth, height, width = volume.shape
     planes = slab or max(1, SLAB_VOXELS // (height * width))
-    why = why_only_pre(volume, transfer, threshold)
+    why, hidden = why_only_pre(volume, transfer, threshold), None
     if classification == "pre" or (classification == "auto" and why):
         splats = extract_pre(volume, transfer, threshold, planes, progress)
     elif why:
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
     else:
         post = ValueClassifier.of(transfer, kernel, (width, height, depth), classification == "post-all")
-        post = replace(post, lean=classification == "post-lean")
-        splats = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress)
+        hidden = HiddenInterior.of(volume, post, unit) if classification == "auto" else None
+        post = replace(post, lean=classification == "post-lean", hollow=hidden is not None)
+        inside = hidden.inside if hidden else None
+        splats = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress, inside)
     splats = replace(splats, frame=volume.frame)
     if classification != "auto":
         return splats
-    many = splats.post is not None and len(splats) > MOST_KEPT
-    if many:
+    many = splats.post is not None and len(splats) + (hidden.count if hidden else 0) > MOST_KEPT
+    if many and len(splats) > MOST_KEPT:
         splats = replace(extract_pre(volume, transfer, threshold, planes, progress), frame=volume.frame)
     return replace(splats, source=Source(volume, transfer, threshold, slab, many))
 

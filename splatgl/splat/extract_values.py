@@ -46,15 +46,22 @@ KERNEL_REACH = 2
 Around = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 # (low, high) of a box of voxels, z, y, x
 Box = tuple[Places, Places]
+# bool [d, h, w]: which voxels of a box are left out
+IsHidden = Callable[[Places, Places], np.ndarray]
 Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 def extract_post(
-    volume: Volume, post: ValueClassifier, kernel: Kernel, voxels: int, progress: Progress | None = None
+    volume: Volume,
+    post: ValueClassifier,
+    kernel: Kernel,
+    voxels: int,
+    progress: Progress | None = None,
+    hidden: IsHidden | None = None,
 ) -> Splats:
     """Splats of value and gradient, in row order, of all finite voxels that `post` wants.
 
-    voxels: about how many to read at a time; records do not depend on it.
+    voxels: about how many to read at a time; records do not depend on it. hidden: of a box; these voxels are left out.
     """
     gathered = GrowingRecords(record_type(volume.shape, post=True))
     layers = boxes(volume.shape, voxels)
@@ -63,7 +70,7 @@ def extract_post(
     remaining = progress(all_boxes, count) if progress else all_boxes
     gaps: list[np.ndarray] = [np.zeros((0, 3), np.int64)]
     for layer in layers:
-        parts = [box_records(volume, post, kernel, low, high, gaps) for low, high in islice(remaining, len(layer))]
+        parts = [box_records(volume, post, kernel, box, gaps, hidden) for box in islice(remaining, len(layer))]
         records = np.concatenate(parts) if len(parts) > 1 else parts[0]
         # boxes are in row order; merge their planes
         order = np.argsort(records["position"][:, 2], kind="stable") if len(parts) > 1 else slice(None)
@@ -89,16 +96,20 @@ def box_records(
     volume: Volume,
     post: ValueClassifier,
     kernel: Kernel,
-    low: Places,
-    high: Places,
+    box: Box,
     gaps: list[np.ndarray] | None = None,
+    hidden: IsHidden | None = None,
 ) -> np.ndarray:
-    """Records, in row order, of the voxels low ≤ (z, y, x) < high that `post` wants. Boxes known to hold none are not
-    read. Appends to `gaps` the places [N, 3] (x, y, z) of missing voxels within reach of their kernels.
+    """Records, in row order, of the voxels low ≤ (z, y, x) < high of a box that `post` wants, but hidden ones. Boxes
+    known to hold none are not read. Appends to `gaps` the places [N, 3] (x, y, z) of missing voxels within reach of
+    their kernels.
     """
+    low, high = box
     halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
     mask = MaskField.of(volume)
     near = None if mask is None else mask.near(low, high)
+    if hidden is not None:
+        near = ~hidden(low, high) if near is None else near & ~hidden(low, high)
     if near is not None and not near.any():
         return nothing
     ends = volume.extent(low, high, halo)
@@ -186,7 +197,7 @@ def post_records(
     near: np.ndarray | None = None,
 ) -> np.ndarray:
     """Records, in row order, of the finite voxels that `post` wants in a part without its halo. near: which of these
-    affect unmasked places; None: all.
+    affect places that are seen; None: all.
     """
     u, first, inner = part
     keep, beside = select_needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
@@ -239,14 +250,19 @@ def _fill(
     filled["gradient"] = (world.T @ gradients(values.u, x, y, z, around=values.around).T).T
 
 
-def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
-    """Record values of samples [...], float32; NaN where a sample is not finite."""
+def tabulate(samples: np.ndarray, of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """`of` samples [...], from a table of integers of few bytes; `of` takes NaN where a sample is not finite."""
     if samples.dtype.kind in "bui" and samples.dtype.itemsize <= TABLE_BYTES:
         kind = samples.dtype if samples.dtype.kind != "b" else np.dtype(np.uint8)
         # in the order of the samples' bits
-        table = post.relative(np.arange(2 ** (8 * kind.itemsize)).astype(kind.newbyteorder("=")))
+        table = of(np.arange(2 ** (8 * kind.itemsize)).astype(kind.newbyteorder("=")))
         return np.take(table, samples.astype(kind.newbyteorder("="), copy=False).view(f"u{kind.itemsize}"))
-    return post.relative(samples if samples.dtype.kind in "bui" else np.where(np.isfinite(samples), samples, np.nan))
+    return of(samples if samples.dtype.kind in "bui" else np.where(np.isfinite(samples), samples, np.nan))
+
+
+def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
+    """Record values of samples [...], float32; NaN where a sample is not finite."""
+    return tabulate(samples, post.relative)
 
 
 def coefficients(u: np.ndarray, kernel: Kernel, places: tuple[np.ndarray, ...]) -> tuple[np.ndarray, Places]:

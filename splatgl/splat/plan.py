@@ -64,7 +64,7 @@ class Blurred:
         if form == "off" or exposure is None or motion is None:
             return cls(settings, camera)
         if form == "moments":
-            splats = select_splats(splats, settings, moving=True)
+            splats = select_splats(splats, settings, True, camera)
             count = settings.moments or count_moments(splats, camera, motion, settings.shutter)
             if settings.motion in MOTIONS:
                 notes.append(f"motion {settings.motion} left out: {settings.blend} of a streak is none of its moments")
@@ -266,7 +266,7 @@ def plan(
     given, notes = settings or Settings(), list[str]()
     blurred = Blurred.of(splats, camera, given, motion, notes)
     settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
-    selected = select_splats(splats, settings, exposure is not None)
+    selected = select_splats(splats, settings, exposure is not None, camera)
     notes += classification_notes(splats.source, selected, settings, exposure is not None)
     splats = selected if exposure else clip_behind_eye(selected, camera)
     resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)

@@ -138,7 +138,8 @@ class ValueClassifier:
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
     kept [n, 2]: intervals of values around which voxels were kept. lean: without the voxels that only the rims of
     kernels need. faced: gradients at the volume's ends assume transparent neighbours, which lights the end faces; not
-    if gradients weight opacity, which would make the end faces visible.
+    if gradients weight opacity, which would make the end faces visible. hollow: without hidden interiors, see
+    hidden_interior.py.
     """
 
     transfer: Transfer
@@ -149,6 +150,7 @@ class ValueClassifier:
     kept: np.ndarray
     lean: bool = False
     faced: bool = True
+    hollow: bool = False
 
     @classmethod
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> ValueClassifier:
@@ -184,7 +186,7 @@ class ValueClassifier:
 
     def holds(self, transfer: Transfer) -> bool:
         """Whether the records serve another transfer function: they contain all voxels that it needs, and resolve its
-        range.
+        range. Never without hidden interiors, which depend on it.
         """
         low, high = self.with_transfer(transfer).range
         furthest = max(abs(low), abs(high))
@@ -192,7 +194,8 @@ class ValueClassifier:
         starts, ends = self.kept.T
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
         covered = ((starts - slack <= a) & (b <= ends + slack) for a, b in opaque_intervals(transfer))
-        return resolved and self.faced != bool(transfer.gradient) and all(interval.any() for interval in covered)
+        resolved &= not self.hollow and self.faced != bool(transfer.gradient)
+        return resolved and all(interval.any() for interval in covered)
 
     @property
     def is_current(self) -> bool:

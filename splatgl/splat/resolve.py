@@ -15,6 +15,7 @@ from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.clipping import Clip, clip_splats
 from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
+from splatgl.splat.hidden_interior import TOLERANCE
 from splatgl.splat.kernels import BOX, Kernel, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
@@ -326,9 +327,10 @@ def blur_form(splats: Splats, settings: Settings) -> Motions:
     classified after reconstruction, and boxes of labels, have no streaks.
     """
     if settings.motion == "auto":
+        if not BLENDS[settings.blend].unbounded:
+            return "moments"
         selected = select_splats(splats, settings, moving=True)
-        sums = BLENDS[settings.blend].unbounded and selected.post is None and not draws_boxes(selected, settings, False)
-        return "exact" if sums else "moments"
+        return "exact" if selected.post is None and not draws_boxes(selected, settings, False) else "moments"
     if settings.motion == "off":
         return "moments" if (settings.moments or 1) > 1 else "off"
     return settings.motion if has_streaks(settings) else "moments"
@@ -384,17 +386,18 @@ def extract_for_settings(
     return replace(splats, source=Source(volume, transfer, threshold))
 
 
-def select_splats(splats: Splats, settings: Settings, moving: bool) -> Splats:
+def select_splats(splats: Splats, settings: Settings, moving: bool, camera: Camera | None = None) -> Splats:
     """Selects the splats for a picture with these settings, without clipped voxels: the given ones if they fit or have
     no source, else splats that are extracted from their source.
 
-    moving: whether the picture is motion-blurred.
+    moving: whether the picture is motion-blurred. camera: of the picture, which may need no hidden interiors; None:
+    selects all splats.
     """
-    selected = _classified(splats, settings, moving)
+    selected = _classified(splats, settings, moving, camera)
     return clip_splats(selected, settings.clip, draws_boxes(selected, settings, moving))
 
 
-def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
+def _classified(splats: Splats, settings: Settings, moving: bool, camera: Camera | None) -> Splats:
     source, post = splats.source, splats.post
     if source is None:
         return splats
@@ -403,7 +406,35 @@ def _classified(splats: Splats, settings: Settings, moving: bool) -> Splats:
         serves = how == "pre" or (how == "post" and source.many and settings.classification == "auto")
     else:
         serves = how != "pre" and post.kernel == kernel and (how == "post" or post.every)
+    if serves and post is not None and post.hollow and may_show_interior(splats, settings, camera):
+        serves = False
+        if source.many and settings.classification == "auto":
+            how, kernel = "pre", ""
     return splats if serves else source.splats(how, kernel)
+
+
+# distance of the eye from splats, in voxels, up to which sheets are planes around it, which reach behind the eye
+AROUND_EYE = 8.0
+
+
+def may_show_interior(splats: Splats, settings: Settings, camera: Camera | None) -> bool:
+    """Whether a picture may show, or light by, matter that hollow splats lack; see hidden_interior.py."""
+    cut = settings.clip or settings.ambient_occlusion > 0 or settings.shadows > 0
+    exact = settings.occlusion == "off" or settings.tolerance < TOLERANCE
+    if camera is None or cut or exact or not BLENDS[settings.blend].ordered or not len(splats):
+        return True
+    depths = depth_range(splats, camera)
+    if camera.perspective:
+        eye = splats.grid.index_from_world(camera.eye)
+        if np.linalg.norm(eye - np.clip(eye, *splats.index_bounds)) < AROUND_EYE:
+            return True
+    elif depths[0] < 0:
+        return True
+    # wider voxels reach further into the matter
+    smallest = splats.grid.smallest_spacing
+    samples = _samples(settings, float(camera.pixel_pitch(depths[1])) / smallest, camera.size, [])
+    fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
+    return settings.antialias != "off" and depths[1] >= fine.z_k(smallest)
 
 
 def why_classified_before(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> str | None:

@@ -1,0 +1,216 @@
+"""Hidden interiors: bounds against rays marched through cells, and pictures against those of all voxels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.errors import InputError
+from splatgl.splat import hidden_interior
+from splatgl.splat.hidden_interior import LIGHT, HiddenInterior, depths_from_outside
+from splatgl.splat.preintegration import ValueClassifier
+from splatgl.splat.resolve import select_splats
+
+SIDE = 48
+# steps of marched rays, in cells
+STEP = 0.01
+SOLID = sg.Transfer([(60, 0.0), (100, 0.9999)])
+
+
+@pytest.fixture
+def small_interiors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out hidden interiors of a few voxels."""
+    monkeypatch.setattr(hidden_interior, "LEAST", 64)
+    monkeypatch.setattr(hidden_interior, "_is_worth_it", lambda dense, side: True)
+
+
+def radius(side: int = SIDE) -> np.ndarray:
+    """Distances [D, H, W] from the middle of a cube of voxels."""
+    z, y, x = (axis - (side - 1) / 2 for axis in np.ogrid[:side, :side, :side])
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def inside(distance: np.ndarray) -> np.ndarray:
+    """Samples of 200 at distances well below 0, 0 well above, a ramp between."""
+    return np.clip(100 - 50 * distance, 0, 200)
+
+
+def hidden(samples: np.ndarray, transfer: sg.Transfer = SOLID, **volume: object) -> np.ndarray:
+    """bool: which samples are hidden."""
+    whole = sg.Volume(samples.astype(np.float32), **volume)  # type: ignore[arg-type]
+    post = ValueClassifier.of(transfer, "b-spline", whole.shape[::-1])
+    found = HiddenInterior.of(whole, post, transfer.unit or 1.0)
+    return np.zeros(samples.shape, bool) if found is None else found.inside((0, 0, 0), whole.shape)
+
+
+def march(depth: np.ndarray, seed: int) -> float:
+    """The most by which the bound of a cell exceeds the optical depth of a ray before it; depth: cubic cells'."""
+    random = np.random.default_rng(seed)
+    bound = depths_from_outside([depth] * 3).astype(float)
+    size = np.array(depth.shape)
+    along = random.normal(size=(400, 3))
+    # some along the borders between cones
+    along[:100, 0] = along[:100, 1] * random.choice([-1, 1], 100)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    target = random.uniform(1, size - 1, (400, 3))
+    place, passed, most = target - along * 2 * size.max(), np.zeros(400), 0.0
+    for _ in range(int(4 * size.max() / STEP)):
+        place += along * STEP
+        cell = np.floor(place).astype(int)
+        within = ((cell >= 0) & (cell < size)).all(axis=1)
+        z, y, x = cell[within].T
+        most = max(most, float((bound[z, y, x] - passed[within]).max(initial=0.0)))
+        passed[within] += STEP * depth[z, y, x]
+    return most
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_no_ray_passes_less(seed: int) -> None:
+    # random matter with holes, in blocks, and a bound that is not trivial
+    random = np.random.default_rng(seed)
+    blocks = random.integers(0, 90, (3, 3, 3)) * (random.random((3, 3, 3)) > 0.2)
+    depth = np.pad(np.kron(blocks, np.ones((3, 3, 3))), 1).astype(np.uint8)
+    assert march(depth, seed) <= 90 * STEP * 4
+    assert depths_from_outside([depth] * 3).max() > 30
+
+
+def test_slabs() -> None:
+    depth = np.zeros((9, 21, 21), np.uint8)
+    depth[3:-1, 1:-1, 1:-1] = 30
+    # a layer beside what is transparent counts as transparent
+    np.testing.assert_array_equal(depths_from_outside([depth] * 3)[:, 10, 10], [0, 0, 0, 0, 30, 60, 30, 0, 0])
+    # cells that are short along some axis
+    for thin in range(3):
+        found = depths_from_outside([depth // 30 if axis == thin else depth for axis in range(3)])
+        np.testing.assert_array_equal(found[:, 10, 10], [0, 0, 0, 0, 1, 2, 1, 0, 0])
+
+
+def test_what_is_seen_along_a_tunnel_and_in_a_cavity(small_interiors: None) -> None:
+    r, place = radius(), np.arange(SIDE) - (SIDE - 1) / 2
+    across = np.hypot(place[:, None], place)[None]
+    ball = hidden(inside(r - 22))
+    # kernels, optical depth and cells reach 9 to 12 voxels
+    assert ball[r < 10].all() and not ball[r > 12.5].any()
+    tunnel = hidden(inside(np.maximum(r - 22, 2 - across)))
+    assert 0 < tunnel.sum() < ball.sum() / 2 and not tunnel[:, (across < 6)[0]].any()
+    # a closed cavity is hidden with what lies around it
+    closed = inside(np.maximum(r - 22, 3 - r))
+    np.testing.assert_array_equal(hidden(closed), ball)
+    # a channel opens it
+    channel = np.minimum(2 - across, -place[:, None, None])
+    opened = hidden(inside(np.maximum(np.maximum(r - 22, 3 - r), channel)))
+    assert 0 < opened.sum() < ball.sum() / 4 and not opened[r < 8].any()
+
+
+def test_no_thin_or_translucent_matter_hides(small_interiors: None) -> None:
+    r = radius()
+    assert not hidden(inside(np.abs(r - 16) - 3)).any()
+    assert not hidden(inside(r - 22), replace(SOLID, points=((60, 0.0), (100, 0.05)))).any()
+    # fog, 6 voxels thick, around an opaque core
+    fog = replace(SOLID, points=((60, 0.0), (100, 0.05), (140, 0.05), (150, 0.9999)))
+    core = hidden(np.where(r < 23, 120.0, 0.0) + 80 * np.clip(17 - r, 0, 1), fog)
+    assert core[r < 2].all() and not core[r > 6].any()
+    # values in a gap of the transfer function are transparent, whatever lies around
+    opaque = ((60, 0.0), (100, 0.9999), (118, 0.9999)), ((122, 0.9999), (255, 0.9999))
+    gap = replace(SOLID, points=(*opaque[0], (119, 0.0), (121, 0.0), *opaque[1]))
+    layers = np.where(r < 23, 110.0, 0.0)
+    layers[r < 20], layers[r < 18] = 120.0, 200.0
+    assert hidden(layers, SOLID)[r < 11].all() and hidden(layers, gap)[r < 6].all()
+    assert not hidden(layers, gap)[r > 8].any()
+    assert not hidden(np.where(r < 23, 120.0, 0.0), gap).any()
+
+
+def test_missing_and_masked_voxels_open_matter(small_interiors: None) -> None:
+    r = radius()
+    solid, hole = inside(r - 22), inside(r - 22)
+    hole[: SIDE // 2, 22:26, 22:26] = np.nan
+    through = hidden(hole)
+    assert not through[: SIDE // 2, 22:26, 22:26].any() and through.sum() < hidden(solid).sum()
+    masked = sg.Volume(solid.astype(np.float32)).masked(np.isfinite(hole))
+    post = ValueClassifier.of(SOLID, "b-spline", masked.shape[::-1])
+    found = HiddenInterior.of(masked, post, unit=1.0)
+    assert found is not None and not found.inside((0, 0, 0), masked.shape)[: SIDE // 2, 22:26, 22:26].any()
+    # voxels of half the reference length hide less
+    unit = replace(SOLID, unit=2.0)
+    few, many = hidden(solid, unit).sum(), hidden(solid).sum()
+    assert 0 < few < hidden(solid, unit, spacing=(2, 1, 2)).sum() < many == hidden(solid, unit, spacing=(2, 2, 2)).sum()
+
+
+def test_only_bounded_values_are_hidden(small_interiors: None) -> None:
+    samples = sg.Volume(inside(radius() - 22).astype(np.float32))
+    assert sg.extract(samples, SOLID).post.hollow  # type: ignore[union-attr]
+    weighted = replace(SOLID, gradient=((0.0, 0.0), (10.0, 1.0)))
+    for splats in (
+        sg.extract(samples, weighted),
+        sg.extract(samples, SOLID, kernel="b-spline-free"),
+        sg.extract(samples, SOLID, classification="post"),
+        sg.extract(samples, SOLID, classification="post-all"),
+    ):
+        assert splats.post is not None and not splats.post.hollow
+
+
+@pytest.fixture
+def ball(small_interiors: None) -> sg.Volume:
+    """A ball with layers, a gap and a dent."""
+    r = radius()
+    samples = inside(np.maximum(r - 22, 5 - np.linalg.norm(np.indices(r.shape).T - [36, 24, 8], axis=-1).T))
+    samples[r < 16] += 40 * np.sin(np.indices(r.shape).sum(axis=0))[r < 16]
+    return sg.Volume(samples.astype(np.float32))
+
+
+@pytest.fixture
+def camera(ball: sg.Volume) -> sg.Camera:
+    return sg.Camera.orbit(ball, azimuth=30, elevation=20, size=(32, 32))
+
+
+def test_pictures_are_those_of_all_voxels(ball: sg.Volume, camera: sg.Camera, renderer: sg.Renderer) -> None:
+    splats, whole = sg.extract(ball, SOLID), sg.extract(ball, SOLID, classification="post")
+    assert len(splats) < 0.95 * len(whole)
+    flat = sg.Camera.orthographic(camera.eye, (24, 24, 24), (0, 0, 1), 50, (32, 32))
+    for view in (camera, flat):
+        for settings in (sg.Settings(), sg.Settings(technique="quads", antialias="off")):
+            assert renderer.plan(splats, view, settings).splats is splats
+            pixels = renderer.render(splats, view, settings).pixels
+            assert np.abs(pixels - renderer.render(whole, view, settings).pixels).max() <= LIGHT
+
+
+INTERIOR = {
+    "clip": sg.Settings(clip=((0.0, 1.0, 0.0, 24.0),)),
+    "mean": sg.Settings(blend="mean"),
+    "xray": sg.Settings(blend="xray"),
+    "occlusion": sg.Settings(occlusion="off"),
+    "tolerance": sg.Settings(tolerance=1e-3),
+    "ambient": sg.Settings(ambient_occlusion=0.5),
+    "shadows": sg.Settings(shadows=0.5),
+}
+
+
+@pytest.mark.parametrize("name", INTERIOR)
+def test_other_pictures_get_all_voxels(ball: sg.Volume, camera: sg.Camera, name: str) -> None:
+    splats = sg.extract(ball, SOLID)
+    assert splats.post is not None and splats.post.hollow
+    drawn = select_splats(splats, INTERIOR[name], False, camera)
+    whole = sg.extract(ball, SOLID, classification="post-all" if name == "mean" else "post")
+    assert drawn.post is not None and not drawn.post.hollow
+    assert len(drawn) == len(select_splats(whole, INTERIOR[name], False, camera))
+
+
+def test_eyes_inside_and_wide_pixels_get_all_voxels(ball: sg.Volume, camera: sg.Camera) -> None:
+    splats, settings = sg.extract(ball, SOLID), sg.Settings()
+    assert select_splats(splats, settings, False, camera) is splats
+    near = sg.Camera.look_at((24, -4, 24), (24, 24, 24), (0, 0, 1), size=(32, 32))
+    cutting = sg.Camera.orthographic((24, 24, 24), (24, 48, 24), (0, 0, 1), 50, (32, 32))
+    for view in (near, cutting, camera.resized((4, 4)), None):
+        assert not select_splats(splats, settings, False, view).post.hollow  # type: ignore[union-attr]
+
+
+def test_a_hollow_set_serves_no_other_transfer_function(ball: sg.Volume, camera: sg.Camera) -> None:
+    splats = sg.extract(ball, SOLID)
+    whole = sg.extract(ball, SOLID, classification="post")
+    assert splats.post is not None and whole.post is not None
+    assert whole.post.holds(SOLID) and not splats.post.holds(SOLID)
+    with pytest.raises(InputError, match="flow: expected all splats"):
+        sg.Motion(flow=np.ones((len(splats), 3))).move(splats, 0.5)
