@@ -12,7 +12,6 @@ from typing import Any
 
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window, clip_behind_eye, eye_is_near, screen_bounds
-from splatgl.splat.hidden_interior import LIGHT
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.motion import Exposure, Motion, count_moments
 from splatgl.splat.motion_blur import MOTIONS
@@ -269,8 +268,6 @@ def plan(
     settings, camera, exposure = blurred.settings, blurred.camera, blurred.exposure
     selected = select_splats(splats, settings, exposure is not None, camera)
     notes += classification_notes(splats.source, selected, settings, exposure is not None)
-    if selected.post is not None and selected.post.hollow:
-        notes.append(f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them")
     splats = selected if exposure else clip_behind_eye(selected, camera)
     resolved = Resolved.of(splats, camera, settings, moving=exposure is not None)
     notes += resolved.notes

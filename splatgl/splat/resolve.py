@@ -15,7 +15,7 @@ from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.clipping import Clip, clip_splats
 from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
-from splatgl.splat.hidden_interior import TOLERANCE
+from splatgl.splat.hidden_interior import LIGHT, TOLERANCE
 from splatgl.splat.kernels import BOX, Kernel, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
@@ -450,7 +450,9 @@ def why_classified_before(source: Source | None, selected: Splats, settings: Set
 
 
 def classification_notes(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> list[str]:
-    """A note on why `auto` classifies voxels instead of reconstructed values, if it does."""
+    """Notes on why `auto` classifies voxels instead of reconstructed values, or leaves some out, if it does."""
+    if selected.post is not None and selected.post.hollow:
+        return [f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them"]
     if source is None or settings.classification != "auto":
         return []
     why = why_classified_before(source, selected, settings, moving)
