@@ -208,7 +208,8 @@ class Renderer:
         """
         started = time.perf_counter()
         chosen = self.plan_bricks(bricks, camera, settings)
-        pixels = self._draw_bricks(bricks, chosen, progress, interrupted, bands)
+        visible = bricks.without_hidden(camera, settings or Settings())
+        pixels = self._draw_bricks(visible, chosen, progress, interrupted, bands)
         return self._of_bricks(bricks, camera, chosen, pixels, sum(bricks.found.values()), started)
 
     def render_part(

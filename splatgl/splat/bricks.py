@@ -21,13 +21,15 @@ from splatgl.data.volume import Volume, zyx_index
 from splatgl.errors import expected
 from splatgl.fileio import format_bytes
 from splatgl.readers.common import is_mapped
+from splatgl.splat.camera import Camera
 from splatgl.splat.culling import AROUND_EYE
 from splatgl.splat.extract import POST_KERNEL, why_only_pre
 from splatgl.splat.extract_values import box_records, boxes, gaps_of, post_splats
+from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.preintegration import ValueClassifier
-from splatgl.splat.resolve import why_per_splat
+from splatgl.splat.resolve import may_show_interior, why_per_splat
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.sheets import NearField, Sheets, near_box
 from splatgl.splat.splats import MOST_KEPT, Splats, record_type
@@ -36,6 +38,8 @@ from splatgl.splat.view import GridView
 
 # voxels along a brick's sides, and voxels that are searched for missing samples at a time
 SIDE, PART = 64, 1 << 22
+# maximum number of voxels that are read to find hidden ones
+MOST_SEARCHED = 1 << 28
 # least number of splats in a batch, except the last
 BATCH = 1 << 19
 # bricks per processor that are extracted in advance
@@ -59,7 +63,7 @@ class Bricks:
     """A volume in boxes of voxels. low, high int64 [B, 3]: brick b holds the voxels low ≤ (x, y, z) < high.
 
     found: number of splats of each extracted brick. gaps: number of missing samples beside them, known once a brick is
-    read. shell: range of sheets whose splats are drawn; None: all.
+    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out.
     """
 
     volume: Volume
@@ -69,6 +73,7 @@ class Bricks:
     found: dict[int, int] = field(default_factory=dict)
     gaps: dict[int, int] = field(default_factory=dict)
     shell: Shell | None = None
+    hidden: HiddenInterior | None = None
 
     @classmethod
     def of(cls, volume: Volume, post: ValueClassifier, side: int = SIDE) -> Bricks:
@@ -99,6 +104,15 @@ class Bricks:
         records = np.zeros(len(places), record_type(self.volume.shape, post=True))
         records["position"] = places
         return post_splats(self.volume, self.post, records)
+
+    def without_hidden(self, camera: Camera, settings: Settings) -> Bricks:
+        """The bricks without voxels inside matter from which the picture gets no light."""
+        return self if may_show_interior(self.whole, settings, camera) else replace(self, hidden=self._interior)
+
+    @cached_property
+    def _interior(self) -> HiddenInterior | None:
+        few = self.volume.count <= MOST_SEARCHED
+        return HiddenInterior.of(self.volume, self.post, self.whole.unit) if few else None
 
     def _extract_ahead(
         self, order: list[int], sheets: Sheets, view: GridView, is_visible: IsVisible
@@ -142,7 +156,8 @@ class Bricks:
         # `whole` masks the gaps of samples in memory
         gaps: list[np.ndarray] | None = None if isinstance(self.volume.samples, np.ndarray) else []
         low, high = zyx_index(self.low[brick]), zyx_index(self.high[brick])
-        records = box_records(self.volume, self.post, self.kernel, (low, high), gaps)
+        inside = self.hidden.inside if self.hidden else None
+        records = box_records(self.volume, self.post, self.kernel, (low, high), gaps, inside)
         self.gaps[brick] = sum(map(len, gaps or ()))
         return records
 

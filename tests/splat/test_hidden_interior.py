@@ -10,6 +10,7 @@ import pytest
 import splatgl as sg
 from splatgl.errors import InputError
 from splatgl.splat import hidden_interior
+from splatgl.splat.bricks import Bricks
 from splatgl.splat.hidden_interior import LIGHT, HiddenInterior, depths_from_outside
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.resolve import select_splats
@@ -175,6 +176,16 @@ def test_pictures_are_those_of_all_voxels(ball: sg.Volume, camera: sg.Camera, re
         assert renderer.plan(splats, view, settings).splats is splats
         pixels = renderer.render(splats, view, settings).pixels
         assert np.abs(pixels - renderer.render(whole, view, settings).pixels).max() <= LIGHT
+
+
+def test_bricks_leave_it_out_too(ball: sg.Volume, camera: sg.Camera, renderer: sg.Renderer) -> None:
+    bricks = Bricks.of(ball, ValueClassifier.of(SOLID, "b-spline", ball.shape[::-1]), 16)
+    visible = bricks.without_hidden(camera, sg.Settings())
+    assert sum(len(visible.records(brick)) for brick in range(len(bricks.low))) == len(sg.extract(ball, SOLID))
+    assert bricks.without_hidden(camera, sg.Settings(occlusion="off")) is bricks
+    image, off = (renderer.render_bricks(bricks, camera, sg.Settings(occlusion=how)) for how in ("auto", "off"))
+    assert 0 < image.info["splats"] < off.info["splats"]
+    assert np.abs(image.pixels - off.pixels).max() <= 2 * LIGHT
 
 
 INTERIOR = {
