@@ -117,7 +117,8 @@ install_package() { # level
     pip_install -e "${repo}[$extras]" || die "pip could not install the packages; see its message above"
 }
 
-pip_install() { "$venv/bin/python" -m pip install --quiet "$@" >&2; }
+# what is imported is compiled then: of most packages that is little, and compiling all takes longer than unpacking
+pip_install() { "$venv/bin/python" -m pip install --quiet --no-compile "$@" >&2; }
 
 # --- OpenGL -------------------------------------------------------------------------------------------------------
 
