@@ -47,7 +47,7 @@ CASES = {
 }
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("command", CASES)
 def test_told_before_imports(command: str, tmp_path: Path) -> None:
     run = [sys.executable, "-c", TELL, *command.split()]

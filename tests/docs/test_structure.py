@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -85,7 +86,8 @@ def room_of(path: Path) -> str | None:
     return None if first in ("__init__", "__main__") else first
 
 
-def imports(path: Path) -> Iterator[Import]:
+@cache
+def imports(path: Path) -> list[Import]:
     """All imports of a file with full names, those in functions and for type checks included."""
     package = ("splatgl", *path.relative_to(PACKAGE).parts[:-1])
 
@@ -100,7 +102,7 @@ def imports(path: Path) -> Iterator[Import]:
             checks = isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
             yield from walk(child, late or isinstance(child, Function), typed or checks)
 
-    return walk(ast.parse(path.read_text(encoding="utf-8")), False, False)
+    return list(walk(ast.parse(path.read_text(encoding="utf-8")), False, False))
 
 
 def wrong_imports(path: Path) -> list[str]:

@@ -36,6 +36,7 @@ def test_random_pictures_keep_their_bound_and_their_bits(renderer: sg.Renderer, 
         assert found.error <= found.bound and found.same, f"seed {seed}: {case.name}: {found}"
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, grid: str) -> None:
     """Eyes on planes of voxels, along axes, diagonals and in between; right also where a quarter is behind."""

@@ -144,6 +144,7 @@ def volume() -> sg.Volume:
     return sg.Volume(np.random.default_rng(4).random((20, 20, 20), np.float32))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"shading": "off"}, {"clip": ((1.0, 0.0, 0.0, 8.0),)}])
 def test_a_card_reads_nothing_before_the_picture(monkeypatch: pytest.MonkeyPatch, change: dict) -> None:
     splats = sg.extract(volume(), sg.Transfer([(0.4, 0), (1, 0.5)]))

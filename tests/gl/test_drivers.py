@@ -66,13 +66,13 @@ def assert_right(name: str, pixels: np.ndarray, subject: Subject = SUBJECT) -> N
 COMPARED = [*(name for name in SETTINGS if name not in BLURRED), *SCENES, "bricks", "bricks, mip", "bricks inside"]
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", [*COMPARED, "parts", "parts, mip"])
 def test_pictures_are_those_of_float64(renderer: sg.Renderer, name: str) -> None:
     assert_right(name, PICTURES[name](SUBJECT, renderer, name))
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", BY_QUADS)
 def test_quads_draw_them_too(renderer: sg.Renderer, name: str) -> None:
     subject, camera, settings = SUBJECT.scene(name)
@@ -112,6 +112,7 @@ def test_bands_of_sheets_make_no_difference(renderer: sg.Renderer, monkeypatch: 
     np.testing.assert_allclose(renderer.render(subject, camera, settings).pixels, whole, atol=2e-5)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["bricks", "bricks, mip", "parts", "parts, mip"])
 def test_quads_draw_bricks(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(renderer, "tiles", None)

@@ -107,7 +107,7 @@ def single_footprints(h: Kernel, voxels: np.ndarray, camera: sg.Camera) -> tuple
 def test_voxels_around_the_eye(name: str, renderer: sg.Renderer) -> None:
     """500 voxels 0.1 … 20 from the eye, some behind its plane: within 0.05 level of the half-line integral."""
     h, rng = kernel(name), np.random.default_rng(21)
-    camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 60, (64, 64))
+    camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 60, (20, 20))
     x, y = camera.slopes()
     rays = np.stack(np.broadcast_arrays(x[None, :], y[:, None], 1.0), axis=-1)
     worst, behind = 0.0, 0
@@ -234,7 +234,7 @@ def test_attenuation(attenuation: str, renderer: sg.Renderer) -> None:
     ],
 )
 def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> None:
-    """A built-in scene or some planes of it, a CT and a microscopy volume at 256²: RMSE below 2e−4, maximum below
+    """A built-in scene or some planes of it, a CT and a microscopy volume at 128²: RMSE below 2e−4, maximum below
     3e−3.
     """
     from splatgl.scene.view import ViewOptions
@@ -248,7 +248,7 @@ def test_scenes(name: str, planes: slice, blend: str, renderer: sg.Renderer) -> 
         some[planes] = volume.samples[planes]
         volume = replace(volume, samples=some)
     splats = sg.extract(volume, transfer, classification="pre")
-    camera = ViewOptions(size=(256, 256)).camera(volume, splats)
+    camera = ViewOptions(size=(128, 128)).camera(volume, splats)
     settings = SPLATS.but(blend=blend)
     drawn = renderer.render(splats, camera, settings)
     found = sg.compare(drawn, sg.reference.render(splats, camera, settings))

@@ -11,7 +11,7 @@ from tests.helpers.noise import GRIDS, LOOKS, inside, noise
 from tests.helpers.splatting import SPLATS
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("look", LOOKS)
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, look: tuple[float, ...]) -> None:

@@ -55,6 +55,7 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
     assert np.sqrt(((image.pixels - right.pixels) ** 2).mean()) < 0.01 < right.pixels.max()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("opacity", [0.9, 0.3])
 def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, renderer: sg.Renderer) -> None:
     transfer = sg.Transfer([(0.3, 0.0), (1.0, opacity)], shading=False)
@@ -136,7 +137,7 @@ def test_levels_of_a_store(
     auto, finest = np.load("auto.npy"), np.load("finest.npy")
     assert not np.array_equal(auto, finest) and np.sqrt(((auto - finest) ** 2).mean()) < 0.01
     # near enough, the finest
-    assert main([*asked, "-o", "near.npy", "--size", "200"]) == 0
+    assert main([*asked, "-o", "near.npy", "--zoom", "12"]) == 0
     assert "level" not in capsys.readouterr().out
 
 

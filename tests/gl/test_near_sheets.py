@@ -132,6 +132,7 @@ AXIS, TILTED = (0.0, 0.0, 1.0), (0.25, 0.15, 0.95)
 NARROW, WIDE = ((0.45, 0.0), (0.55, 0.98)), ((0.2, 0.0), (0.8, 0.6))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("eye", "points", "most"),
     [(AXIS, NARROW, 0.85), (TILTED, NARROW, 0.8), (AXIS, WIDE, 0.15), (TILTED, WIDE, 0.4)],

@@ -69,7 +69,7 @@ def twin_error(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
     return error / max(float(right.max()), 1.0)
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(5)
 @pytest.mark.parametrize("move", MOVES)
 @pytest.mark.parametrize("view", CAMERAS)
 @pytest.mark.parametrize("spacing", SPACINGS)
@@ -116,6 +116,7 @@ def quads(renderer: sg.Renderer) -> set[object]:
     return {key for key in renderer.passes.programs.kept if key[0][0] == "splat.vert"}
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("blend", ["composite", "xray"])
 @pytest.mark.parametrize("view", CAMERAS)
 def test_what_does_not_move_is_the_still_bit_for_bit(renderer: sg.Renderer, view: str, blend: str) -> None:

@@ -113,6 +113,7 @@ def seen(grid: str, name: str, **change: object) -> tuple[sg.Splats, GridView, P
     return splats, plan.view, plan
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("grid", "name"), CASES)
 def test_a_voxel_across_the_view(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
     splats, view, plan = seen(grid, name, blend="xray")
@@ -168,6 +169,7 @@ def test_planes_that_touch_a_kernel(grid: str, twin: Twin, rng: np.random.Genera
     assert np.abs(found / right - 1).max() < 2e-3
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize("align", ["ray", "grid"])
 @pytest.mark.parametrize(("grid", "name"), CASES)
 def test_quads_of_table_1(align: str, grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
@@ -189,6 +191,7 @@ def test_quads_of_table_1(align: str, grid: str, name: str, twin: Twin, rng: np.
     assert np.abs(found - rights).max() < 2e-5 * max(rights.max(), 1.0)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("grid", "name"), CASES)
 def test_corners(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
     splats, view, plan = seen(grid, name, align="grid", technique="quads")
@@ -203,6 +206,7 @@ def test_corners(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> 
     assert np.abs(found - right).max() < 2e-5 * np.abs(right).max() + 2e-7
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("grid", "name"), CASES)
 def test_planar_projections(grid: str, name: str, twin: Twin, rng: np.random.Generator) -> None:
     """Centres by 1e−5 of the picture, footprint coordinates by 1e−4 voxels; the square just holds the footprint."""

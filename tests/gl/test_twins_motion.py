@@ -168,6 +168,7 @@ def test_tables_of_streaks(twin: Twin, rng: np.random.Generator) -> None:
     assert np.abs(found[:, 1] - right).max() < 1e-5
 
 
+@pytest.mark.few(9)
 @pytest.mark.parametrize("motion", ["exact", "energy", "paper"])
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 @pytest.mark.parametrize("name", ["far", "fitted", "parallel"])

@@ -205,7 +205,7 @@ def test_places_and_spread_of_even_matter(count: int) -> None:
     assert (np.abs(off).max(axis=0) < most).all()
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("view", ["fitted", "wide", "parallel"])
 @pytest.mark.parametrize("grid", ["cubes", "sheared"])
 @pytest.mark.parametrize("cut", [False, True])
@@ -270,6 +270,7 @@ def test_planes_clip_rays(twin: Twin, rng: np.random.Generator) -> None:
     assert (np.abs(face - right_face)[clear].max(axis=1) < 1e-5).mean() > 0.999
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("steps", [0, 2])
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_sums_of_four(count: int, steps: int, twin: Twin, rng: np.random.Generator) -> None:

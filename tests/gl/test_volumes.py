@@ -188,6 +188,7 @@ def test_orthographic_sees_nothing_behind_the_eye(renderer: sg.Renderer) -> None
     assert alone[1, 1, 3] > 0
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("depth", [1e-30, 1e-7, 1e-3, 0.02, 0.06, 0.0626, 0.07, 0.5, 5.0, 50.0])
 def test_opacity_of_any_optical_depth(depth: float, renderer: sg.Renderer, through_the_middle: sg.Camera) -> None:
     """1 − exp(−τ) keeps float32's digits from 1e−30 up; the float table's F costs 2e−4 of τ."""

@@ -103,7 +103,7 @@ def test_blocks_have_the_extinction_of_both(renderer: sg.Renderer, blocks: sg.Sc
 def test_as_in_float64(
     renderer: sg.Renderer, field: sg.Scene, changes: dict[str, object], most: float, parallel: bool
 ) -> None:
-    camera = sg.Camera.orbit(field, 30, 20, 40, (40, 36))
+    camera = sg.Camera.orbit(field, 30, 20, 40, (20, 18))
     camera = camera.parallel(field) if parallel else camera
     settings = sg.Settings(**changes)
     image, right = renderer.render(field, camera, settings), reference.render(field, camera, settings)

@@ -50,6 +50,7 @@ def best_overlap(samples: np.ndarray, right: np.ndarray) -> float:
     return float((more / (len(inside) + wrong)).max())
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize(("offset", "noise", "share"), CAMERAS)
 def test_an_offset_changes_nothing_of_what_is_shown(offset: int, noise: int, share: float) -> None:
     clean = threads()

@@ -77,6 +77,7 @@ def test_a_splat_is_in_every_tile_that_it_reaches(renderer: sg.Renderer, grid: s
     assert reached > 1000
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("view", views(noise()))
 @pytest.mark.parametrize("grid", GRIDS)
 def test_no_splat_reaches_beyond_the_window(renderer: sg.Renderer, grid: str, view: str) -> None:

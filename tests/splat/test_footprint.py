@@ -23,6 +23,7 @@ def test_rows_match_the_pinned_vectors(row: str, pinned: list[dict], pinned_came
         assert float(ROWS[row](splat)) / scale(h) == pytest.approx(vector[row], abs=1e-11)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("half_angle", "expected"),
     [

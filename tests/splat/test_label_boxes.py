@@ -120,6 +120,7 @@ def test_a_block_is_as_wide_as_its_voxels(renderer: sg.Renderer, opacity: float,
         assert np.abs(alpha[inside] - (1 - (1 - opacity) ** 16)).max() < 3e-4
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_pictures_are_those_marched_from_face_to_face(
     grid: str, renderer: sg.Renderer, rng: np.random.Generator
@@ -276,6 +277,7 @@ def test_what_asks_for_a_kernel_has_it(renderer: sg.Renderer, rng: np.random.Gen
     assert renderer.plan(splats, camera, sg.Settings(compositing="sheets")).kernel.name == "box"
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_picks_and_depths_are_of_the_voxels_that_rays_meet(grid: str, rng: np.random.Generator) -> None:
     """The number, and where half of the light is absorbed, or anything; the largest opacity."""

@@ -59,7 +59,7 @@ def test_areas_are_those_of_quadrature(name: str, rng: np.random.Generator) -> N
         assert float(partial_area(shape, np.array(u), np.array(v))) == pytest.approx(brute, abs=2e-7)
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @each_kernel
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_energy(name: str, motion: str) -> None:

@@ -161,7 +161,7 @@ def test_a_constant_is_what_the_transfer_function_says(renderer: sg.Renderer, gr
         volume = sg.Volume(np.full(shape, 0.5), **placed)
         splats = every(volume.samples, transfer, **placed)
         right = np.append(transfer.color(np.array(0.5)), 1.0) * transfer.opacity(0.5)
-        for camera in (sg.Camera.orbit(volume, 30, 20, size=(48, 40)), sg.Camera.orbit(volume, 0, 0, size=(48, 40))):
+        for camera in (sg.Camera.orbit(volume, 30, 20, size=(28, 24)), sg.Camera.orbit(volume, 0, 0, size=(28, 24))):
             field = field_integral(volume, transfer, camera, steps_per_voxel=1, blend=blend).pixels
             settings = EXACT.but(blend=blend)
             twin, four = (
