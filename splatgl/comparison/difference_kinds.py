@@ -77,7 +77,8 @@ def _offset(a: np.ndarray, b: np.ndarray) -> Kind | None:
     """A constant small offset, in sRGB samples or in linear light."""
     a, b = _thin(a), _thin(b)
     visible = (b[..., 3] > 0) & (a[..., 3] > 0)
-    if not visible.any():
+    # an offset changes nearly all pixels
+    if not visible.any() or np.mean((a != b).any(axis=-1)[visible]) < OFFSET_SHARE:
         return None
     straight = [p[visible][:, :3] / p[visible][:, 3:] for p in (a, b)]
     encoded = [srgb_from_linear(np.clip(c, 0, 1)) for c in straight]
@@ -97,23 +98,33 @@ def _thin(p: np.ndarray) -> np.ndarray:
 
 def _global_change(a: np.ndarray, b: np.ndarray) -> Kind | None:
     """The best global change, if it explains the difference."""
-    thin = _thin(a)
-    whole = _squares(thin - _thin(b))
-    left = [(_squares(thin - _thin(changed)) / whole, kind) for kind, changed in _changes(a, b)] if whole else []
+    x, y = _thin(a), _thin(b)
+    whole, left = _squares(x - y), []
+    if whole:
+        left = [(_squares(x - _thin(flipped)) / whole, kind) for kind, flipped in _flips(b)]
+        factor = float(np.vdot(x[..., :3], y[..., :3])) / (_squares(y[..., :3]) or 1.0)
+        # what a change leaves in the pixels that differ is the least that it leaves in all
+        differ = (x != y).any(axis=-1)
+        few = x[differ][None], y[differ][None]
+        likely = {kind.text for kind, z in _changes(few[1], factor) if _squares(few[0] - z) <= EXPLAINED**2 * whole}
+        changes = _changes(y, factor) if likely else ()
+        left += [(_squares(x - changed) / whole, kind) for kind, changed in changes if kind.text in likely]
     shift = _shift(a, b)
     ratio, kind = min([*left, *([shift] if shift else [])], key=lambda pair: pair[0], default=(1.0, None))
     return kind if ratio <= EXPLAINED**2 else None
 
 
-def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
-    """Yields candidate changes with their results on the reference."""
+def _flips(b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
+    """Yields candidate moves of all pixels with their results on the reference."""
     yield Kind("flipped", "flipped upside down"), b[::-1]
     yield Kind("flipped", "flipped left to right"), b[:, ::-1]
     yield Kind("flipped", "turned by 180°"), b[::-1, ::-1]
     if b.shape[0] == b.shape[1]:
         yield Kind("flipped", "rows and columns swapped"), b.transpose(1, 0, 2)
-    # pointwise changes commute with thinning; already thinned images are unchanged
-    a, b = _thin(a), _thin(b)
+
+
+def _changes(b: np.ndarray, factor: float) -> Iterator[tuple[Kind, np.ndarray]]:
+    """Yields candidate changes of each pixel with their results on the reference. factor: of its colours."""
     alpha = b[..., 3:]
     color = _divide_alpha(b[..., :3], alpha)
     encoded = srgb_from_linear(color)
@@ -132,7 +143,6 @@ def _changes(a: np.ndarray, b: np.ndarray) -> Iterator[tuple[Kind, np.ndarray]]:
     yield Kind("alpha", "alpha is lost: over black"), _with_alpha(b[..., :3], np.ones_like(alpha))
     yield Kind("alpha", "alpha is lost: its colour stayed"), _with_alpha(color, np.ones_like(alpha))
     yield Kind("channels", "red and blue swapped"), b[..., [2, 1, 0, 3]]
-    factor = float(np.vdot(a[..., :3], b[..., :3])) / (_squares(b[..., :3]) or 1.0)
     yield Kind("brightness", f"colours times {factor:.3g}"), _with_alpha(b[..., :3] * factor, alpha)
 
 

@@ -70,8 +70,10 @@ class Outcome:
     def accept(self) -> str:
         """The shell command that makes the new picture the expected one; "" if nothing is to be accepted."""
         actual, right = (shlex.quote(path.as_posix()) for path in self.files[1:])
-        if self.state == "same" or not self.files.actual.exists():
-            return "" if self.state == "same" else f"rm {right}"
+        if self.state in ("same", "unusable"):
+            return ""
+        if not self.files.actual.exists():
+            return f"rm {right}"
         folder = shlex.quote(self.files.right.parent.as_posix())
         return f"{'' if self.files.right.parent.is_dir() else f'mkdir -p {folder} && '}cp {actual} {right}"
 

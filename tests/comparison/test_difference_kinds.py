@@ -20,7 +20,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.comparison.html_report import build_case, build_page
+from splatgl.comparison.html_report import Case, build_case, build_page
 from splatgl.comparison.verdict import Pair, Tolerance, Verdict, format_metric, judge
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 
@@ -112,17 +112,25 @@ def test_the_report_in_a_browser(tmp_path: Path) -> None:
         pytest.skip("Chromium is not here")
     image = one_pixel()
     case = replace(build_case(judge(image, RIGHT), Pair(image, RIGHT)), accept="cp a.png b.png")
-    (tmp_path / "r.html").write_text(build_page([case], "Report"), encoding="utf-8")
+    # its keys, pressed by a script: the second case is marked, and what is missing is hidden
+    keys = "for (const key of 'jjm') document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));"
+    keys += "document.querySelector('button.missing').click();"
+    cases = [Case("gone", "missing", "no picture"), replace(case, name="b"), replace(case, name="c")]
+    page = build_page(cases, "Report").replace("</html>", f"<script>{keys}</script></html>")
+    (tmp_path / "r.html").write_text(page, encoding="utf-8")
     command = [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom"]
     # milliseconds on the page's clock: the first turn is after 600
     for elapsed, shown in ((200, "actual"), (900, "expected")):
         look = [*command, f"--virtual-time-budget={elapsed}", (tmp_path / "r.html").as_uri() + "#view=3"]
         page_then = subprocess.run(look, capture_output=True, text=True, check=True, timeout=600).stdout
-        assert page_then.count(f"<figcaption>blink: {shown}</figcaption>") == 2
+        assert page_then.count(f"<figcaption>blink: {shown}</figcaption>") == 4
         views = re.findall(r'<div class="view both" style.*?>(.*?)</div>', page_then)
         sources = [re.findall(r'src="([^"]+)"', view) for view in views]
-        assert [len(pair) for pair in sources] == [2, 2] and all(first != second for first, second in sources)
-        assert 'data-view="3"' in page_then
+        assert [len(pair) for pair in sources] == [2] * 4 and all(first != second for first, second in sources)
+        assert 'data-view="3"' in page_then and "copy commands of <span>1</span> marked" in page_then
+        sections = re.findall(r"<section [^>]*>", page_then)
+        assert ["current" in section for section in sections] == [False, True, False]
+        assert ["hidden" in section for section in sections] == [False, False, True]
 
 
 def test_the_same_picture_is_the_same() -> None:
