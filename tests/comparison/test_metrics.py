@@ -41,6 +41,7 @@ def pair(name: str) -> tuple[sg.Image, sg.Image]:
 PICTURES = [*PHOTOGRAPHS, "tunnel-composite", "terrain-composite", "nerve-mip"]
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", PICTURES)
 def test_ssim_and_psnr_are_scikit_images(name: str) -> None:
     theirs = pytest.importorskip("skimage.metrics", reason="scikit-image is in the extra dev")
@@ -52,6 +53,7 @@ def test_ssim_and_psnr_are_scikit_images(name: str) -> None:
     assert 0.3 < found.ssim < 0.999
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", PICTURES)
 def test_flip_is_flip_evaluators(name: str) -> None:
     """By its usual way: sRGB pictures without alpha, so over black and over white."""

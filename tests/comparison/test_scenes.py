@@ -37,7 +37,7 @@ def osmesa() -> Iterator[sg.Renderer]:
         yield renderer
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("scene", SCENES)
 def test_scene(

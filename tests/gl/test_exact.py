@@ -14,7 +14,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.splat.footprint import FORMS, Splat, half_line, row1
 from splatgl.splat.kernels import Kernel, kernel
 from tests.helpers.noise import scale
-from tests.helpers.splatting import SPLATS
+from tests.helpers.splatting import SPLATS, each_two
 
 NAMES = {"D": "gaussian", "CM": "crawfis-max"}
 LEVEL = 255.0
@@ -175,15 +175,10 @@ def worst(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
 
 @pytest.mark.few(2)
 @pytest.mark.parametrize(
-    ("grid", "blend", "where"),
-    # each two values together
-    [
-        (grid, ("composite", "xray", "mip")[(i + j) % 3], where)
-        for i, grid in enumerate(GRIDS)
-        for j, where in enumerate(("near", "far", "inside", "orthographic"))
-    ],
+    ("grid", "where", "blend"),
+    each_two(GRIDS, ("near", "far", "inside", "orthographic"), ("composite", "xray", "mip")),
 )
-def test_any_grid(grid: str, blend: str, where: str, renderer: sg.Renderer) -> None:
+def test_any_grid(grid: str, where: str, blend: str, renderer: sg.Renderer) -> None:
     """Float32's last digits before z_k, inside and in parallel; 3e−5 beyond z_k at an ordinary picture size."""
     splats = noise(grid)
     middle = splats.corners.mean(axis=0)

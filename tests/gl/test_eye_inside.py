@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import splatgl as sg
 from splatgl.splat.culling import AROUND_EYE, Frustum
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise
-from tests.helpers.splatting import SPLATS
+from tests.helpers.splatting import SPLATS, each_two
 
 
 @pytest.mark.few(3)
-@pytest.mark.parametrize("grid", GRIDS)
-@pytest.mark.parametrize("look", LOOKS)
-def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, look: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(("look", "grid", "blend"), each_two(LOOKS, GRIDS, ("composite", "xray", "mip")))
+def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, look: tuple[float, ...], grid: str, blend: Any) -> None:
     splats = noise(grid, size=18, opacity=0.3)
     camera = inside(splats, look)
     assert renderer.plan(splats, camera, SPLATS).program.seen.half_line
-    for blend in ("composite", "xray", "mip"):
-        settings = SPLATS.but(blend=blend, order="front-to-back", occlusion="off")
-        tiles, quads = (renderer.render(splats, camera, settings.but(technique=t)).pixels for t in ("tiles", "quads"))
-        assert quads.max() > 0.05
-        assert np.abs(tiles - quads).max() < 5e-5 * max(quads.max(), 1.0)
+    settings = SPLATS.but(blend=blend, order="front-to-back", occlusion="off")
+    tiles, quads = (renderer.render(splats, camera, settings.but(technique=t)).pixels for t in ("tiles", "quads"))
+    assert quads.max() > 0.05
+    assert np.abs(tiles - quads).max() < 5e-5 * max(quads.max(), 1.0)
 
 
 def test_point_clouds(renderer: sg.Renderer) -> None:

@@ -16,7 +16,7 @@ from splatgl.reference.blend import pixel_means
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Moments
 from splatgl.splat.motion_blur import MOTIONS
-from tests.helpers.splatting import SPLATS
+from tests.helpers.splatting import SPLATS, each_two
 
 COUNT = 90
 SPACINGS = {"cubes": 1.0, "1:2:0.4": (1.0, 2.0, 0.4)}
@@ -70,10 +70,8 @@ def twin_error(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, sett
 
 
 @pytest.mark.few(5)
-@pytest.mark.parametrize("move", MOVES)
-@pytest.mark.parametrize("view", CAMERAS)
-@pytest.mark.parametrize("spacing", SPACINGS)
-def test_exact_streaks_are_their_twin(renderer: sg.Renderer, spacing: str, view: str, move: str) -> None:
+@pytest.mark.parametrize(("view", "move", "spacing"), each_two(CAMERAS, MOVES, SPACINGS))
+def test_exact_streaks_are_their_twin(renderer: sg.Renderer, view: str, move: str, spacing: str) -> None:
     splats, camera = cloud(spacing), CAMERAS[view]
     limit = ONE_AXIS if spacing != "cubes" and view == "at z_k" else TWIN
     for settings in (XRAY, XRAY.but(kernel="gaussian"), XRAY.but(blend="composite")):

@@ -15,7 +15,7 @@ from splatgl.splat import culling, technique
 from splatgl.splat.culling import BLOCK, Frustum, block_boxes, blocks_in_frustum
 from splatgl.splat.kernels import kernel, polynomials, single_reach
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise, views
-from tests.helpers.splatting import SPLATS
+from tests.helpers.splatting import SPLATS, each_two
 
 TILED = SPLATS.but(technique="tiles")
 # polynomials are off by 4e−5 of the footprint, colours by 1e−5
@@ -32,9 +32,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
 
 
 @pytest.mark.few(12)
-@pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
-@pytest.mark.parametrize("view", views(noise()))
-@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize(("grid", "view", "blend"), each_two(GRIDS, views(noise()), ("composite", "xray", "mip")))
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
     splats = noise(grid)
     for name in ("crawfis-max", "gaussian"):

@@ -22,3 +22,10 @@ def spread(count: int, *values: Collection[Any]) -> list[tuple[Any, ...]]:
     for number, each in enumerate(values):
         assert all(any(some[number] is value for some in found) for value in each), "a value is in none"
     return found
+
+
+def each_two(first: Collection[Any], second: Collection[Any], third: Collection[Any]) -> list[tuple[Any, ...]]:
+    """Combinations in which any two values meet; of the third there are no more than of the others."""
+    assert len(third) <= min(len(first), len(second))
+    places = itertools.product(enumerate(first), enumerate(second))
+    return [(one, two, list(third)[(i + j) % len(third)]) for (i, one), (j, two) in places]

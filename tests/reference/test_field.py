@@ -100,6 +100,7 @@ def test_the_b_spline_is_nearer_than_trilinear(name: str, ratio: int, monkeypatc
     assert alpha[0] < (0.5 if name == "balls" else 0.7) * alpha[1]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("ratio", [1, 3])
 @pytest.mark.parametrize("name", FORMULAS)
 def test_sheets_draw_the_kernels_field(name: str, ratio: int) -> None:
@@ -227,6 +228,7 @@ def beyond(samples: np.ndarray, values: np.ndarray, places: np.ndarray) -> np.nd
     return np.asarray(np.maximum(low - values, values - high) / np.ptp(samples))
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", STEEP)
 def test_values_stay_within_the_samples_around_them(name: str, rng: np.random.Generator) -> None:
     """Without limits of coefficients, a tenth to a third of a step beyond them; rods keep 3 % in a thousandth."""
@@ -241,6 +243,7 @@ def test_values_stay_within_the_samples_around_them(name: str, rng: np.random.Ge
     )
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("blend", ["mip", "minip", "mean", "composite", "xray"])
 def test_where_all_samples_are_transparent_nothing_is_drawn(renderer: sg.Renderer, blend: str) -> None:
     """0 beside a padded plane and holes of −1000: without limits a fifth of the picture has an alpha of up to 0.9."""

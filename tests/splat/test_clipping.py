@@ -20,6 +20,7 @@ from splatgl.splat.grid import corners_of
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 from tests.helpers.blocks import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
 from tests.helpers.noise import GRIDS, views
+from tests.helpers.splatting import each_two
 
 # normals, and distances from the middle in shares of the diagonal
 CUTS = (((0.3, 0.5, 0.8), -0.05), ((-0.6, 0.2, 0.1), -0.12))
@@ -32,9 +33,9 @@ def cut(volume: sg.Volume, cuts: Any = CUTS) -> tuple[Plane, ...]:
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("technique", ["tiles", "quads"])
-@pytest.mark.parametrize("view", ["fitted", "parallel", "wide"])
-@pytest.mark.parametrize("grid", list(GRIDS))
+@pytest.mark.parametrize(
+    ("grid", "view", "technique"), each_two(GRIDS, ("fitted", "parallel", "wide"), ("quads", "tiles"))
+)
 def test_a_cut_block_is_as_deep_as_what_is_left(grid: str, view: str, technique: Any, renderer: sg.Renderer) -> None:
     """X-rays of fog: within a hundredth of a voxel of the closed form, on every grid."""
     volume = block(grid)

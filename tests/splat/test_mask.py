@@ -24,6 +24,7 @@ from splatgl.splat.lighting import AMBIENT, DIFFUSE
 from splatgl.splat.mask_field import AROUND, EDGE, REACH, MaskField
 from tests.helpers.blocks import FOG, OPACITY, PLAIN, SOLID, block, field, lengths
 from tests.helpers.noise import GRIDS, views
+from tests.helpers.splatting import each_two
 
 
 def blob(volume: sg.Volume, seed: int = 1) -> np.ndarray:
@@ -38,9 +39,9 @@ def half(volume: sg.Volume, axis: int = 0, size: int = 8) -> np.ndarray:
 
 
 @pytest.mark.few(3)
-@pytest.mark.parametrize("technique", ["tiles", "quads"])
-@pytest.mark.parametrize("view", ["fitted", "parallel", "wide"])
-@pytest.mark.parametrize("grid", list(GRIDS))
+@pytest.mark.parametrize(
+    ("grid", "view", "technique"), each_two(GRIDS, ("fitted", "parallel", "wide"), ("quads", "tiles"))
+)
 def test_a_block_is_as_deep_as_what_its_mask_keeps(grid: str, view: str, technique: Any, renderer: sg.Renderer) -> None:
     """X-rays of fog: within a hundredth of a voxel of the closed form, on every grid."""
     volume = block(grid)
