@@ -151,7 +151,7 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
 
     Multiscale data keep their levels. Contrast limits become the window; the colour map is named if it is known.
     """
-    kind = type(x).__name__
+    kind = getattr(x, "kind", type(x).__name__)
     if not hasattr(x, "data_to_world") or not hasattr(x, "data") or kind not in ("Image", "Labels"):
         raise expected("layer", "an Image or Labels layer of napari", f"a {kind}")
     if getattr(x, "rgb", False):
@@ -200,7 +200,7 @@ def _lead_index(shape: tuple[int, ...], options: ArrayOptions) -> tuple[int, ...
 
 def _hints(x: Any) -> Hints:
     """The window and colour map of the layer; labels have none."""
-    if type(x).__name__ == "Labels":
+    if getattr(x, "kind", type(x).__name__) == "Labels":
         return Hints()
     low, high = (float(limit) for limit in x.contrast_limits)
     name = str(x.colormap.name)

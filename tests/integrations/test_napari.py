@@ -6,7 +6,9 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,8 +18,9 @@ import pytest
 
 import splatgl as sg
 from splatgl import readers
-from splatgl.integrations.napari import draw
+from splatgl.integrations.napari import draw, worker
 from splatgl.integrations.napari import reader as reading
+from splatgl.integrations.napari.snapshot import Look, take
 from tests.helpers.phantom import F
 
 ROOT = Path(__file__).parents[2]
@@ -198,7 +201,7 @@ def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay
         orientation=(depth, "down", "right"),
         view_direction=(1.0 if depth == "away" else -1.0, 0.0, 0.0),
     )
-    camera, mirrored = draw.camera_of(seen, BOX)
+    camera, mirrored = draw.camera_of(take(seen), BOX)
     assert camera.perspective == (perspective > 0 and ndisplay == 3) and camera.size == (64, 48)
     z = 1.0 if ndisplay == 3 else 0.0
     np.testing.assert_allclose(pixel_of(camera, (z, 2.0, 3.0), mirrored), (32, 24), atol=1e-9)
@@ -211,11 +214,11 @@ def test_the_camera_shows_x_to_the_right_and_y_down(perspective: float, ndisplay
 def test_the_order_of_the_axes_is_the_viewers() -> None:
     """Axes (z, y, x) shown as (y, z, x): y away, z down, x right."""
     seen = viewer(order=(1, 0, 2), center=(2.0, 1.0, 3.0))
-    camera, mirrored = draw.camera_of(seen, BOX)
+    camera, mirrored = draw.camera_of(take(seen), BOX)
     np.testing.assert_allclose(camera.forward, (0, 1, 0), atol=1e-12)
     np.testing.assert_allclose(pixel_of(camera, (6.0, 2.0, 4.0), mirrored), (34, 34), atol=1e-9)
     with pytest.raises(sg.InputError, match="view: expected the last three axes"):
-        draw.camera_of(viewer(ndim=4, order=(1, 0, 2, 3)), BOX)
+        draw.camera_of(take(viewer(ndim=4, order=(1, 0, 2, 3), point=(0.0,) * 4)), BOX)
 
 
 def spots(*places: tuple[int, int, int]) -> np.ndarray:
@@ -402,7 +405,6 @@ def test_what_is_left_out_is_told() -> None:
     notes: Any = image.info["notes"]
     assert notes == (
         "not drawn: spots, a Points layer",
-        "not drawn: photo, colours (rgb)",
         "not drawn: scale bar",
         "cells: drawn without its attenuation, as mip",
         "cells: drawn between voxels, not by the nearest",
@@ -416,14 +418,163 @@ def test_what_is_left_out_is_told() -> None:
 
 def test_nothing_to_draw_is_told() -> None:
     hidden = Image(spots(), visible=False)
-    with pytest.raises(sg.InputError, match="layers: expected a visible Image or Labels layer"):
+    with pytest.raises(sg.InputError, match="layers: expected a visible Image, Labels or other layer"):
         draw.picture(viewer(hidden))
     with pytest.raises(sg.InputError, match="blend: expected one of composite"):
         draw.picture(viewer(Image(spots((1, 1, 1)))), "iso")
 
 
+def test_sliders_of_five_axes_pick_a_volume() -> None:
+    """Of times and channels: only the one where both sliders stand is read."""
+    series = np.zeros((2, 3, 8, 10, 12), np.uint8)
+    series[1, 2] = spots((4, 5, 6))
+    layer = Image(series, (2.0, 1.0, 1, 1, 1))
+    dims = {"center": MIDDLE, "ndim": 5, "order": (0, 1, 2, 3, 4)}
+    for point, there in (((2.0, 2.0), True), ((2.0, 1.0), False), ((0.0, 2.0), False)):
+        seen = viewer(layer, **dims, point=(*point, 0.0, 0.0, 0.0))
+        assert (draw.picture(seen).pixels[..., 0].max() > 0.2) == there
+        assert take(seen).layers[0].data.shape == (8, 10, 12)
+
+
+def test_colours_are_as_dense_as_they_are_bright() -> None:
+    data = np.zeros((8, 10, 12, 3), np.uint8)
+    data[2:6, 3:7, 4:8] = (0, 200, 40)
+    image = draw.picture(viewer(Image(data, rgb=True, ndim=3), center=MIDDLE))
+    assert image.info["notes"] == () and shade_of(image)[1] > 4 * shade_of(image)[2] > 4 * shade_of(image)[0]
+    assert shade_of(image, (3, 3)) == (0, 0, 0)
+
+
+@pytest.fixture
+def layers(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """napari's own layers, without a window."""
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
+    return pytest.importorskip("napari.layers", reason="layers of napari")
+
+
+def meshes_at(layer: Any, point: tuple[float, ...] = (0.0,) * 4) -> tuple[sg.Mesh, ...]:
+    seen = viewer(layer, ndim=len(point), order=tuple(range(len(point))), point=point)
+    (taken,) = take(seen).layers
+    assert taken.kind == "Mesh"
+    return taken.meshes
+
+
+def test_points_are_balls_where_the_sliders_are(layers: Any) -> None:
+    places = np.array([[0, 1, 2, 3], [0, 5, 5, 5], [1, 4, 4, 4.0]])
+    points = layers.Points(places, size=[2, 4, 2], face_color=["red", "lime", "blue"], scale=(1, 1, 1, 2), opacity=0.5)
+    small, large = meshes_at(points)
+    balls = (small, (6, 2, 1), 4 / 3, (255, 0, 0)), (large, (10, 5, 5), 8 / 3, (0, 255, 0))
+    for mesh, middle, radius, color in balls:
+        np.testing.assert_allclose((mesh.vertices.max(axis=0) + mesh.vertices.min(axis=0)) / 2, middle, atol=1e-6)
+        assert np.linalg.norm(mesh.vertices - middle, axis=1) == pytest.approx(radius)
+        assert mesh.opacity == 0.5 and mesh.colors is not None and (mesh.colors == color).all()
+    (blue,) = meshes_at(points, (1.0, 0.0, 0.0, 0.0))
+    assert blue.colors is not None and (blue.colors == (0, 0, 255)).all()
+
+
+def test_shapes_surfaces_tracks_and_vectors_are_meshes(layers: Any) -> None:
+    square = np.array([[1, 0, 0], [1, 0, 4], [1, 4, 4], [1, 4, 0.0]])
+    colors = {"edge_color": "red", "face_color": "blue"}
+    shape = layers.Shapes([square], shape_type="rectangle", edge_width=0.5, opacity=1, **colors)
+    face, edge = meshes_at(shape, (0.0,) * 3)
+    assert len(face) == 4 and np.allclose(face.vertices[:, 2], 1) and face.vertices[:, :2].max() == 4
+    assert edge.vertices.max() == pytest.approx(4.25, abs=0.02) and (edge.colors == (255, 0, 0)).all()
+    triangle = (np.array([[0, 0, 0], [0, 0, 6], [3, 0, 0.0]]), np.array([[0, 1, 2]]), np.array([0.0, 1.0, 2.0]))
+    (surface,) = meshes_at(layers.Surface(triangle, colormap="gray", contrast_limits=(0, 2)), (0.0,) * 3)
+    assert surface.vertices.tolist() == [[0, 0, 0], [6, 0, 0], [0, 0, 3]] and surface.colors is not None
+    assert np.abs(surface.colors[:, 0].astype(int) - (0, 127, 255)).max() <= 1
+    rows = [[7, time, 0, 0, 2.0 * time] for time in range(5)]
+    track = layers.Tracks(np.array(rows), tail_length=2, head_length=0, tail_width=4)
+    (tube,) = meshes_at(track, (3.0, 0.0, 0.0, 0.0))
+    # of the last two times, two pixels thick at a zoom of two
+    assert (tube.vertices[:, 0].min(), tube.vertices[:, 0].max()) == (2.0, 6.0)
+    assert np.linalg.norm(tube.vertices[:, 1:], axis=1) == pytest.approx(1.0)
+    arrow = layers.Vectors(np.array([[[0, 0, 0], [0, 0, 3.0]]]), length=2, edge_width=1)
+    assert meshes_at(arrow, (0.0,) * 3)[0].vertices[:, 0].max() == 6.0
+
+
+def test_meshes_and_volumes_share_a_picture(layers: Any) -> None:
+    """Points are laid over a volume in their order; in one blend for all they are mixed by depth, or named."""
+    ball = layers.Points(np.array([[4.0, 5, 6]]), size=4, face_color="lime", opacity=1)
+    seen = viewer(Image(block(200)), ball, center=MIDDLE, point=MIDDLE)
+    assert shade_of(draw.picture(seen))[1] > 150 and shade_of(draw.picture(seen), (23, 24)) == (200, 0, 0)
+    assert "not drawn: Points, points or surfaces" in draw.picture(seen, "mip").info["notes"]
+    assert shade_of(draw.picture(viewer(ball, center=MIDDLE, point=MIDDLE), "composite"))[1] > 150
+    with pytest.raises(sg.InputError, match="layers: expected voxels, which mip draws"):
+        draw.picture(viewer(ball, center=MIDDLE, point=MIDDLE), "mip")
+
+
+def test_a_look_has_a_light_a_preset_and_annotations() -> None:
+    z, y, x = np.indices((24, 24, 24)) - 12.0
+    ball = (200 * np.exp(-(x * x + y * y + z * z) / 40)).astype(np.uint8)
+    seen = take(viewer(Image(ball), center=(12.0, 12.0, 12.0)))
+    plain = draw.draw_snapshot(replace(seen, look=Look(size=(80, 72))))
+    changed = draw.draw_snapshot(replace(seen, look=Look(size=(80, 72), preset="ct-bone", light="glossy")))
+    written = draw.draw_snapshot(replace(seen, look=Look(size=(80, 72), annotate=("scale", "axes"))))
+    assert plain.info["blend"] == "mip" and changed.info["blend"] == "composite"
+    assert written.info["annotated"] == ["scale", "axes"] and not np.array_equal(written.pixels, plain.pixels)
+
+
+def test_previews_are_far_smaller_than_the_picture() -> None:
+    seen = take(viewer(Image(np.zeros((96, 128, 128), np.uint8)), center=MIDDLE))
+    first, second, last = worker.levels(replace(seen, look=Look(size=(666, 800), annotate=("scale",))))
+    assert [level.look.stride for level in (first, second, last)] == [4, 2, 1]
+    assert np.prod(first.size) <= 2**15 * 1.01 and np.prod(second.size) <= 2**17 * 1.01 and last.size == (666, 800)
+    assert not first.look.annotate and last.look.annotate
+    # small ones are drawn at once
+    small = take(viewer(Image(block()), center=MIDDLE))
+    assert [level.look for level in worker.levels(small)] == [small.look]
+
+
+@pytest.mark.long
+def test_a_process_draws_beside_the_window() -> None:
+    """Answers of jobs; samples are sent once, splats are kept; errors, cancelled jobs and an ended process."""
+    found: list[worker.Answer] = []
+    drawing = worker.Worker(found.append)
+
+    def answer(number: int) -> worker.Answer:
+        end = time.monotonic() + 120
+        while time.monotonic() < end:
+            last = [each for each in found if each.job == number and each.state != "preview"]
+            if last:
+                return last[0]
+            time.sleep(0.01)
+        raise TimeoutError
+
+    layer = Image(spots((1, 2, 9)), (3, 2, 1.5))
+    seen = viewer(layer, center=(0.0, 9.0, 8.25))
+    try:
+        done = answer(drawing.draw(seen, Look()))
+        right = draw.picture(seen)
+        assert done.image is not None and done.rgb is not None and np.array_equal(done.image.pixels, right.pixels)
+        assert (done.rgb == right.samples8()[..., :3]).all() and done.image.info["notes"] == ()
+        known = set(drawing.known)
+        seen.camera.zoom = 3.0
+        again = answer(drawing.draw(seen, Look()))
+        assert known == drawing.known and again.image is not None
+        assert np.array_equal(again.image.pixels, draw.picture(seen).pixels)
+        # samples that change in place are sent again
+        layer.data[4, 5, 6] = 255
+        changed = answer(drawing.draw(seen, Look()))
+        assert changed.image is not None and np.array_equal(changed.image.pixels, draw.picture(seen).pixels)
+        assert "one of composite" in answer(drawing.draw(seen, Look(blend="iso"))).text  # type: ignore[arg-type]
+        number = drawing.draw(seen, Look(size=(900, 900)))
+        drawing.cancel()
+        assert not drawing.busy and all(each.job != number for each in found)
+        assert answer(drawing.draw(seen, Look())).state == "done"
+        assert drawing.process is not None
+        process = drawing.process
+        number = drawing.draw(viewer(Image(np.zeros((96, 96, 96), np.uint8)), center=MIDDLE), Look(size=(900, 900)))
+        while drawing.drawn != number:
+            time.sleep(0.01)
+        process.kill()
+        assert "has ended" in answer(number).text
+        assert answer(drawing.draw(seen, Look())).state == "done" and drawing.process is not process
+    finally:
+        drawing.close()
+
+
 SCREEN = """
-import os, sys, time
+import os, sys, time, warnings
 import numpy as np, napari, splatgl as sg
 from qtpy.QtWidgets import QApplication
 from splatgl.integrations.napari import draw, widget
@@ -441,6 +592,8 @@ CASES = {
     "flat": [{"opacity": 0.5}],
     "two": [{"colormap": "red", "opacity": 0.6}, {"colormap": "green", "blending": "additive", "opacity": 0.5}],
 }
+# none of what the bridge reads is deprecated
+warnings.filterwarnings("error", message=".*deprecated attribute")
 viewer = napari.Viewer(show=True)
 viewer.window._qt_window.resize(620, 480)
 for name, layers in CASES.items():
@@ -452,7 +605,7 @@ for name, layers in CASES.items():
     viewer.dims.set_point(0, 21)
     viewer.fit_to_view() if hasattr(viewer, "fit_to_view") else viewer.reset_view()
     if name != "flat":
-        viewer.camera.angles = (10, 25, 60)
+        viewer.scene.camera.angles = (10, 25, 60)
     QApplication.processEvents()
     ours = np.asarray(draw.picture(viewer).to_pil().convert("RGB")).astype(float)
     theirs = viewer.screenshot(canvas_only=True, flash=False)[..., :3].astype(float)
@@ -468,12 +621,46 @@ one.rendering, one.interpolation3d = "minip", "cubic"
 viewer.add_labels((data > 100).astype(int))
 viewer.screenshot(flash=False)
 drawn = widget.Panel(viewer)
+
+def wait():
+    # until the panel has drawn
+    end = time.monotonic() + 200
+    while drawn.state in ("drawing", "preview") and time.monotonic() < end:
+        QApplication.processEvents()
+        time.sleep(0.01)
+
+drawn.annotations["scale"].setChecked(True)
+drawn.sizes.setCurrentText("200x160")
 drawn.draw()
+assert drawn.cancel_button.isEnabled() and not drawn.save_button.isEnabled()
+wait()
 assert drawn.image is not None and drawn.save_button.isEnabled() and "pixels" in drawn.summary.text()
+assert drawn.image.pixels.shape[:2] == (160, 200) and drawn.image.info["annotated"] == ["scale"]
+drawn.copy()
+assert QApplication.clipboard().image().width() == 200
+drawn.add_layer()
+assert viewer.layers[-1].rgb and viewer.layers[-1].data.shape == (160, 200, 3)
+viewer.layers.pop()
+number = drawn.worker.number
+drawn.follow.setChecked(True)
+viewer.scene.camera.zoom *= 1.1
+QApplication.processEvents()
+time.sleep(0.2)
+QApplication.processEvents()
+assert drawn.worker.number == number + 1 and drawn.state == "drawing"
+drawn.cancel()
+assert drawn.state == "cancelled" and not drawn.cancel_button.isEnabled()
+drawn.follow.setChecked(False)
+drawn.sizes.setCurrentText("small")
+drawn.draw()
+assert "size: expected a width and a height" in drawn.summary.text()
+drawn.sizes.setCurrentText("canvas")
 viewer.layers.clear()
 drawn.draw()
+wait()
 assert drawn.image is None and not drawn.save_button.isEnabled() and drawn.shown.pixmap().isNull()
-assert "expected a visible Image or Labels layer" in drawn.summary.text()
+drawn.worker.close()
+assert "expected a visible Image, Labels or other layer" in drawn.summary.text()
 print("done", flush=True)
 os._exit(0)
 """
