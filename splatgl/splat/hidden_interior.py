@@ -198,10 +198,12 @@ def _with_previous(a: np.ndarray, axis: int) -> np.ndarray:
 
 def _pass_planes(eight: np.ndarray, least: np.ndarray) -> None:
     """Lowers `least` to the depths of one cone, plane after plane along the first axis."""
-    before = np.zeros(eight.shape[1:], np.uint8)
-    for step, known in zip(eight, least, strict=True):
-        before = _with_previous(_with_previous(before, 0), 1)
+    before, pairs, room = np.zeros_like(eight[0]), np.zeros_like(eight[0]), FULL - eight
+    for step, most, known in zip(eight, room, least, strict=True):
+        np.minimum(before[1:], before[:-1], out=pairs[1:])
+        np.minimum(pairs[:, 1:], pairs[:, :-1], out=before[:, 1:])
+        before[:, 0] = 0
         # sums end at FULL
-        np.minimum(before, FULL - step, out=before)
+        np.minimum(before, most, out=before)
         before += step
         np.minimum(known, before, out=known)

@@ -143,15 +143,13 @@ def test_missing_and_masked_voxels_open_matter(small_interiors: None) -> None:
 
 def test_only_bounded_values_are_hidden(small_interiors: None) -> None:
     samples = sg.Volume(inside(radius() - 22).astype(np.float32))
-    assert sg.extract(samples, SOLID).post.hollow  # type: ignore[union-attr]
-    weighted = replace(SOLID, gradient=((0.0, 0.0), (10.0, 1.0)))
-    for splats in (
-        sg.extract(samples, weighted),
-        sg.extract(samples, SOLID, kernel="b-spline-free"),
-        sg.extract(samples, SOLID, classification="post"),
-        sg.extract(samples, SOLID, classification="post-all"),
+    for transfer, kernel, is_hidden in (
+        (SOLID, "b-spline", True),
+        (SOLID, "b-spline-free", False),
+        (replace(SOLID, gradient=((0.0, 0.0), (10.0, 1.0))), "b-spline", False),
     ):
-        assert splats.post is not None and not splats.post.hollow
+        post = ValueClassifier.of(transfer, kernel, samples.shape[::-1])
+        assert (HiddenInterior.of(samples, post, 1.0) is not None) == is_hidden
 
 
 @pytest.fixture
