@@ -55,7 +55,7 @@ FEATURES = (
 @pytest.mark.parametrize("size", [12, 40])
 def test_forced_on(renderer: sg.Renderer, name: str, size: int) -> None:
     splats = noise(size=size, opacity=0.9)
-    camera = views(splats)["fitted"].resized((360, 270))
+    camera = views(splats)["fitted"].resized((180, 135))
     chosen = renderer.plan(splats, camera, SPLATS.but(technique="tiles"))
     assert not chosen.program.seen.antialias and not chosen.program.seen.half_line and chosen.program.seen.cubic
     without, with_it, change = forced(name, chosen, camera)
