@@ -27,7 +27,7 @@ import splatgl as sg
 from splatgl.cli.main import main as command
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
-from splatgl.studies.accuracy.content import CONVERGENCE
+from splatgl.studies.accuracy.content import CONVERGENCE, OVERVIEW
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "splatgl" / "docs" / "pictures"
@@ -230,7 +230,7 @@ def report(source: str = "nerve") -> None:
     with TemporaryDirectory() as folder:
         if splatgl(["report", source, "--full", *peers, "-o", folder]):
             sys.exit("no report")
-        (drawn,) = (path for path in Path(folder).glob("*.png") if path.stem != CONVERGENCE)
+        (drawn,) = (path for path in Path(folder).glob("*.png") if not path.stem.endswith((CONVERGENCE, OVERVIEW)))
         Pillow.open(drawn).convert("RGB").quantize(COLORS).save(FOLDER / "report.png", optimize=True)
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 import pytest
 
-from splatgl.studies.accuracy.diagram import _figure, picture, plot_styles
+from splatgl.cli.main import _parser
+from splatgl.studies.accuracy.content import blocks, choices
+from splatgl.studies.accuracy.diagram import _figure, overview, picture, plot_styles
 from splatgl.studies.accuracy.methods import DEFAULT, EXACT, TRUTHS, methods
 from splatgl.studies.accuracy.pareto import Timing
-from splatgl.studies.accuracy.sweep import Row, SceneResults
+from splatgl.studies.accuracy.sweep import Results, Row, SceneResults
 from splatgl.studies.plots import places
 
 FRAME = np.array([0.0, 0.0, 400.0, 300.0])
@@ -81,3 +83,45 @@ def test_pictures_come_out_the_same() -> None:
 def test_errors_of_nothing_have_a_place(error: float) -> None:
     pytest.importorskip("matplotlib")
     assert picture(scene(error), HEAD)[".png"].startswith(b"\x89PNG")
+
+
+def decided(**measured: tuple[float, float]) -> SceneResults:
+    """Methods by error against the field and seconds."""
+    rows = []
+    for name, (error, seconds) in measured.items():
+        timing = Timing.of(dict(enumerate(seconds * np.array([0.9, 1.0, 1.1]))))
+        rows.append(Row(name, "", "", "", timing, {"field": {"rmse": error}}))
+    return replace(scene(), rows=tuple(rows))
+
+
+def test_what_to_take() -> None:
+    """The default; for previews what is faster and not much worse; for print what is better."""
+    all_made = decided(**{"default": (0.1, 0.2), "exact": (0.2, 0.1), "2×2": (0.25, 0.01), "4×4": (0.9, 0.001)})
+    assert [c.point.name for c in choices(all_made)] == ["default", "2×2", "default"]
+    finer = decided(**{"default": (0.1, 0.2), "exact": (0.2, 0.19), "post b-spline 4×4": (0.05, 2.0)})
+    assert [c.point.name for c in choices(finer)] == ["default", "default", "post b-spline 4×4"]
+    assert choices(decided(exact=(0.1, 0.2))) == ()
+    machine = {"renderer": "llvmpipe", "opengl": "4.5", "processor": "x", "cores": 2}
+    _, sentence, table = islice(blocks(Results({"machine": machine}, (all_made,), ())), 3)
+    assert sentence.lines[0] == (
+        "**Take the default** (10 % off in 200 ms), for print, too; for previews single splats, 2×2 samples a pixel: "
+        "25 % off in 10 ms."
+    )
+    options = "--like 0.1 --antialias supersample --samples 2"
+    assert table.rows[1] == ("previews", f"single splats, 2×2 samples a pixel ({options})", "25 %", "10 ms")
+
+
+def test_options_of_methods_are_those_of_the_command() -> None:
+    parser = _parser(["render"])
+    for method in methods().values():
+        if method.options and not method.coarse:
+            parser.parse_args(["render", "tunnel", *method.options.split()])
+
+
+@pytest.mark.long
+def test_the_diagram_for_deciding() -> None:
+    pytest.importorskip("matplotlib")
+    made = decided(**{"default": (0.1, 0.2), "exact": (0.2, 0.1), "2×2": (0.25, 0.01)})
+    for results in (made, replace(made, rows=made.rows[:1])):
+        drawn = overview(results, HEAD)
+        assert drawn[".png"].startswith(b"\x89PNG") and b"how far from the true picture" in drawn[".svg"]

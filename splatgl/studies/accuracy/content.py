@@ -41,6 +41,15 @@ PEERS = (
     "averaged."
 )
 FRONT_HEAD = ("method", "ms a frame", "times exact's", "RMSE", "maximum", "99.9 %", "over 1/255", "energy", "FLIP", "")
+# what errors are against, for newcomers
+PLAIN = {
+    "reference": "an exact drawing of the same splats",
+    "sampled": "the same splats at many samples a pixel",
+    "integral": "light along each ray through the splats",
+    "field": "the true picture",
+}
+# a preview errs at most this many times as much as the default, and takes less than the default by this factor
+PREVIEW_ERROR, PREVIEW_TIME = 3.0, 1.5
 SUMMARY_HEAD = (
     "scene",
     "splats, pixels",
@@ -57,14 +66,19 @@ SUMMARY_HEAD = (
 )
 # name of the diagram without a scene
 CONVERGENCE = "convergence"
+# end of the name of a scene's diagram for deciding
+OVERVIEW = "-overview"
 NAMES = {"reference": "drawing", "sampled": "antialiasing", "integral": "splatting", "field": "the field"}
 
 
 @dataclass(frozen=True)
 class Diagram:
-    """Error against time of each method, for the scene of that name, or CONVERGENCE."""
+    """Error against time of each method, for the scene of that name, with OVERVIEW the few to choose from; or
+    CONVERGENCE.
+    """
 
     scene: str
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,6 +95,7 @@ def blocks(results: Results) -> Iterator[Block]:
     """All blocks of the report, in reading order."""
     machine = results.head["machine"]
     yield Heading("Error against run time", 1)
+    yield from _decide(results)
     by = f"{machine['renderer']}, OpenGL {machine['opengl']}"
     yield Text((f"{by}; {machine['processor']}, {machine['cores']} cores.",))
     if len(results.scenes) > 1:
@@ -90,6 +105,76 @@ def blocks(results: Results) -> Iterator[Block]:
     if results.convergence:
         yield from _convergence(results)
     yield from _how(results)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What to draw with for a purpose: default, previews or print."""
+
+    purpose: str
+    point: Point
+
+    @property
+    def text(self) -> str:
+        """Its name, error and time."""
+        return f"{methods()[self.point.name].words}: {percent(self.point.error)} off in {self.time}"
+
+    @property
+    def time(self) -> str:
+        """Milliseconds a frame."""
+        return f"{as_milliseconds(self.point.time.median)} ms"
+
+
+def percent(error: float) -> str:
+    """A relative error in per cent."""
+    return f"{number(100 * error)} %"
+
+
+def deciding_truth(scene: SceneResults) -> str:
+    """The truth that includes most errors, of those that the default is measured against; "" for none."""
+    return next((truth for truth in reversed(scene.truths) if scene.error(DEFAULT, truth) is not None), "")
+
+
+def choices(scene: SceneResults) -> tuple[Choice, ...]:
+    """What to draw a scene with: the default; for previews the fastest that errs little more; for print the most right.
+
+    Empty if the default was not measured. What is no better than the default is the default.
+    """
+    truth = deciding_truth(scene)
+    error, time = scene.error(DEFAULT, truth), scene.timing(DEFAULT)
+    if not truth or error is None or time is None:
+        return ()
+    default = Point(DEFAULT, error, time)
+    others = [p for p in rivals(truth, scene) if p.name != DEFAULT and not methods()[p.name].peer]
+    quick = [p for p in others if p.error <= PREVIEW_ERROR * error and time.over(p.time).median >= PREVIEW_TIME]
+    finer = [p for p in others if p.rounded < default.rounded]
+    fastest = min(quick, key=lambda p: p.time.median, default=default)
+    best = min(finer, key=lambda p: p.error, default=default)
+    return Choice("default", default), Choice("previews", fastest), Choice("print", best)
+
+
+def _decide(results: Results) -> Iterator[Block]:
+    """What to take, in one sentence a scene and a table."""
+    rows, sentences = [], []
+    several = len(results.scenes) > 1
+    for scene in results.scenes:
+        made = choices(scene)
+        if not made:
+            continue
+        default = made[0]
+        also = "".join(f", for {c.purpose}, too" for c in made[1:] if c.point.name == DEFAULT)
+        others = "".join(f"; for {c.purpose} {c.text}" for c in made[1:] if c.point.name != DEFAULT)
+        start = f"{scene.name}: " if several else ""
+        sentences.append(f"{start}**Take the default** ({default.text.partition(': ')[2]}){also}{others}.")
+        for choice in made:
+            method = methods()[choice.point.name]
+            name = f"{method.words} ({method.options})" if method.options else method.words
+            what = f"{scene.name}, {choice.purpose}" if several else choice.purpose
+            rows.append((what, name, percent(choice.point.error), choice.time))
+    if rows:
+        truths = {PLAIN[deciding_truth(scene)] for scene in results.scenes if choices(scene)}
+        yield Text((*sentences, f"Off: root mean square of the differences from {' or '.join(sorted(truths))}."))
+        yield Table(("for", "take", "off", "a frame"), tuple(rows))
 
 
 def _summaries(results: Results) -> Table:
@@ -113,8 +198,9 @@ def _scene(scene: SceneResults) -> Iterator[Block]:
     note = f" ({about['note']})" if about["note"] else ""
     yield Heading(scene.name)
     yield Text((f"{group_digits(about['splats'])} splats{note}, {width}×{height} pixels.",))
+    yield Diagram(f"{scene.name}{OVERVIEW}")
     yield Text(tuple(conclusion(scene)), bullets=True)
-    yield Diagram(scene.name)
+    yield Diagram(scene.name, folded=True)
     yield Pictures(scene.name)
     yield _cheapest(scene)
     yield _tolerances(scene)

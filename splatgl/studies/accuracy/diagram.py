@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.studies.accuracy.content import caption, group_digits, rivals
+from splatgl.studies.accuracy.content import PLAIN, caption, choices, deciding_truth, group_digits, rivals
 from splatgl.studies.accuracy.methods import AXES, DEFAULT, EXACT, PAPER, PAPER_FLOAT, Axis, axis_of, methods
 from splatgl.studies.accuracy.pareto import Point, stairs
 from splatgl.studies.accuracy.sweep import SceneResults
@@ -67,6 +67,58 @@ def picture(scene: SceneResults, head: Mapping[str, Any]) -> dict[str, bytes]:
     """The diagram as .png and .svg. Raises InputError if matplotlib is not installed."""
     with style():
         return _encode(_figure(scene, head), f"Error against run time: {scene.name}", head)
+
+
+# size in inches of the diagram for deciding, and of its text in points: as large as the page's at 400 pixels
+OVERVIEW_SIZE, OVERVIEW_TEXT = (5.6, 4.2), 12.0
+
+
+def overview(scene: SceneResults, head: Mapping[str, Any]) -> dict[str, bytes]:
+    """The methods to choose from, with what to take by name, as .png and .svg. Raises InputError as `picture`."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.ticker import LogLocator
+
+    truth, made = deciding_truth(scene), choices(scene)
+    points = rivals(truth, scene)
+    least = min((p.error for p in points if p.error > 0), default=1.0)
+    with style():
+        figure = sheet(OVERVIEW_SIZE[1], OVERVIEW_SIZE[0])
+        plot = figure.subplots()
+        plot.plot(*_places(points, least), "o", color=GRAY, markersize=5, alpha=0.5)
+        x, y = _places(stairs(points), least)
+        plot.plot(np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1], color=BLACK, linewidth=2.6, alpha=0.18)
+        names: dict[str, list[str]] = {}
+        for choice in made:
+            names.setdefault(choice.point.name, []).append(choice.purpose)
+        chosen = list({choice.point.name: choice.point for choice in made}.values())
+        plot.plot(*_places(chosen, least), "D", color=BLACK, markersize=8)
+        plot.set(xscale="log", yscale="log")
+        plot.margins(0.16, 0.16)
+        plot.set_xlabel("milliseconds a frame", fontsize=OVERVIEW_TEXT)
+        plot.set_ylabel("off, in per cent", fontsize=OVERVIEW_TEXT)
+        plot.set_title(f"{scene.name}: how far from {PLAIN[truth]}", fontsize=OVERVIEW_TEXT)
+        plot.tick_params(labelsize=OVERVIEW_TEXT - 1.5)
+        _ticks(plot)
+        plot.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        plot.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.3g}")
+        plot.yaxis.set_minor_formatter(lambda value, _: "")
+        FigureCanvasAgg(figure).draw()
+        figure.set_layout_engine("none")
+        for point, (x, y) in zip(chosen, np.column_stack(_places(chosen, least)), strict=True):
+            text = " and ".join(names[point.name])
+            text += "" if point.name == DEFAULT else f":\n{methods()[point.name].words}"
+            is_right = plot.transAxes.inverted().transform(plot.transData.transform((x, y)))[0] > 0.5
+            ground = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1}
+            plot.annotate(
+                text,
+                (x, y),
+                (-10 if is_right else 10, 8),
+                textcoords="offset points",
+                ha="right" if is_right else "left",
+                fontsize=OVERVIEW_TEXT,
+                bbox=ground,
+            )
+        return _encode(figure, f"What to draw {scene.name} with", head)
 
 
 def convergence(lines: Sequence[Mapping[str, Any]], head: Mapping[str, Any]) -> dict[str, bytes]:

@@ -17,8 +17,19 @@ from splatgl.errors import InputError
 from splatgl.fileio import write_file
 from splatgl.splat.settings import Settings
 from splatgl.studies import tables
-from splatgl.studies.accuracy.content import CONVERGENCE, NAMES, Block, Diagram, Pictures, blocks, number, rivals
-from splatgl.studies.accuracy.diagram import convergence, picture
+from splatgl.studies.accuracy.content import (
+    CONVERGENCE,
+    NAMES,
+    OVERVIEW,
+    Block,
+    Diagram,
+    Pictures,
+    blocks,
+    choices,
+    number,
+    rivals,
+)
+from splatgl.studies.accuracy.diagram import convergence, overview, picture
 from splatgl.studies.accuracy.ground_truth import Subject, Truths
 from splatgl.studies.accuracy.methods import EXACT, PAPER, TRUTHS, methods
 from splatgl.studies.accuracy.pareto import Timing, dominance
@@ -34,7 +45,7 @@ def as_markdown(results: Results, diagrams: Mapping[str, str]) -> str:
     parts = []
     for block in blocks(results):
         match block:
-            case Diagram(scene):
+            case Diagram(scene=scene):
                 parts.append(f"![error against run time: {scene}]({diagrams[scene]})" if scene in diagrams else "")
             case Heading() | Text() | Table():
                 parts.append(block.markdown())
@@ -104,11 +115,12 @@ def page(results: Results, diagrams: Mapping[str, bytes], strips: Mapping[str, s
 
 def _block(block: Block, diagrams: Mapping[str, bytes], strips: Mapping[str, str]) -> str:
     match block:
-        case Diagram(scene):
+        case Diagram(scene, folded):
             if scene not in diagrams:
                 return ""
             data = base64.b64encode(diagrams[scene]).decode("ascii")
-            return f'<img class="diagram" alt="{escape(scene)}" src="data:image/png;base64,{data}">'
+            image = f'<img class="diagram" alt="{escape(scene)}" src="data:image/png;base64,{data}">'
+            return f"<details><summary>All methods, against each truth</summary>{image}</details>" if folded else image
         case Pictures(scene):
             return strips.get(scene, "")
         case _:
@@ -139,6 +151,7 @@ def publish(results: Results, store: Store, folder: Path, strips: Mapping[str, s
 def _diagrams(results: Results) -> dict[str, bytes]:
     """All diagrams as PNG and SVG by file name."""
     diagrams = {scene.name: picture(scene, results.head) for scene in results.scenes}
+    diagrams |= {f"{s.name}{OVERVIEW}": overview(s, results.head) for s in results.scenes if choices(s)}
     if results.convergence:
         diagrams[CONVERGENCE] = convergence(results.convergence, results.head)
     return {name + suffix: data for name, files in diagrams.items() for suffix, data in files.items()}

@@ -55,6 +55,23 @@ class Method:
             chosen = chosen.but(z_s=near + self.z_s_share * (far - near))
         return chosen.but(**self.changes)
 
+    @property
+    def options(self) -> str:
+        """The options of `splatgl render` that draw so; "" if there are none."""
+        if self.peer or self.paper or self.z_s_share is not None:
+            return ""
+        given = {"threshold": self.threshold, **self.changes} if self.threshold else self.changes
+        flags = [f"--{name.replace('_', '-')} {value}" for name, value in given.items()]
+        return " ".join([*([] if self.from_scene else ["--like 0.1"]), *flags])
+
+    @property
+    def words(self) -> str:
+        """The name for newcomers."""
+        if self.coarse:
+            return f"every {2**self.coarse}{'nd' if self.coarse == 1 else 'th'} voxel, as a window while it moves"
+        plain = {"antialias": "supersample"}.items() <= self.changes.items() and len(self.changes) == 2
+        return f"single splats, {self.name} samples a pixel" if plain else WORDS.get(self.name, self.name)
+
 
 Methods = tuple[Method, ...]
 
@@ -86,6 +103,15 @@ class Axis:
 
 
 AXES: dict[str, Axis] = {}
+# names for newcomers of methods that others are named after
+WORDS = {
+    "exact": "single splats",
+    "paper 1998": "the settings of 1998",
+    "no antialiasing": "single splats without antialiasing",
+    "gaussian": "Gaussian splats",
+    "post b-spline": "sheets of a b-spline",
+    "threshold 0.1": "single splats, none below an opacity of 0.1",
+}
 
 
 def register(axis: Axis) -> Axis:
