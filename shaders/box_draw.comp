@@ -38,6 +38,7 @@ void main() {
     BoxRay ray = box_ray(vec2(pixel) + 0.5);
     vec4 light = CARRIED == 1 ? imageLoad(target, pixel) : vec4(0.0);
     set_column(tile, gl_LocalInvocationIndex);
+    begin_matter(0);
     float speed = length(ray.direction);
     float offset = PERSPECTIVE == 1 ? 0.0 : dot(ray.start - box_eye, ray.direction) / speed;
     // one loop, with its light: llvmpipe loses lanes of one within it that goes on to the next box that a ray meets
@@ -52,9 +53,10 @@ void main() {
             matter.rgb = matter.rgb * shone.x + shone.y;
         }
         matter *= it.w * joined_length((ends.y - ends.x) * ray.stretch);
-        if (matter.a >= 1e-8) keep_matter(0, ends * speed + offset, matter);
+        add_matter(0, ends * speed + offset, matter);
         light = join_matter(light, matter);
     }
+    end_matter(0);
     imageStore(target, pixel, light);
     set_state(tile, !IN_ORDER || light.a <= opaque);
 }

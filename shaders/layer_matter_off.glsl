@@ -3,10 +3,6 @@ void set_column(uint tile, uint lane) {}
 
 void begin_matter(int row) {}
 
-bool keep_matter(int row, vec2 ends, vec4 matter) {
-    return false;
-}
-
 void end_matter(int row) {}
 
 void add_matter(int row, vec2 ends, vec4 matter) {}

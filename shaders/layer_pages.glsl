@@ -5,11 +5,13 @@
 #constant PAGE
 #define LONGEST_PIECE 16.0
 layout(std430, binding = 7) buffer Pages { uvec4 kept_pages[]; };
-// pages taken; then for each pixel of each layer its first and last page, and how many pieces it has
+// pages taken; then of each pixel of each layer a list: its first page, the number of pieces in pages, its last piece,
+// which is in none, and, where other dispatches continue it, its last page and what joining has moved
+#define HEAD 8u  // words of a list
 layout(std430, binding = 1) buffer Heads { uint kept_heads[]; };
 
 uint head_of(uint layer, uint band, uint pixel) {
-    return 4u * (1u + layer * band + pixel);
+    return 1u + HEAD * (layer * band + pixel);
 }
 
 // lane: of the invocation whose first pixel is `row` pixels above.
@@ -17,19 +19,22 @@ uint kept_pixel(uint tile, uint row, uint lane) {
     return (tile * uint(TILE_ROWS) + row) * uint(COLUMNS) + lane;
 }
 
-// Adds a piece to a pixel's list; false, and only counted, beyond the room of so many pages.
-bool keep_piece(uint head, uint room, uvec4 piece) {
-    uint count = kept_heads[head + 2u], at = count % uint(PAGE - 1);
+// A list's last piece; of an empty list 0.
+uvec4 last_piece(uint head) {
+    return uvec4(kept_heads[head + 2u], kept_heads[head + 3u], kept_heads[head + 4u], kept_heads[head + 5u]);
+}
+
+// Adds a piece to the pages of a list, which it returns; pieces beyond the room of so many pages are lost.
+uvec3 keep_piece(uvec3 list, uint room, uvec4 piece) {
+    uint at = list.z % uint(PAGE - 1);
     if (at == 0u) {
         uint page = atomicAdd(kept_heads[0], 1u);
-        if (page >= room) return false;
-        if (count == 0u) kept_heads[head] = page;
-        else kept_pages[(kept_heads[head + 1u] + 1u) * uint(PAGE) - 1u].x = page;
-        kept_heads[head + 1u] = page;
+        if (list.z == 0u) list.x = page;
+        else if (page < room) kept_pages[(list.y + 1u) * uint(PAGE) - 1u].x = page;
+        list.y = page;
     }
-    kept_pages[kept_heads[head + 1u] * uint(PAGE) + at] = piece;
-    kept_heads[head + 2u] = count + 1u;
-    return true;
+    if (list.y < room) kept_pages[list.y * uint(PAGE) + at] = piece;
+    return list + uvec3(0u, 0u, 1u);
 }
 
 uint packed_pair(vec2 pair) {

@@ -22,10 +22,12 @@ uniform float thickness[LAYERS];     // of sheets, index units
 uniform float first_sheet[LAYERS];
 uniform float brightest[LAYERS];
 
-// of each layer: its place in sheets at depth 0, sheets per depth; its nearest piece that is left, and its matter
+// of each layer: its place in sheets at depth 0, sheets per depth; the ends of its nearest piece, far below 0 if another is
+// to be taken, and its matter
 float offset[LAYERS], rate[LAYERS];
 float near[LAYERS], far[LAYERS];
 vec4 matter[LAYERS];
+uvec4 last[LAYERS];
 uint page[LAYERS], at[LAYERS], left[LAYERS];
 
 void set_layer(int n, vec2 pixel, uint head) {
@@ -37,25 +39,60 @@ void set_layer(int n, vec2 pixel, uint head) {
         rate[n] = dot(direction[n], index_from_eye[n][2]) / thickness[n];
     }
     page[n] = kept_heads[head];
-    left[n] = kept_heads[head + 2u];
+    left[n] = kept_heads[head + 1u] + 1u;
+    last[n] = last_piece(head);
     at[n] = 0u;
+    far[n] = -1.0;
 }
 
 // Takes a layer's next piece.
 void take(int n) {
     near[n] = far[n] = NOTHING;
-    if (left[n] == 0u) return;
-    uvec4 words = kept_pages[page[n] * uint(PAGE) + at[n]];
+    if (left[n] == 0u || last[n].z == 0u) return;
+    uvec4 words = last[n];
+    if (left[n] > 1u) words = kept_pages[page[n] * uint(PAGE) + at[n]];
     vec2 ends = (ends_of_piece(words) - offset[n]) / rate[n];
     near[n] = ends.x;
     far[n] = max(ends.y, ends.x);
     matter[n] = matter_of_piece(words, brightest[n]);
     left[n]--;
     at[n]++;
-    if (at[n] == uint(PAGE - 1)) {
+    if (at[n] == uint(PAGE - 1) && left[n] > 1u) {
         at[n] = 0u;
         page[n] = kept_pages[(page[n] + 1u) * uint(PAGE) - 1u].x;
     }
+}
+
+// written out for each layer: arrays that loops index are in memory, which takes twice as long
+#if LAYERS == 2
+#define EACH(what) what(0) what(1)
+#elif LAYERS == 3
+#define EACH(what) what(0) what(1) what(2)
+#elif LAYERS == 4
+#define EACH(what) what(0) what(1) what(2) what(3)
+#elif LAYERS == 5
+#define EACH(what) what(0) what(1) what(2) what(3) what(4)
+#elif LAYERS == 6
+#define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5)
+#elif LAYERS == 7
+#define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6)
+#elif LAYERS == 8
+#define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
+#endif
+#define SET(n) set_layer(n, vec2(pixel) + 0.5, head_of(uint(n), band, kept_pixel(tile, uint(row), lane)));
+#define TAKE(n) if (far[n] < 0.0) take(n); begin = min(begin, near[n]);
+#define END(n) end = min(end, near[n] > begin ? near[n] : far[n]);
+#define ADD(n) sum += taken(n, begin, end);
+
+// A layer's matter between two places, of which the first is not before its piece.
+vec4 taken(int n, float begin, float end) {
+    if (near[n] > begin) return vec4(0.0);
+    float share = far[n] > end ? (end - begin) / (far[n] - begin) : 1.0;
+    vec4 part = matter[n] * share;
+    matter[n] -= part;
+    near[n] = end;
+    if (far[n] <= end) far[n] = -1.0;
+    return part;
 }
 
 void main() {
@@ -64,27 +101,17 @@ void main() {
     corner += ivec2(lane % uint(COLUMNS), lane / uint(COLUMNS));
     for (int row = 0; row < ROWS; row++) {
         ivec2 pixel = corner + ivec2(0, row);
-        for (int n = 0; n < LAYERS; n++) {
-            set_layer(n, vec2(pixel) + 0.5, head_of(uint(n), band, kept_pixel(tile, uint(row), lane)));
-            take(n);
-        }
+        EACH(SET)
         vec4 light = vec4(0.0);
         while (light.a < opaque) {
             float begin = NOTHING;
-            for (int n = 0; n < LAYERS; n++) begin = min(begin, near[n]);
+            EACH(TAKE)
             if (begin >= NOTHING) break;
             // until the next end or beginning
             float end = NOTHING;
-            for (int n = 0; n < LAYERS; n++) end = min(end, near[n] > begin ? near[n] : far[n]);
+            EACH(END)
             vec4 sum = vec4(0.0);
-            for (int n = 0; n < LAYERS; n++) {
-                if (near[n] > begin) continue;
-                float share = far[n] > end ? (end - begin) / (far[n] - begin) : 1.0;
-                sum += matter[n] * share;
-                matter[n] *= 1.0 - share;
-                near[n] = end;
-                if (far[n] <= end) take(n);
-            }
+            EACH(ADD)
             light = behind(light, sum);
         }
         imageStore(target, pixel, light);

@@ -29,13 +29,14 @@ HEADS, PAGES = 1, 7
 # bytes of all pages together, if the device allows them, and of a piece; number of pages
 POOL, PIECE = 2**27, 16
 ROOM = POOL // (PIECE * PAGE)
-# bytes of a pixel of a layer in the heads
-HEAD = 16
-# pixels of the first and of the largest window; share of the pages that the next window should use
+# words of a list in the heads
+HEAD = 8
+# pixels of the first and of the largest window; share of the pages that a window should use
 FIRST, MOST, SHARE = 2**17, 2**20, 0.7
-
-# maximum optical depth of a piece joined from several, in tolerances
-THIN = 1.0
+# by how much a window may be larger than the one before
+GROWTH = 1.3
+# largest optical depth, in tolerances, that joining pieces moves along a ray
+UNEVEN = 0.2
 
 Drawn = tuple[Splats, Plan]
 
@@ -46,6 +47,8 @@ class LayerTiles(SheetTiles):
     # uniforms of layer_pages.glsl; first and last page, and number of pieces, of each pixel and layer
     keeping: dict[str, float]
     heads: moderngl.Buffer | None = None
+    # pixels of the next window, by what the latest needed
+    size = FIRST
     exact = True
 
     def __init__(
@@ -81,21 +84,25 @@ class LayerTiles(SheetTiles):
         scratch: target for the light of a single layer; where it is opaque, the layer's matter behind is skipped.
         bind: binds the uniforms and tables of a layer.
         """
-        whole = union([plan.window for _, plan in layers])
         block = most_block(self.ctx)
         # pages, and pixels whose heads fit into a block
-        room, most = min(ROOM, block // (PIECE * PAGE)), min(MOST, (block // HEAD - 1) // len(layers))
-        waiting, size = [whole], min(FIRST, most)
+        room, most = min(ROOM, block // (PIECE * PAGE)), min(MOST, (block // 4 - 1) // (HEAD * len(layers)))
+        waiting, least = [union([plan.window for _, plan in layers])], most
         while waiting:
             window = waiting.pop()
-            height = max(size // max(window.width, 1) // ROWS, 1) * ROWS
+            height = max(min(self.size, most) // max(window.width, 1) // ROWS, 1) * ROWS
             if height < window.height:
                 window, rest = _rows(window, height)
                 waiting.append(rest)
             used = self._window(target, scratch, layers, bind, portions, (window, room))
             if used > room:
                 waiting += [window] if window.height > ROWS else _columns(window)
-            size = int(np.clip(SHARE * window.width * window.height * room / max(used, 1), ROWS, most))
+            # what is nearer to the middle of the picture needs more
+            size = window.width * window.height
+            enough = int(SHARE * size * room / max(used, 1))
+            least, self.size = min(least, enough), min(enough, int(GROWTH * size))
+        # for the next picture
+        self.size = max(least, ROWS * ROWS)
 
     def _window(
         self,
@@ -116,7 +123,7 @@ class LayerTiles(SheetTiles):
         heads, used = self._empty_heads(len(layers), pixels), 0
         for n, (splats, plan) in enumerate(layers):
             bind(splats, plan)
-            self.keeping = {"layer": n, "band": pixels, "room": room, "thin": THIN * plan.resolved.tolerance}
+            self.keeping = {"layer": n, "band": pixels, "room": room, "uneven": UNEVEN * plan.resolved.tolerance}
             scratch.clear()
             if plan.resolved.boxes:
                 self._draw_boxes(scratch, splats, replace(plan, window=window), portions)
@@ -124,7 +131,7 @@ class LayerTiles(SheetTiles):
                 self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
             used = int(np.frombuffer(heads.read(4), np.uint32)[0])
             if used > room:
-                return used
+                return used * len(layers) // (n + 1)
         bind(*layers[0])
         self._over(target, layers, band, pixels)
         return used
@@ -150,7 +157,7 @@ class LayerTiles(SheetTiles):
         self.ctx.memory_barrier()
 
     def _empty_heads(self, layers: int, pixels: int) -> moderngl.Buffer:
-        size = HEAD * (1 + layers * pixels)
+        size = 4 * (1 + HEAD * layers * pixels)
         if self.heads is None or self.heads.size < size:
             if self.heads is not None:
                 self.heads.release()

@@ -208,7 +208,7 @@ TABLE_ROW = 128
 # invocations per work group of a card's sort, and pairs that a group sorts
 SORT_LANES, SORT_BLOCK = 256, 2048
 # entries of a page: pieces of matter, and last the number of the next page
-PAGE = 8
+PAGE = 9
 # states of a tile on a card: the next dispatch continues it; light passes it no more
 CONTINUED, CLOSED = 1, 2
 # cursor of a terminated tile

@@ -30,7 +30,7 @@ CONSTANT = {
     "near_field.frag": OPTIONS,
     "surface.frag": {"SKY", "SHADOWS"},
     "splat.frag": {"LIMITED"},
-    "sheet_close.frag": {"LIMITED", "LAYERED"},
+    "sheet_close.frag": {"LIMITED", "LAYERED", "CARRIED"},
     "box_draw.comp": {"PACKED"},
     "tile_draw.comp": {"PACKED"},
     "sheet_draw.comp": {"PIECE"},

@@ -35,6 +35,7 @@ PLUMBING = {
     *("open_pixel", "read_pixel", "write_pixel", "read_column", "write_column", "take_sheet", "any_column"),
     *("center_of", "take_plane", "is_plane", "planes", "set_mask_ray", "mask_above", "mask_part", "mask_face"),
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "add_matter", "end_matter"),
+    *("head_of_row", "last_piece", "taken"),
     *("first_pixel", "read_texels", "joined", "stage_splat", "staged_splat", "wait_for_all", "is_opaque", "is_behind"),
     *("composite_tile", "add_batch", "entry", "held_sums", "cell_of"),
     # layers by quads, which tests/scene/test_layers.py compares with those by tiles
@@ -44,7 +45,7 @@ PLUMBING = {
     *("set_state", "splat_of", "tile_number", "tiles_of"),
     # quads on a card, which tests/gl/test_shapes.py compares
     *("filtered", "give_place", "quad_place"),
-    *("set_column", "begin_matter", "keep_matter", "set_layer", "take", "keep_piece", "boxed", "within_depths"),
+    *("set_column", "begin_matter", "set_layer", "take", "keep_piece", "boxed", "within_depths"),
 }
 # Python names of functions that GLSL names otherwise
 OTHER_NAMES = {
