@@ -158,7 +158,7 @@ class Animation:
             if scenes[0] is not file:
                 scene = OpenScene.of(scenes[0], replace(scenes[0].open(), notes=()))
         print_notes(scene.volume, is_quiet)
-        settings, view = scene.file.settings, scene.file.view
+        settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
         if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
         scenes = [replace(scene, settings=settings, view=view, clip=None, crop="") for scene in scenes]
@@ -265,6 +265,12 @@ class Animation:
         assert not isinstance(subject, Bricks)
         cameras = [self.track.camera(n) for n in np.linspace(0, self.count - 1, LOOKS)]
         return max(moments_per_frame(subject, camera, settings, turn) for camera in cameras) or None
+
+
+def _sharp_unless_asked(settings: Settings, timeline: Timeline) -> Settings:
+    """The settings of frames: motion auto blurs along a flow, or if moments or another shutter are asked for."""
+    asked = timeline.flow is not None or {"moments", "shutter"} & set(settings.given)
+    return settings if settings.motion != "auto" or asked else settings.but(motion="off")
 
 
 def _matter(scene: OpenScene, flow: float | None) -> Matter:

@@ -51,10 +51,14 @@ def write_movie(path: Path, pictures: Sequence[Path], fps: float, ground: tuple[
 def _frames(pictures: Sequence[Path], ground: tuple[float, float, float]) -> Iterator[np.ndarray]:
     """Yields frames, uint8 [H, W, 3], sRGB."""
     from splatgl.data.color import srgb_from_linear
-    from splatgl.data.image import Image
+    from splatgl.data.image import Image, load_png
 
     for picture in pictures:
-        shown = Image.load(picture).over(ground).pixels[..., :3]
+        samples, _ = load_png(picture)
+        if samples.dtype == np.uint8 and samples[..., 3].min() == 255:
+            yield np.ascontiguousarray(samples[..., :3])
+            continue
+        shown = Image.from_samples(samples).over(ground).pixels[..., :3]
         yield np.rint(srgb_from_linear(np.clip(shown, 0.0, 1.0)) * 255).astype(np.uint8)
 
 

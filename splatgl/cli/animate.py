@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
@@ -62,7 +63,11 @@ def run(args: argparse.Namespace) -> int:
     timeline, on_workers = record_of(args, Timeline), uses_workers(args)
     if args.fps is not None and not MIN_FPS <= args.fps <= MAX_FPS:
         raise expected("--fps", f"a number from {MIN_FPS:g} to {MAX_FPS:g}", args.fps)
-    scenes = volumes(for_output(scene_from(args), Path(args.output)), args.more)
+    scene = scene_from(args)
+    if args.shutter is not None and scene.settings.motion == "auto":
+        # the default shutter, too, asks for blur
+        scene = replace(scene, settings=scene.settings.but(motion="moments"))
+    scenes = volumes(for_output(scene, Path(args.output)), args.more)
     animation = Animation.of(scenes, timeline, args.time, args.bits, args.quiet)
     frames = Frames.at(args.output, animation.mark)
     if frames.movie:

@@ -86,7 +86,7 @@ class Image:
             return cls(*load_exr(source))
         if source.suffix.lower() in TIFF and (image := load_tiff(source)) is not None:
             return cls(*image)
-        samples, info = _load_png(source)
+        samples, info = load_png(source)
         return cls(_linear_pixels(samples), info)
 
     @classmethod
@@ -218,7 +218,7 @@ def _load_npy(source: Path) -> np.ndarray:
     return np.asarray(pixels, np.float32)
 
 
-def _load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
+def load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     """Straight sRGB, uint8 or uint16 [H, W, 4], and the provenance, if any."""
     from PIL import Image as Pillow
 

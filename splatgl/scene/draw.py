@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -200,26 +201,72 @@ def depths(scene: OpenScene, at: float | str | None) -> np.ndarray:
     return depth_map.depths(scene.scene, scene.camera, share, replace(settings, clip=()))
 
 
+# seconds between two lines of progress, and the share that is done or the seconds after which there is another
+LINES_APART, SHARE, MOST_APART = 10.0, 0.1, 60.0
+
+
 @contextmanager
 def progress_bar(unit: str, is_quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """A function that takes the number of units done and of all, and shows a progress bar with the remaining time, if
-    tqdm is installed and stderr is a terminal.
+    """A function that takes the number of units done and of all, and prints to stderr the time that the first frame
+    took, if all take longer than PATIENCE, and how many are done: by a bar on a terminal if tqdm is installed, else by
+    lines.
     """
-    if is_quiet or not sys.stderr.isatty():
+    if is_quiet:
         yield lambda done, total: None
         return
+    with _bar(unit) as bar:
+        lines = ProgressLines(unit)
+
+        def show(done: int, total: int) -> None:
+            for line in lines.after(done, total, bar is None):
+                print(f"splatgl: {line}", file=sys.stderr)
+            if bar is not None:
+                bar.total = total
+                bar.update(done - bar.n)
+
+        yield show
+
+
+def _bar(unit: str) -> AbstractContextManager[Any]:
+    """A bar of tqdm, or a context of None."""
     try:
         from tqdm import tqdm
     except ImportError:
-        yield lambda done, total: None
-        return
-    with tqdm(desc="drawing", unit=unit, delay=PATIENCE, leave=False) as bar:
+        return nullcontext()
+    return tqdm(desc="drawing", unit=unit, delay=PATIENCE, leave=False) if sys.stderr.isatty() else nullcontext()
 
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
 
-        yield show
+class ProgressLines:
+    """Text on the progress of equal units, which begin now. clock: seconds."""
+
+    def __init__(self, unit: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self.unit, self.clock = unit, clock
+        self.begun = self.latest = clock()
+        self.done = 0
+
+    def after(self, done: int, total: int, is_logged: bool) -> list[str]:
+        """The lines to print once `done` units of `total` are done. is_logged: whether there is no bar."""
+        now = self.clock()
+        passed, lines = now - self.begun, list[str]()
+        # a part of one picture tells nothing of the others
+        if self.unit == "frame" and done == 1 < total and passed * total > PATIENCE:
+            lines.append(f"the first {self.unit} took {passed:.1f} s: {total} take about {duration(passed * total)}")
+            self.latest = now
+        apart = now - self.latest
+        is_due = (done - self.done) >= SHARE * total or apart >= MOST_APART
+        if is_logged and 1 < done < total and apart >= LINES_APART and is_due:
+            left = duration(passed / done * (total - done))
+            lines.append(f"{done} of {total} {self.unit}s drawn, about {left} left")
+            self.latest, self.done = now, done
+        return lines
+
+
+def duration(seconds: float) -> str:
+    """A length of time in words, such as "40 s" or "2 h 05 min"."""
+    minutes = round(seconds / 60)
+    if seconds < 100:
+        return f"{max(seconds, 1):.0f} s"
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def accuracy(image: Image) -> str:

@@ -232,7 +232,8 @@ class Settings:
         "auto",
         Kind.choice(Motions),
         "motion blur. moments: mean of pictures; exact: mean of the footprint along its path; energy: half discs and "
-        "a rectangle of equal energy; paper: Eq. 11; auto: moments, but exact for X-rays of voxels",
+        "a rectangle of equal energy; paper: Eq. 11; auto: moments, but exact for X-rays of voxels; movies: off unless "
+        "--flow, --moments or --shutter ask for blur",
     )
     moments: int | None = _animation(
         None, Kind.whole(1, MAX_MOMENTS), "pictures that a frame is the mean of, up to 4096 (default: by the motion)"

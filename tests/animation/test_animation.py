@@ -21,6 +21,7 @@ from splatgl.animation.animation import Frames, scale_xray
 from splatgl.animation.camera_track import Swept, between, keyframes, turning
 from splatgl.animation.movie import read_ahead, volumes
 from splatgl.cli.main import main
+from splatgl.scene.draw import ProgressLines, duration
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from tests.helpers.bricks import noise
@@ -53,7 +54,7 @@ def pixels(path: str | Path) -> np.ndarray:
 
 def test_a_turn_is_the_cameras_orbit(here: Path) -> None:
     """Frame after frame the picture of an eye that goes around, counter-clockwise from above; one turn closes."""
-    assert animate("letter-f", "-o", "f/{frame:02d}.npy", "--frames", "4", "--motion", "off") == 0
+    assert animate("letter-f", "-o", "f/{frame:02d}.npy", "--frames", "4") == 0
     assert sorted(p.name for p in Path("f").iterdir()) == ["00.npy", "01.npy", "02.npy", "03.npy"]
     scene = SceneFile("letter-f", view=ViewOptions(size=(24, 24)))
     volume = scene.open()
@@ -258,6 +259,25 @@ def test_killed_and_resumed_without_a_gap(here: Path) -> None:
         assert (pixels(path) == pixels(here / "k" / path.name)).all()
 
 
+def test_the_time_of_frames_is_told() -> None:
+    """After the first, if all take a while; without a bar a line each tenth or minute, at most every 10 s."""
+    now = 0.0
+    lines, slow, quick = (ProgressLines("frame", lambda: now) for _ in range(3))
+    said = {}
+    for done in range(1, 61):
+        now += 4.0 if done < 40 else 0.5
+        said[done] = lines.after(done, 60, is_logged=True)
+    assert said[1] == ["the first frame took 4.0 s: 60 take about 4 min"]
+    assert [done for done, told in said.items() if told] == [1, *range(6, 43, 6)]
+    assert said[6] == ["6 of 60 frames drawn, about 4 min left"]
+    assert len(slow.after(1, 9999, is_logged=False)) == 1 and slow.after(2, 9999, is_logged=True) == []
+    now += 61
+    assert slow.after(3, 9999, is_logged=False) == [] and len(slow.after(4, 9999, is_logged=True)) == 1
+    quick.begun = now - 0.01
+    assert quick.after(1, 60, is_logged=True) == []
+    assert [duration(seconds) for seconds in (3.4, 600, 7500)] == ["3 s", "10 min", "2 h 05 min"]
+
+
 @pytest.mark.long
 def test_moments_blur(here: Path) -> None:
     """The mean of pictures within half a frame; with streaks that is nearer to the mean of many. A shutter that does
@@ -278,19 +298,23 @@ def test_moments_blur(here: Path) -> None:
     assert np.abs(pixels("b1.npy") - mean).max() < 2e-4 < np.abs(pixels("a1.npy") - mean).max()
     assert animate("ball.npy", "-o", "e{frame}.npy", *one, "--motion", "off", "--moments", "48") == 0
     # of itself it takes as many as the paths are long; streaks alone are further, and nearer the more of them
-    for name, more in (("f", []), ("g", ["--motion", "exact"]), ("h", ["--motion", "exact", "--moments", "4"])):
+    for name, more in (
+        ("f", ["--motion", "moments"]),
+        ("g", ["--motion", "exact"]),
+        ("h", ["--motion", "exact", "--moments", "4"]),
+    ):
         assert animate("ball.npy", "-o", f"{name}{{frame}}.npy", *one, *more) == 0
     own, streak, streaks = (np.abs(pixels(f"{name}1.npy") - pixels("e1.npy")).max() for name in "fgh")
     assert 4 * own < streak and 2 * streaks < streak
     # maxima have no streaks, and a mean all the same
-    for name, more in (("i", []), ("j", ["--motion", "off"]), ("k", ["--motion", "off", "--moments", "48"])):
+    for name, more in (("i", ["--motion", "moments"]), ("j", []), ("k", ["--motion", "off", "--moments", "48"])):
         assert animate("ball.npy", "-o", f"{name}{{frame}}.npy", *one, "--blend", "mip", *more) == 0
     own, still = (np.abs(pixels(f"{name}1.npy") - pixels("k1.npy")).max() for name in "ij")
     assert 10 * own < still
 
 
 def test_moments_blur_pictures_of_values(here: Path) -> None:
-    """By default: the mean of pictures that are classified after reconstruction."""
+    """The mean of pictures that are classified after reconstruction, if a shutter or moments ask for blur."""
     one = ["ball.npy", "--frames", "9", "--only", "1"]
     assert animate(*one, "-o", "a{frame}.npy", "--moments", "2") == 0
     assert animate("ball.npy", "-o", "d{frame}.npy", "--frames", "72", "--motion", "off", "--only", "5-7") == 0
@@ -298,8 +322,11 @@ def test_moments_blur_pictures_of_values(here: Path) -> None:
     mean = (pixels("d7.npy") + pixels("d5.npy")) / 2
     assert np.abs(pixels("a1.npy") - mean).max() < 2e-4
     assert animate(*one, "-o", "s{frame}.npy", "--shutter", "0", "--motion", "exact") == 0
-    assert animate(*one, "-o", "o{frame}.npy", "--motion", "off") == 0
+    assert animate(*one, "-o", "o{frame}.npy") == 0
     assert (pixels("s1.npy") == pixels("o1.npy")).all()
+    for name, more in (("b", ["--shutter", "180"]), ("m", ["--motion", "moments"])):
+        assert animate(*one, "-o", f"{name}{{frame}}.npy", *more) == 0
+    assert (pixels("b1.npy") == pixels("m1.npy")).all() and (pixels("b1.npy") != pixels("o1.npy")).any()
 
 
 @pytest.mark.long
@@ -422,7 +449,11 @@ def test_a_scaled_x_ray_scales_its_bound() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("options", [["--moments", "1"], ["--moments", "3"], [], ["--blend", "xray"]], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [["--moments", "1"], ["--moments", "3"], ["--motion", "moments"], ["--shutter", "179", "--blend", "xray"]],
+    ids=str,
+)
 def test_a_volume_beyond_memory_is_drawn_in_bricks(
     options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -441,7 +472,7 @@ def test_a_volume_beyond_memory_is_drawn_in_bricks(
     monkeypatch.setattr(sg.Renderer, "render_bricks", lambda *a, **k: bricks.append(1) or render(*a, **k))
     monkeypatch.setattr(animation, "budget", lambda: 1 << 20)
     assert main([*keyed, "-o", "b/{frame}.npy"]) == 0
-    count = {"1": 1, "3": 3}.get(options[-1] if options else "", 2)
+    count = {"1": 1, "3": 3}.get(options[-1], 2)
     assert len(bricks) >= 2 * count
     for n in (3, 4):
         first, second = (np.load(f"{folder}/{n}.npy") for folder in "ab")
