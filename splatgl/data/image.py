@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.color import linear_from_srgb, srgb_bytes, srgb_from_linear
 from splatgl.data.image_files import (
     EXR,
     JPEG,
@@ -158,6 +158,8 @@ class Image:
             image = image.over(background)
         if bits not in (8, 16):
             raise expected("bits", "8 or 16", bits)
+        if bits == 8 and image.pixels.dtype == np.float32 and (image.pixels[..., 3] == 1).all():
+            return srgb_bytes(np.clip(np.nan_to_num(image.pixels), np.float32(0), np.float32(1)))
         one = 2**bits - 1
         return np.rint(image.straight() * one).astype(np.uint8 if bits == 8 else np.uint16)
 

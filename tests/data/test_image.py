@@ -9,6 +9,7 @@ import pytest
 from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.data.color import _byte_tables, srgb_bytes, srgb_from_linear
 
 RNG = np.random.default_rng(2)
 
@@ -16,6 +17,19 @@ RNG = np.random.default_rng(2)
 def picture() -> sg.Image:
     alpha = RNG.random((7, 5, 1))
     return sg.Image(np.concatenate([RNG.random((7, 5, 3)) * alpha, alpha], axis=-1).astype(np.float32), {"a": [1, "é"]})
+
+
+def test_bytes_of_opaque_pictures_are_looked_up_exactly() -> None:
+    """As by the formula, also at the first float of each byte and the last before it."""
+    following = np.unique(_byte_tables()[1])[:-1]
+    before = np.nextafter(following, np.float32(0))
+    some = np.random.default_rng(3).random(20_000, np.float32)
+    values = np.concatenate([following, before, some, np.array([0, -0.0, 1], np.float32)])
+    assert len(following) == 255 and (srgb_bytes(values) == np.rint(srgb_from_linear(values) * 255)).all()
+    pixels = np.dstack([values[:300].reshape(20, 15)] * 3 + [np.ones((20, 15), np.float32)])
+    pixels[0, :3, 0] = np.nan, np.inf, -1
+    image = sg.Image(pixels)
+    assert (image.samples8() == np.rint(image.straight() * 255)).all()
 
 
 @pytest.mark.parametrize("bits", [8, 16])
