@@ -84,6 +84,9 @@ def test_blocks_have_the_extinction_of_both(renderer: sg.Renderer, blocks: sg.Sc
         light += (1 - light[3]) * -np.expm1(-total * (high - low)) * np.append(color, 1.0)
     assert len(np.unique(np.round(image.pixels, 5).reshape(-1, 4), axis=0)) == 1
     assert np.abs(image.pixels - light).max() < 2e-5
+    # even matter is joined: a list has at most a page beside its last piece
+    heads = renderer.passes.layers.heads
+    assert heads is not None and np.frombuffer(heads.read(4), np.uint32)[0] <= 2 * 64
     alone = [renderer.render(layer.volume and sg.Scene([layer]), along_x(blocks), PLAIN) for layer in blocks.shown]
     clear = np.prod([1 - each.pixels[..., 3] for each in alone], axis=0)
     assert np.abs(1 - clear - image.pixels[..., 3]).max() < 2e-6
