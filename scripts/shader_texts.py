@@ -136,7 +136,10 @@ SCREENS = tuple(product(("none", "split", "difference"), (False, True)))
 COUNTING: tuple[dict[str, bool], ...] = ({"COUNTING": True}, {"COUNTING": False})
 # by shape, shaders that list splats by tile, with their switches; and those of them that sort splats by sheet
 LISTING: dict[str, list[tuple[str, dict[str, bool]]]] = {
-    "processor": list(product(("tile_list.comp", "sheet_sort.comp"), COUNTING)),
+    "processor": [
+        *product(("tile_list.comp", "sheet_sort.comp"), COUNTING),
+        *(("sheet_sort.comp", {**counting, "CLUSTERED": True}) for counting in COUNTING),
+    ],
     "card": [
         *product(("card_pairs.comp", "card_sort.comp"), COUNTING),
         ("card_sort.comp", {"COUNTING": False, "LAST": True}),
@@ -148,7 +151,7 @@ SORTING = {"sheet_sort.comp", "card_sheets.comp"}
 # switches that are no part of a plan
 OPTIONS = {
     *("COUNTING", "CARRIED", "LIMITED", "LAYERED", "ORDERED", "CULLED", "LAYERS", "SIDE", "OVERLAY", "NEAR"),
-    *("PAIRS", "LAST", "PIECE", "SLOTTED"),
+    *("PAIRS", "LAST", "PIECE", "SLOTTED", "CLUSTERED"),
 }
 # numbers of layers that are composited together
 LAYERS = (2, 3, 4)

@@ -13,6 +13,7 @@ import moderngl
 import numpy as np
 
 from splatgl.gl.shader import ABREAST
+from splatgl.splat.clusters import Clusters
 from splatgl.splat.culling import block_boxes
 from splatgl.splat.ordering import Order, back_to_front
 from splatgl.splat.splats import MOST_KEPT, Splats
@@ -65,6 +66,7 @@ class SplatBuffer:
         # keyed by whether the range starts the drawing order, and whether it ends it
         self.sorted: dict[tuple[bool, bool], Sorted] = {}
         self.textured: Textured | None = None
+        self.clustered: tuple[Clusters, moderngl.Texture] | None = None
 
     def quads(self, runs: bool, order: DrawOrder, which: Range) -> Sorted:
         """Returns the splats `which` of the drawing order as instances, with runs if `runs`."""
@@ -78,12 +80,20 @@ class SplatBuffer:
         self.textured = self.textured or Textured(self.ctx, self.splats)
         return self.textured.part(runs, order, which) if which else self.textured.texels(runs, order)
 
+    def clusters(self) -> tuple[Clusters, moderngl.Texture]:
+        """Returns the clusters of the splats, and a texture of their names."""
+        if self.clustered is None:
+            clusters = Clusters.of(self.splats)
+            self.clustered = clusters, _filled(self.ctx, clusters.names[:, None])
+        return self.clustered
+
     def release(self) -> None:
         """Frees the instances and the textures; they are uploaded again on demand."""
-        for part in (*self.sorted.values(), self.textured):
+        clustered = self.clustered[1] if self.clustered else None
+        for part in (*self.sorted.values(), self.textured, clustered):
             if part is not None:
                 part.release()
-        self.sorted, self.textured = {}, None
+        self.sorted, self.textured, self.clustered = {}, None, None
 
 
 class Instances:

@@ -21,6 +21,7 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.splat import (
     clipping,
+    clusters,
     colormaps,
     culling,
     footprint,
@@ -250,6 +251,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "MASK_SURE": mask_field.SURE,
     "MOST_CLIPS": clipping.MOST_CLIPS,
     "MOST_DOUBLINGS": technique.MOST_DOUBLINGS,
+    "NAME_BITS": np.uint32(clusters.NAME_BITS),
     "NEAREST": motion.NEAREST,
     "NOWHERE": np.uint32(NOWHERE),
     "ONSET": footprint.ONSET,
@@ -259,6 +261,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "RIM_START": footprint.RIM_START,
     "RUN_OCTAVES": splats.OCTAVES,
     "SHORT": motion_blur.SHORT,
+    "SIDE_BITS": np.uint32(clusters.SIDE_BITS),
     "SORT_BLOCK": np.uint32(SORT_BLOCK),
     "SORT_LANES": np.uint32(SORT_LANES),
     "TABLE_ROW": TABLE_ROW,

@@ -105,7 +105,9 @@ class SheetTiles(Tiles):
             self._draw_window(target, splats, plan, texels, window, portions)
 
     def _sorted(self, splats: Splats, plan: Plan, window: Window | None = None) -> Texels:
-        """Returns splats that a window (or the picture) may show, by first sheet; sets `uniforms` and `count`."""
+        """Returns splats that a window (or the picture) may show, by first sheet unless they are drawn in rounds; sets
+        `uniforms` and `count`.
+        """
         texels = self.splats.of(splats).texels(plan.program.look.attenuation == "fill", DrawOrder(None, True))
         assert plan.resolved.sheets is not None
         self._begin_picture(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
@@ -113,6 +115,8 @@ class SheetTiles(Tiles):
             self.uniforms["depth_unit"] = self.limits.unit / splats.grid.mean_spacing
         if window is not None:
             self.uniforms["edges"] = window_edges(plan.view, window)
+        if self._in_rounds(plan):
+            return texels
         texels, self.count = self._in_order(texels, len(splats), sheet_span(splats, plan), plan)
         return texels
 
@@ -136,9 +140,30 @@ class SheetTiles(Tiles):
     ) -> None:
         """Composites a window of the picture. texels: result of `_sorted`."""
         band = self._begin(splats, plan, window)
-        for which in pairwise(batch_starts(self.count, plan.hiding.depth_batches)):
-            self.gather(target, plan, texels, which, band, ask=portions.ask)
+        if self._in_rounds(plan):
+            self._draw_rounds(target, splats, plan, texels, band, portions)
+        else:
+            for which in pairwise(batch_starts(self.count, plan.hiding.depth_batches)):
+                self.gather(target, plan, texels, which, band, ask=portions.ask)
         self._flush(target, plan)
+
+    def _in_rounds(self, plan: Plan) -> bool:
+        """Whether splats are sorted and drawn in rounds of sheets; a card sorts all at once."""
+        return self.card is None and plan.hiding.depth_batches > 1
+
+    def _draw_rounds(
+        self, target: Target, splats: Splats, plan: Plan, texels: Texels, band: Band, portions: Portions
+    ) -> None:
+        """Composites a band's splats sheets by sheets, without clusters of which only closed tiles are left."""
+        clusters, names = self.splats.of(splats).clusters()
+        uniforms = self.uniforms | {"sheets": sheet_span(splats, plan)}
+        for part in clusters.rounds(splats, plan, band.window, band.closed):
+            begin, end = part.sheets
+            names.use(NAMES_UNIT)
+            parts, in_round = clusters.parts(part.clusters), uniforms | {"begin": begin}
+            ordered, count = self.order.sorted(len(splats), end - begin, plan, texels, in_round, parts)
+            self.count = count if part.last else count + 1
+            self.gather(target, plan, ordered, (0, count), band, ask=portions.ask)
 
     def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
         """Composites batches of splats whose sheets do not lie before the sheets of earlier batches.
@@ -320,8 +345,9 @@ class BoxTiles(Tiles):
 
 # maximum splats of a run (llvmpipe ends a loop after 65535 iterations); minimum runs, for all cores and lanes
 MOST_RUN, LEAST_RUNS = 60_000, 64
-# texture unit of the records, buffer binding of the cursors, and image unit of the order
-RECORDS_UNIT, CURSORS, IMAGE = 5, 0, 0
+# texture units of the records and of clusters; buffer bindings of the cursors, and of parts and runs of a round; image
+# unit of the order
+RECORDS_UNIT, NAMES_UNIT, CURSORS, PARTS, RUNS, IMAGE = 5, 6, 0, 2, 3, 0
 
 # range of sheets without ends
 EVERYWHERE = (-1e9, 1e9)
@@ -380,50 +406,70 @@ class SheetOrder:
 
     def __init__(self, ctx: moderngl.Context, programs: Programs) -> None:
         self.ctx, self.programs = ctx, programs
-        self.cursors: moderngl.Buffer | None = None
+        self.buffers: dict[int, moderngl.Buffer] = {}
         self.order: moderngl.Texture | None = None
 
     def release(self) -> None:
-        """Frees the buffer and the texture; they are recreated on demand."""
-        for part in (self.cursors, self.order):
+        """Frees the buffers and the texture; they are recreated on demand."""
+        for part in (*self.buffers.values(), self.order):
             if part is not None:
                 part.release()
-        self.cursors, self.order = None, None
+        self.buffers, self.order = {}, None
 
-    def sorted(self, count: int, number: int, plan: Plan, texels: Texels, uniforms: Uniforms) -> tuple[Texels, int]:
+    def sorted(
+        self,
+        count: int,
+        number: int,
+        plan: Plan,
+        texels: Texels,
+        uniforms: Uniforms,
+        parts: np.ndarray | None = None,
+    ) -> tuple[Texels, int]:
         """Returns the records with their order by first sheet, and the number of records that may be visible.
 
-        count: number of splats. number: number of sheets.
+        count: number of splats. number: number of sheets. parts: parts of clusters to sort, see `Clusters.parts`;
+        None: sorts all splats.
         """
         lanes = self.programs.shape.lanes
+        if parts is not None:
+            lengths = np.cumsum(parts[:, 1] - parts[:, 0], dtype=np.int64)
+            count = int(lengths[-1]) if len(lengths) else 0
         runs = max(LEAST_RUNS, -(-count // (MOST_RUN * lanes)) * lanes)
+        if parts is not None:
+            ends = np.searchsorted(lengths, count * np.arange(1, runs) / runs)
+            self._buffer(RUNS, (runs + 1) * 4).write(np.array([0, *ends, len(parts)], np.uint32))
+            self._buffer(PARTS, max(parts.nbytes, 16)).write(parts)
+        values = {"sheets": number, "begin": 0, **uniforms, "records": RECORDS_UNIT, "clustered": NAMES_UNIT}
+        values |= {"number": number, "count": count, "length_": -(-count // runs)}
         size = runs * (number + 1) * 4
-        cursors = self._cursors(size)
+        cursors = self._buffer(CURSORS, size)
         clear_buffer(cursors, size)
         texels.records.use(RECORDS_UNIT)
-        self._run(plan, True, {**uniforms, "count": count, "number": number}, runs)
-        counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, number + 1)
+        switches = {"CLUSTERED": parts is not None}
+        self._run(plan, {**switches, "COUNTING": True}, values, runs)
+        counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, number + 1)[:, :number]
         # ordered by sheet, then by run
-        until = np.cumsum(counts.T, dtype=np.uint32).reshape(number + 1, runs)
-        cursors.write(np.ascontiguousarray((until - counts.T).T))
+        until = np.cumsum(counts.T, dtype=np.uint32).reshape(number, runs)
+        starts = np.zeros((runs, number + 1), np.uint32)
+        starts[:, :number] = (until - counts.T).T
+        cursors.write(starts)
         order = self.order = order_texture(self.ctx, self.order, count)
         order.bind_to_image(IMAGE, read=False, write=True)
-        self._run(plan, False, {**uniforms, "count": count, "number": number}, runs)
-        return Texels(texels.records, texels.rest, order), int(until[-1, 0]) - int(counts[0, -1])
+        self._run(plan, {**switches, "COUNTING": False}, values, runs)
+        return Texels(texels.records, texels.rest, order), int(until[-1, -1])
 
-    def _run(self, plan: Plan, counting: bool, uniforms: Uniforms, runs: int) -> None:
-        program = self.programs.for_tiles("sheet_sort.comp", plan.program, {"COUNTING": counting})
-        values = {**uniforms, "records": RECORDS_UNIT, "length_": -(-int(str(uniforms["count"])) // runs)}
-        for name, value in values.items():
-            if name in program:
-                program[name] = value
+    def _run(self, plan: Plan, switches: dict[str, bool], values: Uniforms, runs: int) -> None:
+        program = self.programs.for_tiles("sheet_sort.comp", plan.program, switches)
+        set_uniforms(program, **values)
         program.run(runs // self.programs.shape.lanes)
         self.ctx.memory_barrier()
 
-    def _cursors(self, size: int) -> moderngl.Buffer:
-        if self.cursors is None or self.cursors.size < size:
-            if self.cursors is not None:
-                self.cursors.release()
-            self.cursors = self.ctx.buffer(reserve=size)
-        self.cursors.bind_to_storage_buffer(CURSORS)
-        return self.cursors
+    def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
+        """Returns a storage buffer of at least `size` bytes, and binds it."""
+        storage = self.buffers.get(binding)
+        if storage is None or storage.size < size:
+            if storage is not None:
+                storage.release()
+            storage = self.buffers[binding] = self.ctx.buffer(reserve=size)
+        storage.bind_to_storage_buffer(binding)
+        return storage

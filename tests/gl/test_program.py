@@ -89,7 +89,7 @@ def distinct(found: set[Program]) -> set[tuple[object, ...]]:
         parts = []
         if program.technique == "tiles":
             parts = [("tile_place.frag", "ORDERED"), ("tile_place.frag", "CULLED")]
-            kinds = [("sheet_draw.comp", "CARRIED"), ("sheet_sort.comp", "COUNTING")]
+            kinds = [("sheet_draw.comp", "CARRIED"), ("sheet_sort.comp", "COUNTING"), ("sheet_sort.comp", "CLUSTERED")]
             parts += kinds if program.look.sheets else [("tile_draw.comp", "CARRIED")]
         elif program.look.sheets:
             parts = [("sheet_close.frag", "SHEETS")]
