@@ -32,6 +32,8 @@ bool any_column(bool so) {
 
 void composite_tile(uvec4 mine, uint lane) {
     uint tile = mine.x, at = mine.y, end = mine.z;
+    bool is_continued = mine.w > 1u;
+    mine.w &= 1u;
     ivec2 corner = first_pixel(tile, lane);
     first = vec2(corner) + 0.5;
     set_column(tile, lane);
@@ -42,7 +44,7 @@ void composite_tile(uvec4 mine, uint lane) {
     // the nearest open sheet, and how many sheets from it on may hold something
     int current = 0, holding = 0;
     bool begun = false;
-    if (CARRIED == 1) {
+    if (CARRIED == 1 && is_continued) {
         EACH(RESUME)
         read_column(tile, current, holding, begun);
     }

@@ -11,7 +11,7 @@ layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
 #include "sheet_composite.glsl"
 
-layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end, whether it is complete then
+layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end; 1: complete then, 2: continued
 layout(std430, binding = 3) buffer Open { uint open[]; };              // tiles that have not terminated; states on a card
 layout(rgba32f, binding = 0) uniform image2D target;
 uniform float opaque;           // opacity at which a tile terminates

@@ -21,7 +21,7 @@ layout(std430, binding = 2) readonly buffer Parts { uvec4 parts[]; };
 layout(std430, binding = 3) readonly buffer Runs { uint runs[]; };
 layout(r32ui, binding = 0) writeonly uniform uimage2D order;
 uniform usampler2D records;
-uniform usampler2D clustered;  // numbers of records by cluster; of voxels also the cell within the cluster
+uniform usampler2D clustered;  // numbers of records by cluster, with their cells within it
 
 uniform uint count;
 uniform uint length_;  // of a run
@@ -33,9 +33,9 @@ vec3 position_of(uint n) {
     return record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0));
 }
 
-// A cell of a cluster, from the bits of a name above a record's number.
-vec3 cell_position(uvec4 part, uint name) {
-    uvec3 cell = (uvec3(name) >> (uvec3(0u, 1u, 2u) * SIDE_BITS + NAME_BITS)) & ((1u << SIDE_BITS) - 1u);
+// A cell of a cluster, from the bits of a word above a record's number.
+vec3 cell_position(uvec4 part, uint word) {
+    uvec3 cell = (uvec3(word) >> (uvec3(0u, 1u, 2u) * SIDE_BITS + NAME_BITS)) & ((1u << SIDE_BITS) - 1u);
     return vec3(uvec3(part.z & 0xffffu, part.z >> 16, part.w) + cell);
 }
 
@@ -55,9 +55,9 @@ void main() {
         uint name = n;
         vec3 position;
         if (CLUSTERED == 1) {
-            name = texelFetch(clustered, texel_of(n), 0).r;
-            position = POINTS == 1 ? position_of(name) : cell_position(part, name);
-            if (POINTS == 0) name &= (1u << NAME_BITS) - 1u;
+            uint word = texelFetch(clustered, texel_of(n), 0).r;
+            name = word & ((1u << NAME_BITS) - 1u);
+            position = POINTS == 1 ? position_of(name) : cell_position(part, word);
         } else position = position_of(n);
         uint sheet = first_sheet_of(position, sheets) - begin;
         uint slot = column + min(sheet, number);

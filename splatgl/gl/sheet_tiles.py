@@ -39,8 +39,8 @@ from splatgl.splat.splats import Splats
 from splatgl.splat.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.view import GridView
 
-# buffer binding of the open sheets
-RINGS = 5
+# buffer binding of the open sheets, and mark of a list whose tile has stored ones
+RINGS, CONTINUES = 5, np.uint32(2)
 # floats per pixel of the open sheets, see open_sheets.glsl; bytes of a tile, a multiple of every device's alignment
 RING = 36
 RING_BYTES = RING * ROWS * COLUMNS * 4
@@ -214,7 +214,7 @@ class SheetTiles(Tiles):
         for window in bands_of(plan.window, MOST_PIXELS):
             self._begin(whole, plan, window)
             # no splats are left; each tile only has to classify its values
-            self._keep()
+            clear_buffer(self._keep())
             if self.card is not None:
                 self.card.begin(self.band.closed, CONTINUED)
                 self.band.begun = True
@@ -264,8 +264,11 @@ class SheetTiles(Tiles):
             part = lists.copy()
             part[:, 2] = np.minimum(lists[:, 2], lists[:, 1] + MOST_ENTRIES)
             part[:, 3] = self.last & (part[:, 2] == lists[:, 2])
-            if not part[:, 3].all() and self.kept is None:
+            complete = part[:, 3] > 0
+            if not complete.all() and self.kept is None:
                 self._keep()
+            if self.kept is not None:
+                part[:, 3] |= CONTINUES * self.kept[part[:, 0]].astype(np.uint32)
             program = self._program("sheet_draw.comp", plan, {"CARRIED": self.kept is not None})
             set_uniforms(program, half_table=HALF_LINE_UNIT, list=LIST_UNIT, opaque=1.0 - plan.hiding.cutoff)
             self._buffer(LISTS, part.nbytes).write(part)
@@ -276,9 +279,9 @@ class SheetTiles(Tiles):
             open_ = np.frombuffer(flags.read(self.band.closed.size * 4), np.uint32)[part[:, 0]] > 0
             self.band.closed[part[~open_, 0]] = True
             if self.kept is not None:
-                self.kept[part[:, 0]] = open_ & (part[:, 3] == 0)
+                self.kept[part[:, 0]] = open_ & ~complete
             lists[:, 1] = part[:, 2]
-            lists = lists[(part[:, 3] == 0) & open_ & (lists[:, 1] < lists[:, 2])]
+            lists = lists[~complete & open_ & (lists[:, 1] < lists[:, 2])]
 
     def _composite(self, card: CardLists, target: Target, plan: Plan, last: bool) -> None:
         complete = self.last and last
@@ -299,12 +302,10 @@ class SheetTiles(Tiles):
         self.ctx.memory_barrier()
         self.band.begun = True
 
-    def _keep(self) -> None:
-        """Provides empty storage for the open sheets of all tiles."""
-        tiles = self.band.closed.size
-        size = tiles * RING_BYTES
-        clear_buffer(self._buffer(RINGS, size), size)
-        self.kept = np.zeros(tiles, bool)
+    def _keep(self) -> moderngl.Buffer:
+        """Returns storage for the open sheets of all tiles, none of which are stored yet."""
+        self.kept = np.zeros(self.band.closed.size, bool)
+        return self._buffer(RINGS, self.kept.size * RING_BYTES)
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         limited = self.limits is not None and name == "sheet_draw.comp"
