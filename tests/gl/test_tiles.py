@@ -11,7 +11,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl import tiles
-from splatgl.splat import culling, technique
+from splatgl.splat import technique
 from splatgl.splat.culling import BLOCK, Frustum, block_boxes, blocks_in_frustum
 from splatgl.splat.kernels import kernel, polynomials, single_reach
 from tests.helpers.noise import GRIDS, LOOKS, inside, noise, views
@@ -238,14 +238,13 @@ def test_blocks_beyond_the_edges_are_left_out(renderer: sg.Renderer, monkeypatch
                     assert np.abs(again - first).max() <= 1e-6 * first.max()
 
 
-def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_block_is_left_out_only_if_all_of_it_is_beyond_the_edges() -> None:
     splats = noise(size=30)
     positions = splats.positions
     assert len(block_boxes(positions)) == -(-len(splats) // BLOCK)
     # as small as they are beside a large volume
     few = 8
-    monkeypatch.setattr(culling, "BLOCK", few)
-    around = block_boxes(positions)
+    around = block_boxes(positions, few)
     outside = list(views(splats).values())
     left_out = 0
     for camera in (*outside, *(inside(splats, look) for look in LOOKS)):
