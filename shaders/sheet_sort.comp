@@ -29,16 +29,6 @@ uniform uint sheets;   // of all splats
 uniform uint begin;    // first sheet of the round
 uniform uint number;   // of its sheets; the next slot is of splats that are left out
 
-vec3 position_of(uint n) {
-    return record_position(texelFetch(records, texel_of(n) * ivec2(1 + POINTS, 1), 0));
-}
-
-// A cell of a cluster, from the bits of a word above a record's number.
-vec3 cell_position(uvec4 part, uint word) {
-    uvec3 cell = (uvec3(word) >> (uvec3(0u, 1u, 2u) * SIDE_BITS + NAME_BITS)) & ((1u << SIDE_BITS) - 1u);
-    return vec3(uvec3(part.z & 0xffffu, part.z >> 16, part.w) + cell);
-}
-
 void main() {
     uint run = gl_GlobalInvocationID.x;
     uint column = run * (number + 1u);
@@ -52,13 +42,14 @@ void main() {
         end = part.y;
     }
     while (n < end) {
-        uint name = n;
+        uint word = CLUSTERED == 1 ? texelFetch(clustered, texel_of(n), 0).r : n;
+        uint name = CLUSTERED == 1 ? word & ((1u << NAME_BITS) - 1u) : n;
         vec3 position;
-        if (CLUSTERED == 1) {
-            uint word = texelFetch(clustered, texel_of(n), 0).r;
-            name = word & ((1u << NAME_BITS) - 1u);
-            position = POINTS == 1 ? position_of(name) : cell_position(part, word);
-        } else position = position_of(n);
+        if (CLUSTERED == 1 && POINTS == 0) {
+            // the cell from the cluster's first, without the record
+            uvec3 cell = (uvec3(word) >> (uvec3(0u, 1u, 2u) * SIDE_BITS + NAME_BITS)) & ((1u << SIDE_BITS) - 1u);
+            position = vec3(uvec3(part.z & 0xffffu, part.z >> 16, part.w) + cell);
+        } else position = record_position(texelFetch(records, texel_of(name) * ivec2(1 + POINTS, 1), 0));
         uint sheet = first_sheet_of(position, sheets) - begin;
         uint slot = column + min(sheet, number);
         uint place = cursors[slot];
