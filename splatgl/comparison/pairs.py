@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import shlex
+import sys
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, zip_longest
@@ -82,7 +83,10 @@ class Outcome:
 
 
 def compare_all(pairs: Sequence[Files], criteria: Criteria, processes: int | None = None) -> Iterator[Outcome]:
-    """Yields the outcomes of pairs in their order. processes: at most; None: one a core, where that is faster."""
+    """Yields the outcomes of pairs in their order. processes: at most; None: one a core, where that is faster.
+
+    In programs other than splatgl they are threads.
+    """
     several = len(pairs) > 1 and criteria.mask is None and not criteria.ignore
     equal = {files for files in pairs if several and have_equal_bytes(files)}
     rest = [files for files in pairs if files not in equal]
@@ -91,8 +95,15 @@ def compare_all(pairs: Sequence[Files], criteria: Criteria, processes: int | Non
     if count < 2:
         yield from _in_order(pairs, equal, map(work, rest), criteria)
         return
-    with ProcessPoolExecutor(count, get_context("spawn")) as pool:
+    pool: Executor = ProcessPoolExecutor(count, get_context("spawn")) if _is_program() else ThreadPoolExecutor(count)
+    with pool:
         yield from _in_order(pairs, equal, pool.map(work, rest, chunksize=4), criteria)
+
+
+def _is_program() -> bool:
+    """Whether splatgl is the program that runs: a new process imports the program, and another might begin anew."""
+    program = Path(sys.argv[0])
+    return program.stem == "splatgl" or program.parts[-2:] == ("splatgl", "__main__.py")
 
 
 def _in_order(

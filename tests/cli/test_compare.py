@@ -533,6 +533,9 @@ def test_equal_bytes_are_not_decoded_and_processes_keep_the_order(
     pairs = [Files(*names) for names in find_pairs(tmp_path / "a", tmp_path / "b")]
     outcomes = list(compare_all(pairs, Criteria(extra=frozenset({"ssim"})), processes=2))
     assert [o.state for o in outcomes] == ["same", "different"] * 3 and [o.files for o in outcomes] == pairs
+    program = [sys.executable, "-m", "splatgl", "compare", "a", "b", "--processes", "2", "--json"]
+    told = json.loads(subprocess.run(program, cwd=tmp_path, capture_output=True, check=False).stdout)
+    assert [pair["verdict"] for pair in told["pairs"]] == ["same", "different"] * 3
     slow = compare_files(pairs[0], Criteria(extra=frozenset({"ssim"})))[0]
     assert outcomes[0].verdict == slow.verdict, "as if it had been decoded"
     monkeypatch.setattr("splatgl.comparison.pairs.compare_files", pytest.fail)
