@@ -13,6 +13,7 @@ After Mueller, Möller, Swan, Crawfis, Shareef, Yagel, "Splatting Errors and Ant
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -114,6 +115,19 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'splatgl' has no attribute {name!r}")
     globals()[name] = value
     return value
+
+
+def _picture(name: str) -> Any:
+    """A function that returns the PNG of an object in a notebook, from a function of splatgl.viewer.thumbnails."""
+    return lambda x: getattr(import_module("splatgl.viewer.thumbnails"), name)(x)
+
+
+if "IPython" in sys.modules:
+    _shell = sys.modules["IPython"].get_ipython()
+    if _shell is not None and hasattr(_shell, "kernel"):
+        _png = _shell.display_formatter.formatters["image/png"]
+        for _name, _function in (("Volume", "volume_png"), ("Transfer", "transfer_png"), ("Scene", "scene_png")):
+            _png.for_type_by_name(_PUBLIC[_name], _name, _picture(_function))
 
 
 def __dir__() -> list[str]:

@@ -7,6 +7,8 @@ import time
 from base64 import b64encode
 from collections.abc import Collection, Mapping
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from math import prod
 from typing import Any
 
@@ -14,10 +16,16 @@ import numpy as np
 from jupyter_rfb import RemoteFrameBuffer
 
 from splatgl.data.image import Image
+from splatgl.errors import expected
+from splatgl.options import declared, names_of, refuse_unknown
+from splatgl.scene.api import TRANSFER
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.shared_renderer import shared_renderer
+from splatgl.splat.camera import Camera
 from splatgl.splat.culling import eye_is_outside
-from splatgl.splat.settings import BLENDS
+from splatgl.splat.presets import PRESETS
+from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.statistics import statistics
 from splatgl.viewer.adaptive_quality import FULL, LADDER, REST, TARGET, Level, Moment, Refiner
 from splatgl.viewer.document import Document
 from splatgl.viewer.tool import Place
@@ -45,6 +53,20 @@ class Session:
         self.refiner = Refiner(self.document.counts, prod(scene.view.size), TARGET)
         self.image = Image(np.zeros((1, 1, 4), np.float32))
         self.level = FULL
+
+    def change(self, scene: SceneFile) -> None:
+        """Draws the same volumes by other options; the camera stays. Raises InputError for bad values."""
+        # the transfer function and the blend change the splats, other settings do not
+        same = scene.transfer == self.scene.transfer and scene.settings.blend == self.scene.settings.blend
+        document = replace(self.document, scene=scene) if same else Document.open(scene, quiet=True)
+        self.scene, self.document = scene, document
+        self.refiner.renew(document.counts, prod(self.pose.camera.size))
+        self.touched = self.now()
+
+    def look(self, camera: Camera) -> None:
+        """Looks from a camera, in the size of the view."""
+        self.pose = replace(self.pose, camera=camera.resized(self.pose.camera.size))
+        self.touched = self.now()
 
     def handle(self, event: Mapping[str, Any]) -> bool:
         """Applies an event; True if there is something to draw."""
@@ -93,7 +115,7 @@ class Session:
         return time.monotonic()
 
     def _wanted(self) -> tuple[object, ...]:
-        return self.pose, self.document
+        return self.pose, self.document, self.scene.settings
 
     def _drawn(self, level: Level) -> Image:
         camera = self.pose.camera.resized(level.size(self.pose.camera.size))
@@ -122,11 +144,18 @@ class Session:
             self.refiner.renew(self.document.counts, prod(size))
 
 
+# options that a view can change
+CHANGEABLE = ("preset", *TRANSFER, *names_of(Settings))
+# choice of the transfer function that the scene was opened with
+AS_OPENED = "as opened"
+
+
 class View(RemoteFrameBuffer):  # type: ignore[misc]
     """Left drag rotates, shift or middle drag pans, the wheel and right drag zoom, a double click resets.
 
     While it moves, frames are reduced; once it is still, the full picture is drawn. A saved notebook keeps the first
-    picture. `image` is the last one.
+    picture. `image` is the last one; `camera` and `settings` can be set; `controls` are widgets for the colours, their
+    window, the blend and the light.
     """
 
     def __init__(self, session: Session) -> None:
@@ -138,6 +167,72 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
     def image(self) -> Any:
         """The visible picture, an Image."""
         return self.session.image
+
+    @property
+    def camera(self) -> Camera:
+        """The camera; the view turns on from one that is set."""
+        return self.session.pose.camera
+
+    @camera.setter
+    def camera(self, camera: Camera) -> None:
+        if not isinstance(camera, Camera):
+            raise expected("camera", "a Camera", type(camera).__name__)
+        self.session.look(camera)
+        self.request_draw()
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of the picture."""
+        return self.session.scene.settings
+
+    @settings.setter
+    def settings(self, settings: Settings) -> None:
+        if not isinstance(settings, Settings):
+            raise expected("settings", "Settings", type(settings).__name__)
+        self.change(**{name: getattr(settings, name) for name in names_of(Settings)})
+
+    def change(self, **options: Any) -> None:
+        """Draws with other options of the transfer function or the settings: `view.change(preset="mri", blend="mip")`.
+
+        Raises InputError for options of other kinds, and for bad values.
+        """
+        refuse_unknown("options", options, CHANGEABLE)
+        scene = self.session.scene
+        # a preset replaces the whole transfer function
+        scene = replace(scene, transfer={}) if "preset" in options else scene
+        self.session.change(scene.with_options(**options))
+        self.request_draw()
+
+    @property
+    def controls(self) -> Any:
+        """Widgets that change the view: an ipywidgets.VBox."""
+        import ipywidgets
+
+        volume, transfer = self.session.document.volume, self.session.document.layers[0].transfer
+        window = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+        values = statistics(volume).values
+        low, high = min(float(values[0]), window[0]), max(float(values[-1]), window[1])
+        slider = ipywidgets.FloatRangeSlider(value=window, min=low, max=high, step=(high - low) / 200)
+        choices = {
+            "preset": ipywidgets.Dropdown(options=[AS_OPENED, *PRESETS]),
+            "blend": ipywidgets.Dropdown(options=[*BLENDS], value=self.settings.blend),
+            "light": ipywidgets.Dropdown(options=declared(Settings)["light"].choices, value=self.settings.light),
+            "window": slider,
+        }
+        opened = self.session.scene
+        for name, widget in choices.items():
+            widget.description, widget.continuous_update = name, False
+            widget.observe(partial(self._choose, name, opened), "value")
+        return ipywidgets.VBox(list(choices.values()))
+
+    def _choose(self, name: str, opened: SceneFile, change: Mapping[str, Any]) -> None:
+        """Applies a choice of the controls. opened: the scene whose transfer function is that as opened."""
+        value = change["new"]
+        if name == "preset" and value == AS_OPENED:
+            self.session.change(replace(self.session.scene, transfer=opened.transfer))
+            self.request_draw()
+        else:
+            self.change(**{name: value})
 
     def handle_event(self, event: dict[str, Any]) -> None:
         """Applies an event of the browser."""

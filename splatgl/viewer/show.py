@@ -49,6 +49,8 @@ def show(
             from splatgl.viewer.notebook import Session, View
 
             return View(Session(scene))
+        if not is_splats(x):
+            print('for a view that the mouse turns: pip install "splatgl[notebook]"')
         return picture(x, scene, memory, needs_background=True)
     if not is_splats(x) and has_display():
         _window(scene, "size" in options or camera is not None)

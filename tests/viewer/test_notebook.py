@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.scene.api import scene_of
-from splatgl.viewer import show
+from splatgl.viewer import show, thumbnails
 from splatgl.viewer.adaptive_quality import FULL, LADDER
 from splatgl.viewer.notebook import STILL, Session
 
@@ -141,10 +141,81 @@ def test_the_widget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not np.array_equal(view.image.pixels, sg.render(volume, size=(96, 64)).pixels)
 
 
-def test_without_the_library_the_cell_shows_the_image(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_camera_and_the_settings_can_be_set(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next frame is the picture of `render` with them; bad ones are refused and change nothing."""
+    pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
+    view = sg.show(volume, size=(48, 32))
+    camera = sg.Camera.orbit(volume, 100, -20, size=(7, 7))
+    view.camera, view.settings = camera, view.settings.but(light="glossy")
+    view.session.touched = -np.inf
+    view.get_frame()
+    right = sg.render(volume, camera=camera.resized((48, 32)), light="glossy")
+    assert np.array_equal(view.image.pixels, right.pixels) and view.camera.size == (48, 32)
+    with pytest.raises(sg.InputError, match="camera: expected a Camera, got str"):
+        view.camera = "front"
+    with pytest.raises(sg.InputError, match="settings: expected Settings"):
+        view.settings = {"blend": "mip"}
+    with pytest.raises(sg.InputError, match=r"options: .*got azimuth"):
+        view.change(azimuth=3)
+    assert view.get_frame() is None
+
+
+@pytest.mark.long
+def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
+    view = sg.show(volume, size=(48, 32))
+    camera = view.camera
+    controls = {widget.description: widget for widget in view.controls.children}
+    assert list(controls) == ["preset", "blend", "light", "window"]
+
+    def drawn() -> np.ndarray:
+        # long after the last change
+        view.session.touched = -np.inf
+        view.get_frame()
+        return view.image.pixels
+
+    first = drawn()
+    for name, value, options in (
+        ("preset", "ct-bone", {"transfer": "ct-bone"}),
+        ("blend", "mip", {"transfer": "ct-bone", "blend": "mip"}),
+        ("window", (20.0, 90.0), {"transfer": {"preset": "ct-bone", "window": (20.0, 90.0)}, "blend": "mip"}),
+    ):
+        controls[name].value = value
+        right = sg.render(volume, camera=camera, **options)
+        assert np.array_equal(drawn(), right.pixels), name
+    controls["blend"].value, controls["preset"].value = "composite", "as opened"
+    assert np.array_equal(drawn(), first)
+
+
+def test_the_view_needs_no_extension_of_the_server() -> None:
+    """The protocol is anywidget's, whose script travels with the widget: VS Code and Colab show it, too."""
+    anywidget = pytest.importorskip("anywidget", reason="jupyter_rfb brings it")
+    from splatgl.viewer.notebook import View
+
+    assert issubclass(View, anywidget.AnyWidget) and "export default" in View._esm
+
+
+def test_small_pictures_of_objects(volume: sg.Volume) -> None:
+    transfer = sg.Transfer([(0, 0.0), (200, 1.0)], "#ff0000")
+    bar = np.asarray(Pillow.open(io.BytesIO(thumbnails.transfer_png(transfer))).convert("RGB"))
+    # red below; above, where it is opaque
+    assert bar.shape == (48, 240, 3) and (bar[40] == (255, 0, 0)).all()
+    assert (bar[2, -1] == (255, 0, 0)).all() and bar[2, 2, 2] > 100
+    found = [thumbnails.volume_png(volume), thumbnails.scene_png(sg.Scene([sg.Layer(volume, transfer, 0.5)]))]
+    pictures = [np.asarray(Pillow.open(io.BytesIO(png or b"")).convert("RGB")) for png in found]
+    assert all(picture.shape == (192, 192, 3) and picture.max() > 100 for picture in pictures)
+    assert pictures[1][..., 1:].max() < 20 < pictures[1][..., 0].max()
+
+
+def test_without_the_library_the_cell_shows_the_image(
+    volume: sg.Volume, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(show, "in_notebook", lambda: True)
     monkeypatch.setattr(show, "find_spec", lambda name: None)
     assert isinstance(sg.show(volume, size=48), sg.Image)
+    assert 'pip install "splatgl[notebook]"' in capsys.readouterr().out
     # splats have no samples to show in motion
     monkeypatch.undo()
     monkeypatch.setattr(show, "in_notebook", lambda: True)

@@ -20,6 +20,7 @@ from qtpy.QtWidgets import (
     QLabel,
     QProgressBar,
     QPushButton,
+    QSizePolicy,
     QVBoxLayout,
     QWidget,
 )
@@ -116,6 +117,8 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
         self.shown, self.summary = QLabel(), QLabel()
         self.shown.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.shown.setMinimumSize(LEAST_WIDTH, LEAST_WIDTH)
+        # a picture leaves room for its summary
+        self.shown.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.summary.setWordWrap(True)
         column: Any = self.layout()
         column.addLayout(row)

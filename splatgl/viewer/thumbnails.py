@@ -1,0 +1,85 @@
+"""Small pictures of volumes, transfer functions and scenes, which notebooks show for objects at the end of a cell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume, halve_volume
+from splatgl.splat.camera import Camera
+from splatgl.splat.presets import default_transfer
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+
+# side of a picture, pixels; size of that of a transfer function
+SIDE, BAR = 192, (240, 48)
+# most voxels of a layer that is drawn, and of a volume that is read for it
+MOST_VOXELS, MOST_READ = 2**18, 2**26
+# degrees to the right of the front, and above
+AZIMUTH, ELEVATION = 30.0, 20.0
+# light of the checks behind a transfer function, and their side in pixels
+LIGHT, DARK, CHECK = 0.6, 0.35, 6
+
+
+def volume_png(volume: Volume) -> bytes | None:
+    """PNG of a volume in its default transfer function; None of one that takes long to read."""
+    small = _reduce(volume)
+    return None if small is None else _draw(Scene([Layer(small, default_transfer(small))]))
+
+
+def scene_png(scene: Scene) -> bytes | None:
+    """PNG of a scene from the front, right and above; None of one that takes long to read."""
+    layers = []
+    for layer in scene.shown:
+        small = _reduce(layer.volume)
+        if small is None:
+            return None
+        # its opacity is in the transfer function
+        unit = layer.seen.unit or float(np.mean(layer.volume.spacing))
+        layers.append(Layer(small, replace(layer.seen, unit=unit), clip=layer.clip, threshold=layer.threshold))
+    return _draw(Scene(layers, scene.clip, scene.meshes))
+
+
+def transfer_png(transfer: Transfer) -> bytes:
+    """PNG of the colours of a transfer function over checks, more of which are seen where it is less opaque."""
+    width, height = BAR
+    if transfer.labels:
+        numbers = np.array([number for number, _, _ in transfer.labels], float)
+        values = numbers[np.arange(width) * len(numbers) // width]
+    else:
+        low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+        ends = [low, high, transfer.points[0][0], transfer.points[-1][0]]
+        space = np.geomspace if transfer.logarithmic else np.linspace
+        values = space(min(ends), max(ends), width)
+    column, row = np.meshgrid(np.arange(width), np.arange(height))
+    checks = np.where((column // CHECK + row // CHECK) % 2, LIGHT, DARK)[..., None]
+    opacity = np.asarray(transfer.opacity(values))
+    # the lower half is opaque; above, the height of the curve is the opacity
+    share = np.where(row >= height // 2, 1.0, np.where(height // 2 - row <= opacity * height / 2, 1.0, opacity * 0.5))
+    rgb = transfer.color(values) * share[..., None] + checks * (1 - share[..., None])
+    return Image(np.concatenate([rgb, np.ones((height, width, 1))], axis=2).astype(np.float32))._repr_png_()
+
+
+def _reduce(volume: Volume) -> Volume | None:
+    """The volume with at most MOST_VOXELS voxels; None if more than MOST_READ would be read."""
+    small = min((volume, *volume.coarser), key=lambda level: (level.count > MOST_READ, -level.count))
+    if small.count > MOST_READ:
+        return None
+    small = replace(small, coarser=(), samples=np.asarray(small.samples[:]))
+    while small.count > MOST_VOXELS:
+        small = halve_volume(small)
+    return small
+
+
+def _draw(scene: Scene) -> bytes:
+    """PNG of a scene on black."""
+    from splatgl.scene.shared_renderer import shared_renderer
+
+    camera = Camera.orbit(scene, AZIMUTH, ELEVATION, size=(SIDE, SIDE))
+    with shared_renderer() as renderer:
+        image = renderer.render(scene, camera, Settings(background="black", tolerance=8 / 255), verify_bound=False)
+    return image.encoded(Path("image.png"), 8)
