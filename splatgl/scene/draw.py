@@ -250,7 +250,9 @@ class ProgressLines:
         passed, lines = now - self.begun, list[str]()
         # a part of one picture tells nothing of the others
         if self.unit == "frame" and done == 1 < total and passed * total > PATIENCE:
-            lines.append(f"the first {self.unit} took {passed:.1f} s: {total} take about {duration(passed * total)}")
+            # with programs that were compiled for it
+            most = duration(passed * total)
+            lines.append(f"the first {self.unit} took {passed:.1f} s: {total} take up to about {most}")
             self.latest = now
         apart = now - self.latest
         is_due = (done - self.done) >= SHARE * total or apart >= MOST_APART

@@ -267,7 +267,7 @@ def test_the_time_of_frames_is_told() -> None:
     for done in range(1, 61):
         now += 4.0 if done < 40 else 0.5
         said[done] = lines.after(done, 60, is_logged=True)
-    assert said[1] == ["the first frame took 4.0 s: 60 take about 4 min"]
+    assert said[1] == ["the first frame took 4.0 s: 60 take up to about 4 min"]
     assert [done for done, told in said.items() if told] == [1, *range(6, 43, 6)]
     assert said[6] == ["6 of 60 frames drawn, about 4 min left"]
     assert len(slow.after(1, 9999, is_logged=False)) == 1 and slow.after(2, 9999, is_logged=True) == []
