@@ -23,10 +23,11 @@ from typing import IO, Any
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.errors import USER_ERRORS, error_text
+from splatgl.errors import USER_ERRORS, InputError, error_text
 from splatgl.gl.target import Interrupted
 from splatgl.integrations.napari.draw import draw_snapshot
 from splatgl.integrations.napari.snapshot import Snapshot, take
+from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.scene import Scene
 
 # most voxels of all layers, and pixels, of the previews: the first takes some 0.1 s, the second some tenths
@@ -111,6 +112,9 @@ def run(jobs: IO[bytes], answers: IO[bytes]) -> None:
         queue.put(None)
 
     threading.Thread(target=receive, daemon=True).start()
+    # OpenGL is ready when it is needed; the first job says why it is not
+    with suppress(InputError), shared_renderer():
+        pass
     scenes: dict[Any, Scene] = {}
     samples: dict[bytes, np.ndarray] = {}
     while (job := queue.get()) is not None:
