@@ -182,7 +182,7 @@ def encode_png(samples: np.ndarray, level: int = 4) -> bytes:
     filtered[:1, 1:] = rows[:1]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     header = struct.pack(">2I5B", width, height, 8 * samples.dtype.itemsize, COLOR_TYPES[channels], 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(filtered, level)), (b"IEND", b""))
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(filtered.data, level)), (b"IEND", b""))
     return PNG_SIGNATURE + b"".join(_chunk(*chunk) for chunk in chunks)
 
 

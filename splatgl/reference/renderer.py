@@ -31,7 +31,7 @@ from splatgl.splat.ordering import back_to_front, order_for
 from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
 from splatgl.splat.scene import Scene, check_layer, common_samples, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
-from splatgl.splat.splats import Splats, record_type
+from splatgl.splat.splats import Splats, in_parts, record_type
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
@@ -175,7 +175,7 @@ def _sample_windows(windows: Sequence[Window], resolved: Resolved) -> list[Windo
 def _draw_windows(scene: Drawing, resolved: Resolved, windows: Sequence[Window]) -> list[np.ndarray]:
     """Draws windows of the picture of a scene, averages samples and adds the background."""
     fine, k = _sample_windows(windows, resolved), resolved.samples
-    parts = scene.parts(fine) if isinstance(scene, SheetScene) else [scene.part(window) for window in fine]
+    parts = in_parts(len(fine), 1, lambda one: scene.part(fine[one.start]))
     if not resolved.averaged:
         return [_mean(part, resolved) for part in parts]
     pictures = []

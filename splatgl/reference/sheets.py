@@ -7,7 +7,7 @@ classified in parts, or joined to one value that is classified.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +35,7 @@ from splatgl.splat.sheets import (
     index_direction,
     layer_wave,
 )
-from splatgl.splat.splats import Splats, in_parts
+from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
 # opacity behind which the remaining light is less than rounding
@@ -80,21 +80,28 @@ class SheetField:
             return (light[:, 3] < OPAQUE) | self.blend.one_value | self.blend.unbounded
 
         for part in self.parts(sums, rays, first, sheets, seen):
-            length = part.ends[1] - part.ends[0]
-            matter = None if self.blend.one_value else self.matter(part, rays)
-            for one in np.split(np.arange(len(part.pixel)), np.flatnonzero(np.diff(part.number)) + 1):
-                at = part.pixel[one]
-                if matter is None:
-                    # Simpson's rule for the mean, and nearly the extremes
-                    for value, share in ((part.begin[:, 0], 1 / 6), (part.value, 2 / 3), (part.end[:, 0], 1 / 6)):
-                        light[at] = join_values(light[at], value[one], length[one] * share, self.blend.join)
-                elif self.blend.unbounded:
-                    light[at] += matter[one]
-                else:
-                    light[at] = add_behind(light[at], matter[one])
+            if self.blend.one_value:
+                self._join(light, part)
+                continue
+            place = part.number - part.number[0]
+            matter = np.zeros((len(light), int(place[-1]) + 1, 4))
+            matter[part.pixel, place] = self.matter(part, rays)
+            if self.blend.unbounded:
+                light += matter.sum(axis=1)
+            else:
+                light += (1 - light[:, 3:]) * composite_sums(matter)
         if not self.blend.one_value:
             return light
         return classify_values(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
+
+    def _join(self, light: np.ndarray, part: Part) -> None:
+        """Joins the values of parts to those of pixels, in place."""
+        length = part.ends[1] - part.ends[0]
+        for one in np.split(np.arange(len(part.pixel)), np.flatnonzero(np.diff(part.number)) + 1):
+            at = part.pixel[one]
+            # Simpson's rule for the mean, and nearly the extremes
+            for value, share in ((part.begin[:, 0], 1 / 6), (part.value, 2 / 3), (part.end[:, 0], 1 / 6)):
+                light[at] = join_values(light[at], value[one], length[one] * share, self.blend.join)
 
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
@@ -112,6 +119,8 @@ class SheetField:
         for start in range(0, has_mass.shape[1], together):
             seen = has_mass[:, start : start + together] & is_visible()[:, None]
             number, some = np.nonzero(np.repeat(seen.T, steps, axis=0))
+            if not len(some):
+                continue
             sheet, step = np.divmod(number, steps)
             sheet += start
             before, at_sheet, behind_ = (padded[some, sheet + n] for n in range(3))
@@ -358,17 +367,12 @@ class SheetScene:
 
     def part(self, window: Window) -> np.ndarray:
         """A window of the picture, float64 [h, w, 4]."""
-        return self.parts([window])[0]
-
-    def parts(self, windows: Sequence[Window]) -> list[np.ndarray]:
-        """Windows of the picture, float64 [h, w, 4]; small ones together, to loop over sheets only once."""
-        sizes = [w.width * w.height for w in windows]
-        if len(windows) > 1 and sum(sizes) * self.many * self.terms.shape[1] > MOST_SUMS:
-            return [self.part(window) for window in windows]
-        sums = np.concatenate(in_parts(len(windows), 1, lambda one: self._sums(windows[one.start])))
-        light = composite_sums(sums) if self.field is None else self._classified(sums, windows)
-        ends = np.cumsum(sizes)[:-1]
-        return [part.reshape(w.height, w.width, 4) for part, w in zip(np.split(light, ends), windows, strict=True)]
+        sums = self._sums(window)
+        if self.field is None:
+            light = composite_sums(sums)
+        else:
+            light = self.field.composite(sums, self._rays(window, None, None), self.first, self.sheets)
+        return light.reshape(window.height, window.width, 4)
 
     def _sums(self, window: Window) -> np.ndarray:
         """Sums [P, sheets, terms] of a window's pixels."""
@@ -382,12 +386,6 @@ class SheetScene:
             for sheet in range(-1, self.near.count):
                 by_sheet[:, sheet - self.first] = near_sums(self.near, self.view.kernel, rays, sheet, self.sheets)
         return by_sheet
-
-    def _classified(self, sums: np.ndarray, windows: Sequence[Window]) -> np.ndarray:
-        assert self.field is not None
-        places = np.concatenate([_pixels(window, self.camera) for window in windows])
-        rays = Rays.of(self.view, self.camera, self.field.post.shape, places, self.resolved.clip)
-        return self.field.composite(sums, rays, self.first, self.sheets)
 
     def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
         """Light [P, 4] of a window's pixels between distances [P], world units."""
