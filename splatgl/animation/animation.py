@@ -327,14 +327,14 @@ def _bands(scene: OpenScene, flow: float | None) -> int:
     file, most = scene.file, budget()
     bricks = None if file.threshold else bricks_of(scene.volume, scene.transfer, file.settings)
     need = excess_need(bricks, file.view.size, most) if bricks and most > 0 else None
-    if need is None:
+    if bricks is None or need is None:
         return 0
     if flow is not None or has_streaks(file.settings):
         if need.bytes <= most:
             return 0
         fix = "leave the flow and the motion out, or choose a coarser --level"
         raise expected(file.volume, f"a volume that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
-    return need.bands(most)
+    return need.bands(bricks, most)
 
 
 # factor of the brightest pixel of some X-rays, for brighter frames between them

@@ -251,9 +251,10 @@ def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
 
     bricks, chosen = _planned(job, sent)
     assert chosen.resolved.sheets is not None
-    some = bricks.within(chosen.resolved.sheets, chosen.view, shell)
     most = budget() if job.memory is None else job.memory
-    bands = estimate_need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).bands(most)
+    bricks = bricks.limited(most)
+    some = bricks.within(chosen.resolved.sheets, chosen.view, shell)
+    bands = estimate_need(bricks, 4 * job.camera.size[0] * job.camera.size[1], most).bands(bricks, most)
     pixels = renderer(job.drawing).render_part(some, job.camera, job.settings, bands)
     return Part.of(pixels, sum(some.found.values()))
 

@@ -241,8 +241,9 @@ def render_slabs(
         if bricks is None or need is None:
             image = drawing.render(extract_for_settings(level.volume, level.transfer, settings), camera, settings)
             return Image(image.pixels, {**image.info, **info})
-        image = drawing.render_bricks(bricks, camera, settings, progress, bands=need.bands(most))
-        return Image(image.pixels, {**info, **image.info})
+        bricks = bricks.limited(most)
+        image = drawing.render_bricks(bricks, camera, settings, progress, bands=need.bands(bricks, most))
+        return Image(image.pixels, {**info, **image.info, **need.notes(bricks, most)})
 
 
 def render_moving_bricks(

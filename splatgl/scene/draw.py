@@ -141,7 +141,11 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
         return None
     fix = "give more --memory, or a part of the volume"
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
+    bricks = bricks.limited(most)
+    notes = need.notes(bricks, most)
     if not scene.is_quiet:
+        for note in notes.get("notes", ()):
+            print(f"splatgl: {note}", file=sys.stderr)
         reason = f"{need}, together more than {format_bytes(most)}"
         if need.bytes <= most:
             reason = f"up to about {need.most:,} splats are more than are drawn at once"
@@ -149,7 +153,8 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
         if how.explain:
             print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
-        image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(most))
+        image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))
+    image = Image(image.pixels, {**image.info, **notes})
     is_checked = how.check is None and image.info["splats"]
     return check_bricks(image, bricks, scene.camera, scene.settings) if is_checked else image
 

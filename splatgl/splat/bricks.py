@@ -19,7 +19,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume, zyx_index
 from splatgl.errors import expected
-from splatgl.fileio import format_bytes
+from splatgl.fileio import budget, format_bytes
 from splatgl.readers.common import is_mapped
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import AROUND_EYE
@@ -40,9 +40,9 @@ from splatgl.splat.view import GridView
 SIDE, PART = 64, 1 << 22
 # maximum number of voxels that are read to find hidden ones
 MOST_SEARCHED = 1 << 28
-# least number of splats in a batch, except the last
-BATCH = 1 << 19
-# bricks per processor that are extracted in advance
+# least number of splats in a batch, except the last: with little memory, and with enough
+LEAST_BATCH, BATCH = 1 << 16, 1 << 19
+# bricks per thread that are extracted in advance
 AHEAD = 2
 # sheets by which float32 may place a splat nearer than float64
 SLACK = 1
@@ -63,7 +63,8 @@ class Bricks:
     """A volume in boxes of voxels. low, high int64 [B, 3]: brick b holds the voxels low ≤ (x, y, z) < high.
 
     found: number of splats of each extracted brick. gaps: number of missing samples beside them, known once a brick is
-    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out.
+    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out. threads: that
+    extract bricks. batch: least number of splats drawn together.
     """
 
     volume: Volume
@@ -74,14 +75,23 @@ class Bricks:
     gaps: dict[int, int] = field(default_factory=dict)
     shell: Shell | None = None
     hidden: HiddenInterior | None = None
+    threads: int = 1
+    batch: int = BATCH
 
     @classmethod
     def of(cls, volume: Volume, post: ValueClassifier, side: int = SIDE) -> Bricks:
-        """Divides the whole volume into bricks of `side` voxels."""
+        """Divides the whole volume into bricks of `side` voxels, to be drawn within the memory budget."""
         size = np.array(volume.shape[::-1])
         count = -(-size // side)
         low = np.stack(np.unravel_index(np.arange(count.prod()), count), axis=1) * side
-        return cls(volume, post, low, np.minimum(low + side, size))
+        return cls(volume, post, low, np.minimum(low + side, size)).limited(budget())
+
+    def limited(self, memory: int) -> Bricks:
+        """The bricks, extracted by as many threads and drawn in as large batches as fit into about `memory` bytes."""
+        spare = max(memory - BRICKS - BATCHED * LEAST_BATCH, 0)
+        threads = min(1 + spare // 2 // THREAD, os.cpu_count() or 1)
+        most = (spare - THREAD * (threads - 1)) // 2 // BATCHED
+        return replace(self, threads=threads, batch=int(np.clip(most, LEAST_BATCH, BATCH)))
 
     @property
     def kernel(self) -> Kernel:
@@ -132,14 +142,13 @@ class Bricks:
             return records[by_sheet], base[by_sheet]
 
         nothing = np.zeros(0, record_type(self.volume.shape, post=True)), np.zeros(0, np.int32)
-        workers = os.cpu_count() or 1
         waiting: deque[Future[SheetRecords] | None] = deque()
-        with ThreadPoolExecutor(workers) as pool:
+        with ThreadPoolExecutor(self.threads) as pool:
             try:
                 for brick in order:
                     wanted = is_visible(self.low[brick], self.high[brick] - 1)
                     waiting.append(pool.submit(work, brick) if wanted else None)
-                    if len(waiting) > AHEAD * workers:
+                    if len(waiting) > AHEAD * self.threads:
                         first = waiting.popleft()
                         yield first.result() if first else nothing
                 while waiting:
@@ -213,7 +222,7 @@ class Bricks:
             last = n + 1 == len(order)
             limit = np.iinfo(np.int32).max if last else int(nearest[order[n + 1]]) - SLACK
             ready = [int(np.searchsorted(base, limit)) for _, base in waiting]
-            if sum(ready) < BATCH and not last:
+            if sum(ready) < self.batch and not last:
                 continue
             nothing = np.zeros(0, record_type(self.volume.shape, post=True))
             batch = np.concatenate(
@@ -234,8 +243,10 @@ def _split_off(records: np.ndarray, base: np.ndarray, end: int) -> SheetRecords:
 
 # peak bytes of extraction and drawing, measured from 0.5 to 10 million splats: per splat, and for OpenGL and numpy
 EACH, FIXED = 100, 300 << 20
-# bytes in bricks: fixed, least for waiting splats, and per waiting splat; and maximum number of bands
-BRICKS, LEAST, WAITING, MOST_BANDS = 450 << 20, 64 << 20, 64, 16
+# bytes in bricks, beyond those of an empty run: programs, buffers and extraction by one thread; by each further thread,
+# with its bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and
+# maximum number of bands
+BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 140 << 20, 120 << 20, 270, 64, 32 << 20, 16
 # bytes per sample of the picture: target, resolved and read-back copies, and open sheets
 SAMPLE = 160
 # boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
@@ -250,7 +261,8 @@ class Need:
     """Estimated memory of a picture. splats: estimated number; most: its upper limit, by the standard error.
 
     bytes: peak to extract and draw `most` splats at once.
-    waiting: bytes of splats in bricks that wait to be drawn. samples: number of the picture's samples.
+    waiting: bytes of splats in bricks that wait to be drawn. samples: number of the picture's samples. held: bytes of
+    the volume's samples that are in memory.
     """
 
     splats: int
@@ -258,6 +270,7 @@ class Need:
     bytes: int
     waiting: int
     samples: int
+    held: int = 0
 
     def __str__(self) -> str:
         """Number of splats, and the memory for them and for everything else."""
@@ -265,10 +278,26 @@ class Need:
         samples = format_bytes(self.bytes - EACH * self.most)
         return f"{count} take {format_bytes(EACH * self.most)}, samples and pixels {samples}"
 
-    def bands(self, memory: int) -> int:
+    def bands(self, bricks: Bricks, memory: int) -> int:
         """Number of bands of rows into which a picture in bricks is split to fit into about `memory` bytes."""
-        room = max(memory - BRICKS, LEAST)
-        return int(np.clip(-(-(self.waiting + SAMPLE * self.samples) // room), 1, MOST_BANDS))
+        room = max(memory - self._fixed(bricks), LEAST)
+        return int(np.clip(-(-self._parted // room), 1, MOST_BANDS))
+
+    def notes(self, bricks: Bricks, memory: int) -> dict[str, tuple[str, ...]]:
+        """A note if a picture in bricks takes more than `memory` bytes, beyond those of an empty run; as info."""
+        least = self._fixed(bricks) + max(-(-self._parted // MOST_BANDS), min(self._parted, LEAST))
+        if least <= memory:
+            return {}
+        got = f"expected at least {format_bytes(least)} for this picture, got {format_bytes(memory)}"
+        return {"notes": (f"memory: {got}: it takes more than that",)}
+
+    def _fixed(self, bricks: Bricks) -> int:
+        return BRICKS + THREAD * (bricks.threads - 1) + BATCHED * bricks.batch + self.held
+
+    @property
+    def _parted(self) -> int:
+        """Bytes that bands share."""
+        return self.waiting + SAMPLE * self.samples
 
 
 def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
@@ -278,11 +307,13 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     """
     volume = bricks.volume
     mapped = isinstance(volume.samples, np.ndarray) and is_mapped(volume.samples)
-    other = FIXED + SAMPLE * pixels + (0 if mapped else volume.count * volume.samples.dtype.itemsize)
+    there = 0 if mapped else volume.count * volume.samples.dtype.itemsize
+    held = there if isinstance(volume.samples, np.ndarray) else 0
+    other = FIXED + SAMPLE * pixels + there
     size = np.array(volume.shape[::-1])
     # a layer across the volume, as thick as a brick's diagonal, of which half is drawn on average
     layer = int(np.sort(size)[1:].prod() * min(SIDE, int(size.min())))
-    all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels)
+    all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels, held)
     if all_splats.bytes <= enough and volume.count <= MOST_KEPT:
         return all_splats
     low = spread_places(np.maximum(size - PROBE_SIDE, 0), PROBES)
@@ -295,7 +326,7 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     # if no box holds a splat, as many as all boxes miss with a probability of 1/20
     most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(PROBES), MISSED / float(voxels.sum())), 1.0)
     splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
-    return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels)
+    return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels, held)
 
 
 def spread_places(most: np.ndarray, count: int) -> np.ndarray:

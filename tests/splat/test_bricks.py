@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -298,12 +301,61 @@ def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) ->
     found = bricking.estimate_need(bricks, 100, 0)
     assert abs(found.splats - kept) < kept / 3 and found.bytes > bricking.EACH * found.most
     assert found.splats <= found.most <= volume.count
-    assert found.bands(2**40) == 1 and found.bands(1) >= 1
+    assert found.bands(bricks, 2**40) == 1 and found.bands(bricks, 1) >= 1
     many = bricking.Need(10**9, 10**9, 10**12, 2**32, 2**20)
-    assert 1 < many.bands(2**31) < many.bands(2**30) < many.bands(1) == bricking.MOST_BANDS
+    assert 1 < many.bands(bricks, 2**31) < many.bands(bricks, 2**30) < many.bands(bricks, 1) == bricking.MOST_BANDS
     monkeypatch.setattr(Bricks, "records", lambda *_: pytest.fail("read"))
     assert bricking.estimate_need(bricks, 100, 2**40).splats == volume.count
     assert 0 < fileio.budget() < 2**50
+
+
+def test_less_memory_means_fewer_threads_smaller_batches_and_a_note(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Within the memory in all, and samples that are in memory count."""
+    monkeypatch.setattr(bricking, "BATCH", 2**19)
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    bricks = in_bricks(sg.Volume(noise(rng, (9, 9, 9))), RAMP, ALL)
+    need = bricking.estimate_need(bricks, 2**20, 0)
+    assert need.held == 9**3 * bricks.volume.samples.dtype.itemsize
+    small, middle, large = (bricks.limited(memory << 20) for memory in (100, 512, 8192))
+    assert (small.threads, small.batch) == (1, bricking.LEAST_BATCH) and (large.threads, large.batch) == (8, 2**19)
+    assert 1 < middle.threads < 8 and small.batch < middle.batch < large.batch
+    assert need.notes(large, 8192 << 20) == {} == need.notes(middle, 512 << 20)
+    (note,) = need.notes(small, 100 << 20)["notes"]
+    assert note.startswith("memory: expected at least ") and note.endswith("MiB: it takes more than that")
+    held = replace(need, held=2**30).notes(middle, 512 << 20)
+    assert held and need.bands(middle, 512 << 20) < replace(need, held=2**30).bands(middle, 512 << 20)
+
+
+# prints the peak of a process that opens a context, MiB, without and with drawing
+PEAK = """
+import re, sys
+import splatgl as sg
+from splatgl.cli.main import main
+peak = lambda: int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024
+import splatgl.cli.render, zarr
+with sg.Renderer():
+    empty = peak()
+assert main(["render", *sys.argv[1:]]) == 0
+print(peak() - empty)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks are read from /proc")
+def test_a_picture_in_bricks_keeps_its_memory(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A process that draws a chunked volume of 128³ in a small budget takes no more beyond an empty run."""
+    zarr = pytest.importorskip("zarr", reason="zarr is in the extra readers")
+    wave = np.sin(np.arange(128) / 4)
+    samples = (wave[:, None, None] + wave[:, None] + wave + 3) * 40
+    store = zarr.create_array(tmp_path / "waves.zarr", shape=samples.shape, chunks=(64,) * 3, dtype="uint8")
+    store[:] = samples.astype(np.uint8)
+    command = [sys.executable, "-c", PEAK, str(tmp_path / "waves.zarr"), "--memory", "192MiB", "--size", "128"]
+    command += ["--points", "120:0,200:0.5", "-o", str(tmp_path / "a.png")]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "bricks, nearest first" in run.stdout and "memory:" not in run.stderr
+    assert 0 < float(run.stdout.splitlines()[-1]) < 192
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
