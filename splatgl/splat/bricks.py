@@ -221,16 +221,32 @@ class Bricks:
             waiting += [arrived] if len(arrived[0]) else []
             last = n + 1 == len(order)
             limit = np.iinfo(np.int32).max if last else int(nearest[order[n + 1]]) - SLACK
-            ready = [int(np.searchsorted(base, limit)) for _, base in waiting]
-            if sum(ready) < self.batch and not last:
+            if sum(_count_before(waiting, limit)) < self.batch and not last:
                 continue
-            nothing = np.zeros(0, record_type(self.volume.shape, post=True))
-            batch = np.concatenate(
-                [nothing, *(records[:end] for (records, _), end in zip(waiting, ready, strict=True))]
-            )
-            waiting = [_split_off(*pair, end) for pair, end in zip(waiting, ready, strict=True) if end < len(pair[0])]
-            yield batch, n + 1
-            del batch
+            for end in self._cuts(waiting, limit):
+                ready = _count_before(waiting, end)
+                nothing = np.zeros(0, record_type(self.volume.shape, post=True))
+                batch = np.concatenate(
+                    [nothing, *(records[:many] for (records, _), many in zip(waiting, ready, strict=True))]
+                )
+                pairs = zip(waiting, ready, strict=True)
+                waiting = [_split_off(*pair, many) for pair, many in pairs if many < len(pair[0])]
+                yield batch, n + 1
+                del batch
+
+    def _cuts(self, waiting: list[SheetRecords], limit: int) -> list[int]:
+        """Sheets at which the splats before `limit` are parted into batches of about `batch`, of at least one sheet."""
+        bases = [base[: np.searchsorted(base, limit)] for _, base in waiting]
+        first = min((int(base[0]) for base in bases if len(base)), default=limit)
+        last = max((int(base[-1]) for base in bases if len(base)), default=limit)
+        counts = sum((np.bincount(base - first, minlength=last + 1 - first) for base in bases), np.zeros(1, np.int64))
+        number = np.cumsum(counts) // max(self.batch, 1)
+        return [*(first + np.flatnonzero(np.diff(number)) + 1).tolist(), limit]
+
+
+def _count_before(waiting: list[SheetRecords], sheet: int) -> list[int]:
+    """The number of splats of each that come before a sheet."""
+    return [int(np.searchsorted(base, sheet)) for _, base in waiting]
 
 
 def _split_off(records: np.ndarray, base: np.ndarray, end: int) -> SheetRecords:
@@ -246,7 +262,7 @@ EACH, FIXED = 100, 300 << 20
 # bytes in bricks, beyond those of an empty run: programs, buffers and extraction by one thread; by each further thread,
 # with its bricks in advance; per splat of a batch; per splat that waits; least for splats that wait and samples; and
 # maximum number of bands
-BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 140 << 20, 120 << 20, 270, 64, 32 << 20, 16
+BRICKS, THREAD, BATCHED, WAITING, LEAST, MOST_BANDS = 280 << 20, 120 << 20, 270, 64, 32 << 20, 16
 # bytes per sample of the picture: target, resolved and read-back copies, and open sheets
 SAMPLE = 160
 # boxes that are read for an estimate, voxels along their sides, and steps between them as shares of the volume's sides:
