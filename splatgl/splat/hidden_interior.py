@@ -59,10 +59,11 @@ class HiddenInterior:
 
     @classmethod
     def of(cls, volume: Volume, post: ValueClassifier, unit: float) -> HiddenInterior | None:
-        """The hidden interior of a volume in memory; None if there is none, or a small one. unit: reference length of
-        opacities, world units.
+        """The hidden interior of a volume in memory; None if there is none, or a small one, and for vectors, as
+        voxels may move along these. unit: reference length of opacities, world units.
         """
-        if volume.count < LEAST or not isinstance(volume.samples, np.ndarray) or not _is_bounded(post):
+        unsuitable = not isinstance(volume.samples, np.ndarray) or volume.vectors is not None
+        if volume.count < LEAST or unsuitable or not _is_bounded(post):
             return None
         extinction = least_extinctions(post)
         probe = _codes(post, volume.samples[::PROBE, ::PROBE, ::PROBE])

@@ -150,6 +150,10 @@ def test_only_bounded_values_are_hidden(small_interiors: None) -> None:
     ):
         post = ValueClassifier.of(transfer, kernel, samples.shape[::-1])
         assert (HiddenInterior.of(samples, post, 1.0) is not None) == is_hidden
+    # voxels that may move
+    flowing = replace(samples, vectors=np.zeros((*samples.shape, 3), np.float32))
+    assert sg.extract(samples, SOLID).post.hollow  # type: ignore[union-attr]
+    assert not sg.extract(flowing, SOLID).post.hollow  # type: ignore[union-attr]
 
 
 @pytest.fixture
