@@ -257,7 +257,9 @@ class Recorder(Programs):
     def screen(self) -> None:
         """Composes the programs of the resolve pass and of the window."""
         self.picture = "screen"
-        self.for_screen("resolve.frag")
+        self.for_screen("edges.frag")
+        for single in (False, True):
+            self.add(("whole.vert", "resolve.frag"), (("SINGLE", single),))
         for compare, overlay in SCREENS:
             self.add(("screen.vert", "screen.frag"), (("COMPARE", f"COMPARE_{compare.upper()}"), ("OVERLAY", overlay)))
         for mark in ("sprite", "stroke"):

@@ -10,7 +10,7 @@ int next_base(uint at, uint end, out uvec4 names) {
 
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
 #define AT(row) (corner + ivec2(0, row))
-#define BEGIN(row) ray[row] = ray_of(first + vec2(0.0, row)); open_pixel(row);
+#define BEGIN(row) ray[row] = ray_of(center_of(row)); open_pixel(row);
 #define RESUME(row) light[row] = imageLoad(target, AT(row)); read_pixel(tile, row);
 #define ADD(row) add_four(row, four, ray[row], weights);
 #define TAKE(row) if (take_sheet(row, current)) seen = true;
@@ -35,7 +35,7 @@ void composite_tile(uvec4 mine, uint lane) {
     bool is_continued = mine.w > 1u;
     mine.w &= 1u;
     ivec2 corner = first_pixel(tile, lane);
-    first = vec2(corner) + 0.5;
+    first = (vec2(corner) + 0.5) * stride;
     set_column(tile, lane);
     Ray ray[ROWS];
     EACH(BEGIN)

@@ -61,9 +61,12 @@ vec2 kept_ends;
 // a pixel's light; of blends of one value the joined value and its length, see join_value
 vec4 light[ROWS];
 
-// Centre of a pixel in the band.
+// Centre of a pixel in the band. STRIDE: pixels of the view from one row to the next.
+#ifndef STRIDE
+#define STRIDE 1.0
+#endif
 vec2 center_of(int row) {
-    return first + vec2(0.0, float(row));
+    return first + vec2(0.0, float(row) * STRIDE);
 }
 
 // Sums of gradients and values as sheets hold them.

@@ -9,6 +9,9 @@
 // extension GL_ARB_shader_group_vote
 layout(local_size_x = LANES) in;
 #include "tile_splat.glsl"
+// pixels of the view from one sample to the next; a processor may first draw every other
+uniform float stride;
+#define STRIDE (CARD == 1 ? 1.0 : stride)
 #include "sheet_composite.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end; 1: complete then, 2: continued
@@ -28,7 +31,7 @@ void composite_tile(uvec4 mine, uint lane);
 // A splat's share of a pixel, and what it adds to sheets times their weights.
 float valued(Joined it, Ray ray, int row) {
     choose(it);
-    return share_at(it, ray, float(row)) * (STEPS == 0 ? it.splat.a : 1.0);
+    return share_at(it, ray, float(row) * STRIDE) * (STEPS == 0 ? it.splat.a : 1.0);
 }
 
 vec4 term_of(Joined it) {

@@ -19,6 +19,7 @@ uniform uint count;
 uniform uint length_;  // of a run
 uniform uint unread;   // an entry of the list beyond all tiles' entries
 uniform uint budget;   // loop iterations per dispatch; the next dispatch continues
+uniform float stride;  // pixels of the view from one sample to the next
 
 // A splat, the tile it has come to, and the tiles it touches: rows, and those along the current one.
 struct Placed {
@@ -32,6 +33,9 @@ struct Placed {
 Placed placed(uint n) {
     vec4 it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
     Extent extent = unpacked_extent(it.zw);
+    it.xy /= stride;
+    extent.height /= stride;
+    extent.width /= stride;
     ivec2 rows = rows_of(it.y, extent.height);
     ivec2 span = span_of(it.xy, extent, rows.x);
     return Placed(it.xy, extent, ivec2(span.x, rows.x), rows, span);

@@ -22,7 +22,8 @@ from splatgl.gl.program import Programs
 from splatgl.gl.quads import Quads, Streaks
 from splatgl.gl.shader import Shape
 from splatgl.gl.sheet_quads import SheetQuads
-from splatgl.gl.sheet_tiles import Batches, BoxTiles, SheetTiles
+from splatgl.gl.sheet_tiles import Batches, BoxTiles
+from splatgl.gl.spared_tiles import SingleSamples, SparedTiles
 from splatgl.gl.target import Portions, Target, Targets
 from splatgl.gl.textures import Tables
 from splatgl.gl.tiles import Tiles
@@ -63,7 +64,9 @@ class Passes:
         self.card = CardLists(ctx) if shape.name == "card" else None
         self.tiles = Tiles(ctx, self.programs, self.splats, self._whole, self.card)
         near = self.near = NearSheets(ctx, self.programs, self._whole, self.tables, owned)
-        self.sheets = SheetTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.card)
+        self.single = SingleSamples(ctx, self.programs, self.targets, self._whole)
+        self.sheets = SparedTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.card)
+        self.sheets.single = self.single if self.card is None else None
         self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole, self.card)
         self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.boxes)
         quads = ctx, self.programs, self._whole, self.tables, near, self.frame
@@ -224,7 +227,7 @@ class Passes:
         self.fields.use(splats, plan)
 
     def _resolve(self, source: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
-        program = self.programs.for_screen("resolve.frag")
+        program = self.single.resolving(plan)
         width, height = plan.view.size
         target = self.targets.get("resolve", (width // plan.samples, height // plan.samples), "rgba32f")
         target.framebuffer.use()

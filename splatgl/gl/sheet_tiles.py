@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import moderngl
@@ -70,6 +70,9 @@ class Batches:
 class SheetTiles(Tiles):
     """Draws sheets in tiles; reuses its buffers and textures between pictures."""
 
+    # pixels of the view from one sample to the next
+    stride = 1
+
     def __init__(
         self,
         ctx: moderngl.Context,
@@ -100,7 +103,9 @@ class SheetTiles(Tiles):
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
         self.exact = self.limits is not None
-        texels = self._sorted(splats, plan)
+        self._draw_sorted(target, splats, plan, self._sorted(splats, plan), portions)
+
+    def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels, portions: Portions) -> None:
         for window in bands_of(plan.window, MOST_PIXELS):
             self._draw_window(target, splats, plan, texels, window, portions)
 
@@ -223,11 +228,13 @@ class SheetTiles(Tiles):
 
     def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
         """Returns a new band, whose tiles beside the volume's box are closed."""
-        self.kept, self.last, self.band = None, False, self.begin(window)
+        self.kept, self.last, self.band = None, False, replace(self.begin(window), stride=self.stride)
         band, self.begun = self.band, np.zeros(self.band.closed.size, bool)
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
-            band.closed |= tiles_beside_box(plan.view, splats.post.shape, window, (COLUMNS, ROWS))
+            seen = Window(*(self.stride * side for side in window.box))
+            side = self.stride * COLUMNS, self.stride * ROWS
+            band.closed |= tiles_beside_box(plan.view, splats.post.shape, seen, side)
         return band
 
     def _draw(self, target: Target, plan: Plan, texels: Texels, which: Range) -> None:
@@ -256,8 +263,8 @@ class SheetTiles(Tiles):
                 self._add_up(target, plan, lists[first : first + MOST_TILES])
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
-        if self.list is not None:
-            self.list.use(LIST_UNIT)
+        if self.placed.list is not None:
+            self.placed.list.use(LIST_UNIT)
         self.begun[lists[:, 0]] = True
         self.bind_target(target)
         while len(lists):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import moderngl
@@ -45,11 +45,39 @@ PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
 @dataclass(eq=False)
 class Band:
-    """Band of rows of the picture. closed: mask of terminated tiles. begun: whether nearer splats are drawn already."""
+    """Band of rows of the picture. closed: mask of terminated tiles. begun: whether nearer splats are drawn already.
+    stride: pixels of the view from one sample to the next; the window is in these samples.
+    """
 
     window: Window
     closed: np.ndarray
     begun: bool = False
+    stride: int = 1
+
+
+@dataclass(eq=False)
+class Placed:
+    """Splats in textures, and the texture of their lists by tile. held: the records and their range that are placed.
+    lists: as `Tiles._count` returns them. last: whether no other splats follow.
+    """
+
+    textures: list[moderngl.Texture] = field(default_factory=list)
+    framebuffer: moderngl.Framebuffer | None = None
+    list: moderngl.Texture | None = None
+    held: tuple[Texels, Range] | None = None
+    lists: np.ndarray | None = None
+    last: bool = False
+
+    def use(self) -> None:
+        """Binds the textures of splats."""
+        for unit, texture in enumerate(self.textures):
+            texture.use(PLACED_UNIT + unit)
+
+    def release(self) -> None:
+        """Frees the textures."""
+        for part in (self.framebuffer, *self.textures, self.list):
+            if part is not None:
+                part.release()
 
 
 class Tiles:
@@ -73,10 +101,8 @@ class Tiles:
         card: CardLists | None = None,
     ) -> None:
         self.ctx, self.programs, self.splats, self.whole, self.card = ctx, programs, splats, whole, card
-        self.placed: list[moderngl.Texture] = []
-        self.framebuffer: moderngl.Framebuffer | None = None
+        self.placed = Placed()
         self.buffers: dict[int, moderngl.Buffer] = {}
-        self.list: moderngl.Texture | None = None
         self.band = Band(Window(0, 0, 0, 0), np.zeros(0, bool))
         self.ask: Callable[[], None] = lambda: None
         # mask of the blocks of the drawing order that may be visible; None: all
@@ -84,10 +110,10 @@ class Tiles:
 
     def release(self) -> None:
         """Frees all buffers and textures; they are recreated on demand."""
-        for part in (self.framebuffer, *self.placed, *self.buffers.values(), self.list):
-            if part is not None:
-                part.release()
-        self.placed, self.framebuffer, self.buffers, self.list = [], None, {}, None
+        self.placed.release()
+        for buffer in self.buffers.values():
+            buffer.release()
+        self.placed, self.buffers = Placed(), {}
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the splats into `target`, nearest first, in chunks; raises Interrupted if cancelled."""
@@ -119,7 +145,7 @@ class Tiles:
 
     def begin(self, window: Window) -> Band:
         """Returns a new band, all of its tiles open."""
-        across, down = _tiles(window)
+        across, down = tile_counts(window)
         return Band(window, np.zeros(across * down, bool))
 
     def gather(
@@ -158,10 +184,13 @@ class Tiles:
             self._draw(target, plan, texels, (middle, which[1]))
         elif len(lists):
             self._list(plan, count, int(lists[-1, 2]))
-            for dispatched in _dispatches(lists):
-                self.ask()
-                self._add_up(target, plan, dispatched)
-            self.band.begun = True
+            self._add_up_all(target, plan, lists)
+
+    def _add_up_all(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
+        for dispatched in _dispatches(lists):
+            self.ask()
+            self._add_up(target, plan, dispatched)
+        self.band.begun = True
 
     def _draw_on_card(self, card: CardLists, target: Target, plan: Plan, first: int, count: int) -> None:
         """Composites `count` placed splats, from `first` of their order on; only the device knows the lists."""
@@ -200,20 +229,20 @@ class Tiles:
         program = self._placing(plan, switches)
         number = _textures(plan.program)
         height = max(-(-count // ABREAST), 1)
-        if len(self.placed) < number or self.placed[0].height < height:
-            self._make_placed(max(number, len(self.placed)), height)
+        textures = self.placed.textures
+        if len(textures) < number or textures[0].height < height:
+            self._make_placed(max(number, len(textures)), height)
         for unit, texture in enumerate((texels.records, texels.rest, texels.order)):
             if texture is not None:
                 texture.use(RECORDS_UNIT + unit)
         set_uniforms(program, records=RECORDS_UNIT, rest=RECORDS_UNIT + 1, order=RECORDS_UNIT + 2)
         set_uniforms(program, first=which[0], end=which[1])
-        assert self.framebuffer is not None
-        self.framebuffer.use()
-        self.framebuffer.viewport = (0, 0, ABREAST, height)
+        assert self.placed.framebuffer is not None
+        self.placed.framebuffer.use()
+        self.placed.framebuffer.viewport = (0, 0, ABREAST, height)
         self.ctx.enable_only(moderngl.NOTHING)
         self.whole(program)
-        for unit, texture in enumerate(self.placed):
-            texture.use(PLACED_UNIT + unit)
+        self.placed.use()
         return count
 
     def _placing(self, plan: Plan, switches: dict[str, bool]) -> moderngl.Program:
@@ -224,11 +253,11 @@ class Tiles:
         return program
 
     def _make_placed(self, number: int, height: int) -> None:
-        old = self.framebuffer, *self.placed
-        self.placed = [self.ctx.texture((ABREAST, uneven(height)), 4, dtype="u4") for _ in range(number)]
-        for texture in self.placed:
+        old = self.placed.framebuffer, *self.placed.textures
+        self.placed.textures = [self.ctx.texture((ABREAST, uneven(height)), 4, dtype="u4") for _ in range(number)]
+        for texture in self.placed.textures:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.framebuffer = self.ctx.framebuffer(self.placed)
+        self.placed.framebuffer = self.ctx.framebuffer(self.placed.textures)
         for part in old:
             if part is not None:
                 part.release()
@@ -238,7 +267,7 @@ class Tiles:
 
         Sets the cursors to the start of each run's part of each list.
         """
-        across, down = _tiles(self.band.window)
+        across, down = tile_counts(self.band.window)
         runs = GROUPS * self.programs.shape.lanes
         # plus a slot for splats that touch no tile
         size = runs * (across * down + 1) * 4
@@ -249,7 +278,8 @@ class Tiles:
         counts = counts[:, :-1]
         # ordered by tile, then by run
         until = np.cumsum(counts, axis=0, dtype=np.uint32)
-        until[:, self.band.closed] = 0
+        unlisted = self._unlisted()
+        until[:, unlisted] = 0
         lengths = until[-1].astype(np.int64)
         # each list starts at a multiple of four: shaders read four entries at once
         padded_ends = np.cumsum(-(-lengths // 4) * 4)
@@ -258,24 +288,29 @@ class Tiles:
         begins = padded_ends - (-(-lengths // 4) * 4)
         starts = np.full((runs, across * down + 1), NOWHERE, np.uint32)
         starts[:, :-1] = until - counts + begins.astype(np.uint32)
-        starts[:, :-1][:, self.band.closed] = NOWHERE
+        starts[:, :-1][:, unlisted] = NOWHERE
         cursors.write(starts)
         nonempty = np.flatnonzero(lengths)
         ends = begins[nonempty] + lengths[nonempty]
         return np.stack([nonempty, begins[nonempty], ends, np.zeros_like(ends)], axis=1).astype(np.uint32)
+
+    def _unlisted(self) -> np.ndarray:
+        """Returns the mask of the band's tiles that need no lists."""
+        return self.band.closed
 
     def _list(self, plan: Plan, count: int, total: int) -> None:
         # plus an entry that is never read
         height = (total + 4) // (LISTED * 4) + 1
         listed = self._buffer(LISTED_BUFFER, height * LISTED * 16)
         self._run(plan, count, {"COUNTING": False}, total + 4)
-        if self.list is None or self.list.height < height:
-            if self.list is not None:
-                self.list.release()
-            self.list = self.ctx.texture((LISTED, uneven(height)), 4, dtype="u4")
-            self.list.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        texture = self.placed.list
+        if texture is None or texture.height < height:
+            if texture is not None:
+                texture.release()
+            texture = self.placed.list = self.ctx.texture((LISTED, uneven(height)), 4, dtype="u4")
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         # copied: llvmpipe reads textures faster than buffers, and writes buffers faster than images
-        self.list.write(listed, viewport=(0, 0, LISTED, height))
+        texture.write(listed, viewport=(0, 0, LISTED, height))
 
     def _run(self, plan: Plan, count: int, switches: dict[str, bool], unread: int = 0) -> None:
         """Lists all splats, with at most ROUNDS iterations per dispatch. unread: a list entry that is never read."""
@@ -297,8 +332,8 @@ class Tiles:
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
         carried = self.band.begun
-        if self.list is not None:
-            self.list.use(LIST_UNIT)
+        if self.placed.list is not None:
+            self.placed.list.use(LIST_UNIT)
         self.bind_target(target)
         while len(lists):
             program = self._program(self.drawing, plan, {"CARRIED": carried})
@@ -332,7 +367,8 @@ class Tiles:
 
     def _program(self, name: str, plan: Plan, switches: dict[str, bool]) -> moderngl.ComputeShader:
         program = self.programs.for_tiles(name, plan.program, switches)
-        set_uniforms(program, origin=self.band.window.box[:2], tiles=_tiles(self.band.window))
+        band = self.band
+        set_uniforms(program, origin=band.window.box[:2], tiles=tile_counts(band.window), stride=band.stride)
         set_uniforms(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)}, **self.uniforms)
         return program
 
@@ -352,7 +388,7 @@ def bands_of(window: Window, most: int = MOST_PIXELS) -> list[Window]:
     return [Window(left, first, width, min(height, last - first)) for first in range(top, last, height)]
 
 
-def _tiles(window: Window) -> tuple[int, int]:
+def tile_counts(window: Window) -> tuple[int, int]:
     """Returns the numbers of tiles along x and y."""
     return -(-window.width // COLUMNS), -(-window.height // ROWS)
 

@@ -181,7 +181,9 @@ class Plan:
     @property
     def antialias(self) -> str:
         """A description of the antialiasing."""
-        ways = [f"{self.samples}×{self.samples} samples a pixel"] if self.resolved.averaged else []
+        most = f"{self.samples}×{self.samples} samples a pixel"
+        spared = "at edges, one elsewhere" if self.resolved.allowed and self.program.technique == "tiles" else ""
+        ways = [f"{most} {spared}".strip()] if self.resolved.averaged else []
         ways += ["voxels widened beyond z_k"] if self.view.antialias else []
         return " and ".join(ways) or "off"
 
@@ -192,6 +194,7 @@ class Plan:
         drawn = (
             r.samples,
             r.averaged,
+            r.allowed,
             r.background,
             self.lookup,
             self.order,

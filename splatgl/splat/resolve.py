@@ -28,6 +28,9 @@ from splatgl.splat.view import GridView, widening
 
 # kinds of antialiasing whose pixels are means of samples
 AVERAGED = ("auto", "supersample")
+# samples along each axis of pixels that may take one instead; share of the tolerance that its end correction may reach;
+# and the width of these pixels, in voxels: most tiles of wider ones have edges
+SPARED, SPARED_SHARE, SPARED_PIXEL = 2, 0.25, 0.6
 # tolerances, and samples along each axis for them; beyond the most samples voxels are widened too
 SAMPLES = ((0.05, 1), (1e-3, 2), (0.0, 3))
 MOST_SAMPLES = 4
@@ -70,7 +73,8 @@ class Appearance:
 class Resolved:
     """The settings resolved for one picture, without `auto`. Depths are in world units.
 
-    averaged: whether pixels are means of samples with the end correction of resolve.frag. camera, view: at samples ×
+    averaged: whether pixels are means of samples with the end correction of resolve.frag. allowed: largest end
+    correction of one sample with which a tile takes no more; 0: all take samples × samples. camera, view: at samples ×
     samples a pixel. z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: nearest and farthest
     depth of the box of all splats. unsure: see view.py. background: linear RGB; None: transparent. notes: omitted steps
     with reasons, a line each. sheets: None: splats composite one by one. clip, mask: planes and mask that clip rays.
@@ -92,6 +96,7 @@ class Resolved:
     clip: Clip | None = None
     mask: MaskField | None = None
     cues: LightVolume | None = None
+    allowed: float = 0.0
 
     @property
     def kernel(self) -> Kernel:
@@ -158,6 +163,7 @@ class Resolved:
             clip=clip,
             mask=mask,
             cues=cues,
+            allowed=_allowed(settings, samples, pixel) if after and blend.ordered and not antialias else 0.0,
         )
 
 
@@ -235,6 +241,12 @@ def _samples(settings: Settings, pixel: float, size: tuple[int, int], notes: lis
     if wanted > fits:
         notes.append(f"{wanted}×{wanted} samples a pixel left out: the picture is too large; its edges alias more")
     return min(wanted, fits)
+
+
+def _allowed(settings: Settings, samples: int, pixel: float) -> float:
+    """Largest end correction of one sample with which a tile of pixels takes no more. pixel: as for `_samples`."""
+    spared = settings.antialias == "auto" and samples == SPARED and pixel <= SPARED_PIXEL
+    return SPARED_SHARE * settings.tolerance if spared else 0.0
 
 
 def _antialias(settings: Settings, z_k: float, farthest: float, notes: list[str]) -> bool:

@@ -85,7 +85,7 @@ def test_lists_are_those_of_the_processor(processor: sg.Renderer, monkeypatch: p
             return tiles._program(name, plan, dict(switches))
 
         listed: list[list[int]] = [[] for _ in closed]
-        for unit, texture in enumerate(tiles.placed):
+        for unit, texture in enumerate(tiles.placed.textures):
             texture.use(8 + unit)
         sort = 0
         lists.count_pairs(compile_, 0, count)

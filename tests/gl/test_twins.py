@@ -340,7 +340,9 @@ def test_gradients_of_tiles(twin: Twin, rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("samples", [1, 2, 3, 5])
 def test_weights_of_samples(samples: int, twin: Twin) -> None:
     state = {"samples": samples, "ends": END_CORRECTION}
-    found = twin("resolve.frag", "result.x = weight(int(round(j)))", state=state, j=np.arange(-1, samples + 1))[:, 0]
+    found = twin(
+        "resolve.frag", "result.x = weight(int(round(j)), samples)", state=state, j=np.arange(-1, samples + 1)
+    )[:, 0]
     assert np.abs(found - weight(samples)).max() < 1e-7
 
 

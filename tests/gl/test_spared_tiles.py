@@ -1,0 +1,74 @@
+"""Tiles without edges take one sample a pixel: within a share of the tolerance, and without flicker."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl.context import current
+from splatgl.gl.spared_tiles import SingleSamples
+from splatgl.reference.blend import spared_means, tile_errors
+from splatgl.splat.culling import Window
+from splatgl.splat.resolve import SPARED_SHARE
+
+ALL = sg.Settings(antialias="supersample", samples=2)
+
+
+@pytest.fixture(scope="module")
+def ball() -> sg.Splats:
+    """A ball with an opaque core in fog."""
+    volume = sg.scenes.ball(6)
+    return sg.extract(volume, sg.Transfer([(0, 0), (0.3, 0.02), (0.7, 0.02), (0.75, 1), (1, 1)], shading=True))
+
+
+def test_kept_pixels_and_their_means(renderer: sg.Renderer, ball: sg.Splats, rng: np.random.Generator) -> None:
+    """Of pixels that are smooth on the left, against float64; sides are no multiples of tiles."""
+    if renderer.passes.sheets.single is None:
+        pytest.skip("a card takes all samples")
+    plan = renderer.plan(ball, sg.Camera.orbit(ball, size=(37, 22)))
+    height, width = 22, 37
+    single = (0.2 + rng.random((height, width, 4)) * np.linspace(-0.03, 0.3, width)[:, None].clip(0)).astype(np.float32)
+    fine = rng.random((2 * height, 2 * width, 4), np.float32)
+    passes = renderer.passes
+    with current(renderer.ctx):
+        chosen = SingleSamples(renderer.ctx, passes.programs, passes.targets, passes._whole)
+        plan = replace(plan, resolved=replace(plan.resolved, allowed=0.005))
+        target = chosen.begin(plan)
+        target.texture.write(np.ascontiguousarray(single), (0, 0, width, height))
+        needed, share = chosen.measure(target, plan, Window(0, 0, width, height))
+        drawn = passes.targets.get("draw", (2 * width, 2 * height), "rgba32f")
+        drawn.texture.write(fine, (0, 0, 2 * width, 2 * height))
+        passes.single.kept = chosen.kept
+        found = passes._resolve(drawn, plan, None).read()
+    assert (needed == (tile_errors(single.astype(float), 2) > 0.005)).all()
+    assert 0.2 < share < 0.9 and share == pytest.approx(needed.mean())
+    assert np.abs(found - spared_means(fine.astype(float), single.astype(float), 0.005, 2)).max() < 1e-6
+
+
+def test_differ_little_from_all_samples(renderer: sg.Renderer, ball: sg.Splats) -> None:
+    """By less than the tolerance, a fifth of what one sample a pixel is off; a quarter of the pixels take one."""
+    camera = sg.Camera.orbit(ball, 30, 20, size=(72, 72))
+    found, right = (renderer.render(ball, camera, each, verify_bound=False).pixels for each in (sg.Settings(), ALL))
+    one = renderer.render(ball, camera, ALL.but(samples=1), verify_bound=False).pixels
+    tolerance = sg.Settings().tolerance
+    assert np.abs(one - right).max() > 5 * tolerance
+    assert np.abs(found - right).max() < tolerance
+    if renderer.passes.sheets.single is not None:
+        assert (found == one).all(axis=2)[right[..., 3] > 0].mean() > 0.25
+        assert renderer.plan(ball, camera).resolved.allowed == SPARED_SHARE * tolerance
+
+
+def test_no_flicker(renderer: sg.Renderer, ball: sg.Splats) -> None:
+    """Small turns: second differences in time are those of all samples, but for half the tolerance."""
+    pictures = [
+        [
+            renderer.render(ball, sg.Camera.orbit(ball, turn, 20, size=(72, 72)), each, verify_bound=False).pixels
+            for turn in np.arange(5) * 0.5
+        ]
+        for each in (sg.Settings(), ALL)
+    ]
+    jumps = [np.abs(np.diff(turns, 2, axis=0)) for turns in pictures]
+    assert (jumps[0] - jumps[1]).max() < 0.5 * sg.Settings().tolerance
