@@ -17,9 +17,9 @@ void main() {
             ivec2 at = clamp(corner + ivec2(x, y), inner.xy, inner.zw);
             vec4 here = texelFetch(single, at, 0);
             for (int axis = 0; axis < 2; ++axis) {
-                ivec2 step = axis == 0 ? ivec2(1, 0) : ivec2(0, 1);
-                vec4 around = texelFetch(single, clamp(at - step, inner.xy, inner.zw), 0)
-                              + texelFetch(single, clamp(at + step, inner.xy, inner.zw), 0);
+                ivec2 beside = axis == 0 ? ivec2(1, 0) : ivec2(0, 1);
+                vec4 around = texelFetch(single, clamp(at - beside, inner.xy, inner.zw), 0)
+                              + texelFetch(single, clamp(at + beside, inner.xy, inner.zw), 0);
                 largest = max(largest, abs(around - 2.0 * here));
             }
             most = max(most, here);

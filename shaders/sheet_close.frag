@@ -3,6 +3,7 @@
 #define VARYING
 #define FLAT
 #define ROWS 1
+#define STRIDE 1.0
 #include "footprint_eval.glsl"
 vec2 first;  // the pixel's centre in its band
 #include "sheet_composite.glsl"

@@ -62,9 +62,6 @@ vec2 kept_ends;
 vec4 light[ROWS];
 
 // Centre of a pixel in the band. STRIDE: pixels of the view from one row to the next.
-#ifndef STRIDE
-#define STRIDE 1.0
-#endif
 vec2 center_of(int row) {
     return first + vec2(0.0, float(row) * STRIDE);
 }

@@ -2,6 +2,7 @@
 #define VARYING
 #define FLAT
 #define ROWS 1
+#define STRIDE 1.0
 #include "footprint_eval.glsl"
 vec2 first;
 #include "sheet_composite.glsl"

@@ -43,6 +43,8 @@ PLUMBING = {
     # lists on a card, which tests/gl/test_card_lists.py compares
     *("begin_state", "blocks_of", "count_pairs", "first_sheet_of", "scan_group", "scanned_before", "set_entries"),
     *("set_state", "splat_of", "tile_number", "tiles_of"),
+    # pixels of one sample, which tests/gl/test_spared_tiles.py compares
+    *("between", "is_single"),
     # quads on a card, which tests/gl/test_shapes.py compares
     *("filtered", "give_place", "quad_place"),
     *("set_column", "begin_matter", "set_layer", "take", "keep_piece", "boxed", "within_depths"),
