@@ -166,7 +166,7 @@ class Settings:
     antialias: Antialias = _accuracy(
         "auto",
         Kind.choice(Antialias),
-        "antialiasing. auto: as many samples a pixel as --tolerance needs there; supersample: --samples along each axis; "
+        "antialiasing. auto: as many samples as --tolerance needs there; supersample: --samples along each axis; "
         "paper: splats beyond z_k are stretched [Eq. 4] and attenuated by (z_k/z_v)^2 [Eq. 6]",
     )
     samples: int = _accuracy(
