@@ -162,7 +162,7 @@ class SheetTiles(Tiles):
         """Composites a band's splats sheets by sheets, without clusters of which only closed tiles are left."""
         clusters, names = self.splats.of(splats).clusters()
         uniforms = self.uniforms | {"sheets": sheet_span(splats, plan)}
-        for part in clusters.rounds(splats, plan, band.window, band.closed):
+        for part in clusters.rounds(splats, plan, band.window, self._unlisted, band.stride):
             begin, end = part.sheets
             names.use(NAMES_UNIT)
             parts, in_round = clusters.parts(part.clusters), uniforms | {"begin": begin}

@@ -102,7 +102,7 @@ class SparedTiles(SheetTiles):
 
     def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels, portions: Portions) -> None:
         needed = None
-        if self.single is not None and plan.resolved.allowed and self.limits is None and self.count <= MOST_HELD:
+        if self.single is not None and plan.resolved.allowed and self.limits is None and len(splats) <= MOST_HELD:
             needed = self._draw_single(self.single, splats, plan, texels, portions)
         if needed is None:
             super()._draw_sorted(target, splats, plan, texels, portions)

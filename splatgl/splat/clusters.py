@@ -7,7 +7,7 @@ out would not have changed any pixel.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -99,7 +99,7 @@ class Clusters:
             near, far = middle - half, middle + half
         return sheets.base(near / sheets.thickness) - SLACK, sheets.base(far / sheets.thickness) + SLACK
 
-    def tiles(self, view: GridView, window: Window) -> np.ndarray:
+    def tiles(self, view: GridView, window: Window, stride: int = 1) -> np.ndarray:
         """int64 [4, C]: first column and row of tiles of a window, and end column and row, that splats of a cluster may
         touch; the end is not after the first if there are none.
         """
@@ -118,24 +118,30 @@ class Clusters:
         if view.antialias:
             slant = float(np.hypot(*view.edge)) if view.perspective else 0.0
             margin += STRETCHED * view.kernel.radius * (1 + slant)
-        offset = np.array([[window.x], [window.y]]) - np.array([view.size]).T / 2
+        offset = stride * np.array([[window.x], [window.y]]) - np.array([view.size]).T / 2
         side, many = np.array([[COLUMNS], [ROWS]]), np.array([[window.width], [window.height]])
-        many = -(-many // side)
+        many, side = -(-many // side), stride * side
         first = np.floor((low / view.pitch - margin[:, None] - offset) / side)
         end = np.floor((high / view.pitch + margin[:, None] - offset) / side) + 1
         first, end = np.where(everywhere, 0, first), np.where(everywhere, many, end)
         return np.concatenate([np.clip(first, 0, many), np.clip(end, 0, many)]).astype(np.int64)
 
-    def rounds(self, splats: Splats, plan: Plan, window: Window, closed: np.ndarray) -> Iterator[Part]:
-        """Yields the rounds of a window, nearest first. closed: mask of its terminated tiles, which rounds change."""
+    def rounds(
+        self, splats: Splats, plan: Plan, window: Window, closed: Callable[[], np.ndarray], stride: int = 1
+    ) -> Iterator[Part]:
+        """Yields the rounds of a window, nearest first. closed: returns the mask of tiles that need no splats, which
+        rounds change. stride: pixels of the view from one of the window's samples to the next.
+        """
         sheets, view = plan.resolved.sheets, plan.view
         assert sheets is not None
         base, end = sheets.range(splats, view)
         first, last = (np.clip(ends - base, 0, end - base) for ends in self.sheets(view, sheets))
-        tiles, count = self.tiles(view, window), np.diff(self.begin)
+        tiles, count = self.tiles(view, window, stride), np.diff(self.begin)
         begin, most, wide, expected = 0, end - base + 1, 1.0, np.inf
         while begin < most:
-            shown = np.flatnonzero((last >= begin) & _has_open(tiles, closed.reshape(-1, -(-window.width // COLUMNS))))
+            shown = np.flatnonzero(
+                (last >= begin) & _has_open(tiles, closed().reshape(-1, -(-window.width // COLUMNS)))
+            )
             if not len(shown):
                 return
             # the splats of a cluster that are left, about in the middle of its sheets that are left

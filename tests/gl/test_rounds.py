@@ -220,4 +220,4 @@ def rounds_of(found: Clusters, splats: sg.Splats, plan: Plan, window: Window, cl
     """Rounds of few splats."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(clustering, "LEAST", 60)
-        yield from found.rounds(splats, plan, window, closed)
+        yield from found.rounds(splats, plan, window, lambda: closed)
