@@ -212,7 +212,7 @@ class Animation:
         groups = [(number, list(group)) for number, group in groupby(todo, self.shown)]
         self._sort(todo)
         done = count(1)
-        with progress_bar("frame", quiet) as progress:
+        with progress_bar("frame", quiet, alike=True) as progress:
             for (_, group), (_, matter) in zip(groups, read_ahead(read, [number for number, _ in groups]), strict=True):
                 for n in group:
                     frames.write(n, work.frame(renderer, matter, self.view(n)))

@@ -211,16 +211,16 @@ LINES_APART, SHARE, MOST_APART = 10.0, 0.1, 60.0
 
 
 @contextmanager
-def progress_bar(unit: str, is_quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """A function that takes the number of units done and of all, and prints to stderr the time that the first frame
-    took, if all take longer than PATIENCE, and how many are done: by a bar on a terminal if tqdm is installed, else by
-    lines.
+def progress_bar(unit: str, is_quiet: bool, alike: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """A function that takes the number of units done and of all, and prints to stderr how many are done: by a bar
+    on a terminal if tqdm is installed, else by lines. alike: units follow each other and take as long as the first,
+    whose time is printed if all take longer than PATIENCE.
     """
     if is_quiet:
         yield lambda done, total: None
         return
     with _bar(unit) as bar:
-        lines = ProgressLines(unit)
+        lines = ProgressLines(unit, alike)
 
         def show(done: int, total: int) -> None:
             for line in lines.after(done, total, bar is None):
@@ -242,10 +242,10 @@ def _bar(unit: str) -> AbstractContextManager[Any]:
 
 
 class ProgressLines:
-    """Text on the progress of equal units, which begin now. clock: seconds."""
+    """Text on the progress of units, which begin now. alike: as of `progress_bar`. clock: seconds."""
 
-    def __init__(self, unit: str, clock: Callable[[], float] = time.monotonic) -> None:
-        self.unit, self.clock = unit, clock
+    def __init__(self, unit: str, alike: bool, clock: Callable[[], float] = time.monotonic) -> None:
+        self.unit, self.alike, self.clock = unit, alike, clock
         self.begun = self.latest = clock()
         self.done = 0
 
@@ -253,8 +253,7 @@ class ProgressLines:
         """The lines to print once `done` units of `total` are done. is_logged: whether there is no bar."""
         now = self.clock()
         passed, lines = now - self.begun, list[str]()
-        # a part of one picture tells nothing of the others
-        if self.unit == "frame" and done == 1 < total and passed * total > PATIENCE:
+        if self.alike and done == 1 < total and passed * total > PATIENCE:
             # with programs that were compiled for it
             most = duration(passed * total)
             lines.append(f"the first {self.unit} took {passed:.1f} s: {total} take up to about {most}")

@@ -262,7 +262,7 @@ def test_killed_and_resumed_without_a_gap(here: Path) -> None:
 def test_the_time_of_frames_is_told() -> None:
     """After the first, if all take a while; without a bar a line each tenth or minute, at most every 10 s."""
     now = 0.0
-    lines, slow, quick = (ProgressLines("frame", lambda: now) for _ in range(3))
+    lines, slow, quick = (ProgressLines("frame", True, lambda: now) for _ in range(3))
     said = {}
     for done in range(1, 61):
         now += 4.0 if done < 40 else 0.5
