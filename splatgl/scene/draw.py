@@ -144,8 +144,6 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     bricks = bricks.limited(most)
     notes = need.notes(bricks, most)
     if not scene.is_quiet:
-        for note in notes.get("notes", ()):
-            print(f"splatgl: {note}", file=sys.stderr)
         reason = f"{need}, together more than {format_bytes(most)}"
         if need.bytes <= most:
             reason = f"up to about {need.most:,} splats are more than are drawn at once"
@@ -153,6 +151,10 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
         if how.explain:
             print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
+        # refuses what bricks cannot draw, before notes on it
+        renderer.plan_bricks(bricks, scene.camera, scene.settings)
+        for note in () if scene.is_quiet else notes.get("notes", ()):
+            print(f"splatgl: {note}", file=sys.stderr)
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))
     image = Image(image.pixels, {**image.info, **notes})
     is_checked = how.check is None and image.info["splats"]

@@ -108,7 +108,7 @@ def test_squares_of_bricks_are_compared_as_those_of_the_whole(
     monkeypatch.setattr(Bricks, "records", lambda self, n: read.add(n) or records(self, n))
     monkeypatch.setattr("splatgl.reference.check.SQUARES", 1)
     found: Any = check_bricks(image, bricks, camera, ALL).info["checked"]
-    assert len(read) < (0.9 if name == "inside" else 0.4) * len(bricks.low)
+    assert len(read) < (0.9 if name == "inside" else 0.45) * len(bricks.low)
     right: Any = sg.check(image, sg.extract(volume, RAMP), camera, ALL).info["checked"]
     assert found["windows"] == right["windows"] and found["largest"] < 2e-4
     assert abs(found["largest"] - right["largest"]) + abs(found["rmse"] - right["rmse"]) < 1e-12
@@ -230,11 +230,11 @@ def test_only_what_is_seen_is_read(renderer: sg.Renderer) -> None:
     bricks = in_bricks(volume, transfer, ALL, 8)
     whole = sg.Camera.orbit(ball, size=(32, 32))
     near = sg.Camera.look_at(ball.corners[7] + 6, ball.corners[7] - 1, (0, 0, 1), 4, (32, 32))
-    read = []
+    read, settings = [], ALL.but(antialias="supersample")
     for camera in (whole, near):
         parts.read = 0
-        found = renderer.render_bricks(bricks, camera, ALL).pixels
-        right = renderer.render(sg.extract(ball, transfer), camera, ALL, verify_bound=False).pixels
+        found = renderer.render_bricks(bricks, camera, settings).pixels
+        right = renderer.render(sg.extract(ball, transfer), camera, settings, verify_bound=False).pixels
         assert np.abs(found - right).max() < 1e-5
         read.append(parts.read)
     assert 0 < read[1] < 0.6 * read[0]
