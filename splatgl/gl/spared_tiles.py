@@ -154,8 +154,9 @@ class SparedTiles(SheetTiles):
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
         held = self.placed.held
         if held is None or held[0] is not texels or held[1] != which:
+            count = super()._place(plan, texels, which)
             self.placed.held = texels, which
-            return super()._place(plan, texels, which)
+            return count
         self.placed.use()
         return which[1] - which[0]
 
@@ -174,8 +175,9 @@ class SparedTiles(SheetTiles):
             super()._add_up_all(target, plan, lists)
             return
         self.placed.lists, self.placed.last = lists, self.last
-        self.parts.append((self.band.window, self.placed))
         super()._add_up_all(target, plan, lists[~self.band.closed[lists[:, 0]]])
+        # only now: a cancelled picture keeps what is placed in one place
+        self.parts.append((self.band.window, self.placed))
         self.placed = self.spare.pop() if self.spare else Placed()
 
     def _draw_needed(self, target: Target, plan: Plan, band: Band, needed: np.ndarray) -> None:
@@ -197,6 +199,8 @@ class SparedTiles(SheetTiles):
             lists = np.stack([tiles[inside], *ends, np.zeros_like(ends[0])], axis=1)
             self.placed, self.last = placed, placed.last
             placed.use()
-            self._add_up_all(target, plan, lists.astype(np.uint32))
-        self.placed = own
+            try:
+                self._add_up_all(target, plan, lists.astype(np.uint32))
+            finally:
+                self.placed = own
         self._flush(target, plan)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.gl import spared_tiles, tiles
 from splatgl.gl.context import current
 from splatgl.gl.spared_tiles import SingleSamples
 from splatgl.reference.blend import spared_means, tile_errors
@@ -59,6 +61,22 @@ def test_differ_little_from_all_samples(renderer: sg.Renderer, ball: sg.Splats) 
     if renderer.passes.sheets.single is not None:
         assert (found == one).all(axis=2)[right[..., 3] > 0].mean() > 0.25
         assert renderer.plan(ball, camera).resolved.allowed == SPARED_SHARE * tolerance
+
+
+def test_cancelled_pictures_leave_no_trace(
+    renderer: sg.Renderer, ball: sg.Splats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cancelled between any two dispatches of either pass, in several bands; then more bands than there were parts."""
+    monkeypatch.setattr(tiles, "ENTRIES", 200)
+    monkeypatch.setattr(spared_tiles, "MOST_PIXELS", 72 * 24)
+    camera = sg.Camera.orbit(ball, 30, 20, size=(72, 72))
+    asked: list[bool] = []
+    right = renderer.render(ball, camera, interrupted=lambda: asked.append(False) or False, verify_bound=False).pixels
+    for allowed in range(0, len(asked), len(asked) // 9):
+        answers = iter([False] * allowed + [True])
+        with pytest.raises(sg.Interrupted):
+            renderer.render(ball, camera, interrupted=partial(next, answers), verify_bound=False)
+        assert (renderer.render(ball, camera, verify_bound=False).pixels == right).all()
 
 
 def test_no_flicker(renderer: sg.Renderer, ball: sg.Splats) -> None:

@@ -22,7 +22,8 @@ from typing import Any
 # for a sitecustomize.py, which each Python imports first
 HIDDEN = """
 import os, pathlib, signal, sys
-for name in ("resource", "fcntl", "pwd", "grp", "termios", "tty", "pty", "psutil"):
+# colorama calls a console that only Windows has
+for name in ("resource", "fcntl", "pwd", "grp", "termios", "tty", "pty", "psutil", "colorama"):
     sys.modules[name] = None
 for name in ("sysconf", "fork", "register_at_fork", "sched_getaffinity", "getuid", "geteuid", "getgid", "getpgid",
              "killpg", "chown", "fchmod", "mkfifo", "statvfs", "getloadavg", "RTLD_NOLOAD"):
