@@ -127,7 +127,7 @@ def _commits(file: Path) -> Iterator[tuple[str, str, str, np.ndarray]]:
 
 
 def _git(folder: Path, *arguments: str) -> bytes:
-    """What git prints in a folder; empty where it fails or is missing."""
+    """Output of a git command in a folder; empty if git fails or is missing."""
     try:
         command = ["git", "-C", str(folder), *arguments]
         return subprocess.run(command, capture_output=True, check=True, timeout=GIT_SECONDS).stdout

@@ -76,7 +76,7 @@ WINDOW = 49
 
 @dataclass(frozen=True)
 class Criteria:
-    """What is compared, and how.
+    """Options of a comparison.
 
     extra: metrics besides those with a limit. mask: bool [H, W], the pixels to compare. ignore: rectangles that are not
     compared: left, top, width, height. antialiased: whether pixels that smooth an edge are compared. any_mode: whether
@@ -179,7 +179,7 @@ class Verdict:
 
     @property
     def what(self) -> str:
-        """What changed, in words."""
+        """The change in words."""
         kind = self.kind.text if self.kind else "the same"
         return f"{self.sizes}; of what both have, {self.comparison.pixels} pixels: {kind}" if self.sizes else kind
 

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
 import moderngl
@@ -26,6 +26,7 @@ SORTED_BYTES = 2**25
 # records per upload of words, a multiple of ABREAST
 PART = 2**20
 
+K = TypeVar("K")
 # name, buffer, int or float, moderngl's format, offset and stride in bytes
 Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
 # attributes of four words of a record each; the attribute in_rest has the remaining words
@@ -302,6 +303,16 @@ def order_texture(ctx: moderngl.Context, old: moderngl.Texture | None, count: in
     order = ctx.texture((ABREAST, uneven(height)), 1, dtype="u4")
     order.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return order
+
+
+def grow_buffer(ctx: moderngl.Context, buffers: dict[K, moderngl.Buffer], key: K, size: int) -> moderngl.Buffer:
+    """Returns a buffer of at least `size` bytes from `buffers`; replaces a smaller one by an empty one."""
+    buffer = buffers.get(key)
+    if buffer is None or buffer.size < size:
+        if buffer is not None:
+            buffer.release()
+        buffer = buffers[key] = ctx.buffer(reserve=size)
+    return buffer
 
 
 def clear_buffer(buffer: moderngl.Buffer, size: int | None = None) -> None:

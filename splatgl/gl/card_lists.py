@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Texels, clear_buffer, most_block, order_texture
+from splatgl.gl.buffers import Texels, clear_buffer, grow_buffer, most_block, order_texture
 from splatgl.gl.features import Uniforms
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CLOSED, SORT_BLOCK, SORT_LANES
@@ -191,9 +191,4 @@ class CardLists:
 
     def _buffer(self, name: str, size: int) -> moderngl.Buffer:
         """Returns a buffer of at least `size` bytes; a larger one than before is empty."""
-        buffer = self.buffers.get(name)
-        if buffer is None or buffer.size < size:
-            if buffer is not None:
-                buffer.release()
-            buffer = self.buffers[name] = self.ctx.buffer(reserve=size)
-        return buffer
+        return grow_buffer(self.ctx, self.buffers, name, size)

@@ -17,6 +17,7 @@ from splatgl.gl.buffers import (
     SplatBuffers,
     Texels,
     clear_buffer,
+    grow_buffer,
     most_block,
     order_texture,
 )
@@ -474,10 +475,6 @@ class SheetOrder:
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """Returns a storage buffer of at least `size` bytes, and binds it."""
-        storage = self.buffers.get(binding)
-        if storage is None or storage.size < size:
-            if storage is not None:
-                storage.release()
-            storage = self.buffers[binding] = self.ctx.buffer(reserve=size)
+        storage = grow_buffer(self.ctx, self.buffers, binding, size)
         storage.bind_to_storage_buffer(binding)
         return storage

@@ -14,7 +14,7 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, clear_buffer, uneven
+from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, clear_buffer, grow_buffer, uneven
 from splatgl.gl.card_lists import MOST_BAND, MOST_SPLATS, CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.program import Programs, set_uniforms
@@ -357,11 +357,7 @@ class Tiles:
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """Returns a storage buffer of at least `size` bytes, and binds it."""
-        storage = self.buffers.get(binding)
-        if storage is None or storage.size < size:
-            if storage is not None:
-                storage.release()
-            storage = self.buffers[binding] = self.ctx.buffer(reserve=size)
+        storage = grow_buffer(self.ctx, self.buffers, binding, size)
         storage.bind_to_storage_buffer(binding)
         return storage
 

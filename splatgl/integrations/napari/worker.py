@@ -39,8 +39,8 @@ _LENGTH = struct.Struct("<Q")
 
 @dataclass(frozen=True)
 class Answer:
-    """What a worker says of a job. state: preview, done, cancelled or error. image: the picture so far, and its samples
-    uint8 [H, W, 3], sRGB. share: of the whole work, estimated; seconds: so far.
+    """Message of a worker on a job. state: preview, done, cancelled or error. image: the picture so far, and its
+    samples, uint8 [H, W, 3], sRGB. share: of the whole work, estimated; seconds: so far.
     """
 
     job: int

@@ -109,7 +109,7 @@ def blocks(results: Results) -> Iterator[Block]:
 
 @dataclass(frozen=True)
 class Choice:
-    """What to draw with for a purpose: default, previews or print."""
+    """A method that is recommended for a purpose: default, previews or print."""
 
     purpose: str
     point: Point
@@ -136,7 +136,7 @@ def deciding_truth(scene: SceneResults) -> str:
 
 
 def choices(scene: SceneResults) -> tuple[Choice, ...]:
-    """What to draw a scene with: the default; for previews the fastest that errs little more; for print the most right.
+    """Methods that are recommended for a scene: the default, a fast one for previews, the most accurate one for print.
 
     Empty if the default was not measured. What is no better than the default is the default.
     """
@@ -154,7 +154,7 @@ def choices(scene: SceneResults) -> tuple[Choice, ...]:
 
 
 def _decide(results: Results) -> Iterator[Block]:
-    """What to take, in one sentence a scene and a table."""
+    """Recommendation in one sentence a scene, and a table."""
     rows, sentences = [], []
     several = len(results.scenes) > 1
     for scene in results.scenes:
