@@ -12,9 +12,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
-import subprocess
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
@@ -33,7 +30,7 @@ from splatgl.data.affine import (
     value_unit_name,
 )
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, InputError, expected, import_extra
+from splatgl.errors import Choice, expected
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, ChannelSet
 from splatgl.readers.chunked import Chunked, OneFile, Packing
@@ -45,6 +42,18 @@ from splatgl.readers.common import (
     map_array,
     require_bytes,
     require_plausible,
+)
+from splatgl.readers.hdf5_files import (
+    MOST_VALUES,
+    attribute_numbers,
+    attribute_text,
+    attribute_texts,
+    dimension_scales,
+    external_error,
+    find_datasets,
+    find_node,
+    has_real_numbers,
+    open_hdf5,
 )
 from splatgl.readers.options import LoadOptions
 
@@ -293,147 +302,6 @@ _GZIP = 1
 
 # least bytes that are read together, if the file's chunks are smaller
 _PART_BYTES = 2**20
-# most objects that are visited, soft links to one object, and numbers of an attribute or a dimension scale
-_MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
-_PROBE = Path(__file__).with_name("hdf5_probe.py")
-
-# seconds until the probe of a file is ended, which limits its processor time itself where the system can
-_PROBE_TIMEOUT = 60.0
-# files that passed the probe: path, bytes, time
-_PROBED: set[tuple[str, int, int]] = set()
-
-
-def open_hdf5(path: Path) -> Any:
-    """The file in h5py, for reading."""
-    h5py = import_extra("h5py", "HDF5 files", "h5py", "readers")
-    _probe(path)
-    with decoder_errors("HDF5"):
-        return h5py.File(path, "r", locking=False)
-
-
-def _probe(path: Path) -> None:
-    """Raises InputError if HDF5's C library crashes or loops on the file; tried in another process, once per file."""
-    status = path.stat()
-    key = (str(path.resolve()), status.st_size, status.st_mtime_ns)
-    if key in _PROBED:
-        return
-    # -P: the folder of the script holds modules with common names
-    run = [sys.executable, "-P", str(_PROBE), str(path)]
-    none, out = subprocess.DEVNULL, subprocess.PIPE
-    # no console of Windows for a program without one
-    flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
-    try:
-        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PROBE_TIMEOUT, creationflags=flags)
-        # a probe that failed before it opened the file proves nothing
-        failed = ended.returncode != 0 and bool(ended.stdout)
-    except subprocess.TimeoutExpired:
-        failed = True
-    except OSError:
-        # the program that Python is embedded in, or none
-        failed = False
-    if failed:
-        raise InputError("cannot be read as HDF5: its library fails on the file, which may be damaged")
-    _PROBED.add(key)
-
-
-def find_datasets(file: Any) -> dict[str, Any]:
-    """All datasets of the file itself by name. Raises InputError for very many objects."""
-    import h5py
-
-    nodes, visited = dict[str, Any](), 0
-
-    def look(name: str, node: Any) -> None:
-        nonlocal visited
-        visited += 1
-        if visited > _MOST_OBJECTS:
-            raise expected("file", f"at most {_MOST_OBJECTS} groups and datasets", "more", "name one by array=/…")
-        if isinstance(node, h5py.Dataset):
-            nodes["/" + name] = node
-
-    file.visititems(look)
-    return nodes
-
-
-def find_node(file: Any, name: str, anywhere: bool) -> Any:
-    """The group or dataset of that name, None without one. Raises InputError for another file's, if not `anywhere`."""
-    import h5py
-
-    node, parts, links = file, [part for part in name.split("/") if part not in ("", ".")], 0
-    while parts:
-        if not isinstance(node, h5py.Group):
-            return None
-        part = parts.pop(0)
-        link = node.get(part, getlink=True)
-        if isinstance(link, h5py.ExternalLink) and not anywhere:
-            raise _external_error(name, link.filename)
-        if isinstance(link, h5py.SoftLink):
-            links += 1
-            if links > _MOST_LINKS:
-                raise expected(name, f"at most {_MOST_LINKS} links that lead there", "more")
-            node = file if link.path.startswith("/") else node
-            parts = [step for step in link.path.split("/") if step not in ("", ".")] + parts
-            continue
-        node = node.get(part)
-    return node
-
-
-def _read_attribute(node: Any, name: str) -> np.ndarray:
-    """An attribute's values, flat; [] without any. Raises InputError for very many."""
-    if name not in node.attrs:
-        return np.zeros(0, "S1")
-    attribute = node.attrs.get_id(name)
-    if math.prod(attribute.shape or ()) > MOST_VALUES:
-        raise expected(name, f"at most {MOST_VALUES} values", attribute.shape)
-    return np.asarray(node.attrs[name]).ravel()
-
-
-def attribute_numbers(node: Any, name: str) -> np.ndarray | None:
-    """An attribute's real numbers, also from text, flat; None without numbers."""
-    if name not in node.attrs:
-        return None
-    values = _read_attribute(node, name)
-    if values.dtype.kind in "buif":
-        return values.astype(np.float64)
-    try:
-        return np.array(attribute_text(node, name).replace(",", " ").split(), np.float64)
-    except ValueError:
-        return None
-
-
-def dimension_scales(dataset: Any) -> list[Any]:
-    """The first dimension scale of each axis, None for an axis without one; [] if no axis has one.
-
-    Read from the attribute that names them: HDF5's own functions loop on damaged ones.
-    """
-    import h5py
-
-    if "DIMENSION_LIST" not in dataset.attrs or dataset.attrs.get_id("DIMENSION_LIST").shape != (len(dataset.shape),):
-        return []
-    references = [np.asarray(entry).ravel() for entry in dataset.attrs["DIMENSION_LIST"]]
-    nodes = [
-        dataset.file[reference[0]] if reference.size and isinstance(reference[0], h5py.Reference) else None
-        for reference in references
-    ]
-    return [node if isinstance(node, h5py.Dataset) else None for node in nodes]
-
-
-def attribute_texts(node: Any, name: str) -> list[str]:
-    """An attribute's texts, [] without any."""
-    values = _read_attribute(node, name).tolist()
-    return [value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) for value in values]
-
-
-def attribute_text(node: Any, name: str) -> str:
-    """An attribute's text, also from an array of letters; "" without one."""
-    return "".join(attribute_texts(node, name))
-
-
-def has_real_numbers(dataset: Any) -> bool:
-    """Whether a dataset has real numbers, of a type that numpy knows."""
-    try:
-        return dataset.dtype.kind in "buif" and dataset.shape is not None
-    except (TypeError, ValueError, RuntimeError, OverflowError):
-        return False
 
 
 def read_samples(
@@ -461,7 +329,7 @@ def read_samples(
 def _check_storage(dataset: Any, anywhere: bool) -> None:
     """Raises InputError for data in other files, for filters with unbounded results, and for very large chunks."""
     if not anywhere and (dataset.external or dataset.is_virtual):
-        raise _external_error(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
+        raise external_error(dataset.name, dataset.external[0][0] if dataset.external else "a virtual dataset")
     stated = dataset.id.get_create_plist()
     codes = [stated.get_filter(number)[0] for number in range(stated.get_nfilters())]
     unknown = [str(code) for code in codes if code not in _FILTERS]
@@ -473,11 +341,6 @@ def _check_storage(dataset: Any, anywhere: bool) -> None:
     if chunk > MAX_BYTES:
         fix = "repack it with smaller ones: h5repack -l CHUNK=64x64x64 OLD NEW"
         raise expected("chunks", f"at most {MAX_BYTES} bytes each", chunk, fix)
-
-
-def _external_error(name: str, where: str) -> InputError:
-    fix = "copy it there with h5repack, or say --anywhere if you trust it"
-    return expected(name, "data in this file", f"data elsewhere ({where})", fix)
 
 
 class _DatasetPart(OneFile):

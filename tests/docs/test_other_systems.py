@@ -145,7 +145,7 @@ def test_a_file_is_drawn(tmp_path: Path, elsewhere: dict[str, str]) -> None:
 
 def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the process that waits, where none can limit its own time; one that can't start says nothing of the file."""
-    hdf5_file = pytest.importorskip("splatgl.readers.hdf5")
+    hdf5_file = pytest.importorskip("splatgl.readers.hdf5_files")
     file, probe = tmp_path / "v.h5", tmp_path / "probe.py"
     file.write_bytes(b"v")
     monkeypatch.setattr(hdf5_file, "_PROBE", probe)
@@ -166,7 +166,7 @@ def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: py
 def test_the_look_at_hdf5_is_limited_where_it_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
     """macOS refuses some limits; Windows has none, but windows that tell of a crash, and wait for a click."""
     pytest.importorskip("h5py")
-    from splatgl.readers import hdf5, hdf5_probe
+    from splatgl.readers import hdf5_files, hdf5_probe
 
     limited, modes = dict[str, tuple[int, int]](), list[int]()
 
@@ -178,7 +178,7 @@ def test_the_look_at_hdf5_is_limited_where_it_can_be(monkeypatch: pytest.MonkeyP
     there = SimpleNamespace(RLIMIT_CPU="time", RLIMIT_AS="memory", RLIMIT_CORE="dump", setrlimit=limit)
     monkeypatch.setattr(hdf5_probe, "resource", there)
     hdf5_probe.limit_process()
-    assert limited == {"time": (3, 3), "dump": (0, 0)} and hdf5._PROBE_TIMEOUT == 60.0
+    assert limited == {"time": (3, 3), "dump": (0, 0)} and hdf5_files._PROBE_TIMEOUT == 60.0
     kernel = SimpleNamespace(SetErrorMode=modes.append)
     monkeypatch.setattr(ctypes, "windll", SimpleNamespace(kernel32=kernel), raising=False)
     monkeypatch.setattr(sys, "platform", "win32")

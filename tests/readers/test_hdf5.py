@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.readers import hdf5, load
+from splatgl.readers import hdf5_files, load
 from splatgl.readers.chunked import Chunked
 from splatgl.readers.common import is_mapped
 from splatgl.readers.hdf5 import _SPACINGS
@@ -163,7 +163,7 @@ def test_files_on_which_the_library_fails_are_refused(tmp_path: Path, monkeypatc
     crash = tmp_path / "crash.py"
     crash.write_text("import os\nprint(1, flush=True)\nos.abort()\n")
     path = save(tmp_path / "a.h5")
-    monkeypatch.setattr(hdf5, "_PROBE", crash)
+    monkeypatch.setattr(hdf5_files, "_PROBE", crash)
     with pytest.raises(InputError, match="its library fails on the file"):
         load(path)
 
