@@ -22,7 +22,7 @@ import splatgl as sg
 from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice
-from splatgl.readers import hdf5, list_volumes
+from splatgl.readers import hdf5_files, list_volumes
 from splatgl.scene.scene_file import SceneFile
 
 TOUCH = 2**22
@@ -142,12 +142,12 @@ def quick_looks() -> None:
         os.write(theirs, os.fsencode(command[-1]) + b"\0")
         return SimpleNamespace(returncode=int(os.read(answers, 16)), stdout=b"looking")
 
-    hdf5.subprocess = SimpleNamespace(run=run, DEVNULL=None, PIPE=None)  # type: ignore[assignment, attr-defined]
+    hdf5_files.subprocess = SimpleNamespace(run=run, DEVNULL=None, PIPE=None)  # type: ignore[assignment, attr-defined]
 
 
 def _serve(ours: int, answer: int) -> None:
     """Answers each path with the exit status of a look, until the pipe is closed."""
-    script = str(Path(hdf5.__file__).with_name("hdf5_probe.py"))
+    script = str(Path(hdf5_files.__file__).with_name("hdf5_probe.py"))
     silent = os.open(os.devnull, os.O_RDWR)
     for number in (0, 1, 2):
         os.dup2(silent, number)

@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.readers import hdf5_files, load
+from splatgl.readers import hdf5, hdf5_files, load
 from splatgl.readers.chunked import Chunked
 from splatgl.readers.common import is_mapped
 from splatgl.readers.hdf5 import _SPACINGS
