@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,14 +11,17 @@ import numpy as np
 
 from splatgl.data.volume import Triple, Volume, triple
 from splatgl.errors import expected
-from splatgl.fileio import WHOLE_BYTES, byte_count
+from splatgl.fileio import WHOLE_BYTES, budget, byte_count
 
-# deviation from even steps, in steps: coordinates are often written with few digits
-_MOST_UNEVEN = 1e-3
-# the same of axes that can be resampled: smaller deviations are not worth it
+# deviation from even steps, in steps, that is not resampled: coordinates are often written with few digits
 _NEARLY_EVEN = 0.01
-# most resampled planes per plane of an uneven axis: ocean levels are from 1 m to 200 m apart
-_MOST_PLANES = 8
+# most voxels of a resampled grid: so many per sample, or the absolute number, within the share of the memory budget
+# of so many bytes per voxel
+_MOST_FINER, _FREE_VOXELS, _VOXEL_BYTES = 8, 2**25, 32
+# most planes along an axis
+_MOST_PLANES = 2**31
+# samples of uneven axes whose resampled values are compared with them
+_MOST_COMPARED = 2**22
 
 # kinds of axes by their names, lower case
 _NAMES = {
@@ -72,26 +76,66 @@ class Coordinate:
 @dataclass(frozen=True)
 class Lattice:
     """matrix: world-from-index [3, 3]; origin (x, y, z); unit of length. between: fractional sample indices of the
-    resampled planes along z, y, x, or None. notes: on resampled axes and on scaled ones.
+    resampled planes along z, y, x, or None; at: fractional plane indices of the samples. notes: on resampled axes, in
+    one line, and on scaled ones.
     """
 
     matrix: np.ndarray
     origin: list[float]
     unit: str
     between: tuple[np.ndarray | None, ...]
+    at: tuple[np.ndarray | None, ...]
     notes: tuple[str, ...]
 
     def resampled(self, samples: Any) -> Any:
-        """The samples [z, y, x] at the planes; read in parts if they take more than WHOLE_BYTES."""
+        """The samples [z, y, x, …] at the planes; read in parts if they take more than WHOLE_BYTES."""
         if all(places is None for places in self.between):
             return samples
-        resampled = Resampled(samples, self.between)
+        resampled = Resampled(samples, [*self.between, *[None] * (len(samples.shape) - 3)])
         return resampled if byte_count(resampled.shape, resampled.dtype) > WHOLE_BYTES else resampled[()]
 
     def volume(self, samples: Any, what: str, **more: Any) -> Volume:
         """The volume of samples [z, y, x] on this grid. what: the grid's name in messages; more: fields of `Volume`."""
-        notes, unit = self.notes, self.unit
-        return volume_on_grid(self.resampled(samples), self.matrix, self.origin, what, notes=notes, unit=unit, **more)
+        resampled, notes = self.resampled(samples), list(self.notes)
+        if resampled is not samples:
+            notes[0] += f"; {self._describe_error(samples, resampled)}"
+        notes += more.pop("notes", ())
+        return volume_on_grid(resampled, self.matrix, self.origin, what, notes=tuple(notes), unit=self.unit, **more)
+
+    def _describe_error(self, samples: Any, resampled: Any) -> str:
+        """The error of resampled values, linear between planes, at the samples' own places; of large ones in a box
+        around the middle.
+        """
+        # 1. the whole of uneven axes, as much of the others as fits
+        sizes, most = list(samples.shape), _MOST_COMPARED
+        for axis in sorted(range(3), key=lambda axis: self.at[axis] is None):
+            sizes[axis] = min(sizes[axis], max(most, 1))
+            most //= sizes[axis]
+        low = [(whole - size) // 2 for whole, size in zip(samples.shape, sizes, strict=True)]
+        own = np.asarray(samples[tuple(slice(a, a + size) for a, size in zip(low, sizes, strict=True))], np.float64)
+        # 2. the planes around them, and the values between these
+        places = [
+            np.arange(a, a + size, dtype=float) if at is None else at[a : a + size]
+            for a, size, at in zip(low, sizes, self.at, strict=True)
+        ]
+        first = [int(each[0]) for each in places]
+        back = np.asarray(
+            resampled[tuple(slice(a, int(np.ceil(each[-1])) + 1) for a, each in zip(first, places, strict=True))]
+        )
+        back = back.astype(np.float64)
+        for axis, each in enumerate(places):
+            if self.at[axis] is not None:
+                back = np.moveaxis(interpolate_planes(np.moveaxis(back, axis, 0), each - first[axis]), 0, axis)
+        return describe_error(back, own, "" if own.size == math.prod(samples.shape) else " in its middle")
+
+
+def describe_error(resampled: np.ndarray, own: np.ndarray, where: str = "") -> str:
+    """RMSE of resampled values at a grid's own points in per cent of the range of its values, as text."""
+    finite = np.isfinite(resampled) & np.isfinite(own)
+    span = float(np.ptp(own[finite])) if finite.any() else 0.0
+    rmse = float(np.sqrt(np.mean((resampled[finite] - own[finite]) ** 2))) / span if span else 0.0
+    # less is rounding
+    return f"RMSE at its own points{where} {100 * rmse * (rmse > 1e-6):.2g} % of the range"
 
 
 def volume_on_grid(samples: Any, matrix: np.ndarray, origin: Any, what: str, **more: Any) -> Volume:
@@ -119,38 +163,28 @@ def axis_kind(name: str, attributes: Mapping[str, Any]) -> str:
     return next((kind for kind, names in _NAMES.items() if name.lower() in names), "")
 
 
-def even_steps(places: np.ndarray, what: str, fix: str) -> tuple[float, float]:
-    """(first coordinate, step) of samples at `places` [N]; the step is NaN for one sample, negative for falling ones.
-
-    Raises InputError, which ends with `fix`, for steps that differ by more than _MOST_UNEVEN, or float32 rounding.
-    """
-    coordinates = _check_finite(places, what)
-    if coordinates.size == 1:
-        return float(coordinates[0]), float("nan")
-    step = (coordinates[-1] - coordinates[0]) / (coordinates.size - 1)
-    if step == 0 or _unevenness(coordinates) > max(_MOST_UNEVEN * abs(step), 1e-6 * np.abs(coordinates).max()):
-        steps = np.diff(coordinates)
-        raise expected(what, "even steps", f"steps from {steps.min():.6g} to {steps.max():.6g}", fix)
-    return float(coordinates[0]), float(step)
-
-
 def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -> Lattice:
     """The grid of axes z, y, x: axes that point down run down, uneven coordinates are resampled at their least step,
-    and axes of different units are scaled. of: name of the samples. even: assume even coordinates of step 1.
+    as far as memory permits, and axes of different units are scaled. of: name of the samples. even: assume even
+    coordinates of step 1.
 
     Raises InputError for coordinates that neither rise nor fall throughout.
     """
     notes: list[str] = []
-    starts, steps, between = [], [], list[np.ndarray | None]()
-    for axis in axes:
+    starts, steps = list[float](), list[float]()
+    between, at = list[np.ndarray | None](), list[np.ndarray | None]()
+    every = [np.arange(axis.size) if axis.places is None else np.asarray(axis.places, np.float64) for axis in axes]
+    counts = _plane_counts(every)
+    for axis, places, count in zip(axes, every, counts, strict=True):
         what = f"{axis.name} of {of}" if of else f"coordinate {axis.name}"
-        places = np.arange(axis.size) if axis.places is None else np.asarray(axis.places, np.float64)
-        start, step, planes, note = _regular_steps(places, what, axis, even)
+        start, step, planes, note = _regular_steps(places, what, axis, 0 if even else count)
         sign = -1.0 if axis.is_down else 1.0
         starts.append(sign * start)
         steps.append(sign * step)
         between.append(planes)
+        at.append(None if planes is None else np.abs(places - places[0]) / abs(step))
         notes += [note] * bool(note)
+    notes = ["; ".join(notes)] * bool(notes)
     factors, unit = [1.0] * 3, ""
     if not even:
         counts = [axis.size if planes is None else len(planes) for axis, planes in zip(axes, between, strict=True)]
@@ -162,33 +196,58 @@ def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -
     known = [abs(step) for step in scaled_steps if np.isfinite(step)] or [1.0]
     scaled_steps = [step if np.isfinite(step) else min(known) for step in scaled_steps]
     origin = [0.0] * 3 if even else [start * factor for start, factor in zip(starts, factors, strict=True)]
-    return Lattice(np.diag(scaled_steps[::-1]), origin[::-1], unit, tuple(between), tuple(notes))
+    return Lattice(np.diag(scaled_steps[::-1]), origin[::-1], unit, tuple(between), tuple(at), tuple(notes))
+
+
+def _plane_counts(every: Sequence[np.ndarray]) -> list[int]:
+    """The number of planes along each axis of coordinates [N]: of uneven ones at their least step, fewer if these are
+    too many for memory.
+    """
+    own = [len(places) for places in every]
+    counts = list(own)
+    for axis, places in enumerate(every):
+        if _is_monotonic(places) and not _is_even(places):
+            least = float(np.abs(np.diff(places)).min())
+            # hundredths of a step are rounding
+            counts[axis] = math.ceil(min(abs(float(places[-1] - places[0])) / least - 0.01, _MOST_PLANES)) + 1
+    most = min(max(_MOST_FINER * math.prod(own), _FREE_VOXELS), budget() // _VOXEL_BYTES)
+    # the largest number of planes per sample that fits, by bisection
+    low, high = 1.0, max(count / size for count, size in zip(counts, own, strict=True))
+
+    def limit(finer: float) -> list[int]:
+        return [max(min(count, int(finer * size)), size) for count, size in zip(counts, own, strict=True)]
+
+    if math.prod(counts) > most:
+        for _ in range(48):
+            middle = (low + high) / 2
+            low, high = (middle, high) if math.prod(limit(middle)) <= most else (low, middle)
+        return limit(low)
+    return counts
 
 
 def _regular_steps(
-    places: np.ndarray, what: str, axis: Coordinate, even: bool
+    places: np.ndarray, what: str, axis: Coordinate, count: int
 ) -> tuple[float, float, np.ndarray | None, str]:
-    """First coordinate, step, fractional indices of resampled planes of uneven coordinates or None, and a note."""
-    if even and not (np.isfinite(places).all() and _is_monotonic(places)):
+    """First coordinate, step, fractional indices of `count` planes of uneven coordinates or None, and a note.
+    count: 0 assumes even coordinates of step 1.
+    """
+    if not count and not (np.isfinite(places).all() and _is_monotonic(places)):
         return 0.0, 1.0, None, ""
     places = _check_finite(places, what)
     if len(places) == 1:
-        return float(places[0]), 1.0 if even else float("nan"), None, ""
+        return float(places[0]), float("nan") if count else 1.0, None, ""
     apart = np.diff(places)
     if not _is_monotonic(places):
         got = f"steps from {apart.min():.6g} to {apart.max():.6g}"
         raise expected(what, "coordinates that rise or fall throughout", got, "give spacing=(x, y, z)")
-    step = float((places[-1] - places[0]) / (len(places) - 1))
-    is_even = _unevenness(places) <= max(_NEARLY_EVEN * abs(step), 1e-6 * float(np.abs(places).max()))
-    sizes = f"{np.abs(apart).min():.4g} to {np.abs(apart).max():.4g} {axis.unit}".strip()
-    if even:
-        return 0.0, float(np.sign(step)), None, "" if is_even else f"{axis.name}: steps of {sizes} are drawn as even"
-    if is_even:
-        return float(places[0]), step, None, ""
     span = float(places[-1] - places[0])
-    count = min(round(abs(span) / float(np.abs(apart).min())) + 1, _MOST_PLANES * len(places))
-    distances = np.linspace(0, abs(span), count)
-    planes = np.interp(distances, np.abs(places - places[0]), np.arange(len(places)))
+    sizes = f"{np.abs(apart).min():.4g} to {np.abs(apart).max():.4g} {axis.unit}".strip()
+    if not count:
+        note = "" if _is_even(places) else f"{axis.name}: steps of {sizes} are drawn as even"
+        return 0.0, float(np.sign(span)), None, note
+    if _is_even(places):
+        return float(places[0]), span / (len(places) - 1), None, ""
+    planes = np.interp(np.linspace(0, abs(span), count), np.abs(places - places[0]), np.arange(len(places)))
     step = span / (count - 1)
     note = f"{axis.name}: {len(places)} samples in steps of {sizes}, resampled every {abs(step):.4g} {axis.unit}"
     return float(places[0]), step, planes, note.strip()
@@ -237,9 +296,10 @@ def _is_monotonic(places: np.ndarray) -> bool:
     return bool((apart > 0).all() or (apart < 0).all())
 
 
-def _unevenness(places: np.ndarray) -> float:
-    """Largest distance of coordinates from even ones between the same ends."""
-    return float(np.abs(places - np.linspace(places[0], places[-1], len(places))).max())
+def _is_even(places: np.ndarray) -> bool:
+    """Whether coordinates are nearly those of even steps between the same ends, or as near as float32 permits."""
+    even, step = np.linspace(places[0], places[-1], len(places)), (places[-1] - places[0]) / max(len(places) - 1, 1)
+    return bool(np.abs(places - even).max() <= max(_NEARLY_EVEN * abs(step), 1e-6 * float(np.abs(places).max())))
 
 
 def interpolate_planes(planes: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Legacy VTK files (.vtk) with structured points, and the selection of arrays for all VTK files.
+"""Legacy VTK files (.vtk) with structured points or a rectilinear grid, and the selection of arrays for all VTK files.
 
 Format: "VTK File Formats", docs.vtk.org; x runs fastest.
 """
@@ -14,6 +14,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count
@@ -53,6 +54,17 @@ class Selection:
         return Volume(
             self.samples, spacing, origin, direction, vectors=self.vectors, hints=self.hints, notes=self.notes
         )
+
+    def rectilinear(self, places: Sequence[np.ndarray], even: bool) -> Volume:
+        """The volume on a rectilinear grid, resampled if it is uneven. places: coordinates of points along x, y, z.
+
+        even: whether to take the steps for even.
+        """
+        centres = [(each[1:] + each[:-1]) / 2 if self.of_cells and len(each) > 1 else each for each in places]
+        axes = [Coordinate(name, len(each), each) for name, each in zip("zyx", centres[::-1], strict=True)]
+        grid = make_lattice(axes, even=even)
+        vectors = None if self.vectors is None else np.asarray(grid.resampled(self.vectors))
+        return grid.volume(self.samples, "coordinates", vectors=vectors, hints=self.hints, notes=self.notes)
 
 
 def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], options: LoadOptions) -> Selection:
@@ -142,6 +154,7 @@ class _Parser:
     file: BinaryIO
     binary: bool
     grid: dict[str, Words] = field(default_factory=dict)
+    coordinates: dict[str, Callable[[], np.ndarray]] = field(default_factory=dict)
     count: int = 0
     of_points: bool = False
     points: list[PointArray] = field(default_factory=list)
@@ -202,6 +215,11 @@ def read(path: Path, options: LoadOptions) -> Volume:
         while words := parser.words():
             _section(parser, words)
     choice, grid = select_arrays(parser.points, parser.cells, options), parser.grid
+    if parser.coordinates:
+        if sorted(parser.coordinates) != list("XYZ"):
+            raise expected("RECTILINEAR_GRID", "X_, Y_ and Z_COORDINATES", ", ".join(parser.coordinates))
+        places = [np.asarray(parser.coordinates[axis](), np.float64) for axis in "XYZ"]
+        return choice.rectilinear(places, even=options.spacing is not None)
     steps = grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"]))
     spacing = triple(convert_words(steps, float, "SPACING"), "SPACING")
     origin = triple(convert_words(grid.get("ORIGIN", ["0", "0", "0"]), float, "ORIGIN"), "ORIGIN")
@@ -226,10 +244,16 @@ def _section(parser: _Parser, words: Words) -> None:
     """Parses one keyword and its data."""
     keyword, rest = words[0].upper(), words[1:]
     if keyword == "DATASET":
-        if rest[:1] != ["STRUCTURED_POINTS"]:
-            raise expected("DATASET", "STRUCTURED_POINTS", " ".join(rest), "resample it to an image first")
+        if rest[:1] not in (["STRUCTURED_POINTS"], ["RECTILINEAR_GRID"]):
+            fix = "resample it to an image first"
+            raise expected("DATASET", "STRUCTURED_POINTS or RECTILINEAR_GRID", " ".join(rest), fix)
     elif keyword in ("DIMENSIONS", "SPACING", "ASPECT_RATIO", "ORIGIN"):
         parser.grid[keyword] = rest
+    elif keyword in ("X_COORDINATES", "Y_COORDINATES", "Z_COORDINATES"):
+        count, along = _whole_numbers(rest[:1], keyword)[0], parser.shape()["ZYX".index(keyword[0])]
+        if count != along or len(rest) < 2:
+            raise expected(keyword, f"{along} numbers, as DIMENSIONS say, and their type", " ".join(rest))
+        parser.coordinates[keyword[0]] = parser.values(count, rest[1])
     elif keyword in ("POINT_DATA", "CELL_DATA"):
         parser.count, parser.of_points = _whole_numbers(rest[:1], keyword)[0], keyword == "POINT_DATA"
         points = math.prod(parser.shape())

@@ -2,7 +2,7 @@
 
 Samples belong to points or to cells, which are one fewer along each axis and half a step further. A point's index
 counts from index 0, not from the extent's lower end, and Direction is listed row by row. Rectilinear grids with uneven
-steps are refused: a volume has even steps, and resampled values are not the file's.
+steps are resampled.
 
 Format: "VTK XML file formats", docs.vtk.org.
 """
@@ -23,7 +23,7 @@ from xml.etree.ElementTree import XML, Element, TreeBuilder, XMLParser
 
 import numpy as np
 
-from splatgl.data.affine import even_steps, spacing_and_direction
+from splatgl.data.affine import spacing_and_direction
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
@@ -39,9 +39,7 @@ from splatgl.readers.common import (
     require_plausible,
 )
 from splatgl.readers.options import LoadOptions, converter
-from splatgl.readers.vtk_legacy import PointArray, cells_along, select_arrays
-
-_UNEVEN = "resample it with ParaView's filter Resample To Image"
+from splatgl.readers.vtk_legacy import PointArray, Selection, cells_along, select_arrays
 
 # world-from-index [3, 3], and the position of index (0, 0, 0)
 Grid = tuple[np.ndarray, np.ndarray]
@@ -51,7 +49,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a .vti or .vtr file; `array` names an array, the first vectors go to `Volume.vectors`."""
     file = parse_vtk(path, ("ImageData", "RectilinearGrid"))
     pieces, coordinates = _read_pieces(file)
-    return _volume(pieces, _grid(file, pieces, coordinates), options)
+    if file.kind == "RectilinearGrid":
+        return _rectilinear(pieces, coordinates, options)
+    return _volume(pieces, _grid(file), options)
 
 
 def read_parallel(path: Path, options: LoadOptions) -> Volume:
@@ -64,10 +64,8 @@ def read_parallel(path: Path, options: LoadOptions) -> Volume:
     parts = [_read_pieces(file) for file in files]
     pieces = [piece for piece_list, _ in parts for piece in piece_list]
     if parent.kind == "PRectilinearGrid":
-        return _volume(
-            pieces, _rectilinear(pieces, [coordinates for _, axes in parts for coordinates in axes]), options
-        )
-    grids = [_grid(file, piece_list, []) for file, (piece_list, _) in zip(files, parts, strict=True)]
+        return _rectilinear(pieces, [coordinates for _, axes in parts for coordinates in axes], options)
+    grids = [_grid(file) for file in files]
     if any(not np.allclose(grid[0], grids[0][0]) or not np.allclose(grid[1], grids[0][1]) for grid in grids):
         raise expected("pieces", "one spacing, origin and direction", "several", "merge them with ParaView")
     return _volume(pieces, grids[0], options)
@@ -112,18 +110,16 @@ def _read_coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointAr
     return [_read_array(file, array, (1, 1, count)) for array, count in zip(nodes, piece.shape[::-1], strict=True)]
 
 
-def _grid(file: VtkXml, pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
-    if file.kind == "RectilinearGrid":
-        return _rectilinear(pieces, coordinates)
+def _grid(file: VtkXml) -> Grid:
     image = file.root.find(file.kind)
     assert image is not None
     direction = np.array(parse_numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9)).reshape(3, 3)
     return direction * parse_numbers(image, "Spacing", "1 1 1", 3), np.array(parse_numbers(image, "Origin", "0 0 0", 3))
 
 
-def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]]) -> Grid:
-    """The grid of even coordinates; an axis of a single sample gets the least step of the others."""
-    steps, starts = [], []
+def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]], options: LoadOptions) -> Volume:
+    """The volume of a rectilinear grid. coordinates: of each piece along x, y, z."""
+    every = []
     for axis, name in enumerate("xyz"):
         first = min(piece.low[axis] for piece in pieces)
         count = max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) - first
@@ -133,20 +129,21 @@ def _rectilinear(pieces: list[Piece], coordinates: list[list[PointArray]]) -> Gr
         places = np.full(count, np.nan)
         for piece, part in zip(pieces, parts, strict=True):
             places[piece.low[axis] - first :][: part.size] = part
-        start, step = even_steps(places, f"coordinates along {name}", _UNEVEN)
-        steps.append(step)
-        starts.append((start, first))
-    known = [abs(step) for step in steps if np.isfinite(step)] or [1.0]
-    steps = [step if np.isfinite(step) else min(known) for step in steps]
-    return np.diag(steps), np.array([start - step * n for (start, n), step in zip(starts, steps, strict=True)])
+        every.append(places)
+    return _select(pieces, options)[0].rectilinear(every, even=options.spacing is not None)
+
+
+def _select(pieces: list[Piece], options: LoadOptions) -> tuple[Selection, Index]:
+    """The selected arrays of pieces, and the index of the first point."""
+    points, low = join_pieces(pieces, cells=False)
+    cells, _ = join_pieces(pieces, cells=True)
+    return select_arrays(points, cells, options), low
 
 
 def _volume(pieces: list[Piece], grid: Grid, options: LoadOptions) -> Volume:
     matrix, origin = grid
     spacing, direction = spacing_and_direction(matrix, "Direction and Spacing")
-    points, low = join_pieces(pieces, cells=False)
-    cells, _ = join_pieces(pieces, cells=True)
-    choice = select_arrays(points, cells, options)
+    choice, low = _select(pieces, options)
     # the place of the first sample
     counts = np.array([max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]) - low
     first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if choice.of_cells else 0.0)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from math import ceil
 from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import spacing_and_direction
+from splatgl.data.affine import Coordinate, make_lattice, spacing_and_direction
 from splatgl.data.arrays import ArrayOptions, check_samples
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, missing_extra
 
-# relative difference of the distances of an even axis
-EVEN = 1e-4
 # names of unnamed arrays
 VALUES, COLORS, VECTORS = "values", "colors", "vectors"
 
@@ -59,42 +56,16 @@ def volumes_from_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
     return [Volume(part, spacing, origin, direction, name=array.GetName() or "") for part in parts]
 
 
-# most samples along an axis of a resampled grid, as a multiple of those of the grid
-MOST_FINER = 4
-
-
 def _resample(grid: Any, array: Any, in_cells: bool) -> list[Volume]:
     """A volume for each component of an array of a vtkRectilinearGrid, linear between its samples at even distances."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
-    coordinates = (grid.GetXCoordinates(), grid.GetYCoordinates(), grid.GetZCoordinates())
-    axes = [vtk_to_numpy(axis).astype(np.float64) for axis in coordinates]
-    axes = [(axis[1:] + axis[:-1]) / 2 for axis in axes] if in_cells else axes
-    if min(map(len, axes)) < 2 or any((np.diff(axis) <= 0).any() for axis in axes):
-        raise expected("rectilinear grid", "at least two ascending coordinates along each axis", "others")
-    values = vtk_to_numpy(array).reshape(*(len(axis) for axis in axes[::-1]), -1)
-    steps, is_even = list[float](), True
-    for number, axis in enumerate(axes):
-        apart = np.diff(axis)
-        is_even_axis = bool(np.ptp(apart) <= EVEN * apart.mean())
-        is_even &= is_even_axis
-        parts = len(apart) if is_even_axis else min(ceil(np.ptp(axis) / apart.min() - EVEN), MOST_FINER * len(apart))
-        steps.append(float(np.ptp(axis)) / parts)
-        if not is_even_axis:
-            values = _interpolate(values, axis, axis[0] + steps[-1] * np.arange(parts + 1), 2 - number)
-    x, y, z = (float(axis[0]) for axis in axes)
-    spacing = triple(steps, "spacing")
-    notes = () if is_even else (f"an uneven grid, resampled every {' × '.join(f'{step:.4g}' for step in steps)}",)
-    samples = (check_samples(values[..., number], "array") for number in range(values.shape[3]))
-    return [Volume(part, spacing, (x, y, z), name=array.GetName() or "", notes=notes) for part in samples]
-
-
-def _interpolate(values: np.ndarray, axis: np.ndarray, at: np.ndarray, number: int) -> np.ndarray:
-    """Values [D, H, W, C], float32, linear at new coordinates along one of their axes."""
-    below = np.clip(np.searchsorted(axis, at, side="right") - 1, 0, len(axis) - 2)
-    share = np.clip((at - axis[below]) / (axis[below + 1] - axis[below]), 0.0, 1.0).astype(np.float32)
-    near, far = (values.take(below + side, number).astype(np.float32) for side in (0, 1))
-    return near + np.expand_dims(share, tuple(set(range(4)) - {number})) * (far - near)
+    places = [vtk_to_numpy(axis) for axis in (grid.GetZCoordinates(), grid.GetYCoordinates(), grid.GetXCoordinates())]
+    places = [(each[1:] + each[:-1]) / 2 if in_cells and len(each) > 1 else each for each in places]
+    lattice = make_lattice([Coordinate(name, len(each), each) for name, each in zip("zyx", places, strict=True)])
+    values = vtk_to_numpy(array).reshape(*map(len, places), -1)
+    parts = (check_samples(values[..., number], "array") for number in range(values.shape[3]))
+    return [lattice.volume(part, "rectilinear grid", name=array.GetName() or "") for part in parts]
 
 
 def image_data(volume: Volume) -> Any:
