@@ -34,11 +34,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
 
-Numbers = Sequence[float] | np.ndarray
+Numbers: TypeAlias = Sequence[float] | np.ndarray
 '''
 
 

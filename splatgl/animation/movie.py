@@ -74,8 +74,8 @@ def _write_video(
             shown = np.pad(shown, ((0, shown.shape[0] % 2), (0, shown.shape[1] % 2), (0, 0)), mode="edge")
             if stream is None:
                 stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001))
-                stream.height, stream.width, stream.pix_fmt = *shown.shape[:2], PIXELS
-                stream.options = options
+                stream.height, stream.width = shown.shape[:2]
+                stream.pix_fmt, stream.options = PIXELS, options
             container.mux(stream.encode(av.VideoFrame.from_ndarray(shown, format="rgb24")))
         container.mux(stream.encode(None))
 

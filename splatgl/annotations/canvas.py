@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -28,7 +28,7 @@ MIDDLE = 0.18
 EMPTY = 2e-3
 
 Color = tuple[float, float, float]
-Point = Sequence[float] | np.ndarray
+Point: TypeAlias = Sequence[float] | np.ndarray
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Rect:
 
 
 # changed pixels: a rectangle, a rectangle with the only patch on it, or indices of pixels
-Touched = Rect | np.ndarray | tuple[Rect, np.ndarray]
+Touched: TypeAlias = Rect | np.ndarray | tuple[Rect, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

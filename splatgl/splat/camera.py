@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import pyrr
@@ -31,7 +31,7 @@ LEAST_LENGTH, MOST_LENGTH = 1e-60, 1e60
 FAR = 1e15
 
 
-Vector = Sequence[float] | np.ndarray
+Vector: TypeAlias = Sequence[float] | np.ndarray
 
 
 class Bounded(Protocol):
