@@ -220,7 +220,6 @@ class Viewer:
         before = self.panel.touched
         consumed = bool(self.panel.event(kind, *values))
         if kind != "cursor" or self.window.held or before or self.panel.touched:
-            self.inputs += kind != "cursor" or self.window.held
             # the panel handles one event per frame and shows its effect in the next
             self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
         return consumed
@@ -616,8 +615,10 @@ class Viewer:
             self.say(self.reject_reason, PICTURE)
 
     def _is_interrupted(self, inputs: int) -> bool:
-        """Polls events during a frame; True after new input, which cancels it."""
+        """Polls events during a frame and shows the panel that they change; True after new input, which cancels it."""
         self.window.wait(0.0)
+        if self.dirty and self.inputs == inputs and self.panel is not None and self.state.panel:
+            self._redisplay()
         return self.inputs != inputs or self.window.closing
 
     def _compare(self) -> None:
@@ -636,12 +637,15 @@ class Viewer:
         doing = self.busy or self.pending_reason
         if self.painter.write(self.state, self.document, self.window.scale, doing, note):
             self.refresh()
-        if not self.dirty:
-            return
+        if self.dirty:
+            self._redisplay()
+            self.window.title(f"{self.document.volume.name} - splatgl - {doing or progress_text(self.painter.frame)}")
+
+    def _redisplay(self) -> None:
+        """Displays the latest image with the panel as it is now."""
         self.dirty -= 1
         self._compose()
         self.window.show()
-        self.window.title(f"{self.document.volume.name} - splatgl - {doing or progress_text(self.painter.frame)}")
 
     def shot(self) -> np.ndarray:
         """The window's current image, uint8 [H, W, 3], sRGB."""

@@ -149,6 +149,33 @@ def nudged(viewer: Viewer) -> dict[str, Any]:
     return {**told(viewer), "same": viewer.painter.frame is shown[0]}
 
 
+def clicked(viewer: Viewer, place: tuple[float, float]) -> dict[str, Any]:
+    """The panel is clicked while the picture is drawn in full. before, during: its places; pictures: begun in full."""
+    panel, interrupted, draw = viewer.panel, viewer._is_interrupted, viewer.painter.draw
+    clicks, began, during = [1, 0], [], []
+
+    def beneath(inputs: int) -> bool:
+        if clicks:
+            viewer.raw("button", 0, clicks.pop(0), 0)
+        ended = interrupted(inputs)
+        during.append(panel.panel.place)
+        return ended
+
+    def noting(state: Any, document: Any, level: Any, *rest: Any) -> Any:
+        began.append(str(level))
+        return draw(state, document, level, *rest)
+
+    viewer.raw("cursor", *place)
+    viewer.step(0.0)
+    before = panel.panel.place
+    viewer._is_interrupted, viewer.painter.draw = beneath, noting  # type: ignore[method-assign, assignment]
+    viewer.touch()
+    viewer.refiner.drawn = ()
+    until(viewer, lambda: settled(viewer))
+    viewer._is_interrupted, viewer.painter.draw = interrupted, draw  # type: ignore[method-assign]
+    return {**told(viewer), "before": before, "during": during[-1], "pictures": began.count("in full")}
+
+
 def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
     """Does one thing and says how the window is then."""
     what = ask["do"]
@@ -175,6 +202,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
             io.mouse_double_click_time, io.mouse_single_click_delay = ask["within"], 2 * ask["within"]
     elif what == "nudge":
         return nudged(viewer)
+    elif what == "click":
+        return clicked(viewer, tuple(ask["place"]))
     elif what == "set":
         # what neither keys nor the panel ask for, or not at once
         settings = viewer.state.settings.but(**ask.get("settings", {}))

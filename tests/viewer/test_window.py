@@ -706,6 +706,18 @@ def test_the_curve_is_zoomed_and_moved(panel: Window) -> None:
 
 
 @pytest.mark.long
+def test_the_panel_answers_while_the_picture_is_drawn(panel: Window) -> None:
+    """It is folded by the arrow in its title between two portions of a picture, which is not begun again."""
+    panel.ask("reset")
+    panel.key("tab")
+    arrow = LEFT - 2, 18
+    told = panel.ask("click", place=arrow)
+    assert told["during"][3] < told["before"][3] / 2 and told["pictures"] == 1
+    panel.hands("mousemove", *arrow, "click", 1)
+    assert panel.ask("settle")["place"] == pytest.approx(told["before"])
+
+
+@pytest.mark.long
 def test_the_panel_takes_no_shortcuts(panel: Window) -> None:
     """Beside the panel the mouse turns the view, over it it does not; keys are keys."""
     panel.ask("reset")
