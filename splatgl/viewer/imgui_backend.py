@@ -21,6 +21,8 @@ GLSL = "#version 330"
 DOUBLE = 0.5
 RELEASE, PRESS = 0, 1
 ESCAPE = 256
+# events of the mouse that may not share a frame
+MOUSE = {"cursor", "button"}
 # GLFW codes of the keys used by text fields; letters are for ctrl+A, C, V, X, Z
 KEYS = {
     256: imgui.Key.escape,
@@ -48,6 +50,8 @@ class Gui:
         self.window = window
         self.panel = Panel(commands)
         self.cursor: tuple[float, float] = (-1.0, -1.0)
+        # kind and values of events that ImGui has not got yet
+        self.waiting: list[tuple[str, tuple[Any, ...]]] = []
         self.context, self.plots = imgui.create_context(), implot.create_context()
         self.io = imgui.get_io()
         # no ini file
@@ -75,21 +79,39 @@ class Gui:
 
     def event(self, kind: str, *values: Any) -> bool:
         """Handles a GLFW event; True if the panel consumes it: over the panel, or keys for a text field."""
+        self.waiting.append((kind, values))
+        if kind == "cursor":
+            self.cursor = values[0], values[1]
+            return False
+        if kind in ("button", "scroll"):
+            # ImGui's bit flag is one frame old: the cursor may have moved since
+            return self.panel.covers(*self.cursor)
+        if kind == "key" and values[:2] == (ESCAPE, PRESS) and self.panel.popup:
+            self.panel.closes = True
+            return True
+        return bool(self.io.want_text_input or self.panel.popup)
+
+    def _pass_events(self) -> None:
+        """Passes events to ImGui until the mouse moves after a button or the reverse: of a move and a release in one
+        frame it ignores the move, and a slider would not reach the place where the button was released.
+        """
+        passed: set[str] = set()
+        while self.waiting and not (self.waiting[0][0] in MOUSE and passed & MOUSE - {self.waiting[0][0]}):
+            kind, values = self.waiting.pop(0)
+            passed.add(kind)
+            self._pass(kind, *values)
+
+    def _pass(self, kind: str, *values: Any) -> None:
         io = self.io
         if kind == "cursor":
             io.add_mouse_pos_event(*values)
-            self.cursor = values[0], values[1]
-            return False
-        if kind == "scroll":
+        elif kind == "scroll":
             io.add_mouse_wheel_event(*values)
         elif kind == "button":
             button, action, bits = values
             self._modify(bits)
             io.add_mouse_button_event(button, action != RELEASE)
-        if kind in ("button", "scroll"):
-            # ImGui's bit flag is one frame old: the cursor may have moved since
-            return self.panel.covers(*self.cursor)
-        if kind == "character":
+        elif kind == "character":
             io.add_input_character(values[0])
         else:
             code, action, bits = values
@@ -98,10 +120,6 @@ class Gui:
             self._modify(bits & ~bit | bit * (action != RELEASE))
             if code in KEYS:
                 io.add_key_event(KEYS[code], action != RELEASE)
-            if code == ESCAPE and action == PRESS and self.panel.popup:
-                self.panel.closes = True
-                return True
-        return bool(io.want_text_input or self.panel.popup)
 
     def _modify(self, bits: int) -> None:
         for bit, key in MODIFIERS:
@@ -116,6 +134,7 @@ class Gui:
         self.io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(width, 1), pixels[1] / max(height, 1))
         self.io.delta_time = max(now - self.last, 1e-4)
         self.last = now
+        self._pass_events()
         with current(self.window.screen.ctx):
             room = round(width * state.pose.camera.size[0] / max(pixels[0], 1)), height
             for _ in range(1 + self.fresh):

@@ -666,6 +666,8 @@ class Viewer:
             self.effects += effects
             if self.state is not before or effects:
                 self.touch()
+            if self.panel.waiting:
+                self.refresh()
 
     def _marks(self) -> Marks:
         slices = self.slices.marks(self.state, self.document, self.view)

@@ -202,6 +202,13 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
             io.mouse_double_click_time, io.mouse_single_click_delay = ask["within"], 2 * ask["within"]
     elif what == "nudge":
         return nudged(viewer)
+    elif what == "hurry":
+        # a drag on the panel during one slow frame
+        start, stop, after = ask["places"]
+        for kind, *values in (("cursor", *start), ("button", 0, 1, 0), ("cursor", *stop), ("button", 0, 0, 0)):
+            viewer.raw(kind, *values)
+        viewer.raw("cursor", *after)
+        return answer(viewer, {"do": "settle"})
     elif what == "click":
         return clicked(viewer, tuple(ask["place"]))
     elif what == "set":

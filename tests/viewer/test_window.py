@@ -685,6 +685,18 @@ def test_the_panel_edits_the_curve(panel: Window) -> None:
 
 
 @pytest.mark.long
+def test_a_drag_during_one_frame_ends_where_the_button_is_released(panel: Window) -> None:
+    panel.ask("reset")
+    told = panel.key("tab")
+    before = told["points"]
+    start = on_plot(told, *before[1])
+    stop = start[0] + 25, start[1] + 20
+    told = panel.ask("hurry", places=(start, stop, (stop[0] - 60, 400)))
+    moved = [node for node in told["points"] if node not in before]
+    assert len(moved) == 1 and on_plot(told, *moved[0]) == pytest.approx(stop, abs=2)
+
+
+@pytest.mark.long
 def test_the_curve_is_zoomed_and_moved(panel: Window) -> None:
     """By the wheel about the cursor, and by a drag where no point is; no point changes."""
     panel.ask("reset")
