@@ -32,12 +32,12 @@ def check_output(path: Path, suffixes: tuple[str, ...] = (".png", ".npy")) -> No
     """Raises InputError, before any work, if `path` cannot be written or has none of the suffixes."""
     if path.suffix.lower() not in suffixes:
         raise expected(path, f"a name that ends in {' or '.join(suffixes)}", repr(path.suffix))
-    if path.is_dir():
+    if os.path.isdir(path):
         raise expected(path, "a file to write", "a directory")
     if sys.platform == "win32" and DEVICES.match(path.name):
         raise expected(path, "a file to write", "the name of a device of Windows", "choose another name")
     check_folder(path.parent, path)
-    if path.exists() and not os.access(path, os.W_OK):
+    if os.path.exists(path) and not os.access(path, os.W_OK):
         raise InputError(f"{path}: cannot be written: permission denied")
 
 

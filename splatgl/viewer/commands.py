@@ -363,6 +363,8 @@ def _hud(state: State, document: Document) -> State:
 def _close(state: State, document: Document) -> State | tuple[State, Effect]:
     if state.help:
         return replace(state, help=False)
+    if state.fullscreen:
+        return replace(state, fullscreen=False)
     return replace(state, turning=False, playing=False), Request.CANCEL
 
 
@@ -431,7 +433,7 @@ COMMANDS = (
     Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
     Command("ground", "next ground: black, white, checks, grey, blue", ("n",), _ground),
     Command("help", "all keys", ("?", "f1"), _toggle("help")),
-    Command("close", "close what is open; stop what goes on", ("escape",), _close),
+    Command("close", "close the help, leave fullscreen, or stop what goes on", ("escape",), _close),
     Command("quit", "quit", ("q", "ctrl+q"), _request(Request.QUIT)),
 )
 MOUSE = (

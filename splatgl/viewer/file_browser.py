@@ -8,7 +8,9 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import legible
+from splatgl.errors import USER_ERRORS, error_text
 from splatgl.viewer.file_dialogs import OPEN, SAVE, suffixes
+from splatgl.viewer.saving import check_target
 
 # largest size in screen units at a content scale of 1, and the margin around it
 SIZE, MARGIN = (520.0, 420.0), 8.0
@@ -111,6 +113,13 @@ class Browser:
         if name and self.kind == OPEN and os.path.isdir(path):
             self._go(path)
             return
+        if self.kind == SAVE:
+            try:
+                check_target(path)
+            except USER_ERRORS as error:
+                # the list stays, with the reason
+                self.note = error_text(error)
+                return
         self.chosen = (str(path),)
         imgui.close_current_popup()
 

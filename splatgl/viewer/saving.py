@@ -13,9 +13,9 @@ import numpy as np
 from splatgl.annotations.annotate import LEAST_SIDE
 from splatgl.annotations.canvas import BLACK, WHITE, Canvas
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.image import Image
+from splatgl.data.image import SAVED, Image
 from splatgl.errors import USER_ERRORS, error_text, expected
-from splatgl.fileio import overwrites, write_file
+from splatgl.fileio import check_output, overwrites, write_file
 from splatgl.gl.screen import Sprite, Stroke
 from splatgl.scene.draw import finish
 from splatgl.scene.meshes import MeshFile, surfaces_of
@@ -162,17 +162,26 @@ def save_as(
     state: State, document: Document, draw: Draw, target: Path, add: Add = plain, times: Sequence[SceneFile] = ()
 ) -> str:
     """Writes a scene (.toml, or no ending) or a picture; returns the message to show. times: scenes of the series.
-    Raises InputError for folders and for files that the document or its series was read from.
+    Raises InputError as `check_target`, and for files that the document or its series was read from.
     """
-    if not target.name or os.path.isdir(target):
-        raise expected(target, "a file's name", "a folder")
-    target = target.with_suffix(".toml") if is_scene_name(target) else target
+    target = check_target(target)
     if overwrites(target, source_files(document, times)):
         raise expected(target, "another file", "what is shown", "choose another name")
     if not is_scene_name(target):
         return _save_picture(state, document, draw, target, add)
     write_file(target, scene_of(state, document).to_toml(target.parent).encode())
     return f"saved {target.name}"
+
+
+def check_target(target: Path) -> Path:
+    """The file that saving as `target` writes. Raises InputError for other endings, folders and missing folders."""
+    if not target.name or os.path.isdir(target):
+        raise expected(target, "a file's name", "a folder")
+    target = target.with_suffix(".toml") if is_scene_name(target) else target
+    check_output(target, (".toml", *SAVED))
+    if not os.path.isdir(target.parent):
+        raise expected(target.parent, "a folder", "nothing", "make the folder first, or choose another one")
+    return target
 
 
 def is_scene_name(path: Path) -> bool:

@@ -312,7 +312,7 @@ class Viewer:
         elif chosen:
             times, path = self.files.times, Path(chosen[0])
             args = self.state, self.document, self.renderer.render, path, self._composed, times
-            self._save(partial(save_as, *args), is_scene_name(path))
+            self._save(path.name, partial(save_as, *args), is_scene_name(path))
         if self.files.times and not self.dirty:
             self.files.show_time(self.state.time)
         if self.window.closing and Request.QUIT not in effects:
@@ -331,9 +331,9 @@ class Viewer:
                 self._cancel()
             case Request.SAVE_PICTURE:
                 args = self.state, self.document, draw, folder, self._composed
-                self._save(partial(save_picture, *args), False)
+                self._save("picture", partial(save_picture, *args), False)
             case Request.SAVE_SCENE:
-                self._save(partial(save_scene, self.state, self.document, draw, folder), True)
+                self._save("scene", partial(save_scene, self.state, self.document, draw, folder), True)
             case Request.SAVE_AS:
                 self._open_dialog(SAVE, folder, free_path(folder, "scene", ".toml").name)
             case Open(()):
@@ -350,8 +350,10 @@ class Viewer:
             case Request.QUIT:
                 self._quit()
 
-    def _save(self, save: Any, is_scene: bool) -> None:
-        """Saves, and shows the message. is_scene: whether edits are saved by it."""
+    def _save(self, name: str, save: Any, is_scene: bool) -> None:
+        """Saves, and shows the message. name: of what is saved; is_scene: whether edits are saved by it."""
+        self.say(f"saving {name}")
+        self._show()
         message, done = try_save(save)
         self.state = replace(self.state, message=message)
         if done and is_scene:

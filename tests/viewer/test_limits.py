@@ -67,7 +67,7 @@ def test_too_many_splats_are_a_scene_without_a_picture(
     assert SceneFile.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
 
 
-@pytest.mark.parametrize("name", ["/", ".", "x" * 300 + ".png", "x" * 300])
+@pytest.mark.parametrize("name", ["/", ".", "x" * 300 + ".png", "x" * 300, "a.xyz", "none/a.png"])
 def test_names_that_cannot_be(document: Document, renderer: sg.Renderer, tmp_path: Path, name: str) -> None:
     save = partial(save_as, State.of(document, SIZE), document, renderer.render, tmp_path / name)
     message, done = try_save(save)

@@ -212,6 +212,12 @@ def test_every_key_does_what_the_help_says(window: Window, action: str, key: str
 
 
 @pytest.mark.long
+def test_escape_leaves_fullscreen(window: Window) -> None:
+    assert window.key("f11")["fullscreen"]
+    assert not window.key("escape")["fullscreen"]
+
+
+@pytest.mark.long
 def test_motion_blur_is_seen_while_the_view_is_turned(window: Window) -> None:
     """A blurred picture, even one with all pixels and voxels, is replaced by a still at rest."""
     window.key("m")
