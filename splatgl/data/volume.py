@@ -249,6 +249,12 @@ class Volume:
             first, last = max(start - halo, 0), min(stop + halo, planes)
             yield Slab(start, stop, start - first, np.asarray(self.samples[first:last]))
 
+    def share_missing(self) -> float:
+        """Share of the samples that are not finite, 0 to 1; reads them all."""
+        if np.dtype(self.samples.dtype).kind != "f":
+            return 0.0
+        return 1.0 - sum(int(np.isfinite(slab.samples).sum()) for slab in self.slabs(1, halo=0)) / max(self.count, 1)
+
     def extent(self, low: Places, high: Places, halo: int) -> np.ndarray | None:
         """Range of the finite samples of `box`: two numbers, none if none is finite; None if not known yet."""
         first, last = self.around(low, high, halo)

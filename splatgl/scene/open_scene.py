@@ -9,8 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from splatgl import __version__
 from splatgl.annotations.annotate import ROOM, check_size
 from splatgl.annotations.canvas import Scale, Subject
@@ -174,7 +172,7 @@ class OpenScene:
         file = self.file
         if not self.is_single:
             return expected(file.volume, "layers with an opacity", "none", "set the points to the values that matter")
-        if not any(np.isfinite(slab.samples).any() for slab in self.volume.slabs(1, halo=0)):
+        if self.volume.share_missing() == 1:
             return expected(file.volume, "finite samples", "none")
         this = f"voxels with an opacity above the threshold {file.threshold:g}"
         clip = "clip or crop less, " if file.settings.clip or file.clip or file.crop else ""

@@ -105,7 +105,8 @@ Reopen = Callable[[], SceneFile]
 class Opened:
     """A newly opened file. times: the scenes of its time points, or of the files opened with it. options: of the file.
     reopen: reads `path` again; None for the scene that the window was opened for. is_option: whether another array or
-    channel of the same file was chosen. watch: its files as they were before they were read.
+    channel of the same file was chosen. note: on samples that are missing. watch: its files as they were before they
+    were read.
     """
 
     document: Document
@@ -114,6 +115,7 @@ class Opened:
     reopen: Reopen | None = None
     path: str = ""
     is_option: bool = False
+    note: str = ""
     watch: Watch | None = None
 
 
@@ -285,7 +287,15 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
     # a choice for the file holds for every time point
     scene = replace(scene, load=document.scene.load) if len(document.channels) == 1 else scene
     times = times or tuple(time_points(scene, document.volume, None))
-    return Opened(document, times if len(times) > 1 else (), options)
+    return Opened(document, times if len(times) > 1 else (), options, note=_missing_note(document))
+
+
+def _missing_note(document: Document) -> str:
+    """What share of the samples of the first layer is missing; "" if none is."""
+    share = document.volume.share_missing()
+    if share == 1 and not is_mesh(document.scene.volume):
+        return "nothing to show: all samples are NaN"
+    return f"{100 * share:.3g} % of the samples are NaN, and not drawn" if 0 < share < 1 else ""
 
 
 # --- recent files -----------------------------------------------------------------------------------------------------

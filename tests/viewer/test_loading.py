@@ -236,3 +236,18 @@ def test_another_size_is_no_step(folder: Path) -> None:
     history.note(small)
     again = history.redo(small)
     assert again.style.extinction == 2.0 and again.pose.camera.size == (60, 40) and len(history.past) == 1
+
+
+@pytest.mark.parametrize(
+    ("missing", "note"),
+    [(24, "nothing to show: all samples are NaN"), (12, "50 % of the samples are NaN, and not drawn")],
+)
+def test_samples_that_are_missing_are_said(folder: Path, missing: int, note: str) -> None:
+    samples = blob(24).samples.astype(np.float32)
+    samples[:missing] = np.nan
+    np.save(folder / "gaps.npy", samples)
+    viewer = WithoutWindow(Document.open(SceneFile(str(folder / "a.npy"))), files())
+    viewer.files.open([str(folder / "gaps.npy")], Settings())
+    for done in all_done(viewer.files):
+        viewer.apply(done)
+    assert viewer.state.message == note
