@@ -501,7 +501,7 @@ class Viewer:
         """Starts with the state of another document, without the steps of the one before."""
         document, before = opened.document, self.state.pose
         self.files.times, self.files.time = opened.times, 0
-        changes = {"times": len(opened.times), "file_options": opened.options, "message": opened.note}
+        changes: dict[str, Any] = {"times": len(opened.times), "file_options": opened.options, "message": opened.note}
         self.state = replace(self.state.opened(document), **changes)
         self.home, self.bases = self.state.pose, [style.base for style in document.styles]
         if opened.is_option and np.array_equal(document.volume.corners, self.document.volume.corners):
