@@ -46,7 +46,8 @@ def error_prefix(what: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(f"{what}: {error}") from error
+        line = f"{what}: {error}"
+        raise Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line) from error
 
 
 def missing_extra(what: str, library: str, extra: str) -> InputError:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.volume import Label, Volume
-from splatgl.errors import Choice, InputError, expected
+from splatgl.errors import Choice, InputError, error_prefix, expected
 from splatgl.options import refuse_unknown
 from splatgl.readers.common import silence_libraries
+from splatgl.readers.contents import FIXES, PACKINGS, describe_bytes, identify
 from splatgl.readers.heightmap import terrain_from_heights
 from splatgl.readers.options import FORMATS, Format, LoadOptions, converter, inside
 from splatgl.readers.remote import Remote, address_name, is_address
@@ -28,35 +30,12 @@ def _import_function(name: str) -> Any:
     return getattr(import_module(f"{__name__}.{module}"), function)
 
 
-# endings of zipped Zarr stores, whose error says how to unpack them
-ZIPPED = (".ozx", ".zarr.zip")
 # most characters of a message after the path: some quote the file
 LINE_LIMIT = 400
 
-# first bytes that identify a format
-_STARTS = {
-    b"\x93NUMPY": "NumPy",
-    b"\x89PNG": "PNG",
-    b"\xff\xd8\xff": "JPEG",
-    b"PK\x03\x04": "ZIP",
-    b"\x1f\x8b": "gzip",
-    b"NRRD": "NRRD",
-    b"II*\x00": "TIFF",
-    b"MM\x00*": "TIFF",
-    b"II+\x00": "TIFF",
-    b"MM\x00+": "TIFF",
-    b"\x89HDF": "HDF5",
-    b"CDF\x01": "NetCDF-3",
-    b"CDF\x02": "NetCDF-3",
-    b"CDF\x05": "NetCDF-3",
-    b"# vtk": "legacy VTK",
-    b"<?xml": "XML",
-    b"%PDF": "PDF",
-}
-
 
 def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[LoadKeywords]) -> Volume:
-    """Loads the volume in a file or Zarr folder, or at an address (https, s3, gs); the suffix selects the reader.
+    """Loads the volume in a file or Zarr folder, or at an address (https, s3, gs); the contents select the reader.
 
     path: see `FORMATS` for the endings; an address without ending is a Zarr store, whose chunks are read when needed.
     A 2-D picture or CSV becomes a terrain. FILE.h5:/NAME stands for array="/NAME". Further keywords are fields of
@@ -85,16 +64,21 @@ def list_volumes(path: str | Path) -> list[str]:
     """A line for each volume in a file or folder with several (DICOM series, HDF5 datasets); [] if unreadable."""
     try:
         with silence_libraries():
-            form = None if is_address(path) else _find_format(Path(path))
+            form = None if is_address(path) else _find_format(Path(path), LoadOptions())
             return _import_function(form.lists)(Path(path)) if form and form.lists else []
     except (InputError, OSError, MemoryError):
         return []
 
 
 def _load(path: Path, options: LoadOptions) -> Volume:
-    form = _find_format(path)
+    form = _find_format(path, options)
     _check_file(path, form, options)
-    volume = _apply_name(_import_function(form.reader)(path, options), path.name, form, options)
+    named = next((each for each in FORMATS if _suffix(path, each) not in ("", ".zip")), form)
+    other = form.reader != named.reader and path.is_file()
+    note = f"its contents are {form.title}, not what its name says" if other else ""
+    with error_prefix(note) if note else nullcontext():
+        volume = _import_function(form.reader)(path, options)
+    volume = _apply_name(replace(volume, notes=(note, *volume.notes)) if note else volume, path.name, form, options)
     if volume.labels or volume.samples.dtype.kind not in "bui" or options.values == "amounts":
         return volume
     table = load_label_table(path, path.name[: len(path.name) - len(_suffix(path, form))])
@@ -134,25 +118,44 @@ def _with_path(path: Path | str, error: InputError) -> InputError:
     return Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line)
 
 
-def _find_format(path: Path) -> Format:
-    """The format by the name; of a folder, or of a file with another name, by the contents."""
+def _find_format(path: Path, options: LoadOptions) -> Format:
+    """The format of a path: by the contents where they are of a known kind, else by the name."""
+    named = next((form for form in FORMATS if _suffix(path, form)), None)
     kind = "folder" if path.is_dir() else "file"
-    zipped = path.name.lower().endswith(ZIPPED)
-    named = next((form for form in FORMATS if _suffix(path, form) and not zipped), None)
     detectable = [form for form in FORMATS if form.tells and kind in form.kinds]
-    if kind == "folder" or (named is None and path.is_file() and not zipped):
-        named = next((form for form in detectable if _import_function(form.tells)(path)), named)
-    if named:
-        return named
     if kind == "folder":
-        names = " or ".join(form.title for form in detectable)
-        raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
-    known, fix = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)
-    this = "one that is read" if fix else f"a name that ends in one of {known}"
-    raise expected("format", this, repr("".join(path.suffixes[-2:])), fix or "convert it")
+        found = next((form for form in detectable if _import_function(form.tells)(path)), named)
+        if found is None:
+            names = " or ".join(form.title for form in detectable)
+            raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
+        return found
+    has_bytes = path.is_file() and path.stat().st_size > 0
+    contents = identify(path) if has_bytes else ""
+    if named and (not has_bytes or contents in (named.title, *named.starts) or (not contents and "?" in named.starts)):
+        return named
+    if named and "*" in named.starts and (not contents or _import_function("raw.states_samples")(path.name, options)):
+        return named
+    # of packed data that are too short only the name tells
+    candidates = [form for form in FORMATS if contents in (form.title, *form.starts) and contents not in PACKINGS]
+    closer = (form for form in candidates or detectable if form in detectable and _import_function(form.tells)(path))
+    found = next(closer, next(iter(candidates), None))
+    return found or _refuse_contents(path, named, contents)
+
+
+def _refuse_contents(path: Path, named: Format | None, contents: str) -> Format:
+    """Raises InputError for a file whose contents are of no format, and not what its name says."""
+    fix = FIXES.get(contents, "")
+    if named:
+        got = contents or describe_bytes(path)
+        raise expected("contents", f"{named.title}, as the name says", got, fix or "rename or convert the file")
+    known, advice = ", ".join(suffix for form in FORMATS for suffix in form.suffixes), converter(path.name)
+    this = "one that is read" if fix or advice else f"known contents, or a name that ends in one of {known}"
+    got = contents or repr("".join(path.suffixes[-2:]))
+    raise expected("format", this, got, fix or advice or "convert it")
 
 
 def _suffix(path: Path, form: Format) -> str:
+    """The ending of a name by which a format is known; "" for other names."""
     return next((suffix for suffix in form.suffixes if path.name.lower().endswith(suffix)), "")
 
 
@@ -166,14 +169,6 @@ def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
     if kind == "file" and path.stat().st_size == 0:
         raise expected("file", "data", "0 bytes", "the file is empty")
     _refuse_options(form, options)
-    if kind == "folder" or "*" in form.starts:
-        return
-    with path.open("rb") as file:
-        first = file.read(8)
-    start = next((title for mark, title in _STARTS.items() if first.startswith(mark)), None)
-    if start and start not in (*form.starts, form.title):
-        fix = "convert it with: nccopy -k nc4 OLD NEW" if start == "NetCDF-3" else "rename or convert the file"
-        raise expected("contents", f"{form.title}, as the name says", start, fix)
 
 
 def _refuse_options(form: Format, options: LoadOptions) -> None:

@@ -141,6 +141,12 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     return out.view(dtype).reshape(tuple(shape))
 
 
+def is_gzipped(path: Path) -> bool:
+    """Whether a file begins as gzip data does."""
+    with path.open("rb") as file:
+        return file.read(2) == b"\x1f\x8b"
+
+
 def inflated_size(file: BinaryIO, room: int) -> int:
     """Bytes of the inflated zlib or gzip data of `file`, counted up to a little over `room`."""
     engine, size = zlib.decompressobj(wbits=47), 0

@@ -27,17 +27,20 @@ _IMOD, _IMOD_SIGNED = 1146047817, 1
 # modes of real numbers; 3 and 4 are complex, 101 has four bits a voxel
 _REAL = (0, 1, 2, 6, 12)
 
+# first bytes of packed files
+_GZIP, _BZIP2 = b"\x1f\x8b", b"BZh"
+
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of an MRC file in ångström; `array` picks one of a stack of volumes."""
-    header = _read_header(path)
+    header, packing = _read_header(path)
     # 1. the samples, in the order of the file
     sizes = [int(header[name]) for name in ("nx", "ny", "nz")]
     columns = grid_shape(sizes)
     skip = int(header["nsymbt"])
     if skip < 0:
         raise expected("nsymbt", "zero or more bytes", skip, "the header is damaged")
-    samples = _read_data(path, _HEADER + skip, _dtype(header), columns)
+    samples = _read_data(path, packing, _HEADER + skip, _dtype(header), columns)
     # 2. one volume of a stack
     volumes = _count_volumes(header, columns[0])
     stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
@@ -49,11 +52,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
     return volume_on_grid(samples, matrix, origin, "cell", unit=unit)
 
 
-def _read_header(path: Path) -> Any:
+def _read_header(path: Path) -> tuple[Any, bytes]:
+    """The header, and the file's first bytes, which tell whether it is packed."""
     utils = import_extra("mrcfile.utils", "MRC files", "mrcfile", "readers")
     layout = import_extra("mrcfile.dtypes", "MRC files", "mrcfile", "readers").HEADER_DTYPE
     with decoder_errors("MRC"):
-        opener: Any = {".gz": gzip.open, ".bz2": bz2.open}.get(path.suffix.lower(), open)
+        with path.open("rb") as file:
+            packing = file.read(len(_BZIP2))
+        opener: Any = gzip.open if packing.startswith(_GZIP) else bz2.open if packing == _BZIP2 else open
         with opener(path, "rb") as file:
             first = file.read(_HEADER)
         require_bytes(_HEADER, len(first), "header")
@@ -66,7 +72,7 @@ def _read_header(path: Path) -> Any:
         header = np.frombuffer(first, layout.newbyteorder(order))[0]
     if int(header["mode"]) not in _REAL:
         raise expected("mode", f"one of {', '.join(map(str, _REAL))}", int(header["mode"]), "is this an MRC file?")
-    return header
+    return header, packing
 
 
 def _dtype(header: Any) -> np.dtype:
@@ -79,12 +85,12 @@ def _dtype(header: Any) -> np.dtype:
     return dtype.newbyteorder(header.dtype["nx"].byteorder)
 
 
-def _read_data(path: Path, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
-    """The array [sections, rows, columns]."""
-    name, needed = path.name.lower(), start + byte_count(shape, dtype)
-    if name.endswith(".gz"):
+def _read_data(path: Path, packing: bytes, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
+    """The array [sections, rows, columns]. packing: the file's first bytes."""
+    needed = start + byte_count(shape, dtype)
+    if packing.startswith(_GZIP):
         return inflate(path, 0, np.dtype(np.uint8), (needed,))[start:].view(dtype).reshape(shape)
-    if name.endswith(".bz2"):
+    if packing == _BZIP2:
         return bunzip(path, 0, needed)[start:needed].view(dtype).reshape(shape)
     return map_array(path, start, dtype, shape)
 

@@ -9,8 +9,10 @@ nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to
 from __future__ import annotations
 
 import gzip
+import math
 import struct
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,8 @@ from splatgl.readers.common import (
     decoder_errors,
     grid_shape,
     has_whole_numbers,
+    is_gzipped,
+    map_array,
     require_bytes,
     require_plausible,
 )
@@ -33,8 +37,13 @@ from splatgl.readers.options import LoadOptions
 # bytes of an Analyze header, and its first number
 _HEADER = 348
 _MGH_TYPES: dict[int, np.dtype] = {0: np.dtype(">u1"), 1: np.dtype(">i4"), 3: np.dtype(">f4"), 4: np.dtype(">i2")}
-# byte at which the samples of an .mgh file begin
+# byte at which the samples of an .mgh file begin, behind its header
 _MGH_START = 284
+# an index [x, y, z, …], a function that reads the samples [z, y, x] there; slope and intercept of samples
+Index = tuple[int | slice, ...]
+Read = Callable[[Index], np.ndarray]
+Scaling = tuple[float, float]
+_NOT_SCALED: Scaling = (1.0, 0.0)
 
 
 def read_analyze(path: Path, options: LoadOptions) -> Volume:
@@ -46,45 +55,34 @@ def read_analyze(path: Path, options: LoadOptions) -> Volume:
         first = file.read(_HEADER)
     if len(first) < _HEADER or struct.pack("<i", _HEADER) not in (first[:4], first[3::-1]):
         raise expected(header.name, "an Analyze header of 348 bytes", "another header", "is this an Analyze file?")
-    # 2. its sizes, checked against the data
+    # 2. its sizes, checked against the data; SPM's scale factor and origin, without its .mat file
     with decoder_errors("Analyze"):
-        if first[344:347] == b"ni1":
-            form: Any = nibabel.Nifti1Pair
-        else:
-            # SPM's scale factor and origin, without its .mat file
-            spm = {"header_class": nibabel.spm2analyze.Spm2AnalyzeHeader}
-            form = type("Image", (nibabel.analyze.AnalyzeImage,), spm)
-        image = form.from_file_map(form.make_file_map({"header": str(header), "image": str(data)}), mmap="r")
-        dtype = np.dtype(image.get_data_dtype())
-        sizes = [int(size) for size in image.shape]
-        start = int(image.dataobj.offset)
-    _check(sizes, dtype)
-    require_bytes(max(start, 0) + byte_count(sizes, dtype), data.stat().st_size)
-    return _mgh_volume(image, sizes, options)
+        is_nifti = first[344:347] == b"ni1"
+        form = nibabel.nifti1.Nifti1PairHeader if is_nifti else nibabel.spm2analyze.Spm2AnalyzeHeader
+        fields = form(first)
+        stored = _Stored.of(data, fields, _scaling(*(fields.get_slope_inter() if not is_nifti else _stated(fields))))
+        affine = fields.get_best_affine()
+    _check_bytes(stored)
+    return _frame_volume(stored, affine, options)
 
 
 def read_mgh(path: Path, options: LoadOptions) -> Volume:
     """The volume of an .mgh or .mgz file in RAS; `array` picks one of several frames."""
     nibabel = import_extra("nibabel", "MGH files", "nibabel", "readers")
-    packed = path.name.lower().endswith("z")
-    # 1. sizes, checked before nibabel reads behind the samples
+    packed = is_gzipped(path)
     with decoder_errors("MGH"), gzip.open(path) if packed else path.open("rb") as file:
         first = file.read(_MGH_START)
     require_bytes(_MGH_START, len(first), "header")
-    version, *sizes, code = struct.unpack(">6i", first[:24])
+    version, *_, code = struct.unpack(">6i", first[:24])
     if version != 1 or code not in _MGH_TYPES:
         raise expected("header", "version 1, and type 0, 1, 3 or 4", f"{version}, {code}", "is this an MGH file?")
-    _check(sizes, _MGH_TYPES[code])
-    needed, there = _MGH_START + byte_count(sizes, _MGH_TYPES[code]), path.stat().st_size
-    if packed:
-        require_plausible(needed, there)
-        require_memory(needed, there)
-    else:
-        require_bytes(needed, there)
-    # 2. the image; a packed one is inflated up to the stated sizes
+    _check(list(struct.unpack(">4i", first[4:20])), _MGH_TYPES[code])
     with decoder_errors("MGH"):
-        image = nibabel.MGHImage.from_filename(path, mmap="r")
-    return _mgh_volume(image, [int(size) for size in image.shape], options)
+        header = nibabel.freesurfer.mghformat.MGHHeader(first)
+        affine = header.get_affine()
+        stored = _Stored.of(path, header)
+    _check_bytes(stored)
+    return _frame_volume(stored, affine, options)
 
 
 def _pair_file(path: Path, suffix: str) -> Path:
@@ -108,19 +106,15 @@ def _check_sizes(sizes: list[int]) -> list[int]:
     return sizes
 
 
-def _mgh_volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
+def _frame_volume(stored: _Stored, affine: np.ndarray, options: LoadOptions) -> Volume:
+    """The volume in millimetres; `array` picks along a fourth axis."""
+    sizes = stored.shape
     long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
     picked: dict[int, str | int] = {axis: "array" if axis in long else 0 for axis in range(3, len(sizes))}
     if not long and options.array is not None:
         options.array_number(1)
-    with decoder_errors("image"):
-        # samples with a scale factor become float
-        proxy = image.dataobj
-        scaled = (float(getattr(proxy, "slope", 1.0)), float(getattr(proxy, "inter", 0.0))) != (1.0, 0.0)
-        stored = np.asanyarray(proxy) if scaled else np.asanyarray(proxy.get_unscaled())
-    samples = stored[options.index(sizes, picked)].T
-    converted = samples.astype(np.float32) if samples.dtype == np.float64 and scaled else samples
-    return volume_on_grid(converted, image.affine[:3, :3], image.affine[:3, 3], "affine", unit="mm", frame="RAS")
+    samples = stored.read(options.index(sizes, picked))
+    return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", unit="mm", frame="RAS")
 
 
 # units of length by the lowest three bits of xyzt_units (nifti1.h); other codes are no lengths
@@ -131,114 +125,166 @@ _TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
 _LABELS = 1002
 UNORIENTED = "no sform or qform: the file does not state the patient's orientation"
 
-# bytes read to check gzip data: more than either header
-_SNIFF_BYTES = 1024
-# sizeof_hdr of NIfTI-2, the first number of the file; NIfTI-1 has 348
-_NIFTI2_BYTES = 540
+# bytes of the header of NIfTI-2; NIfTI-1 has 348. Bytes read to check gzip data: more than either
+_NIFTI2_BYTES, _SNIFF_BYTES = 540, 1024
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a .nii or .nii.gz file in RAS; `time` picks the time point of a 4-D image.
+    """The volume of a .nii or .nii.gz file in RAS, gzipped or not by its contents; `time` picks the time point of a 4-D
+    image, `array` one of several numbers along its fifth axis.
 
     Samples with a slope or intercept are scaled to float32, others keep their type.
     """
-    image = _open(path)
-    _check_bytes(path, image)
-    return volume_of_image(image, options)
+    nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
+    packed = is_gzipped(path)
+    # gzip errors are reported before nibabel's header errors
+    with decoder_errors("gzip data"), gzip.open(path) if packed else path.open("rb") as file:
+        first = file.read(_SNIFF_BYTES)
+    # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file
+    is_nifti2 = first[:4] in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
+    form = nibabel.Nifti2Header if is_nifti2 else nibabel.Nifti1Header
+    with decoder_errors("NIfTI"):
+        header = form(first[: form.sizeof_hdr])
+        stored = _Stored.of(path, header, _scaling(*_stated(header)))
+    _check_bytes(stored)
+    affine, notes = _affine(header)
+    volume = _volume_of(header, stored.shape, affine, stored.read, options)
+    return replace(volume, notes=(*notes, *volume.notes))
 
 
 def volume_of_image(image: Any, options: LoadOptions) -> Volume:
     """The volume of a nibabel image with a NIfTI header, in a file or in memory, as `read` returns it."""
+    data, sizes = image.dataobj, tuple(int(size) for size in image.shape)
+    unscaled, scaling = (lambda: data), _NOT_SCALED
+    if hasattr(data, "get_unscaled"):
+        unscaled, scaling = data.get_unscaled, (float(data.slope), float(data.inter))
+
+    def read_samples(index: Index) -> np.ndarray:
+        return _scale(np.asanyarray(unscaled())[index].T, *scaling)
+
+    name = str(getattr(data, "file_like", ""))
+    is_packed = hasattr(data, "get_unscaled") and name.lower().endswith(".gz")
+    stored = _Stored(Path(name), True, sizes, data.dtype, int(data.offset), scaling) if is_packed else None
+    codes = image.header["sform_code"] or image.header["qform_code"]
+    read_index = stored.read if stored else read_samples
+    return _volume_of(image.header, sizes, image.affine if codes else None, read_index, options)
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """The stored samples [x, y, z, …] of a file, gzipped if `packed`, from byte `start` on; slope and intercept."""
+
+    path: Path
+    packed: bool
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    start: int
+    scaling: Scaling
+
+    @classmethod
+    def of(cls, path: Path, header: Any, scaling: Scaling = _NOT_SCALED) -> _Stored:
+        """The samples of a file that nibabel's header describes."""
+        shape = tuple(int(size) for size in header.get_data_shape())
+        dtype = np.dtype(header.get_data_dtype())
+        return cls(path, is_gzipped(path), shape, dtype, int(header.get_data_offset()), scaling)
+
+    def read(self, index: Index) -> np.ndarray:
+        """The samples [z, y, x] at an index, mapped where the file permits."""
+        if not self.packed:
+            return _scale(map_array(self.path, self.start, self.dtype, self.shape[::-1]).T[index].T, *self.scaling)
+        from nibabel.fileslice import fileslice
+
+        # memory for the picked samples only; scaled ones take room twice
+        count = math.prod(size for size, at in zip(self.shape, index, strict=True) if at == slice(None))
+        room = self.dtype.itemsize + (self.scaling != _NOT_SCALED) * np.dtype(np.float32).itemsize
+        require_memory(count * room, self.path.stat().st_size)
+        with decoder_errors("gzip data"), gzip.open(self.path) as file:
+            stored = np.asanyarray(fileslice(file, index, self.shape, self.dtype, self.start, order="F"))
+        return _scale(stored.T, *self.scaling)
+
+
+def _stated(header: Any) -> tuple[float, float]:
+    """Slope and intercept as NIfTI's header states them."""
+    return float(header["scl_slope"]), float(header["scl_inter"])
+
+
+def _scaling(slope: float | None, intercept: float | None) -> Scaling:
+    """Slope and intercept; a slope of zero or none means no scaling, an intercept that is no number 0 (nifti1.h)."""
+    if not slope or not np.isfinite(slope):
+        return _NOT_SCALED
+    return slope, intercept if intercept and np.isfinite(intercept) else 0.0
+
+
+def _affine(header: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """The grid [4, 4], None without one, and notes: the sform, else the qform, unless it is no grid."""
+    notes: list[str] = []
+    for name in ("sform", "qform"):
+        if int(header[f"{name}_code"]):
+            with decoder_errors("NIfTI"), np.errstate(all="ignore"):
+                matrix = np.asarray(header.get_sform() if name == "sform" else header.get_qform(), np.float64)
+            if np.isfinite(matrix).all() and (np.linalg.norm(matrix[:3, :3], axis=0) > 0).all():
+                return matrix, tuple(notes)
+            notes.append(f"the file's {name} is no grid and ignored")
+    return None, tuple(notes)
+
+
+def _volume_of(
+    header: Any, sizes: tuple[int, ...], affine: np.ndarray | None, read_samples: Read, options: LoadOptions
+) -> Volume:
+    _check_sizes(list(sizes))
     # time points, pixdim[4] apart
-    sizes, zooms = _check_sizes([int(size) for size in image.shape]), image.header.get_zooms()
-    unit = _TIMES.get(int(image.header["xyzt_units"]) & 56, 0.0)
-    step = float(zooms[3]) * unit if len(zooms) > 3 else 0.0
+    zooms = header.get_zooms()
+    seconds = _TIMES.get(int(header["xyzt_units"]) & 56, 0.0)
+    step = float(zooms[3]) * seconds if len(zooms) > 3 else 0.0
     times = ChannelSet(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
-    volume = times.volume(options, lambda _: _volume(image, sizes, options))
-    is_labels = int(image.header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
+
+    def read_volume(_: int | None) -> Volume:
+        index, notes = _index(sizes, options)
+        samples = read_samples(index)
+        unit = _UNITS.get(int(header["xyzt_units"]) & 7, "")
+        if affine is None:
+            # a zoom of zero means unknown
+            known = [abs(float(zoom)) or 1.0 for zoom in zooms[:3]]
+            return Volume(samples, triple(known, "pixdim"), unit=unit, notes=(UNORIENTED, *notes))
+        return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", unit=unit, frame="RAS", notes=notes)
+
+    volume = times.volume(options, read_volume)
+    is_labels = int(header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
     return replace(volume, labels=()) if is_labels else volume
 
 
-def _volume(image: Any, sizes: list[int], options: LoadOptions) -> Volume:
-    # 1. the index
+def _index(sizes: tuple[int, ...], options: LoadOptions) -> tuple[Index, tuple[str, ...]]:
+    """The index of the picked samples, and a note on those that no option picked."""
     times = sizes[3] if len(sizes) > 3 else 1
     arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
     if not arrays and times == 1:
         options.refuse("array", "a file of several time points or arrays")
+    notes: tuple[str, ...] = ()
+    if len(arrays) == 1 and options.array is None:
+        options = replace(options, array=0)
+        notes = (f"array 0 of {sizes[arrays[0]]} is read: --array picks another",)
     # if there are several arrays, `array` picks one, not a time point
     picked: dict[int, str | int] = {axis: "array" if axis in arrays else 0 for axis in range(4, len(sizes))}
     if len(sizes) > 3:
         picked[3] = options.time or 0 if arrays else "time"
-    # 2. samples
-    stored, slope, intercept = _read_stored(image.dataobj, options.index(sizes, picked))
-    if stored.dtype.kind not in "buif":
-        raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
-    samples = _scale(stored.T, slope, intercept)
-    # 3. grid
-    unit = _UNITS.get(int(image.header["xyzt_units"]) & 7, "")
-    if not (image.header["sform_code"] or image.header["qform_code"]):
-        # a zoom of zero means unknown
-        zooms = [abs(float(zoom)) or 1.0 for zoom in image.header.get_zooms()[:3]]
-        return Volume(samples, triple(zooms, "pixdim"), unit=unit, notes=(UNORIENTED,))
-    return volume_on_grid(samples, image.affine[:3, :3], image.affine[:3, 3], "affine", unit=unit, frame="RAS")
+    return options.index(sizes, picked), notes
 
 
-def _read_stored(data: Any, index: tuple[int | slice, ...]) -> tuple[np.ndarray, float, float]:
-    """The stored samples at an index, mapped where the file permits, their slope and intercept."""
-    if not hasattr(data, "get_unscaled"):
-        return np.asanyarray(data)[index], 1.0, 0.0
-    slope, intercept, name = float(data.slope), float(data.inter), str(data.file_like)
-    if not name.lower().endswith(".gz"):
-        with decoder_errors("NIfTI"):
-            return np.asanyarray(data.get_unscaled())[index], slope, intercept
-    from nibabel.fileslice import fileslice
-    from nibabel.openers import ImageOpener
-
-    # memory for the picked samples only; scaled ones take room twice
-    picked = byte_count([size for size, at in zip(data.shape, index, strict=True) if at == slice(None)], data.dtype)
-    scaled = 0 if (slope, intercept) == (1.0, 0.0) else picked // data.dtype.itemsize * np.dtype(np.float32).itemsize
-    require_memory(picked + scaled, Path(name).stat().st_size)
-    with decoder_errors("NIfTI"), ImageOpener(name) as file:
-        return np.asanyarray(fileslice(file, index, data.shape, data.dtype, data.offset, order="F")), slope, intercept
-
-
-def _open(path: Path) -> Any:
-    nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
-    # gzip errors are reported before nibabel's header errors
-    with decoder_errors("gzip data"), gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
-        first = file.read(_SNIFF_BYTES)[:4]
-    # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file
-    is_nifti2 = first in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
-    with decoder_errors("NIfTI"):
-        form = nibabel.Nifti2Image if is_nifti2 else nibabel.Nifti1Image
-        header = type("Header", (form.header_class,), {"exts_klass": _NoExtensions})
-        reader: Any = type("Image", (form,), {"header_class": header})
-        return reader.from_filename(path, mmap="r")
-
-
-class _NoExtensions(list[object]):
-    """Replaces nibabel's extensions, which allocate any length stated in the file."""
-
-    @classmethod
-    def from_fileobj(cls, _file: object, _size: int, _byteswap: bool) -> _NoExtensions:
-        return cls()
-
-
-def _check_bytes(path: Path, image: Any) -> None:
-    dtype = image.get_data_dtype()
-    _check([int(size) for size in image.shape], dtype)
-    offset = int(image.dataobj.offset)
-    if offset < 0:
-        raise expected("vox_offset", "a place in the file", offset, "the header is damaged")
-    needed, there = offset + byte_count(image.shape, dtype), path.stat().st_size
-    if path.name.lower().endswith(".gz"):
+def _check_bytes(stored: _Stored) -> None:
+    _check(list(stored.shape), stored.dtype)
+    if stored.start < 0:
+        raise expected("vox_offset", "a place in the file", stored.start, "the header is damaged")
+    needed, there = stored.start + byte_count(stored.shape, stored.dtype), stored.path.stat().st_size
+    if stored.packed:
         require_plausible(needed, there)
     else:
         require_bytes(needed, there)
 
 
 def _scale(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
-    if slope == 1 and intercept == 0:
+    if stored.dtype.kind not in "buif":
+        raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
+    if (slope, intercept) == _NOT_SCALED:
         return stored
     # plane by plane, to avoid a float64 copy of the whole
     scaled = np.empty(stored.shape, np.float32)

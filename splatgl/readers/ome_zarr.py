@@ -41,6 +41,7 @@ from splatgl.readers.common import decoder_errors
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
 from splatgl.readers.zarr_validation import check_array, check_files
+from splatgl.readers.zarr_zip import open_zip
 
 # most coordinates that are read along a dimension
 MOST_COORDINATES = 2**20
@@ -218,8 +219,7 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
     zarr = import_extra("zarr", "Zarr stores", "zarr", "readers")
     # a store's contents are untrusted: any failure is attributed to the store
     with decoder_errors("Zarr"):
-        check_files(path)
-        group = zarr.open(path, mode="r")
+        group, path = _open(path)
         if not isinstance(group, zarr.Group):
             for name in ("array", "level"):
                 if getattr(options, name) is not None:
@@ -259,7 +259,18 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
         return mark_microscope(volume) if multiscale and "splatgl" not in attributes else volume
 
 
-def _with_stored_colors(path: Path, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
+def _open(path: Path) -> tuple[Any, Any]:
+    """(group or array of a store, its root), of a folder or a zip."""
+    import zarr
+
+    if path.is_file():
+        store, root, name = open_zip(path)
+        return zarr.open(store, mode="r", path=name), root
+    check_files(path)
+    return zarr.open(path, mode="r"), path
+
+
+def _with_stored_colors(path: Any, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
     """The volume; a level of splatgl's pyramids gets its stored colours and hints."""
     metadata = group.attrs.asdict().get("splatgl")
     if not metadata:
@@ -327,8 +338,7 @@ def list_images(path: Path) -> list[str]:
     import zarr
 
     with decoder_errors("Zarr"):
-        check_files(path)
-        group = zarr.open(path, mode="r")
+        group, _ = _open(path)
         if not isinstance(group, zarr.Group) or _multiscale(group) is not None:
             return []
         lines = []
@@ -345,7 +355,7 @@ def _is_volume(array: Any) -> bool:
 
 
 def _read_volume(
-    path: Path,
+    path: Any,
     group: Any,
     node: Any,
     multiscale: Multiscale | None,

@@ -41,8 +41,6 @@ CONVERTERS = {
     ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".hdf": "convert HDF4 with h4toh5; HDF5 is read as .h5",
-    ".ozx": "it is a Zarr store in a zip: unpack it into a folder with: unzip FILE -d NAME.zarr",
-    ".zarr.zip": "it is a Zarr store in a zip: unpack it into a folder with: unzip FILE -d NAME.zarr",
     ".7z": "unpack it",
     ".gz": "unpack it",
     ".bz2": "unpack it",
@@ -262,10 +260,11 @@ class LoadOptions:
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name, suffixes, reader (module.function), supported options and magic bytes.
+    """A format: its name, suffixes, reader (module.function) and supported options.
 
-    kinds: a volume is a "file", a "folder", or either. tells: function of a path (module.function) that recognizes the
-    format by the contents of a file or folder. lists: function that returns a line for each volume in it.
+    starts: kinds of contents (contents.py) beside the title; "?" bytes of no known kind, "*" any bytes. kinds: a volume
+    is a "file", a "folder", or either. tells: function of a path (module.function) that recognizes the format by the
+    contents of a file or folder. lists: function that returns a line for each volume in it.
     """
 
     title: str
@@ -278,29 +277,33 @@ class Format:
     lists: str = ""
 
 
+_MRC_PACKED = (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2")
+_PICTURES = ("PNG", "JPEG", "BMP")
 _TERRAIN = ("color", "relief", "levels")
 _TIFF = ("array", "channel", "level", "time", "series")
 
 # all formats; each takes `spacing` and `values` too
 FORMATS = (
-    Format("NumPy", (".npy",), "raw.read_npy", starts=("NumPy",)),
-    Format("NumPy archive", (".npz",), "raw.read_npz", ("array",), ("ZIP",)),
+    Format("NumPy", (".npy",), "raw.read_npy"),
+    Format("NumPy archive", (".npz",), "raw.read_npz", ("array",)),
     Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
-    Format("NRRD", (".nrrd", ".nhdr"), "nrrd.read", ("array", "channel", "time", "anywhere"), ("NRRD",)),
-    Format("NIfTI", (".nii",), "nifti.read", ("array", "time")),
+    Format("NRRD", (".nrrd", ".nhdr"), "nrrd.read", ("array", "channel", "time", "anywhere")),
+    Format("NIfTI", (".nii",), "nifti.read", ("array", "time"), ("Analyze",)),
     Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array", "time"), ("gzip",)),
-    Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",)),
-    Format("MGH", (".mgh",), "nifti.read_mgh", ("array",)),
+    Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",), ("?",)),
+    Format("MGH", (".mgh",), "nifti.read_mgh", ("array",), ("?",)),
     Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
-    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), ("TIFF",), lists="tiff.list_images"),
-    Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere")),
+    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), lists="tiff.list_images"),
+    Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere"), ("?",)),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
     Format("VTK pieces", (".pvti", ".pvtr"), "vtk_xml.read_parallel", ("array", "channel", "anywhere"), ("XML",)),
     Format("VTK collection", (".pvd", ".vtm"), "vtk_xml.read_series", ("array", "channel", "anywhere"), ("XML",)),
-    Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",)),
-    Format("MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip",)),
-    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), ("HDF5",), lists="hdf5.list_datasets"),
+    Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",), ("?",)),
+    Format(
+        "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")
+    ),
+    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), lists="hdf5.list_datasets"),
     Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
     Format(
         "Zarr",
@@ -309,6 +312,13 @@ FORMATS = (
         ("array", "channel", "level", "time"),
         kinds=("folder",),
         tells="ome_zarr.is_store",
+        lists="ome_zarr.list_images",
+    ),
+    Format(
+        "Zarr, zipped",
+        (".zarr.zip", ".ozx"),
+        "ome_zarr.read",
+        ("array", "channel", "level", "time"),
         lists="ome_zarr.list_images",
     ),
     Format(
@@ -323,6 +333,6 @@ FORMATS = (
         "dicom.list_series",
     ),
     Format("picture slices", (), "image_stack.read", kinds=("folder",), tells="image_stack.is_slices"),
-    Format("height picture", (".png", ".jpg", ".jpeg"), "heightmap.read_picture", _TERRAIN, ("PNG", "JPEG")),
-    Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN),
+    Format("height picture", (".png", ".jpg", ".jpeg", ".bmp"), "heightmap.read_picture", _TERRAIN, _PICTURES),
+    Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN, ("?",)),
 )

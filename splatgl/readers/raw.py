@@ -7,7 +7,7 @@ import re
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -111,8 +111,7 @@ _DTYPE = re.compile(r"(?<![a-z])(u?int(?:8|16|32|64)|float(?:16|32|64))(le|be)?(
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume mapped from `path`, x fastest. Raises InputError if the byte count differs from shape and type."""
-    kind = options.dtype or "".join(next(iter(_DTYPE.findall(path.name)), ()))
-    sizes = options.shape or next(iter(_SHAPE.findall(path.name)), ())
+    kind, sizes = _stated(path.name, options)
     for option, stated, such in (("dtype", kind, "_uint8"), ("shape", sizes, "_128x256x256_")):
         if not stated:
             headers = [header for header in (path.with_suffix(".mhd"), path.with_suffix(".nhdr")) if header.is_file()]
@@ -126,3 +125,14 @@ def read(path: Path, options: LoadOptions) -> Volume:
         fix = "give the shape=X,Y,Z, dtype=TYPE and header_offset=BYTES that fit"
         raise expected("size", this, f"{there} bytes", fix)
     return Volume(map_array(path, options.header_offset, dtype, shape))
+
+
+def _stated(name: str, options: LoadOptions) -> tuple[str, Any]:
+    """The sample type and the sizes (x, y, z) in the options or a file's name; empty if there are none."""
+    kind = options.dtype or "".join(next(iter(_DTYPE.findall(name)), ()))
+    return kind, options.shape or next(iter(_SHAPE.findall(name)), ())
+
+
+def states_samples(name: str, options: LoadOptions) -> bool:
+    """Whether options or a file's name state the sizes or the type of raw samples."""
+    return any(_stated(name, options))

@@ -12,6 +12,7 @@ from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.chunked import OneFile, folder_tag
 from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, inflated_size, require_plausible
+from splatgl.readers.zarr_zip import ZipPath
 
 Fetch = Callable[[Sequence[str]], None]
 
@@ -56,12 +57,13 @@ _LEAST_PARTS = 2**12
 
 
 class ChunkFiles(OneFile):
-    """The files of an array's chunks, each checked before it is decoded. fetch: brings files of the store here.
+    """The files of an array's chunks, each checked before it is decoded. path: of the store, a `Path` or `ZipPath`.
+    fetch: brings files of the store here.
 
     index: turns a caller's index into the array's, where the caller has its axes in another order.
     """
 
-    def __init__(self, path: Path, array: Any, fetch: Fetch | None = None) -> None:
+    def __init__(self, path: Any, array: Any, fetch: Fetch | None = None) -> None:
         super().__init__(path)
         self.folder, self.metadata, self.fetch = self.path / array.path, array.metadata, fetch
         self.index: Callable[[Sequence[int]], Sequence[int]] = tuple
@@ -73,6 +75,8 @@ class ChunkFiles(OneFile):
 
     def tag(self) -> str:
         """Text that changes with the array's contents; for a growing copy its path and metadata."""
+        if isinstance(self.folder, ZipPath):
+            return self.folder.tag()
         if self.fetch is None:
             return folder_tag(self.folder)
         return f"{self.folder.resolve()} {sorted(self.metadata.to_dict().items())}"
@@ -90,17 +94,17 @@ class ChunkFiles(OneFile):
             self.check(file)
         return there
 
-    def _file(self, place: Sequence[int]) -> Path:
+    def _file(self, place: Sequence[int]) -> Any:
         key = tuple(at // size for at, size in zip(self.index(place), self.shape, strict=True))
         return self.folder / str(self.metadata.encode_chunk_key(key))
 
-    def check(self, file: Path) -> None:
+    def check(self, file: Path | ZipPath) -> None:
         """Raises InputError if the chunk expands beyond its size."""
         for name in self.compressors:
             _check_chunk(file, name, self.bytes)
 
 
-def check_array(path: Path, array: Any, whole: bool = True, fetch: Fetch | None = None) -> ChunkFiles:
+def check_array(path: Path | ZipPath, array: Any, whole: bool = True, fetch: Fetch | None = None) -> ChunkFiles:
     """Raises InputError for codecs not known to be safe, and for chunks too large for their files.
 
     whole: whether the array is read at once; else each chunk's file is checked later. fetch: see ChunkFiles.
@@ -147,7 +151,7 @@ def _codec_names(array: Any) -> list[str]:
     return names
 
 
-def _check_chunk(file: Path, compressor: str, chunk: int) -> None:
+def _check_chunk(file: Path | ZipPath, compressor: str, chunk: int) -> None:
     """Raises InputError if the chunk's header states, or long zlib data show, an expansion beyond `chunk` bytes."""
     stored, room = file.stat().st_size, _DECLARED_ROOM * chunk
     with file.open("rb") as opened:

@@ -47,17 +47,17 @@ HUGE = "999999 999999 999999"
 BAD = [
     # the wrong kind of file
     *[
-        (f"png{name}", PNG, "got PNG")
+        (f"png{name}", PNG, "its contents are height picture, not what its name says")
         for name in (".nrrd", ".nii", ".npy", ".npz", ".tif", ".mha", ".vtk", ".vti", ".csv")
     ],
-    ("a.nii", b"not an image" * 40, "cannot be read as NIfTI"),
+    ("a.nii", b"not an image" * 40, "expected NIfTI, as the name says, got text that begins with 'not an image'"),
     ("a.mha", b"some other text\n", "is this a MetaImage file"),
-    ("a.vtk", b"some other text\n", "is this a legacy VTK file"),
+    ("a.vtk", b"some other text\n", "expected legacy VTK, as the name says, got text"),
     ("a.vti", b"<?xml version='1.0'?><svg/>", "expected a VTKFile of ImageData or RectilinearGrid, got svg"),
     ("a.vti", BAD_VTI.encode(), "compressor: expected zlib, LZ4, LZMA or none, got lz4"),
     ("a.csv", b"1,2\n3,four\n", "cannot be read as a CSV table"),
     ("a.png", PNG, "cannot be read as a picture"),
-    ("a.npz", b"PK\x03\x04" + bytes(40), "cannot be read as NumPy .npz"),
+    ("a.npz", b"PK\x03\x04" + bytes(40), "expected NumPy archive, as the name says, got ZIP"),
     # cut short
     ("a.npy", npy("(4, 7, 5)") + bytes(139), "data: expected 140 bytes, got 139 bytes"),
     ("a.nrrd", nrrd(data=bytes(139)), "data: expected 140 bytes, got 139 bytes"),
@@ -71,6 +71,7 @@ BAD = [
     ("a_5x7x4_uint8.raw", bytes(139), "expected 140 bytes (5x7x4 uint8 after 0), got 139 bytes"),
     ("a_5x7x4_uint8.raw", bytes(141), "expected 140 bytes (5x7x4 uint8 after 0), got 141 bytes"),
     ("a.nii.gz", gzip.compress(bytes(999))[:20], "cannot be read as gzip data"),
+    ("a.mgz", gzip.compress(bytes(9999)), "expected MGH, gzipped, as the name says, got gzipped data of another kind"),
     # sizes that no file could have, or this one cannot
     ("a.nrrd", nrrd("5 0 4"), "at least one sample along each axis"),
     ("a.nrrd", nrrd("5 -7 4"), "at least one sample along each axis"),
@@ -221,7 +222,11 @@ def test_bad_options(tmp_path: Path, given: dict[str, object], message: str) -> 
 
 @pytest.mark.parametrize(
     ("name", "data", "module"),
-    [("a.nrrd", nrrd(), "nrrd"), ("a.nii", bytes(400), "nibabel"), ("a.tif", b"II*\0", "tifffile")],
+    [
+        ("a.nrrd", nrrd(), "nrrd"),
+        ("a.nii", np.int32(348).tobytes() + bytes(400), "nibabel"),
+        ("a.tif", b"II*\0", "tifffile"),
+    ],
 )
 def test_missing_library_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, data: bytes, module: str

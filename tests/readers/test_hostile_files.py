@@ -237,7 +237,11 @@ HOSTILE = {
         bytes(NIFTI[:40]) + struct.pack("<8h", 4, 1, 1, 1, -1, 1, 1, 1) + bytes(NIFTI[56:]),
         "axis",
     ),
-    "png eps": ("a.png", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify image file"),
+    "png eps": (
+        "a.png",
+        b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n",
+        "expected height picture, as the name says",
+    ),
     # XML that grows or nests
     "vti entities": ("a.vti", LAUGHS.encode(), "a DOCTYPE"),
     "vti entities in UTF-16": ("a.vti", LAUGHS.encode("utf-16"), "a DOCTYPE"),

@@ -137,11 +137,14 @@ def test_stores_of_xarray(tmp_path: Path, version: int, monkeypatch: pytest.Monk
     assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples, equal_nan=True)
 
 
-def test_a_store_in_a_zip_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["a.ozx", "a.ome.zarr.zip", "a.zip"])
+def test_a_store_in_a_zip(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     from zarr.storage import ZipStore
 
-    for name in ("a.ozx", "a.ome.zarr.zip"):
-        with ZipStore(tmp_path / name, mode="w") as store:
-            image(zarr.create_group(store, zarr_format=3), "0.5")
-        with pytest.raises(InputError, match=r"it is a Zarr store in a zip: unpack it into a folder with: unzip"):
-            load(tmp_path / name)
+    with ZipStore(tmp_path / name, mode="w") as store:
+        image(zarr.create_group(store, path="a.zarr" if name == "a.zip" else "", zarr_format=3), "0.5")
+    whole = load(tmp_path / name)
+    assert whole.shape == (8, 16, 24)
+    monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 100)
+    parts = load(tmp_path / name)
+    assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples)

@@ -162,7 +162,7 @@ def test_vti_header_coded_apart_from_the_data(tmp_path: Path, header: str) -> No
 
 DAMAGE = [
     ("raw", b'WholeExtent="2 6', b'WholeExtent="2 7', b'Extent="2 6', b'Extent="2 7', "as the extent says"),
-    ("raw", b"ImageData", b"PolyData_", b"", b"", "expected a VTKFile of ImageData"),
+    ("raw", b"ImageData", b"PolyData_", b"", b"", "expected VTK grid, as the name says, got VTK PolyData_"),
     ("raw", b"<?xml version", b"<!DOCTYPE a><?xml version", b"", b"", "a DOCTYPE"),
     ("raw", b'Spacing="1.5', b'Spacing="nan', b"", b"", "Spacing: expected 3 numbers"),
     ("binary", b'type="Int16"', b'type="Bit"', b"", b"", "DataArray letter"),
