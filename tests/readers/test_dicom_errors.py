@@ -218,6 +218,10 @@ def one_bit(path: Path) -> None:
     save(image(HU[0], BitsAllocated=1, BitsStored=1, HighBit=0), path)
 
 
+def text(path: Path) -> None:
+    path.write_text("a report")
+
+
 BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "cut": (cut, "pixels: expected 198 bytes, got 168 bytes"),
     "cut in the header": (cut_in_header, "DICOM: expected images, got files without pixels|file: expected pixels"),
@@ -236,7 +240,7 @@ BAD: dict[str, tuple[Callable[[Path], None], str]] = {
     "video": (video, "transfer syntax: expected"),
     "deflated": (deflated, "transfer syntax: expected one that isn't deflated"),
     "one bit": (one_bit, "pixels: expected 8 to 32 bits each"),
-    "text": (lambda path: path.write_text("a report"), "contents: expected DICOM, as the name says, got text"),
+    "text": (text, "contents: expected DICOM, as the name says, got text"),
 }
 
 
