@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import shutil
 import stat
 import sys
 import tempfile
@@ -230,6 +231,24 @@ def _mode(real: Path) -> int:
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "a pipe or device")
     return stat.S_IMODE(mode)
+
+
+@contextmanager
+def atomic_folder(target: Path) -> Iterator[Path]:
+    """Yields a path beside `target`, a free name, that becomes it at the end; the folder there is removed on failure.
+
+    Missing parents are made. Raises InputError if it cannot be written.
+    """
+    part = target.with_name(f".{shorten_name(target.name)}.{os.getpid()}.part")
+    try:
+        with new_folder(target.parent):
+            try:
+                yield part
+                part.rename(target)
+            finally:
+                shutil.rmtree(part, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from error
 
 
 @contextmanager

@@ -289,6 +289,28 @@ class Transposed:
         return np.expand_dims(part, free.index(None)) if None in free else part
 
 
+class Window:
+    """A box of an array that is read in parts, as an array of its own."""
+
+    def __init__(self, array: Any, box: tuple[slice, ...]) -> None:
+        whole = (*box, *[slice(None)] * (len(array.shape) - len(box)))
+        self.array, self.dtype = array, np.dtype(array.dtype)
+        self.ranges = [range(size)[at] for size, at in zip(array.shape, whole, strict=True)]
+        self.shape = tuple(map(len, self.ranges))
+
+    @classmethod
+    def of(cls, array: Any, box: tuple[slice, ...]) -> Any:
+        """The box of an array; a view of one in memory."""
+        return array[box] if isinstance(array, np.ndarray) else cls(array, box)
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        keys = key if isinstance(key, tuple) else (key,)
+        keys += (slice(None),) * (len(self.shape) - len(keys))
+        places = [steps[at] for steps, at in zip(self.ranges, keys, strict=True)]
+        index = (slice(at.start, at.stop, at.step) if isinstance(at, range) else at for at in places)
+        return np.asarray(self.array[tuple(index)])
+
+
 class _OwnedView:
     """An array's memory, whose arrays keep its `owner` alive."""
 

@@ -13,6 +13,8 @@ import numpy as np
 from splatgl.errors import expected
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from splatgl.data.mask import Mask
     from splatgl.keywords import ArrayKeywords
 
@@ -192,6 +194,16 @@ class Volume:
             inside &= mask.keeps(self, low, high)
         return inside
 
+    def save(self, path: str | Path) -> tuple[str, ...]:
+        """Writes the volume, or nothing: .nii, .nii.gz, .nrrd, .mha, .ome.tif, .zarr (with levels) or .npy.
+
+        Returns a line for each thing that the format cannot hold. Large samples are read in slabs. Raises InputError
+        for another name and for contents that the format has no place for.
+        """
+        from splatgl.writers import save
+
+        return save(self, path)
+
     def to_pyvista(self) -> Any:
         """A pyvista.ImageData with the samples in its points, colours and vectors too. InputError without PyVista."""
         from splatgl.integrations.vtk.image_data import image_data
@@ -324,19 +336,12 @@ def halve_volume(volume: Volume, labels: bool = False) -> Volume:
     above the minimum, so that empty voxels do not contribute.
     """
     steps = [2 if count >= FEWEST else 1 for count in volume.shape]
-    depth, height, width = (-(-count // step) for count, step in zip(volume.shape, steps, strict=True))
-    labels = labels or volume.labels is not None
-    samples = np.empty((depth, height, width), volume.samples.dtype if labels else np.float32)
-    colors = None if volume.color is None else np.empty((depth, height, width, 3), np.uint8)
-
-    # one layer of blocks at a time: a mapped file is read once and never held entirely
-    lowest = 0.0
-    if volume.color is not None:
+    samples = halve_samples(volume.samples, steps, labels or volume.labels is not None)
+    colors = None if volume.color is None else np.empty((*samples.shape, 3), np.uint8)
+    if colors is not None:
         lowest = min(float(np.nanmin(slab.samples)) for slab in volume.slabs(8, halo=0))
-    for z in range(depth):
-        planes = np.asarray(volume.samples[z * steps[0] : (z + 1) * steps[0]])
-        samples[z] = _majority(planes, steps) if labels else _mean(planes.astype(np.float32, copy=False), steps)
-        if colors is not None and volume.color is not None:
+        for z in range(len(colors)):
+            planes = np.asarray(volume.samples[z * steps[0] : (z + 1) * steps[0]])
             weight = planes.astype(np.float32) - (lowest - 1e-3)
             shade = volume.color[z * steps[0] : (z + 1) * steps[0]].astype(np.float32)
             total = np.maximum(_mean(weight, steps), 1e-6)
@@ -357,20 +362,33 @@ def halve_volume(volume: Volume, labels: bool = False) -> Volume:
     )
 
 
-def _mean(planes: np.ndarray, steps: list[int]) -> np.ndarray:
+def halve_samples(samples: Any, steps: Sequence[int], labels: bool) -> np.ndarray:
+    """[D', H', W'] means of blocks of samples [D, H, W], float32; of labels the most frequent numbers, in their type.
+
+    steps (z, y, x): voxels of a block, 2 or 1. One layer of blocks is read at a time.
+    """
+    shape = [-(-count // step) for count, step in zip(samples.shape, steps, strict=True)]
+    halved = np.empty(shape, samples.dtype if labels else np.float32)
+    for z in range(shape[0]):
+        planes = np.asarray(samples[z * steps[0] : (z + 1) * steps[0]])
+        halved[z] = _majority(planes, steps) if labels else _mean(planes.astype(np.float32, copy=False), steps)
+    return halved
+
+
+def _mean(planes: np.ndarray, steps: Sequence[int]) -> np.ndarray:
     """[H', W'] means of blocks of planes [d, H, W]; the last of an odd count has double weight."""
     mean = _pad_odd(planes, steps).sum(axis=0, dtype=np.float32) / len(planes)
     mean = mean if steps[1] == 1 else (mean[::2] + mean[1::2]) / 2
     return np.asarray(mean if steps[2] == 1 else (mean[:, ::2] + mean[:, 1::2]) / 2)
 
 
-def _pad_odd(planes: np.ndarray, steps: list[int]) -> np.ndarray:
+def _pad_odd(planes: np.ndarray, steps: Sequence[int]) -> np.ndarray:
     """Planes [d, H, W] with the last row and column of an odd count twice."""
     odd = [(0, -count % step) for count, step in zip(planes.shape[1:], steps[1:], strict=True)]
     return np.pad(planes, [(0, 0), *odd], mode="edge") if any(map(any, odd)) else planes
 
 
-def _majority(planes: np.ndarray, steps: list[int]) -> np.ndarray:
+def _majority(planes: np.ndarray, steps: Sequence[int]) -> np.ndarray:
     """[H', W'] most frequent numbers of blocks of planes [d, H, W]; the last of an odd count counts twice."""
     padded, (_, down, right) = _pad_odd(planes, steps), steps
     corners = [plane[y::down, x::right] for plane in padded for y in range(down) for x in range(right)]

@@ -31,7 +31,7 @@ from splatgl.readers.common import (
 from splatgl.readers.options import LoadOptions
 
 # numpy codes by ElementType; MetaIO's LONG always has four bytes
-_TYPES = {
+TYPES = {
     "MET_CHAR": "i1",
     "MET_UCHAR": "u1",
     "MET_SHORT": "i2",
@@ -234,10 +234,10 @@ def _read_data(
 
 def _dtype(fields: Fields) -> np.dtype:
     name = fields.get("ElementType", "none").removesuffix("_ARRAY")
-    if name not in _TYPES:
+    if name not in TYPES:
         raise expected("ElementType", "a MetaImage number type such as MET_SHORT", name)
     big = _flag(fields, "ElementByteOrderMSB", False) or _flag(fields, "BinaryDataByteOrderMSB", False)
-    return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
+    return np.dtype(TYPES[name]).newbyteorder(">" if big else "<")
 
 
 def _flag(fields: Fields, name: str, default: bool) -> bool:

@@ -271,9 +271,12 @@ def _open(path: Path) -> tuple[Any, Any]:
 
 
 def _with_stored_colors(path: Any, group: Any, node: Any, volume: Volume, remote: Remote | None) -> Volume:
-    """The volume; a level of splatgl's pyramids gets its stored colours and hints."""
+    """The volume; a level of splatgl's own stores gets its orientation, one of its pyramids colours and hints, too."""
     metadata = group.attrs.asdict().get("splatgl")
     if not metadata:
+        return volume
+    volume = replace(volume, direction=np.array(metadata["direction"]), frame=metadata["frame"])
+    if "color" not in metadata:
         return volume
     name = f"{metadata['color']}/{node.path.rsplit('/', 1)[-1]}"
     if remote:
@@ -282,8 +285,7 @@ def _with_stored_colors(path: Any, group: Any, node: Any, volume: Volume, remote
     files = check_array(path, color, False, remote.fetch if remote else None)
     hints = Hints(points=((0.0, 0.0), (1.0, 1.0)), unit=float(metadata["unit"]), shading=bool(metadata["shading"]))
     shade = Chunked(str(remote or path), color, [slice(None)] * 4, files)
-    grid = {"direction": np.array(metadata["direction"]), "frame": metadata["frame"], "hints": hints}
-    return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], **grid)
+    return replace(volume, color=shade if isinstance(volume.samples, Chunked) else shade[:], hints=hints)
 
 
 def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any, LoadOptions, tuple[str, ...]]:

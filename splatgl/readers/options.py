@@ -162,7 +162,7 @@ class LoadOptions:
     time: int | None = _option(
         None,
         Kind("zero or more", Kind.whole(0).check, read_time, "N", written="a number, or FIRST:END:STEP", hint="int"),
-        "time point of a file, from 0. animate draws several, FIRST:END:STEP",
+        "time point of a file, from 0. animate and convert take several, FIRST:END:STEP",
     )
     level: int | None = _option(
         None,

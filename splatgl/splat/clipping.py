@@ -196,7 +196,17 @@ def crop_planes(text: str, volume: Volume) -> tuple[Plane, ...]:
 
     Raises InputError for other text and for empty slices.
     """
-    sizes = volume.shape[::-1]
+    rows = []
+    for axis, (begin, end) in enumerate(crop_ends(text, volume.shape)):
+        for sign, place, at_end in ((1, begin, begin == 0), (-1, end, end == volume.shape[2 - axis])):
+            if not at_end:
+                rows.append(index_plane(volume, axis, sign, place - 0.5))
+    return check_planes(rows)
+
+
+def crop_ends(text: str, shape: Sequence[int]) -> list[tuple[int, int]]:
+    """First and last voxel, not included, along x, y and z, of a crop's text. Raises InputError as `crop_planes`."""
+    sizes = shape[::-1]
     parts = text.replace(" ", "").split(",")
     try:
         ends = [[int(end) if end else None for end in part.split(":")] for part in parts]
@@ -204,15 +214,13 @@ def crop_planes(text: str, volume: Volume) -> tuple[Plane, ...]:
         ends = []
     if len(ends) != 3 or any(len(pair) != 2 for pair in ends):
         raise expected("crop", "A:B,C:D,E:F, voxels along x, y and z, where each number is optional", repr(text))
-    rows = []
+    found = []
     for axis, (pair, size) in enumerate(zip(ends, sizes, strict=True)):
         begin, end, _ = slice(*pair).indices(size)
         if begin >= end:
             raise expected("crop", f"voxels from 0 to {size} along {'xyz'[axis]}", parts[axis])
-        for sign, place, at_end in ((1, begin, begin == 0), (-1, end, end == size)):
-            if not at_end:
-                rows.append(index_plane(volume, axis, sign, place - 0.5))
-    return check_planes(rows)
+        found.append((begin, end))
+    return found
 
 
 def index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:

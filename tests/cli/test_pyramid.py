@@ -15,6 +15,7 @@ from splatgl.cli.main import main
 from splatgl.cli.pyramid import classified, halved, write
 from splatgl.gl.large_volumes import choose_level
 from splatgl.splat.settings import Settings
+from splatgl.writers import ome
 from tests.helpers.levels import with_levels
 
 pytest.importorskip("zarr", reason="needs the extra readers")
@@ -114,7 +115,7 @@ def test_thin_things_stay_at_coarse_levels(
 
 def test_the_command(tmp_path: Path, monkeypatch: Any, capsys: Any, threads: sg.Volume) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(pyramid, "CHUNK", 16)
+    monkeypatch.setattr(ome, "CHUNK", 16)
     np.save("t.npy", threads.samples)
     asked = ["pyramid", "t.npy", "--points", "0.3:0,1:0.9", "-o"]
     assert main([*asked, "p.zarr"]) == 0

@@ -1,0 +1,201 @@
+"""OME-TIFF and OME-Zarr, and the levels of stores: their grids, boxes and metadata."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.volume import FEWEST, Places, Volume, halve_samples
+from splatgl.writers import Content, label_colors
+
+# voxels along the sides of a chunk, and chunks along those of a box in memory; the coarsest level is one chunk
+CHUNK, BOX = 64, 2
+# units of length by their names in OME-Zarr
+UNITS = {
+    **{"nm": "nanometer", "um": "micrometer", "mm": "millimeter", "cm": "centimeter", "m": "meter"},
+    **{"km": "kilometer", "in": "inch", "Å": "angstrom"},
+}
+WHITE = "#ffffff"
+# bytes from which a TIFF file needs offsets of 64 bits; metadata and tags take the rest
+_BIG = 2**32 - 2**26
+
+
+def write_tiff(path: Path, content: Content) -> None:
+    """Writes an OME-TIFF file, uncompressed: axes t, c, z, y, x of which t and c need several entries."""
+    import tifffile
+
+    volume, is_color = content.volume, content.kind == "color"
+    channels = 1 if is_color else content.components
+    lead = [(axis, size) for axis, size in (("T", content.count), ("C", channels)) if size > 1]
+    axes = "".join(axis for axis, _ in lead) + "ZYX" + "S" * is_color
+    shape = (*(size for _, size in lead), *volume.shape, *((3,) if is_color else ()))
+    unit = {"um": "µm", "": "pixel"}.get(volume.unit, volume.unit if volume.unit in UNITS else "pixel")
+    metadata: dict[str, Any] = {"axes": axes, "Name": volume.name or "volume"}
+    for axis, size in zip("XYZ", volume.spacing, strict=True):
+        metadata |= {f"PhysicalSize{axis}": size, f"PhysicalSize{axis}Unit": unit}
+    if content.count > 1 and volume.time_step:
+        metadata |= {"TimeIncrement": volume.time_step, "TimeIncrementUnit": "s"}
+    if channels > 1:
+        colors = [channel.hints.color or WHITE for channel in volume.channels]
+        # red in the highest byte, opaque, as a signed number
+        numbers = [int(np.array(int(color[1:], 16) << 8 | 255, np.uint32).view(np.int32)) for color in colors]
+        metadata["Channel"] = {"Name": [channel.name for channel in volume.channels], "Color": numbers}
+        if not any(channel.hints.color for channel in volume.channels):
+            del metadata["Channel"]["Color"]
+    is_big = math.prod(shape) * content.dtype.itemsize > _BIG
+    tifffile.imwrite(
+        path,
+        _planes(content),
+        shape=shape,
+        dtype=content.dtype,
+        ome=True,
+        bigtiff=is_big,
+        photometric="rgb" if is_color else "minisblack",
+        metadata=metadata,
+    )
+
+
+def _planes(content: Content) -> Iterator[np.ndarray]:
+    """All planes in order, of a time point channel by channel; read some at a time."""
+    for time in range(content.count):
+        for array in content.arrays(time):
+            for slab in content.slabs_of([array]):
+                yield from slab if content.kind == "color" else slab[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class LevelGrid:
+    """A level of a store, axes z, y, x: its shape, its steps in voxels of the finer level, its spacing and origin."""
+
+    shape: Places
+    steps: Places
+    scale: np.ndarray
+    begin: np.ndarray
+
+
+def level_grids(volume: Volume) -> list[LevelGrid]:
+    """The levels of a volume, finest first: each has half as many voxels along axes of at least FEWEST, down to one
+    chunk.
+    """
+    grids = [LevelGrid(volume.shape, (1, 1, 1), np.array(volume.spacing[::-1]), np.array(volume.origin[::-1]))]
+    while max(grids[-1].shape) > CHUNK:
+        finer = grids[-1]
+        z, y, x = (2 if count >= FEWEST else 1 for count in finer.shape)
+        steps = (z, y, x)
+        d, h, w = (math.ceil(count / step) for count, step in zip(finer.shape, steps, strict=True))
+        # the middle of the first block, along the volume's own axes
+        middle = volume.direction @ ((np.array(steps[::-1]) - 1) / 2 * finer.scale[::-1])
+        grids.append(LevelGrid((d, h, w), steps, finer.scale * steps, finer.begin + middle[::-1]))
+    return grids
+
+
+def level_boxes(shape: Places) -> Iterator[tuple[Places, Places]]:
+    """Yields boxes (low, high) of whole chunks, (z, y, x), that cover a level."""
+    side = BOX * CHUNK
+    for at in product(*(range(0, count, side) for count in shape)):
+        z, y, x = (min(a + side, count) for a, count in zip(at, shape, strict=True))
+        yield (at[0], at[1], at[2]), (z, y, x)
+
+
+def finer_box(grid: LevelGrid, finer: LevelGrid, low: Places, high: Places) -> tuple[slice, ...]:
+    """The box of the finer level that makes a box of a level."""
+    sides = zip(low, high, grid.steps, finer.shape, strict=True)
+    return tuple(slice(a * step, min(b * step, count)) for a, b, step, count in sides)
+
+
+def describe_levels(volume: Volume, grids: list[LevelGrid], lead: list[dict[str, Any]]) -> dict[str, Any]:
+    """OME-Zarr's metadata of an image (0.4). lead: axes before z, y and x, with their "scale"."""
+    axes: list[Any] = [{name: entry for name, entry in axis.items() if name != "scale"} for axis in lead]
+    unit = {"unit": UNITS[volume.unit]} if volume.unit in UNITS else {}
+    axes += [{"name": name, "type": "space", **unit} for name in "zyx"]
+    ahead = [axis["scale"] for axis in lead]
+    datasets: list[Any] = [
+        {
+            "path": str(number),
+            "coordinateTransformations": [
+                {"type": "scale", "scale": [*ahead, *grid.scale.tolist()]},
+                {"type": "translation", "translation": [*[0.0] * len(ahead), *grid.begin.tolist()]},
+            ],
+        }
+        for number, grid in enumerate(grids)
+    ]
+    return {"version": "0.4", "name": volume.name, "axes": axes, "datasets": datasets}
+
+
+def write_zarr(path: Path, content: Content) -> None:
+    """Writes an OME-Zarr store (0.4, Zarr 2): levels of means, of labels of the most frequent numbers."""
+    import zarr
+
+    group = zarr.open_group(path, mode="w", zarr_format=2)
+    volume, grids = content.volume, level_grids(content.volume)
+    lead: list[dict[str, Any]] = []
+    if content.count > 1:
+        unit = {"unit": "second"} if volume.time_step else {}
+        lead.append({"name": "t", "type": "time", **unit, "scale": volume.time_step or 1.0})
+    if content.components > 1:
+        lead.append({"name": "c", "type": "channel", "scale": 1.0})
+    sizes = [content.count] * (content.count > 1) + [content.components] * (content.components > 1)
+    arrays: list[Any] = [
+        group.create_array(
+            str(number),
+            shape=(*sizes, *grid.shape),
+            chunks=(*[1] * len(sizes), *[CHUNK] * 3),
+            dtype=content.dtype,
+            fill_value=0,
+            chunk_key_encoding={"name": "v2", "separator": "/"},
+        )
+        for number, grid in enumerate(grids)
+    ]
+    for time in range(content.count):
+        for channel, source in enumerate(content.arrays(time)):
+            at = (*[time] * (content.count > 1), *[channel] * (content.components > 1))
+            for low, high in level_boxes(volume.shape):
+                box = tuple(map(slice, low, high))
+                arrays[0][(*at, *box)] = content.box([source], box)[..., 0]
+            for number in range(1, len(grids)):
+                for low, high in level_boxes(grids[number].shape):
+                    block = arrays[number - 1][(*at, *finer_box(grids[number], grids[number - 1], low, high))]
+                    halved = halve_samples(block, grids[number].steps, volume.labels is not None)
+                    if content.dtype.kind in "iu":
+                        halved = np.rint(halved)
+                    arrays[number][(*at, *map(slice, low, high))] = halved.astype(content.dtype)
+    group.attrs.update(_attributes(content, describe_levels(volume, grids, lead)))
+
+
+def _attributes(content: Content, image: dict[str, Any]) -> dict[str, Any]:
+    """Metadata of a store: the image, its channels and labels; an orientation, which OME-Zarr lacks, for splatgl."""
+    volume = content.volume
+    attributes: dict[str, Any] = {"multiscales": [image]}
+    if len(volume.channels) > 1:
+        rows = []
+        for channel in volume.channels:
+            window = channel.hints.window
+            row: dict[str, Any] = {"label": channel.name, "active": True}
+            row |= {"color": channel.hints.color[1:].upper()} if channel.hints.color else {}
+            if window:
+                row["window"] = {"start": window[0], "end": window[1], "min": window[0], "max": window[1]}
+            rows.append(row)
+        attributes["omero"] = {"version": "0.4", "name": volume.name, "channels": rows}
+    if volume.labels is not None:
+        colors = zip(volume.labels, label_colors(volume.labels), strict=True)
+        alpha = {label.number: round(255 * label.opacity) for label in volume.labels}
+        attributes["image-label"] = {
+            "version": "0.4",
+            "colors": [
+                {
+                    "label-value": label.number,
+                    "rgba": [*(int(color[n : n + 2], 16) for n in (1, 3, 5)), alpha[label.number]],
+                }
+                for label, color in colors
+            ],
+            "properties": [{"label-value": label.number, "name": label.name} for label in volume.labels],
+        }
+    if volume.frame or not np.array_equal(volume.direction, np.eye(3)):
+        attributes["splatgl"] = {"direction": volume.direction.tolist(), "frame": volume.frame}
+    return attributes
