@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import METRES
+from splatgl.data.color import luma
 from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import atomic_folder, atomic_write, check_output
@@ -53,7 +54,7 @@ _GRID = ("spacing", "origin", "direction", "times")
 _NIFTI = partial(Target, frame="RAS", units=("mm", "um", "m"), library=("nibabel", "nibabel"))
 TARGETS = (
     _NIFTI("NIfTI", (".nii",), "headers.write_nifti", frozenset((*_GRID, "color", "vectors"))),
-    _NIFTI("NIfTI, gzipped", (".nii.gz",), "headers.write_nifti_gz", frozenset((*_GRID, "color", "vectors"))),
+    _NIFTI("NIfTI", (".nii.gz",), "headers.write_nifti_gz", frozenset((*_GRID, "color", "vectors"))),
     Target(
         "NRRD",
         (".nrrd",),
@@ -125,13 +126,14 @@ class Content:
         """Numbers of a voxel: 3 of a colour or vector, else one for each channel."""
         return 3 if self.kind in ("color", "vectors") else max(len(self.volume.channels), 1)
 
-    @property
+    @cached_property
     def kind(self) -> str:
         """What a voxel holds: "color", "vectors", "channels", or "samples"."""
-        for name in ("color", "vectors"):
-            if getattr(self.volume, name) is not None and name in self.target.holds and not self.volume.channels:
-                return name
-        return "channels" if len(self.volume.channels) > 1 else "samples"
+        if len(self.volume.channels) > 1:
+            return "channels"
+        if self.volume.color is not None and "color" in self.target.holds:
+            return "color"
+        return "vectors" if "vectors" in self.target.holds and _has_lengths(self.volume) else "samples"
 
     def slabs(self) -> Iterator[np.ndarray]:
         """Slabs [d, H, W, components] of all time points in order, each of about SLAB_BYTES."""
@@ -202,7 +204,8 @@ def _prepare(
     are_layers = "layers" in holds and all(channel.labels is not None for channel in channels)
     if len(channels) > 1 and "channels" not in holds and not are_layers:
         names = ", ".join(channel.name for channel in channels[:8])
-        fix = f"pick one with channel=0 … channel={len(channels) - 1}, or write .ome.tif or .ome.zarr"
+        others = ".nrrd" if all(channel.labels is not None for channel in channels) else ".ome.tif or .ome.zarr"
+        fix = f"pick one with channel=0 … channel={len(channels) - 1}, or write {others}"
         raise expected("channels", f"one in a {target.title} file", f"{len(channels)} ({names})", fix)
     unit, factor = _stated_unit(volume.unit, target.units)
 
@@ -244,16 +247,37 @@ def _lost(volume: Volume, target: Target, kind: str) -> list[str]:
         "vectors": volume.vectors is not None and kind != "vectors",
         "value unit": bool(volume.value_unit),
     }
-    names = {"color": "colours", "vectors": "vectors (their lengths are written)", "direction": "orientation"}
-    lost = [names.get(name, name) for name, gone in is_lost.items() if gone and name not in holds]
+    names = {"color": "colours", "vectors": "vectors beside samples", "direction": "orientation"}
+    names["value unit"] = "unit of values"
+    lost = [names.get(name, name) for name, gone in is_lost.items() if gone and name not in holds - {"vectors"}]
     if lost:
         notes.append(f"{target.title} holds no {', '.join(lost)}")
     is_placed = is_turned or any(volume.origin)
     if target.frame and volume.frame is None and is_placed:
         notes.append(f"the frame is unknown, and {target.title} has only {target.frame}: it is read as that")
+    if volume.color is not None and holds & {"color", "channels"} and not _has_luma(volume):
+        notes.append("the samples beside the colours are not written")
     if target.title == "OME-Zarr" and is_lost["direction"]:
         notes.append("orientation: OME-Zarr has none, splatgl alone reads what is written")
     return notes
+
+
+def _has_luma(volume: Volume) -> bool:
+    """Whether a volume's samples are the luma of its colours, by a few planes."""
+    return all(np.array_equal(luma(color), samples) for samples, color in _some_planes(volume, volume.color))
+
+
+def _has_lengths(volume: Volume) -> bool:
+    """Whether a volume has vectors whose lengths are its samples, by a few planes."""
+    planes = [] if volume.vectors is None else _some_planes(volume, volume.vectors)
+    pairs = [(np.linalg.norm(vectors, axis=-1), samples) for samples, vectors in planes]
+    return bool(pairs) and all(np.allclose(length, samples, equal_nan=True) for length, samples in pairs)
+
+
+def _some_planes(volume: Volume, array: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Samples and another array of at most eight planes."""
+    places = range(0, volume.shape[0], -(-volume.shape[0] // 8))
+    return [(np.asarray(volume.samples[z : z + 1]), np.asarray(array[z : z + 1])) for z in places]
 
 
 def _color_channels(volume: Volume) -> tuple[Volume, ...]:

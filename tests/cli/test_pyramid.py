@@ -66,7 +66,7 @@ def test_voxels_are_those_of_the_extractor(rng: np.random.Generator) -> None:
 @pytest.fixture
 def store(threads: sg.Volume, tmp_path: Path, monkeypatch: Any) -> sg.Volume:
     """Threads one voxel wide, turned, as a pyramid of four levels."""
-    monkeypatch.setattr(pyramid, "CHUNK", 8)
+    monkeypatch.setattr(ome, "CHUNK", 8)
     turned = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
     given = replace(threads, coarser=(), direction=turned, spacing=(1, 1, 2), origin=(3, 4, 5), unit="um", frame="RAS")
     write(tmp_path / "p.zarr", given, LOOK)

@@ -35,6 +35,7 @@ from splatgl.studies.accuracy.methods import methods
 from splatgl.studies.stress import CASES
 from splatgl.viewer import commands
 from splatgl.viewer.key_bindings import load_bindings
+from splatgl.writers import TARGETS
 
 ROOT = Path(__file__).parents[2]
 TOP, DOCS = ROOT / "README.md", ROOT / "splatgl" / "docs"
@@ -494,6 +495,12 @@ def test_every_format_is_in_the_table() -> None:
     (table,) = re.findall(r"(?m)^\| format \|.*\n((?:\|.*\n)+)", (DOCS / "formats.md").read_text(encoding="utf-8"))
     named = {suffix for line in table.splitlines() for suffix in re.findall(r"`(\.[\w.]+)`", line.split("|")[1])}
     assert named == {suffix for form in FORMATS for suffix in form.suffixes}
+
+
+def test_every_written_format_is_in_the_table() -> None:
+    (table,) = re.findall(r"(?m)^\| name \| keeps .*\n((?:\|.*\n)+)", (DOCS / "formats.md").read_text(encoding="utf-8"))
+    named = {suffix for line in table.splitlines() for suffix in re.findall(r"`(\.[\w.]+)`", line.split("|")[1])}
+    assert named == {suffix for target in TARGETS for suffix in target.suffixes}
 
 
 def test_every_stress_case_is_in_the_table() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +53,8 @@ def assert_placed(read: sg.Volume, right: sg.Volume) -> None:
     assert np.allclose(read.origin, right.origin, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("suffix", "direction"), list(product(PLACED, (TURN, SHEAR))))
+@pytest.mark.parametrize("suffix", PLACED)
+@pytest.mark.parametrize("direction", [pytest.param(TURN, id="turned"), pytest.param(SHEAR, id="sheared")])
 def test_grids_come_back(suffix: str, direction: np.ndarray, tmp_path: Path, rng: np.random.Generator) -> None:
     volume = sg.Volume(numbers(">f4", rng), direction=direction, **GRID)
     for frame in ("LPS", "RAS"):
@@ -133,7 +133,8 @@ def test_nibabel_reads_the_same(tmp_path: Path, rng: np.random.Generator) -> Non
     rgb = np.asarray(nibabel.load(tmp_path / "c.nii").dataobj)
     assert np.array_equal(np.stack([rgb[name] for name in "RGB"], axis=-1).transpose(2, 1, 0, 3), color)
     vectors = rng.normal(size=(3, 5, 7, 3)).astype(np.float32)
-    sg.Volume(volume.samples, vectors=vectors, direction=TURN, **GRID).save(tmp_path / "v.nii")
+    lengths = np.linalg.norm(vectors, axis=-1)
+    sg.Volume(lengths, vectors=vectors, direction=TURN, **GRID).save(tmp_path / "v.nii")
     image = nibabel.load(tmp_path / "v.nii")
     assert image.shape == (7, 5, 3, 1, 3) and image.header.get_intent()[0] == "vector"
     assert np.array_equal(
@@ -215,11 +216,17 @@ def test_colours_come_back(tmp_path: Path, rng: np.random.Generator) -> None:
     volume.save(tmp_path / "a.npy")
     assert np.array_equal(np.load(tmp_path / "a.npy"), color)
     vectors = rng.normal(size=(3, 5, 7, 3)).astype(np.float32)
-    field = sg.Volume(volume.samples, vectors=vectors, direction=TURN, **GRID).placed("RAS")
+    lengths = np.linalg.norm(vectors, axis=-1)
+    field = sg.Volume(lengths, vectors=vectors, direction=TURN, **GRID).placed("RAS")
     for suffix in (".nrrd", ".mha"):
         field.save(tmp_path / f"v{suffix}")
         assert np.array_equal(sg.load(tmp_path / f"v{suffix}").placed("LPS").vectors, vectors)
-    assert field.save(tmp_path / "v.ome.tif")[0].endswith("vectors (their lengths are written)")
+    assert field.save(tmp_path / "v.ome.tif")[0].endswith("vectors beside samples")
+    # samples that say something else
+    assert replace(field, samples=volume.samples).save(tmp_path / "s.nrrd") == ("NRRD holds no vectors beside samples",)
+    assert np.array_equal(sg.load(tmp_path / "s.nrrd").samples, volume.samples)
+    notes = replace(volume, samples=volume.samples + 1).save(tmp_path / "s.mha")
+    assert notes == ("the samples beside the colours are not written",)
 
 
 @pytest.mark.parametrize("suffix", [".nii", ".nrrd", ".mha", ".ome.tif", ".zarr"])
