@@ -80,6 +80,13 @@ def processor(renderer: sg.Renderer) -> Iterator[sg.Renderer]:
             yield own
 
 
+@pytest.fixture(scope="session")
+def card() -> Iterator[sg.Renderer]:
+    """Renderer whose compute shaders have a graphics card's shape."""
+    with sg.Renderer(shape="card") as own:
+        yield own
+
+
 @pytest.fixture
 def are_long(pytestconfig: pytest.Config) -> dict[str, bool]:
     """Of all tests of the files that are collected, whether they are long."""

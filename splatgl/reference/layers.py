@@ -42,22 +42,22 @@ class LayerScene:
 
 def merge_pieces(layers: Sequence[Pieces]) -> np.ndarray:
     """Light [P, 4] of layers' pieces along P rays."""
-    edges = np.sort(np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1), axis=1)
-    light = np.zeros((len(edges), 4))
-    rows = np.arange(len(edges))
-    at = [np.zeros(len(edges), np.intp) for _ in layers]
-    for first, last in zip(edges.T[:-1], edges.T[1:], strict=True):
+    ends = np.concatenate([layer.ends.reshape(len(layer.ends), -1) for layer in layers], axis=1)
+    order = np.argsort(ends, axis=1, kind="stable")
+    edges = np.take_along_axis(ends, order, axis=1).T
+    # of an end the layer whose piece ends there, −1 where one begins
+    ending = np.concatenate([np.tile([-1, n], layer.ends.shape[1]) for n, layer in enumerate(layers)])[order].T
+    light = np.zeros((len(ends), 4))
+    at = [np.zeros(len(ends), np.intp) for _ in layers]
+    for first, last, ended in zip(edges[:-1], edges[1:], ending[:-1], strict=True):
         middle, matter = (first + last) / 2, np.zeros_like(light)
         for n, layer in enumerate(layers):
-            while (late := layer.ends[rows, at[n], 1] <= middle).any():
-                late &= at[n] < layer.ends.shape[1] - 1
-                if not late.any():
-                    break
-                at[n] += late
-            begin, end = layer.ends[rows, at[n]].T
-            inside = (begin < middle) & (middle < end) & (last > first)
-            share = np.where(inside, (last - first) / np.where(inside, end - begin, 1.0), 0.0)
-            matter += layer.matter[rows, at[n]] * share[:, None]
+            at[n] += ended == n
+            some = np.flatnonzero((last > first) & (at[n] < layer.ends.shape[1]))
+            begin, end = layer.ends[some, at[n][some]].T
+            inside = (begin < middle[some]) & (middle[some] < end)
+            some, length = some[inside], (end - begin)[inside]
+            matter[some] += layer.matter[some, at[n][some]] * ((last - first)[some] / length)[:, None]
         light = add_behind(light, matter)
     return light
 

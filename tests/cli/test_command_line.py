@@ -272,16 +272,16 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[byte
 
 
 @pytest.mark.few(1)
+@pytest.mark.parametrize("environment", [{}, {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}])
 @pytest.mark.parametrize("name", ["with space.npy", "köpfe.npy", "two\nlines.npy", "-minus.npy", "\udcff.npy"])
-def test_names_of_any_kind(name: str, here: Path) -> None:
+def test_names_of_any_kind(name: str, environment: dict[str, str], here: Path) -> None:
     """In a terminal that knows ASCII alone, too."""
     Path(name).write_bytes(Path("noise.npy").read_bytes())
-    for environment in ({}, {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}):
-        done = run("render", "--size", "8", f"--output={name[:-4]}.png", "--", name, **environment)
-        assert (done.returncode, done.stderr) == (0, b"")
-        assert Path(f"{name[:-4]}.png").is_file()
-        failed = run("info", "--array", "a", "--", name, **environment)
-        assert failed.returncode == 2 and len(failed.stderr.splitlines()) == 1 and b"--array" in failed.stderr
+    done = run("render", "--size", "8", f"--output={name[:-4]}.png", "--", name, **environment)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert Path(f"{name[:-4]}.png").is_file()
+    failed = run("info", "--array", "a", "--", name, **environment)
+    assert failed.returncode == 2 and len(failed.stderr.splitlines()) == 1 and b"--array" in failed.stderr
 
 
 @pytest.mark.few(1)

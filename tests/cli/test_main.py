@@ -45,7 +45,7 @@ def test_render_a_file(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(p.name for p in here.iterdir()) == ["noise.npy", "noise.png"]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "options",
     [
@@ -191,7 +191,7 @@ def test_unwritable_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert "permission denied" in said(capsys)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("samples", [np.full((4, 4, 4), 3.0), np.ones((1, 1, 1)), np.ones((1, 5, 6)), NOISE[:, :1]])
 def test_plain_volumes_render(samples: np.ndarray, here: Path) -> None:
     """Constant, single-voxel and one-voxel-thin volumes are shown."""

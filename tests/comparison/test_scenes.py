@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import pytest
 
@@ -16,15 +17,12 @@ SIZE = (96, 72)
 SCENES = ("tunnel", "terrain", "nerve", "letter-f")
 
 
-@pytest.fixture(scope="module")
-def scenes() -> dict[str, tuple[sg.Splats, sg.Camera]]:
-    """Splats and camera of each, made once."""
-    made = {}
-    for name in SCENES:
-        volume = getattr(sg.scenes, name.replace("-", "_"))()
-        splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
-        made[name] = (splats, ViewOptions(size=SIZE).camera(volume, splats))
-    return made
+@cache
+def view_of(scene: str) -> tuple[sg.Splats, sg.Camera]:
+    """Splats and camera."""
+    volume = getattr(sg.scenes, scene.replace("-", "_"))()
+    splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
+    return splats, ViewOptions(size=SIZE).camera(volume, splats)
 
 
 @pytest.fixture(scope="module")
@@ -38,27 +36,17 @@ def osmesa() -> Iterator[sg.Renderer]:
 
 
 @pytest.mark.few(1)
+@pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
-@pytest.mark.parametrize("scene", SCENES)
-def test_scene(
-    scene: str,
-    blend: str,
-    scenes: dict[str, tuple[sg.Splats, sg.Camera]],
-    renderer: sg.Renderer,
-    splatgl_image: ImageRegression,
-) -> None:
-    splatgl_image(renderer.render(*scenes[scene], SPLATS.but(blend=blend)), name=f"{scene}-{blend}")
+def test_scene(scene: str, blend: str, renderer: sg.Renderer, splatgl_image: ImageRegression) -> None:
+    splatgl_image(renderer.render(*view_of(scene), SPLATS.but(blend=blend)), name=f"{scene}-{blend}")
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", ["letter-f", *(pytest.param(name, marks=pytest.mark.long) for name in SCENES[:3])])
 def test_another_backend_keeps_to_the_same_baseline(
-    scene: str,
-    scenes: dict[str, tuple[sg.Splats, sg.Camera]],
-    osmesa: sg.Renderer,
-    splatgl_image: ImageRegression,
+    scene: str, osmesa: sg.Renderer, splatgl_image: ImageRegression
 ) -> None:
-    image = osmesa.render(*scenes[scene], SPLATS)
+    image = osmesa.render(*view_of(scene), SPLATS)
     assert image.info["backend"] == "osmesa"
     splatgl_image(image, name=f"{scene}-composite")
 

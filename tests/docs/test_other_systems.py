@@ -51,7 +51,7 @@ SYSTEMS = {
 }
 
 
-@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("system", ["win32", pytest.param("darwin", marks=pytest.mark.long)])
 def test_another_system(tmp_path: Path, elsewhere: dict[str, str], system: str) -> None:
     """All modules are imported, a file is read and drawn, and the doctor speaks of that system alone."""
     h5py = pytest.importorskip("h5py")

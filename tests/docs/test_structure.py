@@ -87,6 +87,12 @@ def room_of(path: Path) -> str | None:
 
 
 @cache
+def parse(path: Path) -> ast.Module:
+    """Syntax tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports(path: Path) -> list[Import]:
     """All imports of a file with full names, those in functions and for type checks included."""
     package = ("splatgl", *path.relative_to(PACKAGE).parts[:-1])
@@ -100,9 +106,10 @@ def imports(path: Path) -> list[Import]:
                 module = ".".join(part for part in (base, child.module) if part)
                 yield from (Import(f"{module}.{alias.name}", child.lineno, late, typed) for alias in child.names)
             checks = isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
-            yield from walk(child, late or isinstance(child, Function), typed or checks)
+            if not isinstance(child, ast.expr):
+                yield from walk(child, late or isinstance(child, Function), typed or checks)
 
-    return list(walk(ast.parse(path.read_text(encoding="utf-8")), False, False))
+    return list(walk(parse(path), False, False))
 
 
 def wrong_imports(path: Path) -> list[str]:
@@ -167,7 +174,7 @@ def parameters(node: Function) -> int:
 def long_functions(path: Path) -> list[str]:
     """Functions that exceed the limits of lines or parameters."""
     wrong = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parse(path)):
         if isinstance(node, Function):
             length = (node.end_lineno or node.lineno) - node.lineno + 1
             if length > MAX_FUNCTION_LINES:

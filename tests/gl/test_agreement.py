@@ -36,13 +36,13 @@ def test_random_pictures_keep_their_bound_and_their_bits(renderer: sg.Renderer, 
         assert found.error <= found.bound and found.same, f"seed {seed}: {case.name}: {found}"
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, grid: str) -> None:
     """Eyes on planes of voxels, along axes, diagonals and in between; right also where a quarter is behind."""
     splats = noise(grid, size=7)
     rng = np.random.default_rng(4)
-    for steps in ([1, 0, 0], [0, -1, 0], [1, 1, 0], [1, -1, 1], [3, 2, 1]):
+    for steps in ([1, 0, 0], [1, -1, 1], [3, 2, 1]):
         place = splats.positions[rng.integers(len(splats))].astype(np.float64)
         # along the normals of the planes
         normal = np.linalg.inv(splats.grid.world_from_index).T @ np.array(steps, float)
@@ -58,15 +58,15 @@ def test_what_is_behind_a_parallel_view_is_decided_once(renderer: sg.Renderer, g
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("grid", GRIDS)
-def test_voxels_at_z_k_are_widened_alike(renderer: sg.Renderer, grid: str) -> None:
+@pytest.mark.parametrize("changes", [{"blend": "mip"}, {"attenuation": "optical-depth"}], ids=str)
+def test_voxels_at_z_k_are_widened_alike(renderer: sg.Renderer, grid: str, changes: dict[str, str]) -> None:
     """Planes where a voxel is a pixel wide, and where a kernel reaches a third of the way to the eye."""
     splats = noise(grid, size=7)
-    for n in range(8):
+    for n in range(3):
         rng = np.random.default_rng(n)
         camera = error_bound.at_z_k(rng, splats)
-        for settings in (SPLATS.but(blend="mip"), SPLATS.but(attenuation="optical-depth")):
-            error, limit = off(renderer, splats, camera, settings)
-            assert error <= limit, (n, settings.blend)
+        error, limit = off(renderer, splats, camera, SPLATS.but(**changes))
+        assert error <= limit, n
 
 
 def test_no_splat_is_near_the_depth_where_widening_begins() -> None:
@@ -115,7 +115,7 @@ def test_nothing_over_a_background_keeps_its_bound(renderer: sg.Renderer) -> Non
     assert 0 < error <= limit < 1e-6
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize(("size", "fov"), [((19, 1), 126), ((9, 7), 139), ((40, 1), 150), ((7, 7), 175)])
 @pytest.mark.parametrize("grid", GRIDS)
 def test_very_oblique_pictures_keep_their_bound(

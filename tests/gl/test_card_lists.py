@@ -144,47 +144,48 @@ def volume() -> sg.Volume:
     return sg.Volume(np.random.default_rng(4).random((20, 20, 20), np.float32))
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"shading": "off"}, {"clip": ((1.0, 0.0, 0.0, 8.0),)}])
-def test_a_card_reads_nothing_before_the_picture(monkeypatch: pytest.MonkeyPatch, change: dict) -> None:
+def test_a_card_reads_nothing_before_the_picture(
+    card: sg.Renderer, monkeypatch: pytest.MonkeyPatch, change: dict
+) -> None:
     splats = sg.extract(volume(), sg.Transfer([(0.4, 0), (1, 0.5)]))
-    camera, settings = sg.Camera.orbit(splats, size=(64, 64)), sg.Settings(**change)
-    with sg.Renderer(shape="card") as renderer:
-        first = renderer.render(splats, camera, settings).pixels
-        reads = Reads(monkeypatch)
-        np.testing.assert_array_equal(renderer.render(splats, camera, settings).pixels, first)
+    camera, settings = sg.Camera.orbit(splats, size=(32, 32)), sg.Settings(**change)
+    first = card.render(splats, camera, settings).pixels
+    reads = Reads(monkeypatch)
+    np.testing.assert_array_equal(card.render(splats, camera, settings).pixels, first)
     # of what did not fit, after the picture
     assert (reads.before_picture, reads.pictures, reads.after) == (0, 1, 1)
 
 
-def test_a_card_reads_once_a_batch_of_bricks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_card_reads_once_a_batch_of_bricks(card: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bricking, "BATCH", 1000)
     scene, transfer = volume(), sg.Transfer([(0.4, 0), (1, 0.5)])
     found = bricks_of(scene, transfer, sg.Settings())
     assert found is not None
     bricks = Bricks.of(scene, found.post, 7)
-    camera = sg.Camera.orbit(scene, size=(64, 64))
+    camera = sg.Camera.orbit(scene, size=(32, 32))
     batches = 0
 
     def count(*_: int) -> None:
         nonlocal batches
         batches += 1
 
-    with sg.Renderer(shape="card") as renderer:
-        reads = Reads(monkeypatch)
-        renderer.render_bricks(bricks, camera, progress=count)
+    reads = Reads(monkeypatch)
+    card.render_bricks(bricks, camera, progress=count)
     assert batches > 2
     assert reads.before_picture <= batches
 
 
-def test_what_does_not_fit_is_drawn_again(renderer: sg.Renderer) -> None:
+def test_what_does_not_fit_is_drawn_again(
+    renderer: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     splats = sg.extract(volume(), sg.Transfer([(0.4, 0), (1, 0.5)]))
-    camera = sg.Camera.orbit(splats, size=(64, 64))
+    camera = sg.Camera.orbit(splats, size=(32, 32))
     right = renderer.render(splats, camera, sg.Settings(occlusion="off")).pixels
-    with sg.Renderer(shape="card") as card:
-        lists = card.passes.card
-        assert lists is not None
-        lists.room = 1024
-        first = card.render(splats, camera, sg.Settings(occlusion="off")).pixels
-        assert lists.sorts > 1
-        assert np.abs(first - right).max() < 1e-5
+    lists = card.passes.card
+    assert lists is not None
+    monkeypatch.setattr(lists, "room", 1024)
+    first = card.render(splats, camera, sg.Settings(occlusion="off")).pixels
+    assert lists.sorts > 1
+    assert np.abs(first - right).max() < 1e-5

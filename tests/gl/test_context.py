@@ -433,7 +433,7 @@ child(others)
 """
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize(("backend", "other"), [("egl", "osmesa"), ("osmesa", "egl"), ("window", "")])
 def test_a_forked_process_is_told_to_be_spawned(backend: str, other: str) -> None:

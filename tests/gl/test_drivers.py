@@ -66,13 +66,13 @@ def assert_right(name: str, pixels: np.ndarray, subject: Subject = SUBJECT) -> N
 COMPARED = [*(name for name in SETTINGS if name not in BLURRED), *SCENES, "bricks", "bricks, mip", "bricks inside"]
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [*COMPARED, "parts", "parts, mip"])
 def test_pictures_are_those_of_float64(renderer: sg.Renderer, name: str) -> None:
     assert_right(name, PICTURES[name](SUBJECT, renderer, name))
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", BY_QUADS)
 def test_quads_draw_them_too(renderer: sg.Renderer, name: str) -> None:
     subject, camera, settings = SUBJECT.scene(name)
@@ -119,12 +119,9 @@ def test_quads_draw_bricks(renderer: sg.Renderer, name: str, monkeypatch: pytest
     assert_right(name, PICTURES[name](SUBJECT, renderer, name))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("driver", "names"),
-    [
-        ("3.3", ["default", "meshes, layers"]),
-        pytest.param("softpipe", ["default", "layers"], marks=pytest.mark.long),
-    ],
+    ("driver", "names"), [("3.3", ["default", "meshes, layers"]), ("softpipe", ["default", "layers"])]
 )
 def test_older_drivers_draw_the_default_and_layers(
     renderer: sg.Renderer, tmp_path: Path, driver: str, names: list[str]

@@ -105,13 +105,13 @@ def single_footprints(h: Kernel, voxels: np.ndarray, camera: sg.Camera) -> tuple
 @pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["gaussian", "crawfis-max"])
 def test_voxels_around_the_eye(name: str, renderer: sg.Renderer) -> None:
-    """500 voxels 0.1 … 20 from the eye, some behind its plane: within 0.05 level of the half-line integral."""
+    """150 voxels 0.1 … 20 from the eye, some behind its plane: within 0.05 level of the half-line integral."""
     h, rng = kernel(name), np.random.default_rng(21)
     camera = sg.Camera.look_at((0, 0, 0), (0, 0, 1), (0, -1, 0), 60, (20, 20))
     x, y = camera.slopes()
     rays = np.stack(np.broadcast_arrays(x[None, :], y[:, None], 1.0), axis=-1)
     worst, behind = 0.0, 0
-    for _ in range(500):
+    for _ in range(150):
         direction = rng.normal(size=3)
         voxel = direction / np.linalg.norm(direction) * 20 * rng.random() ** 2 + 0.1 * direction
         behind += voxel[2] < 0
@@ -120,7 +120,7 @@ def test_voxels_around_the_eye(name: str, renderer: sg.Renderer) -> None:
         right = half_line(h, voxel, rays)
         worst = max(worst, float(np.abs(image.pixels[..., 3] - right).max()) * LEVEL)
     print(f"{name}: {worst / float(h.footprint(np.zeros(()))):.4f} level at worst, {behind} voxels behind the plane")
-    assert behind > 100
+    assert behind > 30
     assert worst < 0.05 * float(h.footprint(np.zeros(())))
 
 

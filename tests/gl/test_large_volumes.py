@@ -55,8 +55,7 @@ def test_smooth_volumes_take_a_coarser_level(smooth: sg.Volume, renderer: sg.Ren
     assert np.sqrt(((image.pixels - right.pixels) ** 2).mean()) < 0.01 < right.pixels.max()
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("opacity", [0.9, 0.3])
+@pytest.mark.parametrize("opacity", [pytest.param(0.9, marks=pytest.mark.long), 0.3])
 def test_thin_things_take_the_finest_level(opacity: float, threads: sg.Volume, renderer: sg.Renderer) -> None:
     transfer = sg.Transfer([(0.3, 0.0), (1.0, opacity)], shading=False)
     camera = sg.Camera.orbit(threads, 20, 10, size=(24, 24))

@@ -83,7 +83,7 @@ def test_the_end_of_a_range_makes_portions_no_larger(renderer: sg.Renderer) -> N
     assert next(end for _, end in found.over(0, 400)) == target.FIRST
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("change", [{}, {"blend": "xray"}, {"attenuation": "fill"}], ids=str)
 @pytest.mark.parametrize("kind", TECHNIQUES)
 def test_too_many_splats_to_be_kept_are_drawn_in_chunks(

@@ -168,9 +168,9 @@ def test_every_feature_compiles_and_only_it_is_read(renderer: sg.Renderer) -> No
 
 @pytest.mark.long
 def test_programs_of_any_choices_compile(renderer: sg.Renderer) -> None:
-    """Those in which each two values of switches meet, and every 32nd of the others."""
+    """Those in which each two values of switches meet, and every 64th of the others."""
     keys = distinct(programs())
-    some = covering(keys) | set(sorted(keys, key=str)[::32])
+    some = covering(keys) | set(sorted(keys, key=str)[::64])
     print(f"{len(some)} of {len(keys)} programs")
     assert len(keys) > 300 and len(some) > 60
     compiles(renderer, some)
@@ -180,7 +180,7 @@ def test_programs_of_any_choices_compile(renderer: sg.Renderer) -> None:
 def test_programs_of_sheets_compile(renderer: sg.Renderer) -> None:
     """As above, of thousands, of which every shader is one."""
     keys = distinct(of_sheets())
-    some = covering(keys) | set(sorted(keys, key=str)[::64])
+    some = covering(keys) | set(sorted(keys, key=str)[::512])
     stages = {name for name, *_ in some}
     print(f"{len(some)} of {len(keys)} programs")
     quads = {"splat", "sheet_close.frag", "sheet_show.frag"}

@@ -135,13 +135,21 @@ def test_bounds_of_clusters_hold_what_their_splats_reach(kind: str) -> None:
 
 
 @pytest.mark.compute
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        ("voxels", ("close", "far")),
+        pytest.param("values", ("fitted", "on a voxel"), marks=pytest.mark.long),
+        pytest.param("sheared", ("fitted",), marks=pytest.mark.long),
+        pytest.param("points", ("on a voxel", "parallel, close"), marks=pytest.mark.long),
+    ],
+)
 def test_rounds_draw_what_all_splats_draw(
-    processor: sg.Renderer, many_rounds: list[tuple[int, int]], kind: str
+    processor: sg.Renderer, many_rounds: list[tuple[int, int]], kind: str, names: tuple[str, ...]
 ) -> None:
     """No visible cluster is left out, wherever the eye is; and the same bits twice."""
     splats = cloud(kind)
-    for name in ("close", "far") if kind == "voxels" else ("fitted", "on a voxel", "parallel, close"):
+    for name in names:
         camera, settings = cameras(splats)[name], WHOLE.but(antialias="auto" if name == "far" else "off")
         whole = processor.render(splats, camera, settings, verify_bound=False).pixels
         assert not many_rounds
@@ -160,7 +168,7 @@ def test_rounds_are_the_float64_picture(
     monkeypatch.setattr(clustering, "LEAST", 40)
     splats = cloud("voxels", 8)
     for name in ("close", "on a voxel"):
-        camera, settings = cameras(splats)[name].resized((16, 12)), WHOLE.but(occlusion="auto", tolerance=1e-6)
+        camera, settings = cameras(splats)[name].resized((12, 9)), WHOLE.but(occlusion="auto", tolerance=1e-6)
         found = processor.render(splats, camera, settings, verify_bound=False).pixels
         right = sg.reference.render(splats, camera, settings).pixels
         assert right[..., 3].max() > 0.1 and np.abs(found - right).max() < 4e-6, name

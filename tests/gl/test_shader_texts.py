@@ -85,14 +85,14 @@ MOST_OUTPUTS = {"splat.frag": 8}
 
 
 @cache
-def drawn(most: int) -> list[tuple[Text, ...]]:
+def drawn() -> list[tuple[Text, ...]]:
     """The programs of both shapes."""
-    return list(dict.fromkeys(chain.from_iterable(programs(shape, most) for shape in SHAPES.values())))
+    return list(dict.fromkeys(chain.from_iterable(programs(shape, 1) for shape in SHAPES.values())))
 
 
 @cache
-def texts(most: int = 1) -> list[Text]:
-    return list(dict.fromkeys(chain.from_iterable(drawn(most))))
+def texts() -> list[Text]:
+    return list(dict.fromkeys(chain.from_iterable(drawn())))
 
 
 @cache
@@ -145,25 +145,27 @@ def test_what_is_drawn_is_among_the_texts(technique: str) -> None:
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which(COMPILER) is None, reason=f"needs {COMPILER}: apt-get install glslang-tools")
 def test_the_reference_compiler_accepts_all(tmp_path: Path) -> None:
-    """Texts of pictures of one change, and others in which two values of switches meet that meet in none before."""
+    """Texts of pictures of one change, and others of a card's shape in which two values of switches meet that meet in
+    none before.
+    """
     names: list[str] = []
     met: set[object] = set()
-    for text in (*texts(1), *texts(2)):
+    for text in (*texts(), *chain.from_iterable(programs(SHAPES["card"], 2))):
         pairs = {(text.shader, *pair) for pair in combinations(text.switches.items(), 2)} or {(text.shader,)}
-        if pairs - met or len(names) < len(texts(1)):
+        if pairs - met or len(names) < len(texts()):
             met |= pairs
             # pictures of either shape have the same names
             names.append(f"{len(names)}.{text.name}")
             (tmp_path / names[-1]).write_text(text.source)
     print(f"{len(names)} texts")
-    assert len(names) > len(texts(1)) > 500
+    assert len(names) > len(texts()) > 500
     answer = subprocess.run([COMPILER, *names], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stdout[-3000:]
 
 
 def test_stages_fit_together() -> None:
     """What a fragment shader reads its vertex shader writes, of the same type."""
-    links = {program for program in drawn(1) if len(program) > 1}
+    links = {program for program in drawn() if len(program) > 1}
     read = 0
     for vertex, fragment in links:
         ends = re.findall(INPUT, preprocess(fragment.source)[0], re.MULTILINE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import moderngl
@@ -34,12 +34,6 @@ RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
 SINGLY = SPLATS.but(technique="tiles", occlusion="off")
 QUADS = SINGLY.but(technique="quads")
 Draw = Callable[[sg.Renderer], np.ndarray]
-
-
-@pytest.fixture(scope="module")
-def card() -> Iterator[sg.Renderer]:
-    with sg.Renderer(shape="card") as renderer:
-        yield renderer
 
 
 def volume(grid: str = "cubes") -> sg.Volume:
@@ -151,7 +145,7 @@ KINDS: dict[str, Callable[[], Draw]] = {
 }
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_shapes_draw_the_same(
     kind: str, processor: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch

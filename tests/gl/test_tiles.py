@@ -31,7 +31,7 @@ def apart(renderer: sg.Renderer, splats: sg.Splats, camera: sg.Camera, settings:
     return float(np.abs(found - quads).max() / max(quads.max(), 1.0))
 
 
-@pytest.mark.few(12)
+@pytest.mark.few(5)
 @pytest.mark.parametrize(("grid", "view", "blend"), each_two(GRIDS, views(noise()), ("composite", "xray", "mip")))
 def test_tiles_draw_what_quads_draw(renderer: sg.Renderer, grid: str, view: str, blend: str) -> None:
     splats = noise(grid)

@@ -522,7 +522,7 @@ def test_transfer_functions_of_channels_make_a_scene(renderer: sg.Renderer, tmp_
     looks = [sg.Transfer([(0, 0), (1700, 0.3)], colormap=name, window=(0, 1700)) for name in ("hot", "viridis")]
     scene = sg.extract(volume, looks)
     assert isinstance(scene, sg.Scene) and [each.name for each in scene.splats(sg.Settings())] == ["DAPI", "GFP"]
-    camera = sg.Camera.orbit(scene, 30, 20, size=(24, 24))
+    camera = sg.Camera.orbit(scene, 30, 20, size=(8, 8))
     layers = sg.Scene([sg.Layer(each, look) for each, look in zip(volume.channels, looks, strict=True)])
     assert (renderer.render(scene, camera).pixels == renderer.render(layers, camera).pixels).all()
     with pytest.raises(sg.InputError, match="one for each of 2 channels, got 3"):

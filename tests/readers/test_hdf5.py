@@ -38,6 +38,7 @@ def save(path: Path, name: str = "g/letter", data: np.ndarray = F, **options: An
     return path
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("dtype", ["u1", ">i2", "<f4", "f8"])
 def test_the_only_volume_is_read(tmp_path: Path, way: str, dtype: str) -> None:

@@ -51,7 +51,7 @@ MANY = examples(24)
 # --- damaged at random ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("reader", VOLUMES)
 @MANY
 @given(index=st.integers(0, 2**32 - 1))
@@ -134,6 +134,7 @@ def test_the_fuzzer_tells_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert fuzz.outcome(path, "volume")[0] == "hang"
 
 
+@pytest.mark.long
 def test_the_fuzz_script_runs() -> None:
     command = [sys.executable, "-m", "tests.fuzz.readers", "--reader", "npy", "--count", "12"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)

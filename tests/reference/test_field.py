@@ -100,7 +100,7 @@ def test_the_b_spline_is_nearer_than_trilinear(name: str, ratio: int, monkeypatc
     assert alpha[0] < (0.5 if name == "balls" else 0.7) * alpha[1]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("ratio", [1, 3])
 @pytest.mark.parametrize("name", FORMULAS)
 def test_sheets_draw_the_kernels_field(name: str, ratio: int) -> None:

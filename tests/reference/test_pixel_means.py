@@ -43,7 +43,7 @@ def test_no_mean_is_beyond_the_samples(k: int, rng: np.random.Generator) -> None
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 def test_auto_is_within_its_bound(technique: str, blend: str, renderer: sg.Renderer) -> None:
     for grid, tolerance in (("cubes", 0.1), ("sheared", 1 / 255), ("cubes", 1e-4)):
-        splats = noise(grid)
+        splats = noise(grid, size=9)
         for camera in views(splats).values():
             background = None if blend == "xray" else (0.2, 0.4, 0.6)
             settings = AUTO.but(technique=technique, blend=blend, tolerance=tolerance, background=background)

@@ -32,7 +32,7 @@ def cut(volume: sg.Volume, cuts: Any = CUTS) -> tuple[Plane, ...]:
     return check_planes([(*n, float(np.dot(n, middle) + d * size * np.linalg.norm(n))) for n, d in cuts])
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("grid", "view", "technique"), each_two(GRIDS, ("fitted", "parallel", "wide"), ("quads", "tiles"))
 )

@@ -121,7 +121,7 @@ def threads() -> np.ndarray:
     return cells
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("make", [wall, edge, dots, threads])
 @pytest.mark.parametrize("m", [2.0, 4.0, 8.0])
 def test_nearest_to_supersampling(make, m: float, renderer: sg.Renderer) -> None:  # type: ignore[no-untyped-def]

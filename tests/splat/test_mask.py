@@ -38,7 +38,7 @@ def half(volume: sg.Volume, axis: int = 0, size: int = 8) -> np.ndarray:
     return np.indices(volume.shape)[2 - axis] < size
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("grid", "view", "technique"), each_two(GRIDS, ("fitted", "parallel", "wide"), ("quads", "tiles"))
 )

@@ -88,7 +88,7 @@ def test_the_picture_is_its_twin(
     assert differences(renderer, splats, eyes(splats)[view], settings).max() < 1e-4
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_quads_composite_what_lies_behind_a_gap(renderer: sg.Renderer, count: int) -> None:
     """Nothing of the sheets before it is left, and the last segment of the nearer part is drawn."""
@@ -131,7 +131,7 @@ def test_the_error_is_of_the_tolerance_s_size(renderer: sg.Renderer, tolerance: 
     assert off.max() < 2 * tolerance and np.sqrt((off**2).mean()) < 0.25 * tolerance
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("grid", "view", "changes"),
     [

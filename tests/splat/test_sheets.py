@@ -123,7 +123,7 @@ def test_by_default_the_error_is_within_the_tolerance(renderer: sg.Renderer) -> 
         assert apart(renderer, splats, eyes(splats)[view], settings) < 5e-5
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("parts", "changed"),
     [
