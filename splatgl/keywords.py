@@ -60,6 +60,8 @@ class LoadKeywords(TypedDict, total=False):
     time: int | None
     level: int | None
     series: str | int | None
+    well: str | None
+    field: int | None
     color: str | Path | None
     relief: float | None
     levels: int
@@ -146,6 +148,8 @@ class RenderKeywords(TypedDict, total=False):
     time: int | None
     level: int | None
     series: str | int | None
+    well: str | None
+    field: int | None
     color: str | Path | None
     relief: float | None
     values: Literal["labels", "amounts", "heights"] | None

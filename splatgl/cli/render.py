@@ -30,7 +30,7 @@ from splatgl.data.image import MAPS, SAVED, Image, save_map
 from splatgl.data.image_files import require_library
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
-from splatgl.options import Group
+from splatgl.options import Group, declared, names_of
 from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
@@ -76,6 +76,10 @@ EXAMPLES = """examples:
   splatgl render head_64x256x256_uint8.raw --blend xray -o sums.npy"""
 
 
+# the value of --field without a number
+CHECK = object()
+
+
 def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl render`."""
     parser.description = f"{parser.description}\n\n{EXAMPLES}"
@@ -93,7 +97,11 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--depth-at", type=depth_at, metavar="SHARE|max|min", help=about)
     about = "compare with this picture; write only if it differs, and exit with 1"
     output.add_argument("--ref", metavar="FILE", help=about)
-    add_options(parser, DrawOptions)
+    add_options(parser, DrawOptions, *(name for name in names_of(DrawOptions) if name != "check_field"))
+    # --field N picks the field of a plate's well, --field alone compares with the field that the picture shows
+    number = parser._option_string_actions["--field"]
+    number.nargs, number.const = "?", CHECK
+    number.help = f"{number.help}; without a number: {declared(DrawOptions)['check_field'].help}"
     add_workers(parser)
     add_drawing(parser)
     parser.set_defaults(run=run)
@@ -101,6 +109,8 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
+    args.check_field = args.field is CHECK or None
+    args.field = None if args.check_field else args.field
     on_workers, file, how = uses_workers(args), scene_from(args), record_of(args, DrawOptions)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     _check_outputs(args, output, file.files)

@@ -13,7 +13,7 @@ from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected
 from splatgl.options import refuse_unknown
 from splatgl.readers.common import silence_libraries
-from splatgl.readers.contents import FIXES, PACKINGS, describe_bytes, identify
+from splatgl.readers.contents import FIXES, PACKINGS, describe_bytes, identify, is_n5
 from splatgl.readers.heightmap import terrain_from_heights
 from splatgl.readers.options import FORMATS, Format, LoadOptions, converter, inside
 from splatgl.readers.remote import Remote, address_name, is_address
@@ -21,7 +21,7 @@ from splatgl.readers.remote import Remote, address_name, is_address
 if TYPE_CHECKING:
     from splatgl.keywords import LoadKeywords
 
-__all__ = ["FORMATS", "Format", "LoadOptions", "list_volumes", "load", "terrain_from_heights"]
+__all__ = ["FORMATS", "Format", "LoadOptions", "find_labels", "list_volumes", "load", "terrain_from_heights"]
 
 
 def _import_function(name: str) -> Any:
@@ -68,6 +68,16 @@ def list_volumes(path: str | Path) -> list[str]:
             return _import_function(form.lists)(Path(path)) if form and form.lists else []
     except (InputError, OSError, MemoryError):
         return []
+
+
+def find_labels(path: Path, options: LoadOptions, name: str) -> str | None:
+    """The `array` of the labels of that name beside an image in a Zarr store; None if the path is no such store."""
+    try:
+        with silence_libraries():
+            is_zarr = path.exists() and _find_format(path, options).reader == "ome_zarr.read"
+            return _import_function("ome_zarr.find_labels")(path, options, name) if is_zarr else None
+    except InputError as error:
+        raise _with_path(path, error) from error.__cause__
 
 
 def _load(path: Path, options: LoadOptions) -> Volume:
@@ -127,7 +137,8 @@ def _find_format(path: Path, options: LoadOptions) -> Format:
         found = next((form for form in detectable if _import_function(form.tells)(path)), named)
         if found is None:
             names = " or ".join(form.title for form in detectable)
-            raise expected("path", f"a file, or a folder of {names}", "another folder", "name a file in it")
+            fix = converter(".n5") if is_n5(path) else "name a file in it"
+            raise expected("path", f"a file, or a folder of {names}", "N5" if is_n5(path) else "another folder", fix)
         return found
     has_bytes = path.is_file() and path.stat().st_size > 0
     contents = identify(path) if has_bytes else ""

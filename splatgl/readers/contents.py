@@ -151,6 +151,15 @@ def _text_kind(head: bytes) -> str:
     return "AFNI" if _AFNI.match(text) else ""
 
 
+def is_n5(folder: Path) -> bool:
+    """Whether a folder is an N5 container."""
+    attributes = folder / "attributes.json"
+    if not attributes.is_file():
+        return folder.name.lower().endswith(".n5")
+    with attributes.open("rb") as file:
+        return b'"n5"' in file.read(FIRST) or folder.name.lower().endswith(".n5")
+
+
 def describe_bytes(path: Path) -> str:
     """The first bytes of a file that is of no known kind, for a message."""
     with path.open("rb") as file:

@@ -43,8 +43,8 @@ from splatgl.readers.remote import METADATA, Remote
 from splatgl.readers.zarr_validation import check_array, check_files
 from splatgl.readers.zarr_zip import open_zip
 
-# most coordinates that are read along a dimension
-MOST_COORDINATES = 2**20
+# most coordinates that are read along a dimension, and most bytes of one that is text
+MOST_COORDINATES, MOST_TEXT = 2**20, 2**10
 
 
 def natural_key(name: str) -> list[Any]:
@@ -150,9 +150,20 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     if count > MOST_CHANNELS:
         raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
     metadata = omero.get("channels", []) if isinstance(omero, Mapping) else []
-    channels = [_read_channel(n, metadata[n] if n < len(metadata) else {}) for n in range(count)]
+    told = _coordinate_names(group, node, names, count) if multiscale is None and count > 1 else metadata
+    channels = [_read_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
     together = count > 1 and any(channel.color for channel in channels)
     return ChannelSet(tuple(channels), together, sizes.get("t", 1), _time_step(multiscale, names))
+
+
+def _coordinate_names(group: Any, node: Any, names: Sequence[str], count: int) -> list[dict[str, str]]:
+    """Names of channels in an array of text with the dimension's name, as xarray writes them; [] without them."""
+    dimensions = [name for name, kind in zip(dimension_names(node), names, strict=False) if kind not in tuple("zyxt")]
+    texts: Any = group.get(dimensions[0]) if group is not None and len(dimensions) == 1 else None
+    is_text = (
+        getattr(texts, "shape", None) == (count,) and texts.dtype.kind in "US" and texts.dtype.itemsize <= MOST_TEXT
+    )
+    return [{"label": str(text)} for text in texts[:]] if is_text else []
 
 
 def _read_channel(number: int, metadata: Any) -> Channel:
@@ -289,19 +300,27 @@ def _with_stored_colors(path: Any, group: Any, node: Any, volume: Volume, remote
 
 
 def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tuple[Any, LoadOptions, tuple[str, ...]]:
-    """(group to read, remaining options, notes): the group itself, the group that `array` names, or the first image in
-    its subgroups (series of bioformats2raw's layout, plates and others).
+    """(group to read, remaining options, notes): the group itself, the group that `array` names, the field of a plate,
+    or the first image in its subgroups (series of bioformats2raw's layout and others).
     """
     import zarr
 
+    attributes = group.attrs.asdict()
+    attributes = attributes.get("ome", attributes)
     if options.array is not None:
-        node = group.get(str(options.array).strip("/"))
+        if options.well is not None or options.field is not None:
+            raise expected("array", "none beside well and field", repr(options.array), "leave it out")
+        node = group.get(str(options.array).strip("/")) if str(options.array).strip("/") else group
         return (node, replace(options, array=None), ()) if isinstance(node, zarr.Group) else (group, options, ())
+    if isinstance(attributes.get("plate"), Mapping) or isinstance(attributes.get("well"), Mapping):
+        return _select_field(group, attributes, options, remote)
+    for name in ("well", "field"):
+        if getattr(options, name) is not None:
+            raise expected(name, "a plate", "a store without wells", "leave it out")
     if _multiscale(group) is not None or any(_is_volume(array) for _, array in group.arrays()):
         return group, options, ()
     if remote:
-        attributes = group.attrs.asdict()
-        if "bioformats2raw.layout" not in attributes.get("ome", attributes):
+        if "bioformats2raw.layout" not in attributes:
             return group, options, ()
         remote.refresh([f"0/{image}" for image in METADATA])
         node = group.get("0")
@@ -312,9 +331,68 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     names = [image.path[len(group.path) :].strip("/") for image in images]
     first = images[0] if isinstance(images[0], zarr.Group) else group
     remaining = options if first is images[0] else replace(options, array=names[0])
-    others = ", ".join(names[1 : MOST_NAMED + 1]) + ", …" * (len(names) > MOST_NAMED + 1)
+    others = _listed(names[1:])
     notes = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
     return first, remaining, notes
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST_NAMED]) + ", …" * (len(names) > MOST_NAMED)
+
+
+def _select_field(
+    group: Any, attributes: Mapping[str, Any], options: LoadOptions, remote: Remote | None
+) -> tuple[Any, LoadOptions, tuple[str, ...]]:
+    """(group of the field of a plate or a well, remaining options, notes); by default the first field that exists."""
+    wells = _well_paths(attributes)
+    if options.well is not None and options.well.strip("/") not in wells:
+        raise expected("well", f"one of {_listed(wells)}" if wells[0] else "a plate", repr(options.well))
+    # the first well that is there, of a plate in parts
+    there = (name for name in wells if not name or remote or name in group)
+    well = next(there, wells[0]) if options.well is None else options.well.strip("/")
+    if well and remote:
+        remote.refresh([f"{well}/{file}" for file in METADATA])
+    fields = _field_paths(group.get(well) if well else group)
+    if not fields:
+        raise expected("well", f"images in {well}", "none", "the plate is not complete")
+    number = options.field or 0
+    if number >= len(fields):
+        raise expected("field", f"a number from 0 to {len(fields) - 1} in well {well}", number)
+    path = f"{well}/{fields[number]}".strip("/")
+    if remote:
+        remote.refresh([f"{path}/{file}" for file in METADATA])
+    node = group.get(path)
+    if node is None or _multiscale(node) is None:
+        raise expected("field", f"an image in {path}", "none", "the plate is not complete")
+    notes = []
+    if options.well is None and len(wells) > 1:
+        notes.append(f"well {well} of {len(wells)} is read; --well picks another: {_listed(wells[1:])}")
+    if options.field is None and len(fields) > 1:
+        notes.append(f"field 0 of {len(fields)} is read; --field picks another")
+    return node, replace(options, well=None, field=None), tuple(notes)
+
+
+def _well_paths(attributes: Mapping[str, Any]) -> list[str]:
+    """The paths of a plate's wells, such as B/3; [""] for a well itself."""
+    plate = attributes.get("plate")
+    if not isinstance(plate, Mapping):
+        return [""]
+    wells = [str(well.get("path", "")).strip("/") for well in plate.get("wells") or ()]
+    if not wells:
+        raise expected("plate", "wells", "none", "the metadata are damaged")
+    return wells
+
+
+def _field_paths(well: Any) -> list[str]:
+    """The paths of a well's images: those in its metadata, else its images by name. [] if there are none."""
+    attributes: dict[str, Any] = well.attrs.asdict() if well is not None else {}
+    images = (attributes.get("ome", attributes).get("well") or {}).get("images") or ()
+    return [str(image.get("path", "")) for image in images] or ([] if well is None else _child_images(well))
+
+
+def _child_images(group: Any) -> list[str]:
+    """The names of the multiscale images in a group."""
+    return sorted((name for name, child in group.groups() if _multiscale(child) is not None), key=natural_key)
 
 
 def _find_images(group: Any) -> list[Any]:
@@ -336,19 +414,50 @@ def _find_images(group: Any) -> list[Any]:
 
 
 def list_images(path: Path) -> list[str]:
-    """A line for each image of a store with several."""
+    """A line for each image of a store with several, for each field of a plate, and for labels beside an image."""
     import zarr
 
     with decoder_errors("Zarr"):
         group, _ = _open(path)
-        if not isinstance(group, zarr.Group) or _multiscale(group) is not None:
+        if not isinstance(group, zarr.Group):
             return []
+        attributes = group.attrs.asdict()
+        attributes = attributes.get("ome", attributes)
+        if isinstance(attributes.get("plate"), Mapping):
+            wells = _well_paths(attributes)[:MOST_GROUPS]
+            fields = [(well, n, field) for well in wells for n, field in enumerate(_field_paths(group.get(well)))]
+            return [f"* {well}/{field}  well {well}, field {n}" for well, n, field in fields]
+        images = [group] if _multiscale(group) is not None else _find_images(group)
         lines = []
-        for image in _find_images(group):
+        for image in images:
             multiscale = _multiscale(image) if isinstance(image, zarr.Group) else None
             array = image[multiscale["datasets"][0]["path"]] if multiscale else image
-            lines.append(f"* {image.path}  {_describe_array(array)}")
+            lines.append(f"* {image.path[len(group.path) :].strip('/') or '/'}  {_describe_array(array)}")
+            names = list_labels(image) if multiscale else []
+            lines += [f"* {f'{image.path}/labels/{name}'.strip('/')}  labels, --labels {name}" for name in names]
         return lines
+
+
+def list_labels(image: Any) -> list[str]:
+    """The names of the images of labels beside an image."""
+    import zarr
+
+    labels = image.get("labels")
+    if not isinstance(labels, zarr.Group):
+        return []
+    return _child_images(labels)
+
+
+def find_labels(path: Path, options: LoadOptions, name: str) -> str:
+    """The path in a store of the labels of that name beside the image that options pick. InputError without them."""
+    import_extra("zarr", "Zarr stores", "zarr", "readers")
+    with decoder_errors("Zarr"):
+        group, _ = _open(path)
+        image, _, _ = _select_image(group, options, None)
+        names = list_labels(image)
+        if name not in names:
+            raise expected("labels", f"a file, or one of {_listed(names) or 'the labels beside an image'}", repr(name))
+        return f"{image.path[len(group.path) :]}/labels/{name}".strip("/")
 
 
 def _is_volume(array: Any) -> bool:

@@ -41,6 +41,7 @@ CONVERTERS = {
     ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".hdf": "convert HDF4 with h4toh5; HDF5 is read as .h5",
+    ".n5": "save it as OME-Zarr with Fiji (Export to N5/Zarr/OME-NGFF): no Python library that is kept up reads N5",
     ".7z": "unpack it",
     ".gz": "unpack it",
     ".bz2": "unpack it",
@@ -174,6 +175,10 @@ class LoadOptions:
         Kind("a number or the end of a UID", _text, metavar="N|UID", hint="str | int"),
         "DICOM series: its number in splatgl info, or its UID",
     )
+    well: str | None = _option(
+        None, Kind("the path of a well", _text, metavar="ROW/COLUMN", hint="str"), "well of a plate, such as B/3"
+    )
+    field: int | None = _option(None, Kind.whole(0, this="zero or more"), "number of a field of a plate's well, from 0")
     color: str | Path | None = _option(
         None,
         Kind.instance("the path of a picture", str, Path, metavar="PICTURE"),
@@ -280,6 +285,7 @@ class Format:
 _MRC_PACKED = (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2")
 _PICTURES = ("PNG", "JPEG", "BMP")
 _TERRAIN = ("color", "relief", "levels")
+_ZARR = ("array", "channel", "field", "level", "time", "well")
 _TIFF = ("array", "channel", "level", "time", "series")
 
 # all formats; each takes `spacing` and `values` too
@@ -309,18 +315,12 @@ FORMATS = (
         "Zarr",
         (".zarr",),
         "ome_zarr.read",
-        ("array", "channel", "level", "time"),
+        _ZARR,
         kinds=("folder",),
         tells="ome_zarr.is_store",
         lists="ome_zarr.list_images",
     ),
-    Format(
-        "Zarr, zipped",
-        (".zarr.zip", ".ozx"),
-        "ome_zarr.read",
-        ("array", "channel", "level", "time"),
-        lists="ome_zarr.list_images",
-    ),
+    Format("Zarr, zipped", (".zarr.zip", ".ozx"), "ome_zarr.read", _ZARR, lists="ome_zarr.list_images"),
     Format(
         "DICOM",
         (".dcm", ".dicom", ".ima", ".zip"),

@@ -15,7 +15,7 @@ from splatgl.annotations.annotate import check_time
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
-from splatgl.options import Group, Kind, option
+from splatgl.options import Group, Kind, declared, option
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.splat.settings import BLENDS, Settings
 
@@ -53,11 +53,12 @@ class DrawOptions:
         "number of rows to compare with float64 (0: none; default: some squares, with --field or without a bound)",
         group=Group.ACCURACY,
     )
-    field: bool = option(
+    check_field: bool = option(
         False,
         Kind.flag(),
         "also compare some pixels with the field that the picture shows",
         group=Group.ACCURACY,
+        flag="--field",
         bare=True,
     )
     explain: bool = option(
@@ -78,14 +79,14 @@ class DrawOptions:
         """Raises InputError for options that a kind of picture does not support. need: the kind that does."""
         for name in UNSUPPORTED[kind]:
             if getattr(self, name):
-                raise expected(f"--{name}", need, got, fix)
+                raise expected(declared(DrawOptions)[name].flag or f"--{name}", need, got, fix)
 
 
 # options that pictures of layers, in bricks, and on workers do not support
 UNSUPPORTED = {
-    "layers": ("field", "savings"),
-    "bricks": ("check", "field", "savings"),
-    "workers": ("check", "field", "savings", "explain"),
+    "layers": ("check_field", "savings"),
+    "bricks": ("check", "check_field", "savings"),
+    "workers": ("check", "check_field", "savings", "explain"),
 }
 
 
@@ -167,13 +168,13 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
     from splatgl.reference.check import check_input
     from splatgl.scene.shared_renderer import measure_savings
 
-    check_input(subject, camera, settings, how.check, how.field)
+    check_input(subject, camera, settings, how.check, how.check_field)
     with how.renderer() as renderer:
         if how.explain:
             print(renderer.plans(subject, camera, settings).explain())
         image = renderer.render(subject, camera, settings)
-        if how.check is not None or how.field or image.info["error_bound"] is None:
-            image = compare_rows(image, subject, camera, settings, how.check, how.field)
+        if how.check is not None or how.check_field or image.info["error_bound"] is None:
+            image = compare_rows(image, subject, camera, settings, how.check, how.check_field)
         if how.explain:
             print(f"{accuracy(image)}, against the float64 reference of the same splats")
         if how.savings:

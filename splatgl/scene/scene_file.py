@@ -29,7 +29,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_value
 from splatgl.options import Group, Kind, check_options, declared, names_of, non_default, option, refuse_unknown
-from splatgl.readers import load
+from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
@@ -307,8 +307,10 @@ class SceneFile:
         scene_options = {name: options[name] for name in declared(SceneFile) if name in options}
         layers = (*self.layers, *scene_options.pop("layers", ()))
         transfer = {name: options[name] for name in names_of(TransferChoice, Transfer) if name in options}
+        reading = {**self.load, **{name: options[name] for name in declared(LoadOptions) if name in options}}
         if "labels" in options:
-            layers = (*layers, SceneFile(options["labels"], transfer={"only_labels": transfer.pop("only_labels", ())}))
+            chosen = {"only_labels": transfer.pop("only_labels", ())}
+            layers = (*layers, replace(self._find_labels(options["labels"], reading), transfer=chosen))
         meshes = (*self.meshes, *map(MeshFile.of, _several(scene_options.pop("meshes", ()))))
         if options.get("clip_meshes"):
             adds_volume = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
@@ -319,12 +321,20 @@ class SceneFile:
             **scene_options,
             layers=layers,
             meshes=meshes,
-            load={**self.load, **{name: options[name] for name in declared(LoadOptions) if name in options}},
+            load=reading,
             transfer={**self.transfer, **transfer},
             view=replace(self.view, **{name: options[name] for name in names_of(ViewOptions) if name in options}),
             vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
             settings=replace(self.settings, **settings),
         )
+
+    def _find_labels(self, name: str, reading: dict[str, Any]) -> SceneFile:
+        """Returns the labels in a file, or those of that name beside the image in a Zarr store."""
+        if self.volume in SCENES or is_address(self.volume) or is_address(name) or Path(name).exists():
+            return SceneFile(name)
+        array = find_labels(Path(self.volume), LoadOptions(**reading), name)
+        time = {key: reading[key] for key in ("time",) if key in reading}
+        return SceneFile(name) if array is None else SceneFile(self.volume, load={"array": array, **time})
 
     def to_toml(self, folder: Path) -> str:
         """Returns the scene as TOML text for a file in `folder`; paths below `folder` are relative, others absolute.

@@ -10,8 +10,9 @@ import pytest
 
 from splatgl.cli.main import main
 from splatgl.errors import InputError
-from splatgl.readers import load, ome_zarr
+from splatgl.readers import LoadOptions, find_labels, list_volumes, load, ome_zarr
 from splatgl.readers.chunked import Chunked
+from splatgl.scene.scene_file import SceneFile
 
 zarr = pytest.importorskip("zarr")
 
@@ -61,7 +62,7 @@ def test_a_plate_and_what_holds_no_image(tmp_path: Path) -> None:
     root.attrs["plate"] = {"wells": [{"path": "A/1"}]}
     for well in ("A/1", "B/2"):
         image(root.create_group(f"{well}/0"))
-    assert check(tmp_path / "a.zarr") == ("image A/1/0 of 2 is read; --array picks another: B/2/0",)
+    assert check(tmp_path / "a.zarr") == ()
     empty = zarr.open_group(tmp_path / "b.zarr", mode="w")
     empty.create_group("one")
     with pytest.raises(InputError, match="store: expected an array of three axes in one of its groups, got one"):
@@ -148,3 +149,70 @@ def test_a_store_in_a_zip(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 100)
     parts = load(tmp_path / name)
     assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples)
+
+
+def plate(path: Path, version: str) -> None:
+    """Four wells of two fields, whose values grow by 1."""
+    form = 3 if version == "0.5" else 2
+
+    def tell(group: Any, **told: Any) -> None:
+        group.attrs.update({"ome": {"version": "0.5", **told}} if version == "0.5" else told)
+
+    root = zarr.open_group(path, mode="w", zarr_format=form)
+    names = [f"{row}/{column}" for row in "AB" for column in (1, 3)]
+    tell(root, plate={"wells": [{"path": name} for name in names]})
+    for n, name in enumerate(names):
+        well = root.create_group(name)
+        tell(well, well={"images": [{"path": "0"}, {"path": "x"}]})
+        image(well.create_group("0"), version, 2 * n)
+        image(well.create_group("x"), version, 2 * n + 1)
+
+
+@pytest.mark.parametrize("version", ["0.4", "0.5"])
+def test_fields_of_wells(tmp_path: Path, version: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.zarr"
+    plate(path, version)
+    first, second = check(path)
+    assert "well A/1 of 4 is read; --well picks another: A/3, B/1, B/3" in first and "field 0 of 2" in second
+    assert check(path, 6, well="B/3", field=0) == check(path, 7, well="B/3", field=1) == ()
+    assert check(path / "B" / "3", 7, field=1) == ()
+    assert main(["info", str(path), "--well", "B/3", "--field", "1"]) == 0
+    assert "* B/3/x  well B/3, field 1" in capsys.readouterr().out.splitlines()
+    for options, message in (
+        ({"well": "C/3"}, "well: expected one of A/1, A/3, B/1, B/3, got 'C/3'"),
+        ({"field": 2}, "field: expected a number from 0 to 1 in well A/1"),
+        ({"well": "B/3", "array": "B/3/x"}, "array: expected none beside well and field"),
+    ):
+        with pytest.raises(InputError, match=message):
+            load(path, **options)
+
+
+def test_labels_beside_an_image(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.zarr"
+    root = zarr.open_group(path, mode="w", zarr_format=2)
+    image(root)
+    image(root.create_group("labels/cells"))
+    assert list_volumes(path) == ["* /  24 × 16 × 8 × 1 × 1 uint16", "* labels/cells  labels, --labels cells"]
+    assert find_labels(path, LoadOptions(), "cells") == "labels/cells"
+    with pytest.raises(InputError, match="labels: expected a file, or one of cells, got 'nuclei'"):
+        find_labels(path, LoadOptions(), "nuclei")
+    scene = SceneFile(str(path)).with_options(labels="cells")
+    assert scene.layers[0].load == {"array": "labels/cells"} and scene.layers[0].open().shape == SAMPLES.shape
+    # a field of a well has its own
+    plate(tmp_path / "b.zarr", "0.4")
+    image(zarr.open_group(tmp_path / "b.zarr/B/3/x", mode="a").create_group("labels/cells"))
+    assert find_labels(tmp_path / "b.zarr", LoadOptions(well="B/3", field=1), "cells") == "B/3/x/labels/cells"
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_channels_of_xarray_have_names(tmp_path: Path, version: int) -> None:
+    xr = pytest.importorskip("xarray")
+    both = xr.DataArray(np.stack([SAMPLES, SAMPLES + 1]), dims=("c", "z", "y", "x"), coords={"c": ["DAPI", "GFP"]})
+    both.to_dataset(name="image").to_zarr(tmp_path / "a.zarr", zarr_format=version)
+    assert np.array_equal(load(tmp_path / "a.zarr", channel="GFP").samples, SAMPLES + 1)
+
+
+def test_n5_says_what_converts_it(tmp_path: Path) -> None:
+    (tmp_path / "attributes.json").write_text('{"n5": "2.0.0"}')
+    with pytest.raises(InputError, match="got N5; save it as OME-Zarr with Fiji"):
+        load(tmp_path)
