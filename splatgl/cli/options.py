@@ -72,7 +72,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
     add_options(parser, SceneFile, "clip", "crop", "mask", "layers", "meshes", "surfaces")
     group = group_of(parser, Group.LAYERS)
     labels: Any = group.add_argument(
-        "--labels", metavar="FILE|NAME", help="segmentation to draw: a file, or its name in an OME-Zarr"
+        "--labels", metavar="FILE|NAME", help="segmentation to draw: a file, or a name in OME-Zarr"
     )
     labels.summary = labels.help
     group.add_argument("--clip-meshes", action="store_true", default=None, help="--clip and --crop clip meshes, too")
