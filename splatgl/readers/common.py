@@ -64,7 +64,7 @@ REASON_LIMIT = 200
 # loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to
 LOGGERS = (
     *("nibabel.global", "numcodecs", "PIL.ImageFile", "PIL.PngImagePlugin", "PIL.TiffImagePlugin"),
-    *("pydicom", "pylibjpeg", "zarr"),
+    *("liffile", "pydicom", "pylibjpeg", "zarr"),
 )
 
 Shape = tuple[int, int, int]

@@ -31,6 +31,10 @@ STARTS = {
     b"# vtk DataFile": "legacy VTK",
     b"# === DATA DESCRIPTION FILE ===": "PAR/REC",
     b"GRIB": "GRIB",
+    b"ZISRAWFILE": "CZI",
+    b"\xda\xce\xbe\x0a": "ND2",
+    b"\0\0\0\x0cjP  ": "ND2",
+    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "a compound file",
     b"%PDF": "PDF",
     b"7z\xbc\xaf\x27\x1c": "7-Zip",
     b"\xfd7zXZ": "xz",
@@ -112,6 +116,9 @@ def _kind(head: bytes) -> str:
         return "DICOM"
     if head[:2] == b"BM" and head[6:10] == bytes(4) and head[14:15] in (b"\x0c", b"\x28", b"\x40", b"\x6c", b"\x7c"):
         return "BMP"
+    # the mark of Leica's XML, and a letter of UTF-16 behind it
+    if head[:4] == b"p\0\0\0" and head[8:9] == b"*" and head[14:15] == b"\0":
+        return "LIF"
     return _header_kind(head) or _text_kind(head)
 
 

@@ -26,7 +26,7 @@ _SURFACE = "surfaces are not drawn; voxelize it"
 
 # advice for files that are not read, by ending
 CONVERTERS = {
-    **dict.fromkeys((".czi", ".lif", ".nd2", ".oib", ".oif", ".lsm", ".vsi", ".dv", ".sld", ".ics", ".xml"), _FIJI),
+    **dict.fromkeys((".oir", ".lsm", ".vsi", ".dv", ".sld", ".ics", ".xml"), _FIJI),
     **dict.fromkeys(
         (".svs", ".ndpi", ".mrxs", ".scn"), "a slide is one plane; save a stack as OME-TIFF with Bio-Formats"
     ),
@@ -173,7 +173,7 @@ class LoadOptions:
     series: str | int | None = _option(
         None,
         Kind("a number or the end of a UID", _text, metavar="N|UID", hint="str | int"),
-        "DICOM series: its number in splatgl info, or its UID",
+        "DICOM series, or image, scene or position of a file: its number in splatgl info, UID or name",
     )
     well: str | None = _option(
         None, Kind("the path of a well", _text, metavar="ROW/COLUMN", hint="str"), "well of a plate, such as B/3"
@@ -287,6 +287,7 @@ _PICTURES = ("PNG", "JPEG", "BMP")
 _TERRAIN = ("color", "relief", "levels")
 _ZARR = ("array", "channel", "field", "level", "time", "well")
 _TIFF = ("array", "channel", "level", "time", "series")
+_MICROSCOPE = ("array", "channel", "time", "series")
 
 # all formats; each takes `spacing` and `values` too
 FORMATS = (
@@ -311,6 +312,10 @@ FORMATS = (
     ),
     Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), lists="hdf5.list_datasets"),
     Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
+    Format("CZI", (".czi",), "czi.read", _MICROSCOPE, lists="czi.list_images"),
+    Format("LIF", (".lif",), "lif.read", _MICROSCOPE, lists="lif.list_images"),
+    Format("ND2", (".nd2",), "nd2.read", _MICROSCOPE, lists="nd2.list_images"),
+    Format("OIB", (".oib", ".oif"), "olympus.read", _MICROSCOPE, ("?", "a compound file"), lists="olympus.list_images"),
     Format(
         "Zarr",
         (".zarr",),

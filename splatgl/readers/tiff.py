@@ -28,7 +28,7 @@ from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
 from splatgl.readers.common import MAX_BYTES, decoder_errors, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff_images import describe_series, find_channels, find_pixels, read_survey, select_image
+from splatgl.readers.tiff_images import find_channels, find_pixels, list_series, read_survey, select_image
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -76,11 +76,8 @@ class _Series:
 def list_images(path: Path) -> list[str]:
     """A line for each image of a file: its number, name and size; a star marks the image that `read` selects."""
     check_chain(path)
-    with _logged_errors(), open_tiff(path) as tiff, decoder_errors("TIFF"):
-        place, _ = select_image(tiff, LoadOptions())
-        return [
-            f"{'*' if n == place else ' '} {n + 1}   {describe_series(image)}" for n, image in enumerate(tiff.series)
-        ]
+    with logged_errors(), open_tiff(path) as tiff, decoder_errors("TIFF"):
+        return list_series(tiff.series)
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -90,12 +87,12 @@ def read(path: Path, options: LoadOptions) -> Volume:
     in parts. Spacing and unit come from ImageJ's or OME's metadata, else 1.
     """
     check_chain(path)
-    with _logged_errors(), ExitStack() as stack:
+    with logged_errors(), ExitStack() as stack:
         tiff = stack.enter_context(open_tiff(path))
         with decoder_errors("TIFF"):
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
-            place, notes = select_image(tiff, options)
+            place, notes = select_image(tiff.series, options)
             pixels = find_pixels(tiff, place)
             survey = read_survey(tiff.series[place].keyframe)
         image = _Image(path, tiff, place, pixels, survey)
@@ -259,7 +256,7 @@ def _level_volume(samples: Any, level: _Series, finest: _Series) -> Volume:
 
 
 @contextmanager
-def _logged_errors() -> Iterator[None]:
+def logged_errors() -> Iterator[None]:
     """Raises the first error that tifffile logs: it reads truncated files without an exception."""
     handler = _FirstError()
     logger = logging.getLogger("tifffile")

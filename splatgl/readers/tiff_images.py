@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -87,11 +87,13 @@ GDAL_METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "ft": 0.3048, "foot": 0.304
 MOST_LISTED = 6
 
 
-def select_image(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]:
-    """(index in tiff.series, notes) of the image that `series` names or numbers from 1 on, else the largest stack."""
-    images = list(tiff.series)
+def select_image(images: Sequence[Any], options: LoadOptions) -> tuple[int, tuple[str, ...]]:
+    """(index, notes) of the image that `series` names or numbers from 1 on, else the largest stack.
+
+    images: with name, shape and axes, a letter for each axis, as tifffile's series.
+    """
     if not images:
-        raise expected("TIFF", "one image at least", "none in its pages")
+        raise expected("file", "one image at least", "none in it")
     requested = None if options.series is None else str(options.series)
     lines = [f"{n} {image}" for n, image in enumerate(map(describe_series, images), 1)]
     listed = ", ".join(lines[:MOST_LISTED]) + ", …" * (len(lines) > MOST_LISTED)
@@ -112,6 +114,12 @@ def select_image(tiff: Any, options: LoadOptions) -> tuple[int, tuple[str, ...]]
     others = ", ".join([line for n, line in enumerate(lines) if n != place][:MOST_LISTED])
     note = f"image {lines[place]} of {len(images)} is read, the largest stack; --series N picks another: {others}"
     return place, (note,)
+
+
+def list_series(images: Sequence[Any]) -> list[str]:
+    """A line for each image: its number, name and size; a star marks the one that is read by default."""
+    place, _ = select_image(images, LoadOptions())
+    return [f"{'*' if n == place else ' '} {n + 1}   {describe_series(image)}" for n, image in enumerate(images)]
 
 
 def describe_series(series: Any) -> str:

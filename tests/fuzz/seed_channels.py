@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.fuzz.seed_files import CUBE, Seed, written
+from tests.helpers import microscope_files as microscopes
 
 # t, c, z, y, x
 SERIES = np.stack([np.stack([CUBE, CUBE[::-1]]), np.stack([CUBE // 2, CUBE // 3])])
@@ -76,3 +77,27 @@ def channels_of_zarr(version: int) -> list[Seed]:
         written("a.zarr", partial(image, order="xyct", array=SERIES[:, :, 0].T)),
         written("a.zarr", named),
     ]
+
+
+def czi() -> list[Seed]:
+    """Plain, JPEG XR and both kinds of Zstandard; colours; an overview."""
+    stack = microscopes.STACK
+    kinds = [(stack, 0, True), (stack, 4, False), (stack, 5, False), (stack, 6, False)]
+    kinds.append((np.repeat(stack[..., None] // 16, 3, axis=-1)[:1, :1].astype(np.uint8), 0, False))
+    return [
+        written("a.czi", partial(microscopes.czi, scenes=(samples, samples), compression=code, pyramid=overview))
+        for samples, code, overview in kinds
+    ]
+
+
+def lif() -> list[Seed]:
+    return [written("a.lif", partial(microscopes.lif, stacks={"a": microscopes.STACK, "b": microscopes.STACK[:1]}))]
+
+
+def nd2() -> list[Seed]:
+    positions = (microscopes.STACK, microscopes.STACK)
+    return [written("a.nd2", partial(microscopes.nd2, positions=positions, lossless=way)) for way in (False, True)]
+
+
+def oib() -> list[Seed]:
+    return [written("a.oib", microscopes.oib)]

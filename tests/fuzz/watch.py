@@ -47,6 +47,7 @@ def read(path: Path, kind: str) -> None:
         _touch(SceneFile.from_toml(path).open())
         return
     list_volumes(path)
+    given: dict[str, object] = {}
     try:
         volume = sg.load(path)
     except Choice as needed:
@@ -54,10 +55,11 @@ def read(path: Path, kind: str) -> None:
         picked = {"channel": "all", "array": first, "series": 1}.get(needed.option)
         if picked is None:
             raise
-        volume = sg.load(path, **{needed.option: picked})  # type: ignore[arg-type]
+        given = {needed.option: picked}
+        volume = sg.load(path, **given)  # type: ignore[arg-type]
     _touch(volume)
     if volume.times > 1 and len(volume.channels) <= FEW:
-        _touch(sg.load(path, time=volume.times - 1))
+        _touch(sg.load(path, time=volume.times - 1, **given))  # type: ignore[arg-type]
 
 
 def _touch(volume: Volume) -> None:

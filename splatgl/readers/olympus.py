@@ -1,0 +1,179 @@
+"""Olympus's OIB and OIF files, by oiffile: planes are TIFF files, in a compound file or beside the settings."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import METRES, unit_name
+from splatgl.data.volume import Volume
+from splatgl.errors import expected, import_extra
+from splatgl.readers.channels import SECONDS, Channel
+from splatgl.readers.common import decoder_errors, parse_number, require_plausible
+from splatgl.readers.microscopes import Image, OpenFile, Planes, check_planes, even_spacing, read_image
+from splatgl.readers.options import LoadOptions
+from splatgl.readers.tiff import logged_errors
+from splatgl.readers.tiff_images import list_series
+from splatgl.readers.tiff_validation import check_before_decoding
+
+# name of a plane: s_C001Z002T003.tif; others are previews
+_PLANE = re.compile(r"(?i)(?:.*[/\\])?s_?((?:[A-Z]\d{3,6})+)\.tif")
+# sectors that end a chain, or are none (MS-CFB §2.1)
+_LAST_SECTOR = 0xFFFFFFFA
+_COMPOUND = bytes.fromhex("d0cf11e0a1b11ae1")
+
+
+def list_images(path: Path) -> list[str]:
+    """A line for the image."""
+    with decoder_errors("OIB"):
+        return list_series([_find_image(path, _open(path))])
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of an OIB or OIF file; for the options see `read_image`."""
+    with decoder_errors("OIB"):
+        file = _open(path)
+        image = _find_image(path, file)
+    return read_image(path, "OIB", [image], options, file)
+
+
+def _open(path: Path) -> OpenFile:
+    oiffile = import_extra("oiffile", "Olympus's OIB files", "oiffile", "microscopes")
+    if path.suffix.lower() != ".oif":
+        _check_sectors(np.memmap(path, np.uint8, mode="r"))
+        with closing(oiffile.oiffile.CompoundFile(path)) as compound:
+            if "OibInfo.txt" not in compound.files():
+                raise expected("file", "OibInfo.txt in it", "another compound file", "is this an OIB file?")
+    return OpenFile(path, oiffile.OifFile(path))
+
+
+def _check_sectors(data: np.ndarray) -> None:
+    """Raises InputError for a compound file whose chains of sectors do not end: the library would follow them forever.
+
+    Layout: MS-CFB §2.2 to 2.5.
+    """
+    if len(data) < 512 or bytes(data[:8]) != _COMPOUND:
+        raise expected("first bytes", "those of a compound file", "others", "is this an OIB file?")
+    size = 1 << min(int(data[30]), 12)
+    sectors = len(data) // size
+    words = data[: 4 * (len(data) // 4)].view("<u4")
+    tables, following, more = int(words[11]), int(words[17]), int(words[18])
+    if max(tables, more) > sectors:
+        raise expected("sectors", f"at most {sectors} of tables", max(tables, more), "the file is damaged")
+    # 1. places of the table's sectors: 109 in the header, and in further sectors of which the last number leads on
+    places = words[19:128].tolist()
+    for _ in range(more):
+        listed = words[(following + 1) * (size // 4) :][: size // 4].tolist()
+        if len(listed) < size // 4:
+            raise expected("sectors", "tables in the file", f"sector {following}", "the file is damaged")
+        places += listed[:-1]
+        following = listed[-1]
+    parts = [words[(place + 1) * (size // 4) :][: size // 4] for place in places[:tables]]
+    table = np.concatenate([*parts, np.zeros(0, "<u4")]).astype(np.int64)
+    small = int(words[15]) if len(words) > 16 else _LAST_SECTOR
+    # 2. each sector's chain, also those of small sectors, ends within as many steps as there are sectors
+    _check_chains(table)
+    chain: list[int] = []
+    while small < min(len(table), _LAST_SECTOR) and len(chain) <= sectors:
+        chain.append(small)
+        small = int(table[small])
+    parts = [words[(place + 1) * (size // 4) :][: size // 4] for place in chain[: int(words[16])]]
+    _check_chains(np.concatenate([*parts, np.zeros(0, "<u4")]).astype(np.int64))
+
+
+def _check_chains(table: np.ndarray) -> None:
+    """Raises InputError if a chain of sectors leads back to itself. table: the sector behind each."""
+    end = len(table)
+    following = np.append(np.where(table < end, table, end), end)
+    for _ in range(max(end, 1).bit_length()):
+        following = following[following]
+    if (following != end).any():
+        raise expected("sectors", "chains that end", "one that leads back to itself", "the file is damaged")
+
+
+def _find_image(path: Path, file: OpenFile) -> Image:
+    source = file.file
+    # 1. planes by their index, as their names have it
+    planes, letters = dict[tuple[int, ...], str](), ""
+    for name in source.glob("*.tif"):
+        match = _PLANE.fullmatch(name)
+        parts = re.findall(r"([A-Z])(\d+)", match[1].upper()) if match else []
+        found = "".join(letter for letter, _ in parts)
+        if found and len(set(found)) == len(found) and (not letters or found == letters):
+            letters = found
+            planes[tuple(int(digits) - 1 for _, digits in parts)] = name
+    if not planes or min(map(min, planes)) < 0:
+        raise expected("file", "planes named as s_C001Z001.tif", "none", "is this an OIB file?")
+    counts = [max(index[n] for index in planes) + 1 for n in range(len(letters))]
+    # 2. the first plane states the size of all
+    first = _decode_plane(source, next(iter(planes.values())))
+    check_planes(counts, first.shape, first.dtype, len(planes))
+    array = Planes(counts, first.shape, first.dtype, partial(_read_plane, source, planes))
+    # 3. the settings
+    settings = source.mainfile
+    steps, units = _read_steps(settings)
+    spacing = even_spacing(*(steps.get(axis, 0.0) for axis in "XYZ"))
+    channels = _read_channels(settings, counts[letters.index("C")] if "C" in letters else 1)
+    unit = "um" if "X" in units else ""
+    step, missing = steps.get("T") or None, math.prod(counts) - len(planes)
+    return Image(path.stem, letters + "YX", array.shape, lambda: array, channels, spacing, unit, step, missing)
+
+
+def _read_plane(source: Any, planes: dict[tuple[int, ...], str], index: tuple[int, ...]) -> np.ndarray | None:
+    return _decode_plane(source, planes[index]) if index in planes else None
+
+
+def _decode_plane(source: Any, name: str) -> np.ndarray:
+    tifffile = import_extra("tifffile", "Olympus's OIB files", "tifffile", "microscopes")
+    with source.open_file(name) as file:
+        data = file.read()
+    with logged_errors(), tifffile.TiffFile(io.BytesIO(data)) as tiff:
+        page = tiff.pages[0]
+        check_before_decoding([page])
+        require_plausible(page.nbytes, len(data))
+        require_plausible(math.prod(page.chunks) * page.dtype.itemsize, len(data))
+        plane = np.asarray(page.asarray())
+    if plane.ndim != 2 or plane.dtype.kind not in "ui":
+        raise expected("plane", "grey numbers [y, x]", f"{plane.dtype} {plane.shape}")
+    return plane
+
+
+def _read_steps(settings: Any) -> tuple[dict[str, float], set[str]]:
+    """Steps along axes in micrometres and seconds, and the axes whose unit is known.
+
+    Lengths reach from the first to the last entry; those along x and y also from edge to edge of a pixel, which the
+    convert values of the reference image state.
+    """
+    steps, known = dict[str, float](), set[str]()
+    for number in range(8):
+        axis = settings.get(f"Axis {number} Parameters Common", {})
+        letter, name = str(axis.get("AxisCode", "")), str(axis.get("UnitName", "")).strip()
+        count, begin, end = (parse_number(axis.get(key)) for key in ("MaxSize", "StartPosition", "EndPosition"))
+        scale = SECONDS.get(name) if letter == "T" else METRES.get(unit_name(name), 0.0) * 1e6 or None
+        if letter and scale and count > 1 and np.isfinite(end - begin):
+            steps[letter] = abs(end - begin) / (count - (letter in "ZT")) * scale
+            known.add(letter)
+    image = settings.get("Reference Image Parameter", {})
+    for letter, key in (("X", "Width"), ("Y", "Height")):
+        step, scale = parse_number(image.get(f"{key}ConvertValue")), METRES.get(unit_name(str(image.get(f"{key}Unit"))))
+        if scale and 0 < step < 1e12:
+            steps[letter] = step * scale * 1e6
+            known.add(letter)
+    return steps, known
+
+
+def _read_channels(settings: Any, count: int) -> tuple[Channel, ...]:
+    """Names of the channels: the dye, else the detector's."""
+    names = [""] * count
+    for number in range(count):
+        for section in (f"GUI Channel {number + 1} Parameters", f"Channel {number + 1} Parameters"):
+            part = settings.get(section, {})
+            names[number] = names[number] or str(part.get("DyeName") or part.get("CH Name") or "")
+    return tuple(Channel(names[number] or str(number)) for number in range(count))
