@@ -94,7 +94,11 @@ BAD = [
     ("a.nrrd", nrrd(more="spacings: 1 0 1\n"), "a finite step along each axis"),
     ("a.mha", meta(more="ElementSpacing = 1 -1 1\n"), "spacing: expected three positive numbers"),
     ("a.mha", meta(more="TransformMatrix = 1 0 0 1 0 0 0 0 1\n"), "an invertible 3×3 matrix"),
-    ("a.vtk", vtk("5 7 4", 140, bytes(140), dataset="POLYDATA"), "expected STRUCTURED_POINTS, got POLYDATA"),
+    (
+        "a.vtk",
+        vtk("5 7 4", 140, bytes(140), dataset="POLYDATA"),
+        "expected STRUCTURED_POINTS or RECTILINEAR_GRID, got POLYDATA",
+    ),
     # data outside the header's folder
     ("a.nhdr", nrrd(more="data file: /etc/hostname\n"), "a name inside the header's folder"),
     ("a.nhdr", nrrd(more="data file: ../b.raw\n"), "a name inside the header's folder"),
