@@ -433,7 +433,7 @@ COMMANDS = (
     Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
     Command("ground", "next ground: black, white, checks, grey, blue", ("n",), _ground),
     Command("help", "all keys", ("?", "f1"), _toggle("help")),
-    Command("close", "close the help, leave fullscreen, or stop what goes on", ("escape",), _close),
+    Command("close", "close what is open; stop what goes on", ("escape",), _close),
     Command("quit", "quit", ("q", "ctrl+q"), _request(Request.QUIT)),
 )
 MOUSE = (

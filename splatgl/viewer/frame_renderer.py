@@ -204,7 +204,7 @@ class FrameRenderer:
             self.words = tuple(part for line in lines if line for part in _wrap(line, most))
             self.written = now
             if not moving and state.hud == "short":
-                self.corner = self._free(Text(self.words), state.pose.camera.size, scale)
+                self.corner = self._free(Text(self.words), state, scale)
         wanted = self._overlay(state, document, scale, note)
         if wanted == self.overlay:
             return False
@@ -212,10 +212,11 @@ class FrameRenderer:
         self.screen.put("overlay", draw_overlay(wanted))
         return True
 
-    def _free(self, text: Text, size: tuple[int, int], scale: float) -> str:
-        """A corner where a text covers no visible pixels; "" if there is none."""
+    def _free(self, text: Text, state: State, scale: float) -> str:
+        """A corner where a text covers no visible pixels and no axes; "" if there is none."""
+        size = state.pose.camera.size
         down, across = self.pixels.shape[0] / size[1], self.pixels.shape[1] / size[0]
-        for corner in ("top left", "bottom left"):
+        for corner in ("top left",) if "axes" in state.annotate else ("top left", "bottom left"):
             left, top, right, bottom = text_box(replace(text, corner=corner), size, scale)
             part = self.pixels[
                 int(top * down) : int(bottom * down) + 1, int(left * across) : int(right * across) + 1, 3

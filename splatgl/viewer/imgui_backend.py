@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
+import imgui_bundle
 from imgui_bundle import imgui, implot
 
 from splatgl.gl.context import current
@@ -14,9 +16,12 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel import Panel
 from splatgl.viewer.state import State
+from splatgl.viewer.tool import docked_width
 from splatgl.viewer.window import Window
 
 GLSL = "#version 330"
+# height of letters at a content scale of 1
+FONT = 14.0
 # maximum seconds of a double click, long enough for slow frames
 DOUBLE = 0.5
 RELEASE, PRESS = 0, 1
@@ -62,7 +67,8 @@ class Gui:
         with current(window.screen.ctx):
             imgui.backends.opengl3_init(GLSL)
         self.io.mouse_double_click_time, self.io.mouse_single_click_delay = DOUBLE, 2 * DOUBLE
-        imgui.get_style().window_rounding = 4.0
+        _load_font()
+        _apply_theme()
         imgui.get_style().scale_all_sizes(window.scale)
         imgui.get_style().font_scale_main = window.scale
         _fit_plots(window.scale)
@@ -136,11 +142,12 @@ class Gui:
         self.last = now
         self._pass_events()
         with current(self.window.screen.ctx):
-            room = round(width * state.pose.camera.size[0] / max(pixels[0], 1)), height
+            docked = docked_width(pixels, self.window.scale) > 0
+            room = width if docked else round(width * state.pose.camera.size[0] / max(pixels[0], 1)), height
             for _ in range(1 + self.fresh):
                 imgui.backends.opengl3_new_frame()
                 imgui.new_frame()
-                state = self.panel.draw(state, document, frame, room)
+                state = self.panel.draw(state, document, frame, room, docked)
                 imgui.render()
             self.fresh = False
             imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
@@ -152,6 +159,49 @@ class Gui:
             imgui.backends.opengl3_shutdown()
         implot.destroy_context(self.plots)
         imgui.destroy_context(self.context)
+
+
+def _load_font() -> None:
+    """Loads a font with Latin, Greek and Cyrillic letters, which the library's own bitmaps lack."""
+    file = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "Roboto" / "Roboto-Regular.ttf"
+    if file.exists():
+        imgui.get_io().fonts.add_font_from_file_ttf(str(file), FONT)
+
+
+# sRGB of the panel: background, fields, lines, text, and the one colour of what is active
+BACK, FIELD, RULE, INK, ACCENT = (
+    (0.11, 0.12, 0.13),
+    (0.19, 0.2, 0.22),
+    (0.28, 0.3, 0.33),
+    (0.9, 0.91, 0.92),
+    (0.33, 0.6, 0.9),
+)
+# colours by opacity: of the accent for grabs and hovered or pressed widgets, of fields
+THEME: dict[tuple[float, float, float], dict[float, tuple[str, ...]]] = {
+    BACK: {1.0: ("window_bg", "title_bg", "title_bg_active", "title_bg_collapsed"), 0.98: ("popup_bg",)},
+    FIELD: {1.0: ("frame_bg", "button", "scrollbar_grab", "tab"), 0.0: ("header", "scrollbar_bg")},
+    RULE: {1.0: ("border", "separator", "frame_bg_hovered"), 0.5: ("header_hovered", "table_row_bg_alt")},
+    INK: {1.0: ("text",), 0.5: ("text_disabled",)},
+    ACCENT: {
+        1.0: ("check_mark", "slider_grab_active", "input_text_cursor", "nav_cursor"),
+        0.8: ("slider_grab", "button_active", "header_active", "frame_bg_active", "scrollbar_grab_active"),
+        0.5: ("button_hovered", "text_selected_bg", "tab_hovered", "tab_selected", "scrollbar_grab_hovered"),
+    },
+    (0.0, 0.0, 0.0): {0.6: ("modal_window_dim_bg",)},
+}
+
+
+def _apply_theme() -> None:
+    """Sets flat widgets in few colours, and sections apart by space alone."""
+    style = imgui.get_style()
+    style.window_rounding = style.frame_rounding = style.popup_rounding = style.grab_rounding = 3.0
+    style.window_border_size = style.frame_border_size = 0.0
+    style.window_padding, style.frame_padding = imgui.ImVec2(10.0, 8.0), imgui.ImVec2(6.0, 3.0)
+    style.item_spacing, style.item_inner_spacing = imgui.ImVec2(8.0, 5.0), imgui.ImVec2(6.0, 3.0)
+    for color, opacities in THEME.items():
+        for opacity, names in opacities.items():
+            for name in names:
+                style.set_color_(getattr(imgui.Col_, name), imgui.ImVec4(*color, opacity))
 
 
 def _fit_plots(scale: float) -> None:

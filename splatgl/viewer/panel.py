@@ -21,15 +21,27 @@ from splatgl.viewer.commands import HIGHEST, Command, why_not, with_threshold
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
-from splatgl.viewer.panel_sections import CommandWidgets
+from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.state import BLURS, State
+from splatgl.viewer.tool import PANEL
 from splatgl.viewer.transfer_editor import Curve
 
-# screen units
-WIDTH, MARGIN = 330.0, 8.0
+# distance of the panel from the edges of the picture that it lies over, screen units
+MARGIN = 8.0
+# width of the strip that opens the panel
+STRIP = 18.0
 EXTINCTION = (0.01, 100.0)
 # settings with sliders from 0 to 1; those with choices have lists
 STRENGTHS = ("ambient_occlusion", "shadows")
+# settings by section: what scientists look for first, then light, then accuracy and the paper's method
+SETTINGS = {"Rendering": ("blend", "motion", "tolerance"), "Light": ("shading", "light", *STRENGTHS)}
+SETTINGS["Advanced"] = tuple(
+    name
+    for name, setting in declared(Settings).items()
+    if setting.choices and not any(name in names for names in SETTINGS.values())
+)
+# names of blend modes that users of other programs know
+BLEND_NAMES = {"composite": "volume", "xray": "X-ray", "mip": "MIP", "minip": "minimum"}
 
 
 class Panel:
@@ -43,18 +55,28 @@ class Panel:
         # whether a list is open, and whether it is to close
         self.popup = self.closes = False
 
-    def draw(self, state: State, document: Document, frame: Frame | None, window: tuple[int, int]) -> State:
-        """Draws one frame between ImGui's new_frame and render; returns the edited state."""
-        wide = min(WIDTH * imgui.get_style().font_scale_main, window[0] - 2 * MARGIN)
-        imgui.set_next_window_pos((window[0] - wide - MARGIN, MARGIN), imgui.Cond_.always)
-        imgui.set_next_window_size_constraints((wide, 0.0), (wide, max(window[1] - 2 * MARGIN, 1.0)))
-        imgui.set_next_window_bg_alpha(0.85)
+    def draw(
+        self, state: State, document: Document, frame: Frame | None, room: tuple[int, int], docked: bool = False
+    ) -> State:
+        """Draws one frame between ImGui's new_frame and render; returns the edited state.
+
+        room: width and height at whose right end the panel stands, screen units. docked: it is as high as the room,
+        else it lies over the picture.
+        """
+        if not state.panel:
+            return self._draw_strip(state, document, room)
+        margin = 0.0 if docked else MARGIN
+        wide = min(PANEL * imgui.get_style().font_scale_main, room[0] - 2 * margin)
+        high = max(room[1] - 2 * margin, 1.0)
+        imgui.set_next_window_pos((room[0] - wide - margin, margin), imgui.Cond_.always)
+        imgui.set_next_window_size_constraints((wide, high if docked else 0.0), (wide, high))
+        imgui.set_next_window_bg_alpha(1.0 if docked else 0.95)
         # a click may have closed the list meanwhile
         if self.closes and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
             imgui.internal.close_popup_to_level(0, True)
         self.closes = False
-        flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move
-        flags |= imgui.WindowFlags_.always_auto_resize
+        flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize
+        flags |= imgui.WindowFlags_.no_title_bar if docked else imgui.WindowFlags_.always_auto_resize
         shown, _ = imgui.begin("splatgl", None, flags)
         if shown:
             if state.times > 1:
@@ -73,15 +95,35 @@ class Panel:
             for title, draw in panel_sections.SECTIONS.items():
                 if imgui.collapsing_header(title):
                     state = draw(state, document, self.widgets)
-            if imgui.collapsing_header("Settings"):
-                state = _settings(state, document)
+            for title, names in SETTINGS.items():
+                if imgui.collapsing_header(title):
+                    state = _settings(state, document, names)
             if imgui.collapsing_header("Statistics"):
                 self._statistics(state, document, frame)
+        self._end()
+        self.browser.draw(room)
+        return state
+
+    def _end(self) -> None:
+        """Ends the window, and notes where it is."""
         corner, size = imgui.get_window_pos(), imgui.get_window_size()
         self.place = (corner.x, corner.y, corner.x + size.x, corner.y + size.y)
         self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
         imgui.end()
-        self.browser.draw(window)
+
+    def _draw_strip(self, state: State, document: Document, room: tuple[int, int]) -> State:
+        """A strip at the right edge; a click on it opens the panel."""
+        wide = STRIP * imgui.get_style().font_scale_main
+        imgui.set_next_window_pos((room[0] - wide, room[1] / 3), imgui.Cond_.always)
+        imgui.set_next_window_size((wide, room[1] / 3))
+        for size in (imgui.StyleVar_.window_padding, imgui.StyleVar_.window_min_size):
+            imgui.push_style_var(size, imgui.ImVec2(0.0, 0.0))
+        imgui.begin("##strip", None, imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings)
+        if imgui.button("<", (-1.0, -1.0)):
+            state = self.widgets.run("panel", state, document)
+        self.widgets.describe("panel")
+        self._end()
+        imgui.pop_style_var(2)
         return state
 
     def covers(self, x: float, y: float) -> bool:
@@ -94,16 +136,22 @@ class Panel:
         stats, style = self.curve.statistics_of(layer.volume), state.style
         base = _colors(self.curve.draw(style.stated, layer.volume), stats)
         names = ["(preset)", *PRESETS]
-        changed, chosen = imgui.combo("preset", 0, names)
+        changed, chosen = imgui.combo(label_left("preset"), 0, names)
         if changed and chosen:
             base = preset(names[chosen], layer.volume)
         if base != style.stated:
             state = state.edit(base=base, extinction=1.0)
         logarithmic = imgui.SliderFlags_.logarithmic
-        changed, factor = imgui.slider_float("extinction", state.style.extinction, *EXTINCTION, "x%.3g", logarithmic)
+        changed, factor = imgui.slider_float(
+            label_left("opacity x"), state.style.extinction, *EXTINCTION, "%.3g", logarithmic
+        )
+        imgui.set_item_tooltip("A factor on the extinction: matter lets less light through.")
         if changed:
             state = state.edit(extinction=float(f"{factor:.4g}"))
-        changed, threshold = imgui.slider_float("threshold", style.threshold, 0.0, HIGHEST, "%.4f", logarithmic)
+        changed, threshold = imgui.slider_float(
+            label_left("from opacity"), style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
+        )
+        imgui.set_item_tooltip("Voxels of less opacity are not drawn (--threshold).")
         return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
@@ -120,34 +168,33 @@ class Panel:
 
 def _time(state: State) -> State:
     """Slider and switch of a time series."""
-    changed, time = imgui.slider_int("time", state.time, 0, state.times - 1)
+    changed, time = imgui.slider_int(label_left("time"), state.time, 0, state.times - 1)
     if changed:
         state = replace(state, time=min(max(time, 0), state.times - 1), playing=False)
-    imgui.same_line()
     changed, playing = imgui.checkbox("play", state.playing)
     return replace(state, playing=playing) if changed else state
 
 
-def _settings(state: State, document: Document) -> State:
-    """A widget for each setting with choices or a strength, described as on the command line."""
-    for name, setting in declared(Settings).items():
-        label, now = setting.label or name, getattr(state.settings, name)
+def _settings(state: State, document: Document, names: Iterable[str]) -> State:
+    """A widget for each of the settings with choices or a strength, described as on the command line."""
+    for name in names:
+        setting, now = declared(Settings)[name], getattr(state.settings, name)
+        label = label_left(setting.label or name.replace("_", " "))
         value: Any = None
         if name == "motion":
             changed, index = imgui.combo(label, BLURS.index(state.blur), list(BLURS))
             state = replace(state, blur=BLURS[index]) if changed else state
         elif setting.choices:
-            changed, index = imgui.combo(label, setting.choices.index(now), list(setting.choices))
+            texts = [BLEND_NAMES.get(choice, choice) for choice in setting.choices]
+            changed, index = imgui.combo(label, setting.choices.index(now), texts)
             value = setting.choices[index]
         elif name in STRENGTHS:
             changed, strength = imgui.slider_float(label, now, 0.0, 1.0, "%.2f")
             value = round(min(max(strength, 0.0), 1.0), 2)
-        elif name == "tolerance":
+        else:
             logarithmic = imgui.SliderFlags_.logarithmic
             changed, strength = imgui.slider_float(label, now * 255, 0.05, 16.0, "%.2f/255", logarithmic)
             value = strength / 255
-        else:
-            continue
         imgui.set_item_tooltip(plain(setting.help).replace("--", "") + ".")
         # an open section that changes nothing redraws nothing
         if changed and value is not None:
@@ -160,11 +207,13 @@ def _settings(state: State, document: Document) -> State:
 def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     """Colour map and window."""
     names = list(dict.fromkeys([transfer.colormap, *CORE]))
-    changed, index = imgui.combo("colours", 0, names)
+    changed, index = imgui.combo(label_left("colours"), 0, names)
     if changed:
         transfer = replace(transfer, colormap=names[index])
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     spread = transfer_editor.value_range(stats)
-    changed, low, high = imgui.drag_float_range2("window", low, high, (spread[1] - spread[0]) / 300, format="%.4g")
+    changed, low, high = imgui.drag_float_range2(
+        label_left("window"), low, high, (spread[1] - spread[0]) / 300, format="%.4g"
+    )
     imgui.set_item_tooltip("Values that the colours span: drag either end.")
     return replace(transfer, window=(low, high)) if changed and low < high else transfer

@@ -34,6 +34,19 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import background_of, plane_color
 from splatgl.viewer.state import MOST_PLANES, Cuts, LayerStyle, Ruler, State
 
+# share of the panel's width that labels at the left of widgets take
+LABELS = 0.3
+
+
+def label_left(text: str) -> str:
+    """Draws a label at the left of the next widget, which fills the rest of the line; returns the widget's name."""
+    room = imgui.get_content_region_avail().x
+    imgui.align_text_to_frame_padding()
+    imgui.text(text)
+    imgui.same_line(imgui.get_style().window_padding.x + LABELS * room)
+    imgui.set_next_item_width(-1.0)
+    return f"##{text}"
+
 
 class CommandWidgets:
     """Buttons and checkboxes that run commands. effects: collected until the window performs them."""
@@ -87,7 +100,7 @@ def draw_file_options(state: State, document: Document, widgets: CommandWidgets)
     """Lists of the file's arrays and channels, which open the chosen one."""
     for option in state.file_options:
         now = option.selected(document.scene.load)
-        changed, chosen = imgui.combo(option.option, now, [plain(text) for text in option.texts])
+        changed, chosen = imgui.combo(label_left(option.option), now, [plain(text) for text in option.texts])
         imgui.set_item_tooltip("Other volumes of the file: opens one, with the same view and settings.")
         if changed and chosen != now:
             widgets.effects.append(OpenOption(option.option, option.values[chosen][0]))
@@ -112,7 +125,8 @@ def _box(cuts: Cuts, volume: Volume) -> Cuts:
     """Ends of the sides of the box, in voxels as --crop counts them."""
     for axis, size in enumerate(volume.shape[::-1]):
         low, high = (round(share * size) for share in cuts.sides[axis])
-        changed, begin, end = imgui.drag_int_range2(f"{'xyz'[axis]}##side", low, high, max(size / 400, 0.2), 0, size)
+        name = label_left("xyz"[axis])
+        changed, begin, end = imgui.drag_int_range2(name, low, high, max(size / 400, 0.2), 0, size)
         imgui.set_item_tooltip(f"Voxels along {'xyz'[axis]} that the box keeps, as in --crop: drag, or ctrl+click.")
         if changed and begin < end:
             sides = list(cuts.sides)
@@ -244,7 +258,7 @@ def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> St
     if slices.shown:
         index = list(slices.index(volume))
         for axis, size in enumerate(volume.shape[::-1]):
-            changed, place = imgui.slider_int(f"{'xyz'[axis]}##slice", index[axis], 0, size - 1)
+            changed, place = imgui.slider_int(f"{label_left('xyz'[axis])}slice", index[axis], 0, size - 1)
             if changed:
                 index[axis] = place
                 slices = slices.at(index, volume)
@@ -285,7 +299,9 @@ def _ground(state: State) -> State:
     """Background of the picture."""
     names = [*GROUNDS, "a colour"]
     has_color = state.settings.background is not None
-    changed, chosen = imgui.combo("ground", len(GROUNDS) if has_color else GROUNDS.index(state.ground), names)
+    changed, chosen = imgui.combo(
+        label_left("background"), len(GROUNDS) if has_color else GROUNDS.index(state.ground), names
+    )
     if changed and chosen < len(GROUNDS):
         return replace(state, ground=GROUNDS[chosen], settings=state.settings.but(background=None))
     if changed:
@@ -307,4 +323,4 @@ def _flow(names: Sequence[str], per_row: int) -> Iterator[str]:
         yield name
 
 
-SECTIONS = {"View": draw_view, "Slices": draw_slices, "Cuts": draw_clipping}
+SECTIONS = {"View": draw_view, "Slices": draw_slices, "Clipping": draw_clipping}

@@ -14,9 +14,18 @@ Place = tuple[float, float]
 MouseEvent = Literal["press", "move", "release", "wheel"]
 
 
+# width of the panel, and of the narrowest window that it stands beside the picture in, at a content scale of 1
+PANEL, DOCKED = 330.0, 800.0
+
+
+def docked_width(window: tuple[int, int], scale: float) -> int:
+    """Pixels of the panel beside the picture; 0 in windows so narrow that it lies over the picture."""
+    return round(PANEL * scale) if window[0] >= DOCKED * scale else 0
+
+
 @dataclass(frozen=True)
 class View:
-    """A window. size: pixels, at least 1; scale: of its text; time: monotonic clock, seconds."""
+    """A window without its docked panel. size: pixels, at least 1; scale: of its text; time: monotonic, in seconds."""
 
     size: tuple[int, int]
     scale: float = 1.0

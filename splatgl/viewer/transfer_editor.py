@@ -180,9 +180,6 @@ class Curve:
             options = number, value, float(rise(opacity)), NODE, POINT * scale, 0, False, False, False
             moved, x, y, _, over, down = implot.drag_point(*options)
             pointed, held = (number if over else pointed), (number if down and not ctrl else held)
-            if number == self.held and imgui.is_mouse_released(imgui.MouseButton_.left):
-                # the release moves the point, too
-                moved, x, y = True, at.x, at.y
             if moved and not ctrl:
                 points = move_point(points, number, (x, fall(y)))
         self.held = held

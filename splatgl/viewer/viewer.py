@@ -41,7 +41,7 @@ from splatgl.viewer.saving import (
 )
 from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import History, State, changed_fields
-from splatgl.viewer.tool import MouseEvent, Pointer, View
+from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width
 from splatgl.viewer.trackball import up_direction
 from splatgl.viewer.window import Window
 
@@ -101,12 +101,13 @@ class Viewer:
             self.extractor, self.reference, self.overlays = Extractor(wake), Reference(Jobs(wake)), Overlays()
             self.painter = FrameRenderer(self.screen, renderer, self.options.commands)
             self.document = document
+            self.panel: Any = None
+            self.state = replace(State.of(document, self.options.size), ground=self.options.ground)
             # the next document, whose coarsest splats are being extracted
             self.coming: Document | None = None
-            self.state = replace(State.of(document, self.view.size), ground=self.options.ground)
-            self.panel: Any = None
             if self.options.panel and find_spec("imgui_bundle"):
-                self.state = replace(self.state, panel=True)
+                # over the picture it is opened when it is wanted
+                self.state = replace(self.state, panel=docked_width(self.window.size, self.window.scale) > 0)
                 self._open_panel()
         except BaseException:
             self.screen.close()
@@ -132,13 +133,14 @@ class Viewer:
 
     @property
     def view(self) -> View:
-        """The window, for tools."""
-        width, height = self.window.size
-        return View((max(width, 1), max(height, 1)), self.window.scale, self.now())
+        """The window beside the panel, for tools."""
+        (width, height), scale = self.window.size, self.window.scale
+        width -= docked_width((width, height), scale) if self.panel is not None and self.state.panel else 0
+        return View((max(width, 1), max(height, 1)), scale, self.now())
 
     @property
     def size(self) -> tuple[int, int]:
-        """Pixels of the picture: the window without the slices."""
+        """Pixels of the picture: the window without the panel and the slices."""
         width, height = self.view.size
         return max(width - column_width((width, height), self.state.slices.shown), 1), height
 
@@ -215,7 +217,7 @@ class Viewer:
 
     def raw(self, kind: str, *values: Any) -> bool:
         """Passes an event to the panel; True if the panel consumes it. A cursor elsewhere changes nothing there."""
-        if self.panel is None or not self.state.panel or self.state.help:
+        if self.panel is None or self.state.help:
             return False
         before = self.panel.touched
         consumed = bool(self.panel.event(kind, *values))
@@ -367,7 +369,7 @@ class Viewer:
             marks = self.slices.complete_marks(self.state, self.document, self.view)
             self.screen.draw(self.size, self.painter.look(self.state, self.reference))
             self.screen.mark(self.window.size, marks)
-            slices = np.asarray(self.screen.read(self.window.size)[:, self.size[0] :])
+            slices = np.asarray(self.screen.read(self.window.size)[:, self.size[0] : self.view.size[0]])
             # the next frame has the panel again
             self.refresh()
         return compose_screenshot(image, self.state, self.document, self.window.scale, slices)
@@ -620,7 +622,7 @@ class Viewer:
     def _is_interrupted(self, inputs: int) -> bool:
         """Polls events during a frame and shows the panel that they change; True after new input, which cancels it."""
         self.window.wait(0.0)
-        if self.dirty and self.inputs == inputs and self.panel is not None and self.state.panel:
+        if self.dirty and self.inputs == inputs and self.panel is not None:
             self._redisplay()
         return self.inputs != inputs or self.window.closing
 
@@ -661,7 +663,7 @@ class Viewer:
             self._open_panel()
         self.screen.draw(self.size, self.painter.look(self.state, self.reference))
         self.screen.mark(self.window.size, self._marks())
-        if self.panel is not None and self.state.panel and not self.state.help:
+        if self.panel is not None and not self.state.help:
             before, panel = self.state, self.panel.panel
             panel.recent = self.recent.paths
             self.state = self.panel.frame(self.state, self.document, self.painter.frame)
@@ -677,7 +679,7 @@ class Viewer:
         # nothing lies over the help
         if self.document.is_loading or self.painter.frame is None or self.state.help:
             return slices
-        covered = self.panel is not None and self.state.panel and self.panel.touched
+        covered = self.panel is not None and self.panel.touched
         cursor = None if covered or self.input.is_dragging else self.input.cursor
         return self.overlays.marks(self.state, self.document, self.view, cursor, slices)
 

@@ -325,6 +325,9 @@ def main() -> None:
             viewer = Viewer(Document.placeholder(scene), renderer, options, start_reading(scene))
         else:
             viewer = Viewer(Document.open(scene), renderer, options, files)
+        if asked.get("panel") and viewer.panel is not None:
+            # also in a window in which it lies over the picture
+            viewer.state = replace(viewer.state, panel=True)
         eyes, levels = noted(viewer)
         first = asked_first(viewer, Path(folder))
         until(viewer, lambda: settled(viewer))

@@ -12,7 +12,7 @@ from tests.helpers.window import MISSING, Window, pointed
 
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 # places in a window of 600 × 450 pixels: the fields of the extinction and of the threshold, and a list
-EXTINCTION, THRESHOLD, COLORS = (330, 391), (330, 414), (330, 322)
+EXTINCTION, THRESHOLD, COLORS = (463, 406), (400, 431), (450, 331)
 
 
 @pytest.fixture(scope="module")
