@@ -18,8 +18,8 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, parse_window
 from splatgl.readers.common import decoder_errors, grid_shape, parse_number
-from splatgl.readers.hdf5 import read_samples
 from splatgl.readers.hdf5_files import attribute_text, find_node, has_real_numbers, open_hdf5
+from splatgl.readers.hdf5_parts import read_samples
 from splatgl.readers.options import LoadOptions
 
 # most levels; each has at most half the voxels of the level before
