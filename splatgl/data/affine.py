@@ -265,8 +265,9 @@ def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple
         first = next((unit for unit in reversed(units) if unit and unit != "samples"), "")
         units = [unit or first for unit in units]
     kinds = ["length" if unit in METRES else unit for unit in units]
-    scales = [METRES.get(unit, 1.0) for unit in units]
-    drawn = {kinds[2]: 1.0 / scales[2]}
+    # relative to x: equal units are not scaled, to the last digit
+    scales = [METRES.get(unit, 1.0) / METRES.get(units[2], 1.0) for unit in units]
+    drawn = {kinds[2]: 1.0}
     reach = [extents[2]]
     notes = []
     for n, share in ((1, 1.0), (0, 0.5)):

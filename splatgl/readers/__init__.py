@@ -84,7 +84,7 @@ def _load(path: Path, options: LoadOptions) -> Volume:
     form = _find_format(path, options)
     _check_file(path, form, options)
     named = next((each for each in FORMATS if _suffix(path, each) not in ("", ".zip")), form)
-    other = form.reader != named.reader and path.is_file()
+    other = form.reader != named.reader and not _suffix(path, form) and path.is_file()
     note = f"its contents are {form.title}, not what its name says" if other else ""
     with error_prefix(note) if note else nullcontext():
         volume = _import_function(form.reader)(path, options)

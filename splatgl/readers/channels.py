@@ -27,6 +27,10 @@ SECONDS = {
 MOST_CHANNELS = 4096
 # most channels that a message names
 MOST_SHOWN = 8
+# notes on the rules by which components are read
+COLOR_NOTE = "three or four bytes per voxel are taken for a colour: --channel N picks one"
+VECTOR_NOTE = "three numbers per voxel are taken for a vector, and its length is drawn: --channel N picks one"
+MAGNITUDE_NOTE = "complex numbers are drawn by their magnitude"
 # advice in the note on a time point that is read without option
 TIME_HINT = "--time picks another"
 
@@ -44,7 +48,7 @@ class Channel:
 class ChannelSet:
     """channels: of a file, empty if it has only one. together: whether the file shows them as one picture.
     times: number of time points; step: seconds between two, None if unknown. components: numbers per voxel without
-    channels, such as those of a colour; `channel` picks one.
+    channels, such as those of a colour; `channel` picks one. what: the name of the channels in messages.
     """
 
     channels: tuple[Channel, ...] = ()
@@ -52,6 +56,7 @@ class ChannelSet:
     times: int = 1
     step: float | None = None
     components: int = 1
+    what: str = "channels"
 
     def select(self, options: LoadOptions) -> list[int | None]:
         """Numbers of the selected channels; [None]: the file has only one. Raises Choice if one has to be picked."""
@@ -69,7 +74,7 @@ class ChannelSet:
             ]
         if requested is None and not self.together:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
-            error = expected("axes", "one sample per voxel", f"{count} channels", fix)
+            error = expected("axes", "one sample per voxel", f"{count} {self.what}", fix)
             raise Choice(str(error), "channel", [(str(n), channel.name) for n, channel in enumerate(self.channels)])
         if requested is None or requested == "all":
             return list(range(count))
@@ -120,6 +125,11 @@ def parse_window(low: object, high: object) -> tuple[float, float] | None:
     """(low, high) if both are numbers and low is below high; else None."""
     window = parse_number(low), parse_number(high)
     return window if -1e300 < window[0] < window[1] < 1e300 else None
+
+
+def is_color_rule(dtype: np.dtype, count: int) -> bool:
+    """Whether `count` components of a voxel, without a stated meaning, are taken for a colour: three or four bytes."""
+    return dtype == np.uint8 and count in (3, 4)
 
 
 def split_components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:

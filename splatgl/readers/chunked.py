@@ -233,3 +233,12 @@ class Packing:
         """Values, float32; NaN where they are missing."""
         values = stored.astype(np.float64) * self.scale + self.offset
         return (values if self.fill is None else np.where(stored == self.fill, np.nan, values)).astype(np.float32)
+
+
+class Magnitude(Packing):
+    """Packing of complex numbers, whose values are magnitudes; also of pairs named real and imag."""
+
+    def values(self, stored: np.ndarray) -> np.ndarray:
+        """Magnitudes, float32."""
+        parts = (stored["real"], stored["imag"]) if stored.dtype.names else (stored.real, stored.imag)
+        return np.hypot(*(part.astype(np.float64) for part in parts)).astype(np.float32)

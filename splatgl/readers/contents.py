@@ -23,7 +23,11 @@ STARTS = {
     b"MM\x00*": "TIFF",
     b"II+\x00": "TIFF",
     b"MM\x00+": "TIFF",
-    b"\x89HDF": "HDF5",
+    b"\x89HDF\r\n\x1a\n": "HDF5",
+    b"MATLAB 5.0 MAT-file": "MATLAB's format before 7.3",
+    b"SIMPLE  =": "FITS",
+    b"ZISRAWFILE": "Zeiss CZI",
+    b"CTDATA-HEADER_V1": "Scanco ISQ",
     b"CDF\x01": "NetCDF-3",
     b"CDF\x02": "NetCDF-3",
     b"CDF\x05": "NetCDF-3",
@@ -42,6 +46,8 @@ STARTS = {
     b"PK\x05\x06": "ZIP",
     b"version https://git-lfs": "a pointer of Git LFS",
 }
+# HDF5's mark may follow a user block, as in MATLAB's files
+_HDF5, _USER_BLOCKS = b"\x89HDF\r\n\x1a\n", (512, 1024, 2048)
 # elements of VTK's XML files, by the format of the file
 VTK_XML = {
     **dict.fromkeys(("ImageData", "RectilinearGrid"), "VTK grid"),
@@ -60,7 +66,9 @@ PACKINGS = ("gzip", "bzip2", "ZIP")
 OTHER_GZIP, OTHER_BZIP2 = "gzipped data of another kind", "bzip2 data of another kind"
 # advice for kinds that are not read
 FIXES = {
-    "NetCDF-3": "convert it with: nccopy -k nc4 OLD NEW",
+    "MATLAB's format before 7.3": "save it in MATLAB with save(..., '-v7.3')",
+    "FITS": "save a dense array with numpy.save, in the order [z, y, x]",
+    "Scanco ISQ": "convert it with itk-ioscanco to .mha",
     "HDF4": "convert it with h4toh5",
     "GRIB": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     "a page of HTML": "download the file itself",
@@ -88,6 +96,8 @@ def identify(path: Path) -> str:
         with path.open("rb") as file, suppress(OSError, EOFError, ValueError):
             return "MRC, compressed" if _kind(bz2.BZ2File(file).read(FIRST)) == "MRC" else OTHER_BZIP2
         return "bzip2"
+    if any(head.startswith(_HDF5, block) for block in _USER_BLOCKS):
+        return "HDF5"
     return _zip_kind(path) if head.startswith(b"PK\x03\x04") else _kind(head[:FIRST])
 
 

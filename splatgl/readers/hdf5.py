@@ -1,8 +1,8 @@
 """HDF5 and NetCDF-4 datasets.
 
-The last three axes are z, y, x unless dimension labels, ilastik's "axistags" or names of dimension scales say
-otherwise. Spacing comes from dimension scales, else from attributes; it is never guessed. NetCDF's packed and missing
-values are unpacked (CF conventions 1.11, sections 2.5.1 and 8.1).
+The last three axes are z, y, x unless dimension labels, ilastik's "axistags", names of coordinates or the program's
+layout say otherwise. Spacing comes from coordinates, else from attributes; it is never guessed. NetCDF's packed and
+missing values are unpacked (CF conventions 1.11, sections 2.5.1 and 8.1).
 
 An HDF5 file can refer to others (external links, external storage, virtual datasets): they are read only if that is
 permitted. Only filters with bounded results are run.
@@ -11,7 +11,9 @@ permitted. Only filters with bounded results are run.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +28,21 @@ from splatgl.data.affine import (
     unit_name,
     value_unit_name,
 )
+from splatgl.data.arrays import Transposed
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, expected
-from splatgl.readers.channels import MOST_CHANNELS, SECONDS, Channel, ChannelSet
-from splatgl.readers.chunked import Packing
+from splatgl.errors import Choice, InputError, expected
+from splatgl.readers import vtkhdf
+from splatgl.readers.channels import (
+    COLOR_NOTE,
+    MAGNITUDE_NOTE,
+    MOST_CHANNELS,
+    SECONDS,
+    Channel,
+    ChannelSet,
+    is_color_rule,
+    split_components,
+)
+from splatgl.readers.chunked import Magnitude, Packing
 from splatgl.readers.common import (
     decoder_errors,
 )
@@ -38,12 +51,12 @@ from splatgl.readers.hdf5_files import (
     attribute_numbers,
     attribute_text,
     attribute_texts,
-    dimension_scales,
     find_datasets,
     find_node,
-    has_real_numbers,
+    has_numbers,
     open_hdf5,
 )
+from splatgl.readers.hdf5_layouts import Scale, axis_scales, default_dataset, layout_grid, layout_kinds
 from splatgl.readers.hdf5_parts import read_samples
 from splatgl.readers.options import LoadOptions
 
@@ -58,117 +71,169 @@ _FEW = 16
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a dataset: `array` names it (/a/b), else it is the only one that may be a volume.
+    """The volume of a dataset: `array` names it (/a/b), else it is the only one that may be a volume, or the default.
 
-    `channel` picks an entry along a fourth axis, `time` one along an axis of time. Samples of more than WHOLE_BYTES are
-    read in parts.
+    `channel` picks an entry along a fourth axis, `time` one along an axis of time. Colours become `Volume.color`, and
+    complex numbers their magnitude. Samples of more than WHOLE_BYTES are read in parts.
     """
     file = open_hdf5(path)
     # a file's contents are untrusted: any failure is attributed to the file
     with decoder_errors("HDF5"):
-        dataset = _select_dataset(file, options)
-        kinds = _axis_kinds(dataset)
-        axes = _find_axes(dataset.shape, kinds)
-        if axes is None:
-            this, fix = "three axes, and a first or last one of few channels", "label its dimensions, or save a part"
-            raise expected(dataset.name, this, _join_shape(dataset.shape), fix)
-        others = [axis for axis, size in enumerate(dataset.shape) if size > 1 and axis not in axes]
-        time = next((axis for axis in others if kinds[axis] == "time"), None)
-        others = [axis for axis in others if axis != time]
-        channels = _find_channels(path, dataset, others, time, options)
-        grid = _grid(path, dataset, axes, options)
-
-        def read_channel(channel: int | None) -> Volume:
-            picked: dict[int, str | int] = dict.fromkeys(set(range(len(dataset.shape))) - set(axes), 0)
-            picked |= dict.fromkeys(others, "channel") | ({} if time is None else {time: "time"})
-            number = channel if channels.channels else options.channel_number(channels.components)
-            index = replace(options, array=None, channel=number).index(dataset.shape, picked)
-            samples: Any = read_samples(path, dataset, index, options.anywhere, _read_packing(dataset))
-            return grid.volume(_transpose(samples, axes), "spacing", value_unit=_value_unit(dataset))
-
-        # here the option `array` is a dataset, not a time point
-        return channels.volume(replace(options, array=None), read_channel)
+        if find_node(file, vtkhdf.ROOT, anywhere=False) is not None and options.array is None:
+            return vtkhdf.read_image(path, file, options)
+        if options.array is None:
+            nodes = find_datasets(file)
+            dataset, notes = choose_dataset(nodes, partial(default_dataset, file))
+        else:
+            dataset, notes = find_node(file, str(options.array), options.anywhere), ()
+            if not hasattr(dataset, "shape") or not has_numbers(dataset):
+                if find_node(file, vtkhdf.ROOT, anywhere=False) is not None:
+                    return vtkhdf.read_image(path, file, options)
+                raise array_error(find_datasets(file), dataset, options)
+        return read_dataset(path, dataset, options, notes)
 
 
-def _find_channels(path: Path, dataset: Any, others: list[int], time: int | None, options: LoadOptions) -> ChannelSet:
+def read_dataset(path: Path, dataset: Any, options: LoadOptions, notes: tuple[str, ...] = ()) -> Volume:
+    """The volume of a dataset: of h5py, or of another library with h5py's names."""
+    kinds = _axis_kinds(dataset)
+    axes = _find_axes(dataset.shape, kinds)
+    if axes is None:
+        this, fix = "three axes of space, and a first or last one of few entries", "label its axes, or save a part"
+        raise expected(dataset.name, this, _join_shape(dataset.shape), fix)
+    others = [axis for axis, size in enumerate(dataset.shape) if size > 1 and axis not in axes]
+    time = next((axis for axis in others if kinds[axis] == "time"), None)
+    colors = next((axis for axis in others if _is_color_axis(dataset, axis, kinds)), None)
+    colors = colors if options.channel is None else None
+    others = [axis for axis in others if axis not in (time, colors)]
+    channels = _find_channels(path, dataset, others, time, kinds, options)
+    grid, frame = _grid(path, dataset, axes, options)
+    about = {"frame": frame, "value_unit": _value_unit(dataset)}
+
+    def read_channel(channel: int | None) -> Volume:
+        picked: dict[int, str | int] = dict.fromkeys(set(range(len(dataset.shape))) - {*axes, colors}, 0)
+        picked |= dict.fromkeys(others, "channel") | ({} if time is None else {time: "time"})
+        number = channel if channels.channels else options.channel_number(channels.components)
+        index = replace(options, array=None, channel=number).index(dataset.shape, picked)
+        is_complex = dataset.dtype.kind in "cV"
+        packing = Magnitude() if is_complex else _read_packing(dataset)
+        samples: Any = read_samples(path, dataset, index, options.anywhere, packing)
+        if colors is not None:
+            return _read_colors(grid, samples, axes, colors, about)
+        volume = grid.volume(_transpose(samples, axes), "spacing", **about)
+        told = (*notes, *[MAGNITUDE_NOTE] * is_complex)
+        return replace(volume, notes=(*told, *volume.notes))
+
+    # here the option `array` is a dataset, not a time point
+    return channels.volume(replace(options, array=None), read_channel)
+
+
+def _is_color_axis(dataset: Any, axis: int, kinds: list[str]) -> bool:
+    """Whether an axis holds the parts of a colour in bytes: the last one, or the one that MATLAB has for colours."""
+    placed = axis == len(dataset.shape) - 1 or "MATLAB_class" in dataset.attrs
+    return placed and kinds[axis] == "c" and is_color_rule(dataset.dtype, dataset.shape[axis])
+
+
+def _read_colors(grid: Lattice, samples: Any, axes: list[int], colors: int, about: dict[str, Any]) -> Volume:
+    """The volume of samples along the axes of space and of colours."""
+    if not isinstance(samples, np.ndarray) or any(places is not None for places in grid.between):
+        raise expected(
+            "colours", "an even grid in one part", "another", "pick one with channel=0, channel=1 or channel=2"
+        )
+    ranks = np.argsort(np.argsort([*axes, colors])).tolist()
+    luma, color, _ = split_components(samples.transpose(ranks), is_color=True)
+    volume = grid.volume(luma, "spacing", color=color, **about)
+    return replace(volume, notes=(COLOR_NOTE, *volume.notes))
+
+
+def _find_channels(
+    path: Path, dataset: Any, others: list[int], time: int | None, kinds: list[str], options: LoadOptions
+) -> ChannelSet:
     """The time points, and the channels, named by number, if there is one axis beside space and time."""
     count = dataset.shape[others[0]] if len(others) == 1 else 1
     channels = tuple(Channel(str(n)) for n in range(count)) if 1 < count <= MOST_CHANNELS else ()
     components = 1 if count == 1 and not others else MOST_CHANNELS**2
+    what = "channels"
+    if channels and kinds[others[0]] != "c":
+        what = f"entries along axis {others[0] + 1} of {_join_shape(dataset.shape)}"
+    found = ChannelSet(channels, components=components, what=what)
     if time is None:
-        return ChannelSet(channels, components=components)
-    step = _time_step(path, dataset, time, options)
-    return ChannelSet(channels, False, dataset.shape[time], step, components)
+        return found
+    return replace(found, times=dataset.shape[time], step=_time_step(path, dataset, time, options))
 
 
 def list_datasets(path: Path) -> list[str]:
     """A line per dataset: name, type and shape; a star marks datasets that may be volumes."""
     with decoder_errors("HDF5"), open_hdf5(path) as file:
-        nodes = find_datasets(file)
-        kinds = {name: node.dtype if has_real_numbers(node) else "no numbers" for name, node in nodes.items()}
-        return [
-            f"{'*' if _is_volume(node) else ' '} {name}   {kinds[name]} {_join_shape(node.shape or ())}"
-            for name, node in nodes.items()
-        ]
+        return describe_datasets(find_datasets(file))
+
+
+def describe_datasets(nodes: dict[str, Any]) -> list[str]:
+    """A line per dataset, see `list_datasets`."""
+    types = {
+        name: ("complex" if node.dtype.kind in "cV" else node.dtype) if has_numbers(node) else "no numbers"
+        for name, node in nodes.items()
+    }
+    return [
+        f"{'*' if _is_volume(node) else ' '} {name}   {types[name]} {_join_shape(node.shape or ())}"
+        for name, node in nodes.items()
+    ]
 
 
 def _join_shape(shape: tuple[int, ...]) -> str:
     return "×".join(map(str, shape)) or "one value"
 
 
-def _select_dataset(file: Any, options: LoadOptions) -> Any:
-    """The dataset that `array` names, else the only one that may be a volume."""
-    if options.array is not None:
-        node = find_node(file, str(options.array), options.anywhere)
-        if not hasattr(node, "shape") or not has_real_numbers(node):
-            datasets = find_datasets(file)
-            names = [name for name, dataset in datasets.items() if _is_volume(dataset)] or list(datasets)
-            got = f"the group {options.array!r}" if hasattr(node, "keys") else repr(options.array)
-            raise expected("array", f"a dataset of real numbers: {', '.join(names) or 'the file has no dataset'}", got)
-        return node
-    nodes = find_datasets(file)
-    volumes = [node for node in nodes.values() if _is_volume(node)]
-    if len(volumes) != 1:
-        listed = ", ".join(f"{name} {_join_shape(node.shape or ())}" for name, node in nodes.items()) or "nothing"
-        count = f"{len(volumes) or 'none'} in {listed}"
-        error = expected("datasets", "one volume", count, "pick one with array=/NAME, or FILE:/NAME")
-        raise Choice(str(error), "array", []) if volumes else error
-    return volumes[0]
+def choose_dataset(
+    nodes: dict[str, Any], default: Callable[[Sequence[str]], str | None] = lambda _: None
+) -> tuple[Any, tuple[str, ...]]:
+    """The only dataset that may be a volume, or the default among several; a note on the others.
+
+    default: picks one of several names, or none.
+    """
+    volumes = {name: node for name, node in nodes.items() if _is_volume(node)}
+    if len(volumes) == 1:
+        return next(iter(volumes.values())), ()
+    named = default(list(volumes))
+    if named is not None:
+        others = ", ".join(name for name in volumes if name != named)
+        return volumes[named], (f"{named} is drawn, the file's default; --array picks another: {others}",)
+    listed = ", ".join(f"{name} {_join_shape(node.shape or ())}" for name, node in nodes.items()) or "no dataset"
+    if not volumes:
+        raise expected("datasets", "one of numbers with three axes of space", listed)
+    fix = "pick one with array=/NAME, or FILE:/NAME"
+    error = expected("datasets", "one volume", f"{len(volumes)} in {listed}", fix)
+    raise Choice(str(error), "array", [])
+
+
+def array_error(nodes: dict[str, Any], node: Any, options: LoadOptions) -> InputError:
+    """The error for `array`, which names no dataset of numbers. node: the group of that name, if there is one."""
+    names = [name for name, dataset in nodes.items() if _is_volume(dataset)] or list(nodes)
+    got = f"the group {options.array!r}" if hasattr(node, "keys") else repr(options.array)
+    return expected("array", f"a dataset of numbers: {', '.join(names) or 'the file has no dataset'}", got)
 
 
 def _is_volume(node: Any) -> bool:
-    """Whether a dataset may be a volume: real numbers, with three axes of space that are longer than one."""
-    if not has_real_numbers(node):
+    """Whether a dataset may be a volume: numbers, with three axes of space that are longer than one."""
+    if not has_numbers(node):
         return False
     axes = _find_axes(node.shape, _axis_kinds(node))
     return axes is not None and min(node.shape[axis] for axis in axes) > 1
 
 
 def _axis_kinds(dataset: Any) -> list[str]:
-    """The kind of each axis, see `axis_kind`: by labels, by "axistags", or by dimension scales."""
-    scales = dimension_scales(dataset) or [None] * len(dataset.shape)
+    """The kind of each axis, see `axis_kind`: by labels, by "axistags", by coordinates, or by the program's layout.
+
+    A last axis of three or four bytes is one of colours unless it has another label.
+    """
     names = [text.lower() for text in attribute_texts(dataset, "DIMENSION_LABELS")]
     if not any(names) and "axistags" in dataset.attrs:
         try:
             names = [str(axis["key"]).lower() for axis in json.loads(attribute_text(dataset, "axistags"))["axes"]]
         except (ValueError, KeyError, TypeError, RecursionError):
             names = []
-    if not any(names):
-        names = ["" if scale is None else _last_name(scale) for scale in scales]
-    if len(names) != len(dataset.shape):
-        return [""] * len(dataset.shape)
-    return [
-        axis_kind(name, {} if scale is None else _attributes(scale)) for name, scale in zip(names, scales, strict=True)
-    ]
-
-
-def _last_name(node: Any) -> str:
-    return str(node.name).rsplit("/", 1)[-1]
-
-
-def _attributes(scale: Any) -> dict[str, str]:
-    """The attributes of a dimension scale that describe its axis."""
-    return {name: attribute_text(scale, name) for name in ("units", "unit", "positive", "standard_name", "axis")}
+    kinds = layout_kinds(dataset, axis_scales(dataset), names)
+    colored = len(kinds) > 3 and not kinds[-1] and is_color_rule(dataset.dtype, dataset.shape[-1])
+    return [*kinds[:-1], "c"] if colored else kinds
 
 
 def _find_axes(shape: tuple[int, ...], kinds: list[str]) -> list[int] | None:
@@ -195,9 +260,8 @@ def _transpose(samples: Any, axes: list[int]) -> Any:
     order = np.argsort(axes).tolist()
     if order == [0, 1, 2]:
         return samples
-    if not isinstance(samples, np.ndarray):
-        raise expected("axes", "the order z, y, x for a dataset that is read in parts", "another order", "transpose it")
-    return samples.transpose(np.argsort(order).tolist())
+    ranks = np.argsort(order).tolist()
+    return samples.transpose(ranks) if isinstance(samples, np.ndarray) else Transposed(samples, ranks)
 
 
 def _read_packing(dataset: Any) -> Packing | None:
@@ -211,11 +275,14 @@ def _read_packing(dataset: Any) -> Packing | None:
     return Packing.of(scale, offset, next((fill for fill in fills if fill is not None and np.isfinite(fill)), None))
 
 
-def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> Lattice:
-    """The grid of the axes of space."""
-    # the dimension scales of the axes of space, None for an axis without a number per sample
+def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tuple[Lattice, str | None]:
+    """The grid of the axes of space, and its frame if the program has one."""
+    stated = layout_grid(dataset)
+    if stated is not None:
+        return stated
+    # the coordinates along the axes of space, None for an axis without a number per sample
     sizes = [dataset.shape[axis] for axis in axes]
-    all_scales = dimension_scales(dataset) or [None] * len(dataset.shape)
+    all_scales = axis_scales(dataset)
     scales = [
         all_scales[axis] if _is_scale(all_scales[axis], size) else None for axis, size in zip(axes, sizes, strict=True)
     ]
@@ -224,11 +291,11 @@ def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> La
         steps = _steps(attribute_numbers(dataset, name), len(dataset.shape), axes)
         if steps is not None:
             unit = "um" if name == "element_size_um" else _unit(dataset)
-            return replace(make_lattice(plain), matrix=np.diag(steps[::-1]), unit=unit)
+            return replace(make_lattice(plain), matrix=np.diag(steps[::-1]), unit=unit), None
     coordinates = [
         known
         if scale is None
-        else Coordinate.of(_last_name(scale), _read_scale(path, scale, options), _attributes(scale))
+        else Coordinate.of(scale.name, _read_scale(path, scale, known.size, options), scale.attributes)
         for known, scale in zip(plain, scales, strict=True)
     ]
     grid = make_lattice(coordinates, dataset.name, even=options.spacing is not None)
@@ -236,21 +303,22 @@ def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> La
     # curved grids have coordinates along two axes at once
     curved = [name for name in named if axis_kind(name, {}) in ("x", "y")] if None in scales[1:] else []
     note = f"x and y are numbers of samples: coordinates in two dimensions ({', '.join(curved[:4])}) are not used"
-    return replace(grid, notes=(*grid.notes, *[note] * bool(curved)))
+    return replace(grid, notes=(*grid.notes, *[note] * bool(curved))), None
 
 
-def _read_scale(path: Path, scale: Any, options: LoadOptions) -> np.ndarray:
-    return np.asarray(read_samples(path, scale, [slice(None)], options.anywhere)[:], np.float64)
+def _read_scale(path: Path, scale: Scale, size: int, options: LoadOptions) -> np.ndarray:
+    places = read_samples(path, scale.node, [slice(None)], options.anywhere)
+    return scale.spread(np.asarray(places[:], np.float64), size)
 
 
 def _time_step(path: Path, dataset: Any, axis: int, options: LoadOptions) -> float | None:
     """Seconds between two time points by the scale of their axis, also in CF's "hours since …"; None if unknown."""
-    scales = dimension_scales(dataset)
-    scale = scales[axis] if axis < len(scales) else None
-    if not _is_scale(scale, dataset.shape[axis]):
+    scale, size = axis_scales(dataset)[axis], dataset.shape[axis]
+    if scale is None or not _is_scale(scale, size):
         return None
-    unit = SECONDS.get((attribute_text(scale, "units") or attribute_text(scale, "unit")).split(" ")[0].lower())
-    places = _read_scale(path, scale, options)
+    about = scale.attributes
+    unit = SECONDS.get((about["units"] or about["unit"]).split(" ")[0].lower())
+    places = _read_scale(path, scale, size, options)
     steps = np.diff(places)
     even = len(steps) and np.isfinite(places).all() and np.ptp(steps) <= 1e-3 * abs(steps[0])
     return float(steps[0]) * unit if unit and even and steps[0] > 0 else None
@@ -268,11 +336,11 @@ def _value_unit(dataset: Any) -> str:
     return "" if unit_name(unit) in METRES else value_unit_name(unit)
 
 
-def _is_scale(scale: Any, size: int) -> bool:
+def _is_scale(scale: Scale | None, size: int) -> bool:
     # for a dimension without coordinates NetCDF writes a scale with this name
     none = "This is a netCDF dimension but not"
-    plain = scale is not None and has_real_numbers(scale) and scale.shape == (size,) and size <= MOST_VALUES
-    return plain and not attribute_text(scale, "NAME").startswith(none)
+    plain = scale is not None and size <= MOST_VALUES and scale.fits(size)
+    return scale is not None and plain and not attribute_text(scale.node, "NAME").startswith(none)
 
 
 def _steps(numbers: np.ndarray | None, count: int, axes: list[int]) -> list[float] | None:

@@ -25,13 +25,15 @@ _PROBED: set[tuple[str, int, int]] = set()
 def open_hdf5(path: Path) -> Any:
     """The file in h5py, for reading."""
     h5py = import_extra("h5py", "HDF5 files", "h5py", "readers")
-    _probe(path)
+    probe(path)
     with decoder_errors("HDF5"):
         return h5py.File(path, "r", locking=False)
 
 
-def _probe(path: Path) -> None:
-    """Raises InputError if HDF5's C library crashes or loops on the file; tried in another process, once per file."""
+def probe(path: Path) -> None:
+    """Raises InputError if the C library of HDF5 or NetCDF crashes or loops on the file; tried in another process, once
+    per file.
+    """
     status = path.stat()
     key = (str(path.resolve()), status.st_size, status.st_mtime_ns)
     if key in _PROBED:
@@ -51,7 +53,7 @@ def _probe(path: Path) -> None:
         # the program that Python is embedded in, or none
         failed = False
     if failed:
-        raise InputError("cannot be read as HDF5: its library fails on the file, which may be damaged")
+        raise InputError("cannot be read: the format's library fails on the file, which may be damaged")
     _PROBED.add(key)
 
 
@@ -151,6 +153,15 @@ def has_real_numbers(dataset: Any) -> bool:
     """Whether a dataset has real numbers, of a type that numpy knows."""
     try:
         return dataset.dtype.kind in "buif" and dataset.shape is not None
+    except (TypeError, ValueError, RuntimeError, OverflowError):
+        return False
+
+
+def has_numbers(dataset: Any) -> bool:
+    """Whether a dataset has real or complex numbers; MATLAB writes complex ones as pairs named real and imag."""
+    try:
+        pairs = dataset.dtype.names == ("real", "imag") and {dataset.dtype[n].kind for n in (0, 1)} <= set("iuf")
+        return has_real_numbers(dataset) or ((pairs or dataset.dtype.kind == "c") and dataset.shape is not None)
     except (TypeError, ValueError, RuntimeError, OverflowError):
         return False
 

@@ -39,17 +39,19 @@ def read_samples(
 
     Slices of the index begin at 0. Raises InputError for data that must not be decoded.
     """
-    _check_storage(dataset, anywhere)
-    if anywhere:
+    is_hdf5 = hasattr(dataset, "id")
+    if is_hdf5:
+        _check_storage(dataset, anywhere)
+    if is_hdf5 and anywhere:
         # links may lead to another file
         path = Path(dataset.file.filename)
-    offset = None if dataset.external or dataset.chunks else dataset.id.get_offset()
+    offset = dataset.id.get_offset() if is_hdf5 and not (dataset.external or dataset.chunks) else None
     if offset is not None and packed is None:
         return map_array(path, int(offset), dataset.dtype, dataset.shape)[tuple(index)]
-    part = _DatasetPart(path, dataset, index, packed)
+    part = (_DatasetPart if is_hdf5 else _Part)(path, dataset, index, packed)
     if byte_count(part.free, part.dtype) > WHOLE_BYTES:
-        return Chunked(str(path), part, part.index, part, "HDF5")
-    if not anywhere:
+        return Chunked(str(path), part, part.index, part, "HDF5" if is_hdf5 else "NetCDF")
+    if is_hdf5 and not anywhere:
         require_plausible(byte_count(part.free, dataset.dtype), dataset.id.get_storage_size(), bounded=False)
     return part[part.index]
 
@@ -71,8 +73,10 @@ def _check_storage(dataset: Any, anywhere: bool) -> None:
         raise expected("chunks", f"at most {MAX_BYTES} bytes each", chunk, fix)
 
 
-class _DatasetPart(OneFile):
-    """A dataset for `Chunked`, and its file; each chunk is checked before HDF5 decodes it."""
+class _Part(OneFile):
+    """An array with h5py's names for `Chunked`, and its file."""
+
+    fill_value: Any = 0
 
     def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
         super().__init__(path)
@@ -83,10 +87,6 @@ class _DatasetPart(OneFile):
         self.dtype = np.dtype(np.float32) if packed else np.dtype(dataset.dtype)
         self.stored = tuple(dataset.chunks or ())
         self.chunks = self._joined()
-        self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
-        self.checked = dataset.compression == "gzip"
-        with decoder_errors("HDF5"):
-            self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
 
     def _joined(self) -> tuple[int, ...]:
         """Samples along each axis that are read together: one chunk of the file, or several small ones."""
@@ -106,10 +106,28 @@ class _DatasetPart(OneFile):
         return stored if self.packed is None else self.packed.values(stored)
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
+        return self._values(np.asarray(self.dataset[key]))
+
+    def tag(self) -> str:
+        """The path, size and time of the file, and the dataset in it."""
+        return f"{super().tag()} {self.dataset.name} {self.packed}"
+
+
+class _DatasetPart(_Part):
+    """A dataset of HDF5 for `Chunked`; each chunk is checked before HDF5 decodes it."""
+
+    def __init__(self, path: Path, dataset: Any, index: Sequence[int | slice], packed: Packing | None) -> None:
+        super().__init__(path, dataset, index, packed)
+        self.empty = not dataset.is_virtual and not dataset.external and not dataset.id.get_storage_size()
+        self.checked = dataset.compression == "gzip"
+        with decoder_errors("HDF5"):
+            self.fill_value = self._values(np.asarray(dataset.fillvalue)[None])[0]
+
+    def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
         with decoder_errors("HDF5"):
             for place in self._touched(key) if self.checked else ():
                 self._check_chunk(place)
-            return self._values(np.asarray(self.dataset[key]))
+            return super().__getitem__(key)
 
     def _touched(self, key: tuple[int | slice, ...]) -> Iterable[tuple[int, ...]]:
         """Index of the first sample of each chunk of the file that is to be read."""
@@ -129,10 +147,6 @@ class _DatasetPart(OneFile):
             room = byte_count(self.stored, self.dataset.dtype)
             if inflated_size(io.BytesIO(self.dataset.id.read_direct_chunk(place)[1]), room) > room:
                 raise expected("chunk", f"{room} bytes", "more", "the file is damaged")
-
-    def tag(self) -> str:
-        """The path, size and time of the file, and the dataset in it."""
-        return f"{super().tag()} {self.dataset.name} {self.packed}"
 
     def holds(self, place: Sequence[int]) -> bool:
         """Whether the file may store the samples that are read together there."""

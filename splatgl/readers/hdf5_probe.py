@@ -1,4 +1,4 @@
-"""Script that reads an HDF5 file's metadata in another process: HDF5's C library crashes or loops on damaged files."""
+"""Script that reads metadata of a file in another process: C libraries of HDF5 and NetCDF fail on damaged ones."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import ctypes
 import sys
 from contextlib import suppress
 from typing import Any
-
-import h5py
 
 try:
     import resource
@@ -45,7 +43,7 @@ def read_node(_name: str, node: Any) -> None:
         with suppress(Exception):
             if node.attrs.get_id(name).get_storage_size() < 1 << 20:
                 str(node.attrs[name])
-    if isinstance(node, h5py.Dataset):
+    if hasattr(type(node), "fillvalue"):
         with suppress(Exception):
             str(node.fillvalue)
         with suppress(Exception):
@@ -53,6 +51,29 @@ def read_node(_name: str, node: Any) -> None:
             if chunk is not None and node.size and not node.is_virtual and not node.external:
                 node.id.get_storage_size()
                 node.id.get_chunk_info_by_coord((0,) * len(chunk))
+
+
+def read_file(path: str) -> None:
+    """Reads the metadata of an HDF5 file, or of a classic NetCDF file, of whose variables also a number."""
+    with open(path, "rb") as file:
+        classic = file.read(3) == b"CDF"
+    if not classic:
+        import h5py
+
+        with h5py.File(path, "r", locking=False) as opened:
+            opened.visititems(read_node)
+        return
+    import netCDF4
+
+    with netCDF4.Dataset(path) as opened:
+        opened.set_auto_maskandscale(False)
+        owners: list[Any] = [opened, *opened.variables.values()]
+        for owner in owners:
+            for name in owner.ncattrs():
+                str(owner.getncattr(name))
+        for variable in opened.variables.values():
+            if variable.size:
+                str(variable[(-1,) * variable.ndim])
 
 
 def limit_process() -> None:
@@ -69,8 +90,7 @@ if __name__ == "__main__":
     limit_process()
     print(STARTED, flush=True)
     try:
-        with h5py.File(sys.argv[1], "r", locking=False) as opened:
-            opened.visititems(read_node)
+        read_file(sys.argv[1])
     except Exception:
         # the reader itself reports exceptions
         sys.exit(0)

@@ -16,13 +16,13 @@ from splatgl.errors import Choice, InputError, expected
 from splatgl.options import Group, Kind, check_options, non_default, option
 
 # endings of files that hold named datasets
-HDF5 = (".h5", ".hdf5", ".he5", ".nc")
+HDF5 = (".h5", ".hdf5", ".he5", ".hdf", ".nc", ".nc4", ".emd", ".nxs", ".mat", ".vtkhdf", ".cmap")
 
 _INSIDE = re.compile(rf"(?is)(.+(?:{'|'.join(map(re.escape, HDF5))})):([/\\].+)")
 
 _FIJI = "save it as TIFF with Fiji (Bio-Formats)"
-_PARAVIEW = "turn it into a .vti with ParaView's filter Resample To Image"
-_SURFACE = "surfaces are not drawn; voxelize it"
+PARAVIEW = "turn it into a .vti with ParaView's filter Resample To Image"
+SURFACE = "surfaces are not drawn; voxelize it"
 
 # advice for files that are not read, by ending
 CONVERTERS = {
@@ -30,9 +30,8 @@ CONVERTERS = {
     **dict.fromkeys(
         (".svs", ".ndpi", ".mrxs", ".scn"), "a slide is one plane; save a stack as OME-TIFF with Bio-Formats"
     ),
-    **dict.fromkeys((".vtu", ".vts", ".pvtu", ".pvts"), _PARAVIEW),
-    **dict.fromkeys((".vtp", ".pvtp", ".ply", ".stl", ".obj", ".off", ".glb", ".gltf"), _SURFACE),
-    ".mat": "save the array with numpy.save, in the order [z, y, x]",
+    **dict.fromkeys((".vtu", ".vts", ".pvtu", ".pvts"), PARAVIEW),
+    **dict.fromkeys((".vtp", ".pvtp", ".ply", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
     ".mnc": "convert it with mnc2nii",
     ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".ali": "a tilt series is no volume; reconstruct it, such as with IMOD",
@@ -40,7 +39,6 @@ CONVERTERS = {
     ".grb": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
-    ".hdf": "convert HDF4 with h4toh5; HDF5 is read as .h5",
     ".n5": "save it as OME-Zarr with Fiji (Export to N5/Zarr/OME-NGFF): no Python library that is kept up reads N5",
     ".7z": "unpack it",
     ".gz": "unpack it",
@@ -286,6 +284,7 @@ _MRC_PACKED = (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2")
 _PICTURES = ("PNG", "JPEG", "BMP")
 _TERRAIN = ("color", "relief", "levels")
 _ZARR = ("array", "channel", "field", "level", "time", "well")
+_HDF5 = ("array", "channel", "time", "anywhere")
 _TIFF = ("array", "channel", "level", "time", "series")
 _MICROSCOPE = ("array", "channel", "time", "series")
 
@@ -310,7 +309,8 @@ FORMATS = (
     Format(
         "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")
     ),
-    Format("HDF5", HDF5, "hdf5.read", ("array", "channel", "time", "anywhere"), lists="hdf5.list_datasets"),
+    Format("HDF5", HDF5, "hdf5.read", _HDF5, lists="hdf5.list_datasets"),
+    Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "netcdf.read", _HDF5, lists="netcdf.list_variables"),
     Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
     Format("CZI", (".czi",), "czi.read", _MICROSCOPE, lists="czi.list_images"),
     Format("LIF", (".lif",), "lif.read", _MICROSCOPE, lists="lif.list_images"),

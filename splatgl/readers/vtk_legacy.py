@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from urllib.parse import unquote
 
 import numpy as np
@@ -18,6 +18,7 @@ from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.data.volume import Hints, Triple, Volume, triple
 from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count
+from splatgl.readers.channels import COLOR_NOTE, is_color_rule, split_components
 from splatgl.readers.common import Shape, convert_words, field_hints, grid_shape, map_array, read_numbers, require_bytes
 from splatgl.readers.options import LoadOptions
 
@@ -38,7 +39,8 @@ class PointArray:
 
 @dataclass(frozen=True)
 class Selection:
-    """Selected arrays of a grid: samples [D, H, W] of points or of cells; vectors float32 [D, H, W, 3] or None.
+    """Selected arrays of a grid: samples [D, H, W] of points or of cells; colours uint8 and vectors float32
+    [D, H, W, 3], or None.
 
     Speeds, and arrays that are named as a simulation's, get the hints of a field.
     """
@@ -46,14 +48,14 @@ class Selection:
     of_cells: bool
     samples: np.ndarray
     vectors: np.ndarray | None
+    color: np.ndarray | None
     hints: Hints
     notes: tuple[str, ...]
 
     def volume(self, spacing: Triple, origin: Triple, direction: np.ndarray) -> Volume:
         """The volume of the samples on a grid."""
-        return Volume(
-            self.samples, spacing, origin, direction, vectors=self.vectors, hints=self.hints, notes=self.notes
-        )
+        more: Any = {"vectors": self.vectors, "color": self.color, "hints": self.hints, "notes": self.notes}
+        return Volume(self.samples, spacing, origin, direction, **more)
 
     def rectilinear(self, places: Sequence[np.ndarray], even: bool) -> Volume:
         """The volume on a rectilinear grid, resampled if it is uneven. places: coordinates of points along x, y, z.
@@ -83,20 +85,23 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
     chosen = _select_array(arrays, vectors, options)
     if chosen.is_vectors:
         vectors = chosen
+    color = None
     field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
     if chosen.is_vectors and options.channel is None and field is not None:
         samples = np.stack([np.linalg.norm(plane, axis=-1) for plane in field])
+    elif options.channel is None and chosen.dtype is not None and is_color_rule(chosen.dtype, chosen.components):
+        samples, color, _ = split_components(chosen.read(), is_color=True)
     else:
         samples = _component(chosen, options)
     hints = field_hints(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
     # arrays of points and of cells are listed together
     every = [*arrays, *(points if in_cells else cells)]
     others = [array.name for array in every if array.name != chosen.name]
-    notes: tuple[str, ...] = ()
+    notes = (COLOR_NOTE,) * (color is not None)
     if options.array is None and others:
         listed = ", ".join(others[:MOST_LISTED]) + ", …" * (len(others) > MOST_LISTED)
-        notes = (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)
-    return Selection(in_cells, samples, field, hints, notes)
+        notes += (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)
+    return Selection(in_cells, samples, field, color, hints, notes)
 
 
 def _select_array(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:
@@ -121,8 +126,11 @@ def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
     return chosen.read()[..., number or 0]
 
 
+# name for the bytes of COLOR_SCALARS, which are from 0 to 1 in text
+_COLOR = "color_scalars"
 # big-endian numpy codes; long has eight bytes, as 64-bit Unix writes it, and ids have four, as VTK writes them
 _TYPES = {
+    _COLOR: "u1",
     "unsigned_char": "u1",
     "char": "i1",
     "signed_char": "i1",
@@ -179,8 +187,9 @@ class _Parser:
         dtype, start = np.dtype(code), self.file.tell()
         there = self.path.stat().st_size - start
         if not self.binary:
-            numbers = read_numbers(self.file, count, dtype, there)
-            return lambda: numbers
+            is_color = type_name == _COLOR
+            numbers = read_numbers(self.file, count, np.dtype("f4") if is_color else dtype, there)
+            return lambda: np.rint(np.clip(numbers, 0, 1) * 255).astype(np.uint8) if is_color else numbers
         entries = -(-count // 8) if is_bits else count
         size = byte_count((entries,), dtype)
         require_bytes(size, there)
@@ -202,7 +211,9 @@ class _Parser:
             return
         shape = self.shape() if self.of_points else tuple(map(cells_along, self.shape()))
         if count == math.prod(shape):
-            array = PointArray(unquote(name), components, is_vectors, lambda: read().reshape(*shape, components))
+            kind = _TYPES.get(type_name.lower())
+            dtype = None if kind is None else np.dtype(kind)
+            array = PointArray(unquote(name), components, is_vectors, lambda: read().reshape(*shape, components), dtype)
             (self.points if self.of_points else self.cells).append(array)
         elif self.of_points:
             raise expected("DIMENSIONS", "one line before the data", "another line after it")
@@ -282,8 +293,7 @@ def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
     elif keyword == "TEXTURE_COORDINATES" and len(rest) >= 3:
         parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], rest[2], False, parser.count)
     elif keyword == "COLOR_SCALARS" and len(rest) >= 2:
-        type_name = "unsigned_char" if parser.binary else "float"
-        parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], type_name, False, parser.count)
+        parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], _COLOR, False, parser.count)
     else:
         raise expected("section", "a VTK keyword such as SCALARS", repr(" ".join([keyword, *rest])[:40]))
 
