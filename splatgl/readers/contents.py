@@ -26,7 +26,6 @@ STARTS = {
     b"\x89HDF\r\n\x1a\n": "HDF5",
     b"MATLAB 5.0 MAT-file": "MATLAB's format before 7.3",
     b"SIMPLE  =": "FITS",
-    b"ZISRAWFILE": "Zeiss CZI",
     b"CTDATA-HEADER_V1": "Scanco ISQ",
     b"CDF\x01": "NetCDF-3",
     b"CDF\x02": "NetCDF-3",
