@@ -336,16 +336,16 @@ class SceneFile:
         time = {key: reading[key] for key in ("time",) if key in reading}
         return SceneFile(name) if array is None else SceneFile(self.volume, load={"array": array, **time})
 
-    def to_toml(self, folder: Path) -> str:
+    def to_toml(self, folder: Path | None = None) -> str:
         """Returns the scene as TOML text for a file in `folder`; paths below `folder` are relative, others absolute.
 
         Raises InputError for values that TOML cannot hold.
         """
-        root = folder.resolve()
+        root = folder and folder.resolve()
 
         def relative(file: str) -> str:
             path = Path(file).resolve()
-            location = path.relative_to(root).as_posix() if path.is_relative_to(root) else str(path)
+            location = path.relative_to(root).as_posix() if root and path.is_relative_to(root) else str(path)
             # a file may have the name of a built-in scene
             return f"./{location}" if location in SCENES else location
 

@@ -39,6 +39,14 @@ class Request(Enum):
     FORGET_RECENT = auto()
 
 
+class Copy(Enum):
+    """Copies what reproduces the picture to the clipboard."""
+
+    COMMAND = "command"
+    PYTHON = "Python"
+    SCENE = "scene"
+
+
 @dataclass(frozen=True)
 class Open:
     """Opens files; without paths, the dialog that asks for them."""
@@ -54,7 +62,7 @@ class OpenOption:
     value: str
 
 
-Effect = Request | Open | OpenOption
+Effect = Request | Copy | Open | OpenOption
 Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 
@@ -415,6 +423,9 @@ COMMANDS = (
     Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(Request.SAVE_SCENE)),
     Command("open", "open files", ("ctrl+o",), _request(Open())),
     Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(Request.SAVE_AS)),
+    Command("copy-command", "copy the picture as a command", (), _request(Copy.COMMAND)),
+    Command("copy-python", "copy the picture as Python", (), _request(Copy.PYTHON)),
+    Command("copy-scene", "copy the picture as a scene file", (), _request(Copy.SCENE)),
     Command("undo", "undo the last change", ("ctrl+z",), _request(Request.UNDO)),
     Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(Request.REDO)),
     Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations),

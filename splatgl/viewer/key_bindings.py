@@ -74,8 +74,8 @@ def chord(name: str, modifiers: Iterable[str]) -> str:
 
 
 def help_rows(commands: Iterable[Command]) -> list[tuple[str, str]]:
-    """Keys and title of each command, then the moves of the mouse."""
-    return [*((", ".join(command.keys), command.title) for command in commands), *MOUSE]
+    """Keys and title of each command that has keys, then the moves of the mouse."""
+    return [*((", ".join(command.keys), command.title) for command in commands if command.keys), *MOUSE]
 
 
 def list_bindings(commands: Iterable[Command]) -> str:

@@ -22,6 +22,7 @@ from splatgl.viewer.commands import (
     ALONG,
     ANATOMY,
     Command,
+    Copy,
     Effect,
     Open,
     OpenOption,
@@ -87,6 +88,11 @@ def draw_files(state: State, document: Document, widgets: CommandWidgets, recent
     imgui.same_line()
     tip = "A scene, a picture or its floats, by the name's ending"
     state = widgets.button("save-as", "save as...", state, document, tip)
+    imgui.align_text_to_frame_padding()
+    imgui.text("copy as")
+    for form in Copy:
+        imgui.same_line()
+        state = widgets.button(f"copy-{form.value.lower()}", form.value, state, document)
     for number, path in enumerate(recent):
         if imgui.selectable(f"{plain(Path(path).name)}##{number}", False)[0]:
             widgets.effects.append(Open((path,)))

@@ -25,6 +25,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
+from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.overlays import ruler_marks
 from splatgl.viewer.slice_views import slice_outlines
@@ -156,6 +157,19 @@ def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> st
     if document.exceeds_budget:
         return f"saved {target.name}: {RENDERED}"
     return f"saved {target.with_suffix('.npy').name} and {target.name}"
+
+
+def copy_text(form: Copy, state: State, document: Document) -> str:
+    """Text that reproduces the picture: a scene file, or a command or Python that writes and draws it."""
+    scene = scene_of(state, document).to_toml()
+    if form is Copy.SCENE:
+        return scene
+    if form is Copy.COMMAND:
+        return f"cat > scene.toml <<'END'\n{scene}END\nsplatgl render scene.toml -o picture.png\n"
+    quoted = scene.replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
+    write = f'Path("scene.toml").write_text("""\\\n{quoted}""", encoding="utf-8")'
+    draw = 'image = sg.render("scene.toml")\nimage.save("picture.png")'
+    return f"from pathlib import Path\n\nimport splatgl as sg\n\n{write}\n{draw}\n"
 
 
 def save_as(

@@ -20,7 +20,7 @@ from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Marks, Screen
 from splatgl.gl.target import Interrupted
 from splatgl.viewer.adaptive_quality import LADDER, REST, STEP, TARGET, IdleTrim, Moment, Refiner, return_large_blocks
-from splatgl.viewer.commands import COMMANDS, Command, Effect, Open, OpenOption, Request
+from splatgl.viewer.commands import COMMANDS, Command, Copy, Effect, Open, OpenOption, Request
 from splatgl.viewer.document import Document
 from splatgl.viewer.file_dialogs import OPEN, SAVE, Dialogs
 from splatgl.viewer.frame_renderer import FrameRenderer
@@ -32,6 +32,7 @@ from splatgl.viewer.overlays import Overlays
 from splatgl.viewer.reference_view import Reference, ReferenceInputs
 from splatgl.viewer.saving import (
     compose_screenshot,
+    copy_text,
     free_path,
     is_scene_name,
     save_as,
@@ -338,6 +339,9 @@ class Viewer:
                 self._save("scene", partial(save_scene, self.state, self.document, draw, folder), True)
             case Request.SAVE_AS:
                 self._open_dialog(SAVE, folder, free_path(folder, "scene", ".toml").name)
+            case Copy():
+                self.window.copy(copy_text(effect, self.state, self.document))
+                self.say(f"{effect.value} copied: it draws this picture")
             case Open(()):
                 source = Path(self.document.scene.volume)
                 self._open_dialog(OPEN, source.parent if source.exists() else Path(), "")

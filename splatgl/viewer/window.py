@@ -106,6 +106,10 @@ class Window:
         """Sets the text of the title bar."""
         self.glfw.set_window_title(self.handle, legible(text))
 
+    def copy(self, text: str) -> None:
+        """Puts text on the clipboard."""
+        self.glfw.set_clipboard_string(self.handle, text)
+
     def show(self) -> None:
         """Swaps the buffers."""
         self.glfw.swap_buffers(self.handle)

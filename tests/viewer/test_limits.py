@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import subprocess
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,11 +19,12 @@ from splatgl.annotations.text import legible, plain
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
+from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.jobs import Done, Extractor, Kind
 from splatgl.viewer.reference_view import Reference
-from splatgl.viewer.saving import save_as, save_picture, save_scene, try_save
+from splatgl.viewer.saving import copy_text, render_scene, save_as, save_picture, save_scene, scene_of, try_save
 from splatgl.viewer.state import LayerStyle, State
 from splatgl.viewer.viewer import Viewer
 from tests.helpers.blobs import SIZE, blob
@@ -65,6 +67,27 @@ def test_too_many_splats_are_a_scene_without_a_picture(
     assert said.startswith("saved scene-001.toml") and "splatgl render" in said
     assert sorted(os.listdir(tmp_path)) == ["blob.npy", "scene-001.toml"] and not document.has_full_resolution
     assert SceneFile.from_toml(tmp_path / "scene-001.toml").threshold == 0.001
+
+
+def test_a_copy_draws_the_same_picture(
+    document: Document, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bit for bit, as Python, as a command and as a scene file; a title holds what quotes text in these."""
+    monkeypatch.chdir(tmp_path)
+    state = State.of(document, SIZE)
+    state = replace(
+        state, pose=state.pose.spun(20.0, np.array([0.0, 0.0, 1.0])), annotate=("axes", 'title=a\'"""\\n b')
+    ).edit(extinction=0.37)
+    wanted = render_scene(scene_of(state, document), document, renderer.render).pixels
+    space: dict[str, Any] = {}
+    exec(copy_text(Copy.PYTHON, state, document), space)
+    assert np.array_equal(space["image"].pixels, wanted)
+    scene = copy_text(Copy.SCENE, state, document)
+    assert (tmp_path / "scene.toml").read_text() == scene
+    (tmp_path / "scene.toml").unlink()
+    write = copy_text(Copy.COMMAND, state, document).removesuffix("splatgl render scene.toml -o picture.png\n")
+    subprocess.run(["sh", "-c", write], check=True)
+    assert (tmp_path / "scene.toml").read_text() == scene
 
 
 @pytest.mark.parametrize("name", ["/", ".", "x" * 300 + ".png", "x" * 300, "a.xyz", "none/a.png"])
