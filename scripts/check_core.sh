@@ -8,11 +8,14 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 say "building a wheel and installing it with its core dependencies only"
-"$venv/bin/python" -m pip wheel --quiet --no-deps --wheel-dir "$work" "$repo"
-"$venv/bin/python" -m venv "$work/venv"
+alone=()
+# a copy of what builds wheels takes longer than building them
+if "$venv/bin/python" -c 'import hatchling' 2>/dev/null; then alone=(--no-build-isolation); fi
+"$venv/bin/python" -m pip wheel --quiet --no-deps "${alone[@]}" --wheel-dir "$work" "$repo"
+"$venv/bin/python" -m venv --without-pip "$work/venv"
 core=$work/venv/bin/python
-"$core" -m pip install --quiet -c "$repo/constraints.txt" "$work"/splatgl-*.whl ||
-    "$core" -m pip install --quiet "$work"/splatgl-*.whl
+fill() { "$venv/bin/python" -m pip --python "$core" install --quiet --no-compile "$@"; }
+fill -c "$repo/constraints.txt" "$work"/splatgl-*.whl || fill "$work"/splatgl-*.whl
 
 # Outside the repository, so that only what the wheel brought can be found
 cd "$work"

@@ -38,7 +38,7 @@ from splatgl.splat.transfer import Transfer
 from splatgl.splat.view import GridView
 
 # rays and points per batch
-RAYS, POINTS = 1 << 14, 1 << 12
+RAYS, POINTS = 1 << 14, 1 << 10
 # reach of a point's neighbourhood, in voxels
 REACH = 2
 # steps per voxel through the field of kept values
@@ -60,13 +60,14 @@ def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
 def _kernel_mean(
     shape: Kernel, post: ValueClassifier, taken: Callable[[np.ndarray], np.ndarray], places: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Value and gradient at places [3, P]; taken: returns 1, coefficient and world gradient [P, 5] of cells."""
+    """Value and gradient at places [3, P]; taken: returns 1, coefficient and world gradient [16, P, 5] of cells."""
     sums = np.zeros((places.shape[1], 5))
     first = np.floor(places).astype(np.int64)
-    for step in np.ndindex(4, 4, 4):
-        cell = first + np.array(step)[:, None] - 1
-        weight = shape.value(np.linalg.norm(places - cell, axis=0))
-        sums += weight[:, None] * taken(cell)
+    # a plane of 16 of the 64 cells at a time
+    for plane in range(4):
+        cell = first[:, None] + np.array([(plane - 1, j - 1, k - 1) for j, k in np.ndindex(4, 4)]).T[..., None]
+        weight = shape.value(np.linalg.norm(places[:, None] - cell, axis=0))
+        sums += np.einsum("cp,cpn->pn", weight, taken(cell))
     mean = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
     return np.where(sums[:, 0] > 0, post.value(mean[:, 0]), np.nan), mean[:, 1:] * post.span
 
@@ -100,7 +101,7 @@ def _terms(volume: Volume, u: np.ndarray, c: np.ndarray, post: ValueClassifier, 
 
 
 def _look_up_terms(terms: np.ndarray, cell: np.ndarray) -> np.ndarray:
-    """The terms [P, 5] of cells [3, P] (x, y, z)."""
+    """The terms […, 5] of cells [3, …] (x, y, z)."""
     x, y, z = (np.clip(index + REACH, 0, size - 1) for index, size in zip(cell, terms.shape[2::-1], strict=True))
     return np.asarray(terms[z, y, x])
 

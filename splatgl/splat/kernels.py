@@ -115,8 +115,10 @@ class PiecewiseCubic:
     def value(self, r: np.ndarray) -> np.ndarray:
         """g(r), any shape; 0 for r ≥ R."""
         r = np.asarray(r, dtype=np.float64)
-        inside = [r < knot for knot in self.knots]
-        return self.scale * np.select(inside, [np.polyval(piece[::-1], r) for piece in self.pieces], 0.0)
+        found = np.zeros_like(r)
+        for knot, (a, b, c, d) in zip(self.knots[::-1], self.pieces[::-1], strict=True):
+            found = np.where(r < knot, ((d * r + c) * r + b) * r + a, found)
+        return self.scale * found
 
     def partial(self, d: np.ndarray, t: np.ndarray) -> np.ndarray:
         """P_d(t) as the sum of the pieces' closed forms; odd in t, d and t broadcast."""

@@ -192,7 +192,7 @@ def test_layers_and_meshes_are_in_movies(here: Path, capsys: pytest.CaptureFixtu
     Path("flat.off").write_text("OFF\n3 1 0\n0 0 6\n16 0 6\n0 10 6\n3 0 1 2\n")
     Path("s.toml").write_text('volume = "ball.npy"\n[[layer]]\nvolume = "slab.npy"\nopacity = 0.5\n')
     beside = ["--layer", "slab.npy::0.5"]
-    for asked in (["s.toml"], ["ball.npy", *beside], ["ball.npy", "--mesh", "flat.off:red:0.5"]):
+    for asked in (["s.toml"], ["ball.npy", "--mesh", "flat.off:red:0.5"]):
         asked += ["--eye", "30,-20,12"]
         assert animate(*asked, "-o", "{frame}.npy", "--frames", "4", "--only", "0-1", "--motion", "off") == 0
         assert main(["render", *asked, "-o", "still.npy", *SMALL]) == 0

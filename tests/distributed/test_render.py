@@ -235,7 +235,7 @@ def test_animations_with_a_scheduler(client: Any, saved: Path, tmp_path: Path, o
 def test_a_picture_with_a_scheduler(
     client: Any, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["render", str(saved), "--size", "32", "--blend", "mip"]
+    asked = ["render", str(saved), "--size", "12", "--blend", "mip"]
     assert main([*asked, "-o", str(tmp_path / "a.npy"), "--scheduler", client.scheduler.address]) == 0
     assert "drawn in float64" in capsys.readouterr().out
     assert main([*asked, "-o", str(tmp_path / "b.npy")]) == 0

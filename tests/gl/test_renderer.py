@@ -361,7 +361,7 @@ def test_what_is_freed_goes_back(what: str) -> None:
         small, large = (sg.Camera.orbit(drawn, size=size) for size in ((8, 8), (900, 650)))
         render(camera=small)
         before, held = resident_mebibytes(), []
-        for _ in range(6):
+        for _ in range(4):
             render(camera=large)
             own.free()
             render(camera=small)

@@ -169,8 +169,8 @@ def test_notes_of_what_lies_beside_a_volume(
 ) -> None:
     """The series that is read of a layer's folder, or of a mask's, is told once, with the folder."""
     first = str(study / "b")
-    arguments = ["render", first, option, str(study), "-o", str(tmp_path / "a.png"), "--size", "16"]
-    assert main([*arguments, "--annotate", "title=A"]) == 0
+    arguments = ["render", first, option, str(study), "-o", str(tmp_path / "a.png"), "--size", "64", "--check", "0"]
+    assert main([*arguments, "--annotate", "scale"]) == 0
     notes = [line for line in capsys.readouterr().err.splitlines() if "series" in line]
     named = "mask study" if option == "--mask" else "study"
     assert notes == [f"splatgl: {named}: series 2 of 3 is read, the largest; series=N picks another"]

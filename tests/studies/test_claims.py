@@ -81,6 +81,7 @@ def test_cumulative_error_is_like_the_largest(found: dict[str, Claim]) -> None:
     assert ratios[1] / ratios[0] < 2 and ratios[3] / ratios[2] < 4
 
 
+@pytest.mark.long
 def test_verdicts_follow_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """A row 4 without error would bear out what now does not hold."""
     from splatgl.studies import claims as module

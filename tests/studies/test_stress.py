@@ -37,8 +37,10 @@ BEYOND_THE_PAPER = (
 )
 
 
-# what takes long runs under --all; in its stead there is as much of it as finds the same faults
-LONG = ("constant-fog", "half-angle-89.9", "million-faint", "wall-0.1", "wall-0.5", "methods")
+# what takes long runs under --all
+LONG = ("half-angle-89.9", "million-faint", "wall-0.1", "wall-0.5")
+# of these tests draw a part, in which they find the same faults
+IN_PART = ("constant-fog", "methods")
 
 
 def told(result: Result) -> str:
@@ -46,13 +48,15 @@ def told(result: Result) -> str:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.long if n in LONG else ()) for n in CASES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.long if n in LONG else ()) for n in CASES if n not in IN_PART]
+)
 def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
     kept(run_case(CASES[name], renderer))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [n for n in CASES if n not in LONG][::4])
+@pytest.mark.parametrize("name", [n for n in CASES if n not in (*LONG, *IN_PART)][::4])
 def test_cases_at_the_default_tolerance(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds are stated at a tolerance of 1e-6; what it leaves out at its default is at most the tolerance."""
     monkeypatch.setattr(bench, "FINEST", SPLATS.tolerance)

@@ -160,6 +160,7 @@ def test_the_window_s_own_dialog(folder: Path) -> None:
 
 
 @driven
+@pytest.mark.long
 def test_without_the_library_keys_say_so(folder: Path) -> None:
     hidden = folder / "hidden"
     hidden.mkdir()

@@ -182,6 +182,7 @@ def test_names_with_bytes_that_are_no_letters() -> None:
     assert legible("caf\udce9 ×") == "caf? ×" and plain("caf\udce9 ×") == "caf? x"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(bool(MISSING), reason="needs Xvfb and xdotool")
 def test_a_file_with_such_a_name_opens(tmp_path: Path) -> None:
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
