@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import atexit
 import math
+import threading
 import time
 from typing import Any
 
+import numpy as np
 from qtpy.QtCore import Qt, QTimer
 from qtpy.QtCore import Signal as QtSignal  # type: ignore[attr-defined, unused-ignore]
 from qtpy.QtGui import QImage, QPixmap
@@ -54,15 +56,18 @@ DIMS_EVENTS = ("point", "ndisplay", "order")
 class Panel(QWidget):  # type: ignore[misc, unused-ignore]
     """Draws the viewer's layers; `image` is the last image, `state` what its worker said last."""
 
-    answered = QtSignal(object)
+    answered, failed = QtSignal(object), QtSignal(str)
 
     def __init__(self, napari_viewer: Any) -> None:
         super().__init__()
         self.viewer = napari_viewer
         self.image: Image | None = None
+        # its samples, uint8 [H, W, 3], sRGB
+        self.rgb = np.zeros((1, 1, 3), np.uint8)
         self.state, self.started, self.share, self.expected = "", 0.0, 0.0, 0.0
         self.worker = Worker(self.answered.emit)
         self.answered.connect(self._take)
+        self.failed.connect(lambda text: self.summary.setText(text))
         atexit.register(self.worker.close)
         self.destroyed.connect(self.worker.close)
         self.timer, self.ticks = QTimer(self), QTimer(self)
@@ -191,24 +196,27 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
         self._end()
 
     def save(self) -> None:
-        """Asks for a file name and writes the image."""
+        """Asks for a file name and writes the image, in a thread: encoding may take long."""
         name, _ = QFileDialog.getSaveFileName(self, "Save the picture", "picture.png")
         if name and self.image is not None:
-            try:
-                self.image.save(name)
-            except InputError as error:
-                self.summary.setText(str(error))
+            threading.Thread(target=self._write, args=(self.image, name)).start()
+
+    def _write(self, image: Image, name: str) -> None:
+        try:
+            image.save(name)
+        except InputError as error:
+            self.failed.emit(str(error))
 
     def copy(self) -> None:
         """Copies the image to the clipboard."""
         if self.image is not None:
             clipboard: Any = QApplication.clipboard()
-            clipboard.setImage(_picture(self.image.samples8((0.0, 0.0, 0.0))[..., :3].tobytes(), self.image))
+            clipboard.setImage(_picture(self.rgb))
 
     def add_layer(self) -> None:
         """Adds the image to the viewer as a layer of its own."""
         if self.image is not None:
-            self.viewer.add_image(self.image.samples8((0.0, 0.0, 0.0))[..., :3], name="splatgl", rgb=True)
+            self.viewer.add_image(self.rgb, name="splatgl", rgb=True)
 
     def closeEvent(self, event: Any) -> None:  # noqa: N802, D102
         self.worker.close()
@@ -226,7 +234,7 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
         if answer.state == "error":
             self._fail(answer.text)
         elif answer.image is not None and answer.rgb is not None:
-            self.pixels = QPixmap.fromImage(_picture(answer.rgb.tobytes(), answer.image))
+            self.rgb, self.pixels = answer.rgb, QPixmap.fromImage(_picture(answer.rgb))
             self._show()
             self.share = answer.share
             if answer.state == "preview":
@@ -261,7 +269,7 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
             self.shown.setPixmap(pixels.scaled(self.shown.size(), *ways))
 
 
-def _picture(samples: bytes, image: Image) -> QImage:
-    """A QImage of RGB samples of the size of an image, with memory of its own."""
-    height, width, _ = image.pixels.shape
-    return QImage(samples, width, height, 3 * width, QImage.Format.Format_RGB888).copy()
+def _picture(rgb: np.ndarray) -> QImage:
+    """A QImage of RGB samples, uint8 [H, W, 3], with memory of its own."""
+    height, width, _ = rgb.shape
+    return QImage(rgb.tobytes(), width, height, 3 * width, QImage.Format.Format_RGB888).copy()

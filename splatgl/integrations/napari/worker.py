@@ -34,6 +34,8 @@ from splatgl.splat.scene import Scene
 PREVIEWS = ((2**15, 2**15), (2**18, 2**17))
 # seconds that a cancelled picture may still take before its process is ended
 PATIENCE = 0.5
+# by how much its process stands back behind others that want the processor, on POSIX
+NICE = 5
 _LENGTH = struct.Struct("<Q")
 
 
@@ -253,7 +255,9 @@ class Worker:
 
 
 def main() -> None:
-    """Runs the process that draws."""
+    """Runs the process that draws; where processors are few, the window's comes first."""
+    if hasattr(os, "nice"):
+        os.nice(NICE)
     # what libraries print must not mix with the answers
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
