@@ -645,8 +645,11 @@ drawn.add_layer()
 assert viewer.layers[-1].rgb and viewer.layers[-1].data.shape == (160, 200, 3)
 viewer.layers.pop()
 sg.Image.samples8 = encode
-for name, seen in (("saved.png", lambda: os.path.exists(os.path.join(sys.argv[1], "saved.png"))), ("no/x.txt", lambda: "x.txt" in drawn.summary.text())):
-    widget.QFileDialog.getSaveFileName = lambda *arguments: (os.path.join(sys.argv[1], name), "")
+folder = sys.argv[1]
+saved = lambda: os.path.exists(folder + "/saved.png")
+refused = lambda: "x.txt" in drawn.summary.text()
+for name, seen in (("saved.png", saved), ("no/x.txt", refused)):
+    widget.QFileDialog.getSaveFileName = lambda *arguments: (f"{folder}/{name}", "")
     drawn.save()
     end = time.monotonic() + 60
     while not seen() and time.monotonic() < end:
