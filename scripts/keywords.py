@@ -12,6 +12,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from splatgl.animation.animation import Timeline
 from splatgl.data.arrays import ArrayOptions
 from splatgl.options import declared, names_of
 from splatgl.readers.options import LoadOptions
@@ -69,13 +70,13 @@ def array_hints() -> dict[str, str]:
     return {item.name: str(item.type).replace("Triple", "Numbers") for item in fields(ArrayOptions)}
 
 
-def write_class(name: str, about: str, hints: dict[str, str]) -> Iterable[str]:
-    """Lines of a TypedDict. Raises ValueError for an option without a type."""
+def write_class(name: str, about: str, hints: dict[str, str], base: str = "TypedDict") -> Iterable[str]:
+    """Lines of a TypedDict. base: the class that it extends. Raises ValueError for an option without a type."""
     missing = [option for option, hint in hints.items() if not hint]
     if missing:
         raise ValueError(f"options without a hint: {', '.join(missing)}")
     rows = [f"    {option}: {hint}" for option, hint in hints.items()]
-    return ["", f"class {name}(TypedDict, total=False):", f'    """{about}"""', "", *rows]
+    return ["", f"class {name}({base}, total=False):", f'    """{about}"""', "", *rows]
 
 
 def compose() -> str:
@@ -87,6 +88,8 @@ def compose() -> str:
         "RenderKeywords": ("Options of `render`, `show` and `depth_map`.", render_hints()),
     }
     lines = [line for name, (about, hints) in classes.items() for line in write_class(name, about, hints)]
+    frames = {**hints_of(Timeline), "fps": "float | None", "bits": "Literal[8, 16]", "resume": "bool"}
+    lines += write_class("AnimateKeywords", "Options of `animate`.", frames, "RenderKeywords")
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(TARGET), "-"]
     text = HEAD + "\n".join(lines) + "\n"
     return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout

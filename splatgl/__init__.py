@@ -22,6 +22,7 @@ __version__ = "0.3.0.dev0"
 if TYPE_CHECKING:
     from splatgl import distributed as distributed
     from splatgl import reference as reference
+    from splatgl.animation.api import animate as animate
     from splatgl.annotations.annotate import annotated as annotated
     from splatgl.comparison.compare import compare as compare
     from splatgl.data import scenes as scenes
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from splatgl.splat.plan import plan as plan
     from splatgl.splat.presets import default_transfer as default_transfer
     from splatgl.splat.presets import preset as preset
+    from splatgl.splat.presets import presets as presets
     from splatgl.splat.scene import Layer as Layer
     from splatgl.splat.scene import Scene as Scene
     from splatgl.splat.segment_surfaces import surfaces as surfaces
@@ -75,6 +77,7 @@ _PUBLIC = {
     "Splats": "splatgl.splat.splats",
     "Transfer": "splatgl.splat.transfer",
     "Volume": "splatgl.data.volume",
+    "animate": "splatgl.animation.api",
     "annotated": "splatgl.annotations.annotate",
     "arrows": "splatgl.splat.vector_field",
     "directions": "splatgl.splat.vector_field",
@@ -90,6 +93,7 @@ _PUBLIC = {
     "pick": "splatgl.reference.pick",
     "plan": "splatgl.splat.plan",
     "preset": "splatgl.splat.presets",
+    "presets": "splatgl.splat.presets",
     "over": "splatgl.distributed.render",
     "render": "splatgl.scene.api",
     "render_slabs": "splatgl.distributed.render",

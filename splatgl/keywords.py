@@ -157,3 +157,19 @@ class RenderKeywords(TypedDict, total=False):
     origin: Numbers | None
     unit: str | None
     name: str | None
+
+
+class AnimateKeywords(RenderKeywords, total=False):
+    """Options of `animate`."""
+
+    frames: int | None
+    only: tuple[int, int] | None
+    turntable: float | None
+    spin: float | None
+    axis: Numbers | None
+    keyframes: str | None
+    hold: int
+    flow: float | None
+    fps: float | None
+    bits: Literal[8, 16]
+    resume: bool

@@ -10,9 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count, groupby
+from operator import index
 from pathlib import Path
 from string import Formatter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,6 +70,13 @@ def _read_span(text: str) -> tuple[int, int]:
     return int(first), int(last or first)
 
 
+def _check_span(value: Any) -> tuple[int, int]:
+    first, last = map(index, value)
+    if not 0 <= first <= last:
+        raise ValueError
+    return first, last
+
+
 _option = partial(option, group=Group.ANIMATION)
 _COUNT = Kind.whole(1, MAX_FRAMES)
 _pace = partial(Kind.number, f"a number from {-MAX_PACE:g} to {MAX_PACE:g}", -MAX_PACE, MAX_PACE)
@@ -81,7 +89,7 @@ class Timeline:
     frames: int | None = _option(None, _COUNT, f"number of frames of the whole animation (default {FRAMES})")
     only: tuple[int, int] | None = _option(
         None,
-        Kind("two frames", tuple, _read_span, "A-B", written="A-B, such as 10-19"),
+        Kind("two frames", _check_span, _read_span, "A-B", written="A-B, such as 10-19", hint="tuple[int, int]"),
         "draw only frames A to B, counted from 0",
     )
     turntable: float | None = _option(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
-from splatgl.animation.movie import need, volumes, write_movie
+from splatgl.animation.api import FPS, SHORTEST, check_fps, write_animation
+from splatgl.animation.movie import volumes
 from splatgl.cli.options import (
     add_drawing,
     add_options,
@@ -20,18 +22,9 @@ from splatgl.cli.options import (
     scene_from,
     uses_workers,
 )
-from splatgl.errors import expected
-from splatgl.fileio import check_source
 from splatgl.options import Group
 from splatgl.scene.draw import DrawOptions
 from splatgl.splat.settings import Settings
-
-FPS = 30.0
-# shortest movie of a series, seconds
-SHORTEST = 2.0
-# a GIF frame lasts at most 655 s
-MIN_FPS, MAX_FPS = 0.01, 1000.0
-BLACK = (0.0, 0.0, 0.0)
 
 
 def add_parser(parser: argparse.ArgumentParser) -> None:
@@ -61,43 +54,28 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Renders the requested frames that do not exist yet; returns 0."""
     timeline, on_workers = record_of(args, Timeline), uses_workers(args)
-    if args.fps is not None and not MIN_FPS <= args.fps <= MAX_FPS:
-        raise expected("--fps", f"a number from {MIN_FPS:g} to {MAX_FPS:g}", args.fps)
+    check_fps(args.fps, "--fps")
     scene = scene_from(args)
     if args.shutter is not None and scene.settings.motion == "auto":
         # the default shutter, too, asks for blur
         scene = replace(scene, settings=scene.settings.but(motion="moments"))
     scenes = volumes(for_output(scene, Path(args.output)), args.more)
     animation = Animation.of(scenes, timeline, args.time, args.bits, args.quiet)
-    frames = Frames.at(args.output, animation.mark)
-    if frames.movie:
-        need(frames.movie)
-    wanted = animation.numbers
-    sources = [file for scene in animation.scenes for file in scene.files]
-    for n in wanted:
-        check_source(frames.path(n), *sources)
-    frames.sweep(wanted)
-    todo = [n for n in wanted if not (args.resume and frames.done(n))]
-    if todo and on_workers:
+
+    def draw(frames: Frames, todo: Sequence[int]) -> None:
+        if not on_workers:
+            with record_of(args, DrawOptions).renderer() as renderer:
+                animation.draw(renderer, frames, todo, args.quiet)
+            return
         from splatgl.distributed.cluster import connected
 
         with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
             draw_frames(client, animation, frames, todo, drawing_of(args), args.quiet)
-    elif todo:
-        with record_of(args, DrawOptions).renderer() as renderer:
-            animation.draw(renderer, frames, todo, args.quiet)
-    if frames.movie:
-        ground = animation.scenes[0].settings.background or BLACK
-        fps = args.fps or _fps(animation)
-        write_movie(frames.movie, [frames.path(n) for n in wanted], fps, ground)
-        frames.clear(wanted)
+
+    frames, existing = write_animation(animation, args.output, draw, args.fps, args.resume)
     if not args.quiet:
-        resumed = f", {len(wanted) - len(todo)} of them existed" if len(todo) < len(wanted) else ""
+        wanted = animation.numbers
+        resumed = f", {existing} of them existed" if existing else ""
         names = dict.fromkeys(str(frames.movie or frames.path(n)) for n in (wanted[0], wanted[-1]))
         print(f"{' to '.join(names)}: {len(wanted)} frames{resumed}")
     return 0
-
-
-def _fps(animation: Animation) -> float:
-    """Default frames per second: fewer for a short series, so that it can be followed."""
-    return min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS

@@ -274,6 +274,11 @@ ALIASES = {"ct-soft-tissue": "ct-soft", "mr-mip": "mip", "ct-mip": "mip"}
 NEAR = 4
 
 
+def presets() -> dict[str, str]:
+    """Returns what each preset shows, by its name."""
+    return {name: preset.about for name, preset in PRESETS.items()}
+
+
 def preset(name: str, volume: Volume) -> Transfer:
     """Transfer function of a preset for a volume's values. Raises InputError for an unknown name."""
     chosen = preset_named(name)

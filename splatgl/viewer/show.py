@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from splatgl.keywords import RenderKeywords
     from splatgl.splat.camera import Camera
     from splatgl.viewer.loading import Files, Reopen
+    from splatgl.viewer.notebook import View
     from splatgl.viewer.viewer import Options
 
 
@@ -31,7 +32,7 @@ def show(
     camera: Camera | None = None,
     settings: Settings | None = None,
     **options: Unpack[RenderKeywords],
-) -> Any:
+) -> View | Image | None:
     """Shows `x`; the arguments are those of `render`.
 
     In a notebook it returns what the cell displays: a view that the mouse turns (extra `notebook`), or the Image.

@@ -11,9 +11,11 @@ import sys
 import time
 import weakref
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.animation import animation
@@ -68,6 +70,39 @@ def test_a_turn_is_the_cameras_orbit(renderer: sg.Renderer, here: Path) -> None:
         camera = sg.Camera.look_at(eye, center, (0, 0, 1), 40, (24, 24))
         expected = renderer.render(splats, camera, scene.settings).pixels
         assert np.abs(pixels(f"f/{n:02d}.npy") - expected).max() < 2e-5, n
+
+
+def test_in_python_frames_are_those_of_the_command(here: Path) -> None:
+    """Of a file, of a pattern and of volumes in memory; a movie is one file."""
+    series = sorted(here.glob("t*.npy"), key=lambda path: int(path.stem[1:]))
+    assert animate("t*.npy", "-o", "a/{frame}.png", "--hold", "2", "--turntable", "90", "--zoom", "1.5") == 0
+    options: Any = {"hold": 2, "turntable": 90, "zoom": 1.5, "size": 24}
+    for number, x in enumerate(("t*.npy", [np.load(path) for path in series])):
+        found = sg.animate(x, f"{number}/{{frame}}.png", **options)
+        assert [str(path) for path in found] == [f"{number}/{n}.png" for n in range(8)]
+        assert all((pixels(path) == pixels(f"a/{path.name}")).all() for path in found)
+    assert sg.animate("ball.npy", "b.gif", "surface", frames=3, only=(1, 2), fps=5, size=24) == [Path("b.gif")]
+    with Pillow.open("b.gif") as movie:
+        assert (getattr(movie, "n_frames", 1), movie.info["duration"]) == (2, 200)
+
+
+@pytest.mark.parametrize(
+    ("x", "options", "message"),
+    [
+        ([], {}, "animate: expected volumes, arrays or files, got an empty list"),
+        ("ball.npy", {"camera": None}, "animate: expected a view, got a camera; name its azimuth"),
+        ("ball.npy", {"only": (3, 1)}, "only: expected two frames"),
+        ("ball.npy", {"spin": 3, "turntable": 4}, "expected one of --turntable, --spin and --keyframes"),
+        ("ball.npy", {"bits": 12}, "bits: expected 8 or 16, got 12"),
+        ("ball.npy", {"fps": 0}, "fps: expected a number from 0.01 to 1000, got 0"),
+        ("ball.npy", {"turntabel": 3}, "got turntabel"),
+    ],
+    ids=str,
+)
+def test_in_python_bad_input_is_one_line(x: Any, options: dict[str, Any], message: str, here: Path) -> None:
+    with pytest.raises(sg.InputError) as error:
+        sg.animate(x, "a.gif", size=24, **options)
+    assert message in str(error.value) and list(here.glob("*.gif")) == []
 
 
 def test_a_spin_turns_the_volume_the_other_way(here: Path) -> None:
@@ -365,12 +400,12 @@ def test_movies(suffix: str, here: Path) -> None:
 
 
 def test_a_movie_goes_on_from_its_frames(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatgl.cli import animate as command
+    from splatgl.animation import api
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "write_movie", killed)
+    monkeypatch.setattr(api, "write_movie", killed)
     arguments = ["ball.npy", "-o", "m.gif", "--frames", "3"]
     assert animate(*arguments) == 130
     assert len(list(Path("m.gif.frames").iterdir())) == 3

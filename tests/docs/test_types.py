@@ -36,6 +36,18 @@ sg.Settings.like("0.1", samples="many")  # wrong
 sg.load("a.nii", chanel=1)  # wrong
 sg.load("a.nii", values="label")  # wrong
 sg.Volume.of(np.zeros((4, 4, 4)), spacings=(1, 1, 1))  # wrong
+sg.animate("a.nii", "a.gif", turntabel=90)  # wrong
+sg.animate("a.nii", "a.gif", frames="many")  # wrong
+sg.animate("a.nii", "a.gif", blend="mipp")  # wrong
+sg.animate("a.nii", "a.gif", azimut=3).pop().stem  # wrong
+number: int = sg.show(volume)  # wrong
+sg.presets()["mri"].uper()  # wrong
+sg.animate(["a.nii", volume], "a.mp4", "mri", frames=60, spin=3.0, only=(0, 9), fps=25, axis=(0, 0, 1))[0].stem
+sg.animate(volume, "f/{frame}.png", bits=16, resume=True, keyframes="k.toml", blend="mip", hold=3, size=64)
+picture = sg.show(volume)
+if isinstance(picture, sg.Image):
+    picture.save("a.png")
+sg.preset(next(iter(sg.presets())), volume)
 sg.render("a.nii", size=(640, 480), window=[0, 3], blend="mip", background="white", azimuth=np.float64(3)).save("a.png")
 sg.render(volume, "ct-bone", size="640x480", points=[(0, 0.1), (3.5, 1)], memory="2GiB", clip=["x>0.3"], surfaces=True)
 sg.show(volume, eye=np.zeros(3), annotate=["scale", "axes"], streamlines=True, spacing=(1, 1, 2), unit="mm")

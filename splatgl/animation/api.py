@@ -1,0 +1,108 @@
+"""`sg.animate`, and the writing of an animation's frames and movie."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
+
+from splatgl.animation.animation import Animation, Frames, Timeline
+from splatgl.animation.movie import need, volumes, write_movie
+from splatgl.errors import expected
+from splatgl.fileio import check_source
+from splatgl.scene.api import is_scene, is_splats, scene_of
+from splatgl.scene.shared_renderer import shared_renderer
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+
+if TYPE_CHECKING:
+    from splatgl.keywords import AnimateKeywords
+
+FPS = 30.0
+# shortest movie of a series, seconds
+SHORTEST = 2.0
+# a GIF frame lasts at most 655 s
+MIN_FPS, MAX_FPS = 0.01, 1000.0
+BLACK = (0.0, 0.0, 0.0)
+
+
+def animate(
+    x: Any,
+    output: str | Path,
+    transfer: Transfer | str | Mapping[str, Any] | None = None,
+    settings: Settings | None = None,
+    **options: Unpack[AnimateKeywords],
+) -> list[Path]:
+    """Draws frames or a movie with the defaults of `splatgl animate`; returns the files: one movie, or the frames.
+
+    x: as of `render`, not splats, scenes or plotters; or a list: a series in time, as are the files of a pattern, and
+    the time points of a file. output: frames/{frame:04d}.png or .npy, or a name that ends in .mp4, .webm or .gif.
+    transfer, settings: as of `render`.
+    options: those of `render`, and frames (their number), turntable (total angle in degrees, 360 by default), spin
+    (degrees a frame), axis, keyframes (a file), hold (frames for each volume of a series), flow, only (the first and
+    the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist). Without a background PNGs and movies
+    have the default one. Raises InputError as `render`, and for options that do not go together.
+    """
+    items = list(x) if isinstance(x, list | tuple) else [x]
+    if not items or any(is_splats(item) or is_scene(item) for item in items):
+        raise expected("animate", "volumes, arrays or files", "an empty list" if not items else "splats or a scene")
+    if "camera" in options:
+        raise expected("animate", "a view", "a camera", "name its azimuth, elevation and zoom, or eye and look_at")
+    given: dict[str, Any] = {name: options[name] for name in OWN if name in options}  # type: ignore[literal-required]
+    rest = {name: value for name, value in options.items() if name not in given}
+    fps, bits, resume = (given.pop(name, usual) for name, usual in (("fps", None), ("bits", 8), ("resume", False)))
+    if bits not in (8, 16):
+        raise expected("bits", "8 or 16", repr(bits))
+    check_fps(fps, "fps")
+    timeline = Timeline(**given)
+    scenes = [scene_of(item, transfer, None, settings, rest)[0] for item in items]
+    has_default = "background" not in scenes[0].settings.given and Path(output).suffix.lower() != ".npy"
+    scenes = [replace(scene, auto_background=has_default) for scene in scenes]
+    scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
+    animation = Animation.of(scenes, timeline, options.get("time"), bits, True)
+
+    def draw(frames: Frames, todo: Sequence[int]) -> None:
+        with shared_renderer() as renderer:
+            animation.draw(renderer, frames, todo, True)
+
+    frames, _ = write_animation(animation, str(output), draw, fps, resume)
+    return [frames.movie] if frames.movie else [frames.path(n) for n in animation.numbers]
+
+
+# options of `animate` that are not those of `render`
+OWN = (*(item.name for item in fields(Timeline)), "fps", "bits", "resume")
+
+
+def write_animation(
+    animation: Animation, output: str, draw: Callable[[Frames, Sequence[int]], None], fps: float | None, resume: bool
+) -> tuple[Frames, int]:
+    """Draws the frames and joins them to a movie; returns their paths, and how many existed. draw: draws some frames.
+    fps: None: the default. resume: frames that exist are kept.
+    """
+    frames, wanted = Frames.at(output, animation.mark), animation.numbers
+    if frames.movie:
+        need(frames.movie)
+    sources = [file for scene in animation.scenes for file in scene.files]
+    for n in wanted:
+        check_source(frames.path(n), *sources)
+    frames.sweep(wanted)
+    todo = [n for n in wanted if not (resume and frames.done(n))]
+    if todo:
+        draw(frames, todo)
+    if frames.movie:
+        ground = animation.scenes[0].settings.background or BLACK
+        write_movie(frames.movie, [frames.path(n) for n in wanted], fps or _default_fps(animation), ground)
+        frames.clear(wanted)
+    return frames, len(wanted) - len(todo)
+
+
+def check_fps(fps: float | None, name: str) -> None:
+    """Raises InputError for frames per second that no movie has."""
+    if fps is not None and not (isinstance(fps, int | float) and MIN_FPS <= fps <= MAX_FPS):
+        raise expected(name, f"a number from {MIN_FPS:g} to {MAX_FPS:g}", fps)
+
+
+def _default_fps(animation: Animation) -> float:
+    """Frames per second: fewer for a short series, so that it can be followed."""
+    return min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
