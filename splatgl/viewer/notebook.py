@@ -155,17 +155,20 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
 
     While it moves, frames are reduced; once it is still, the full picture is drawn. A saved notebook keeps the first
     picture. `image` is the last one; `camera` and `settings` can be set; `controls` are widgets for the colours, their
-    window, the blend and the light.
+    window, the blend and the light, which follow what code sets.
     """
 
     def __init__(self, session: Session) -> None:
         self.session = session
+        # widgets of `controls` by name, and whether they are being set to what the view shows
+        self.shown: list[dict[str, Any]] = []
+        self.following = False
         width, height = session.pose.camera.size
         super().__init__(css_width=f"{width}px", css_height=f"{height}px")
 
     @property
-    def image(self) -> Any:
-        """The visible picture, an Image."""
+    def image(self) -> Image:
+        """The last picture that was drawn, of fewer pixels in motion; the camera and the settings change it."""
         return self.session.image
 
     @property
@@ -200,37 +203,57 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
         scene = self.session.scene
         # a preset replaces the whole transfer function
         scene = replace(scene, transfer={}) if "preset" in options else scene
-        self.session.change(scene.with_options(**options))
+        self._take(scene.with_options(**options))
+
+    def _take(self, scene: SceneFile) -> None:
+        """Draws by the options of a scene; the widgets follow."""
+        self.session.change(scene)
         self.request_draw()
+        self.following = True
+        try:
+            for widgets in self.shown:
+                self._set(widgets)
+        finally:
+            self.following = False
 
     @property
     def controls(self) -> Any:
-        """Widgets that change the view: an ipywidgets.VBox."""
+        """Widgets that change the view, and follow it: an ipywidgets.VBox."""
         import ipywidgets
 
-        volume, transfer = self.session.document.volume, self.session.document.layers[0].transfer
-        window = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
-        values = statistics(volume).values
-        low, high = min(float(values[0]), window[0]), max(float(values[-1]), window[1])
-        slider = ipywidgets.FloatRangeSlider(value=window, min=low, max=high, step=(high - low) / 200)
-        choices = {
+        values = statistics(self.session.document.volume).values
+        low, high = float(values[0]), float(values[-1])
+        widgets = {
             "preset": ipywidgets.Dropdown(options=[AS_OPENED, *PRESETS]),
-            "blend": ipywidgets.Dropdown(options=[*BLENDS], value=self.settings.blend),
-            "light": ipywidgets.Dropdown(options=declared(Settings)["light"].choices, value=self.settings.light),
-            "window": slider,
+            "blend": ipywidgets.Dropdown(options=[*BLENDS]),
+            "light": ipywidgets.Dropdown(options=declared(Settings)["light"].choices),
+            "window": ipywidgets.FloatRangeSlider(min=low, max=high, step=(high - low) / 200 or 1.0),
         }
+        self._set(widgets)
         opened = self.session.scene
-        for name, widget in choices.items():
+        for name, widget in widgets.items():
             widget.description, widget.continuous_update = name, False
             widget.observe(partial(self._choose, name, opened), "value")
-        return ipywidgets.VBox(list(choices.values()))
+        self.shown.append(widgets)
+        return ipywidgets.VBox(list(widgets.values()))
+
+    def _set(self, widgets: Mapping[str, Any]) -> None:
+        """Sets widgets to what the view shows."""
+        transfer = self.session.document.layers[0].transfer
+        low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+        slider, preset = widgets["window"], self.session.scene.transfer.get("preset")
+        slider.min, slider.max = min(slider.min, low), max(slider.max, high)
+        slider.value = low, high
+        widgets["preset"].value = preset if preset in PRESETS else AS_OPENED
+        widgets["blend"].value, widgets["light"].value = self.settings.blend, self.settings.light
 
     def _choose(self, name: str, opened: SceneFile, change: Mapping[str, Any]) -> None:
         """Applies a choice of the controls. opened: the scene whose transfer function is that as opened."""
+        if self.following:
+            return
         value = change["new"]
         if name == "preset" and value == AS_OPENED:
-            self.session.change(replace(self.session.scene, transfer=opened.transfer))
-            self.request_draw()
+            self._take(replace(self.session.scene, transfer=opened.transfer))
         else:
             self.change(**{name: value})
 

@@ -187,6 +187,17 @@ def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyP
         assert np.array_equal(drawn(), right.pixels), name
     controls["blend"].value, controls["preset"].value = "composite", "as opened"
     assert np.array_equal(drawn(), first)
+    # and back: what code sets is what the widgets show, and nothing else changes
+    view.settings = view.settings.but(blend="xray", light="glossy")
+    assert (controls["blend"].value, controls["light"].value) == ("xray", "glossy")
+    view.change(preset="surface", window=(-50.0, 400.0), blend="composite")
+    other = {widget.description: widget for widget in view.controls.children}
+    for widgets in (controls, other):
+        assert (widgets["preset"].value, widgets["window"].value) == ("surface", (-50.0, 400.0))
+    assert view.session.scene.transfer == {"preset": "surface", "window": (-50.0, 400.0)}
+    assert view.settings.blend == "composite"
+    with pytest.raises(AttributeError):
+        view.image = view.image
 
 
 def test_the_view_needs_no_extension_of_the_server() -> None:
