@@ -43,6 +43,10 @@ def animate(
     (degrees a frame), axis, keyframes (a file), hold (frames for each volume of a series), flow, only (the first and
     the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist). Without a background PNGs and movies
     have the default one. Raises InputError as `render`, and for options that do not go together.
+
+    ```python
+    sg.animate("head.nii.gz", "turn.gif", frames=8, size=64)
+    ```
     """
     items = list(x) if isinstance(x, list | tuple) else [x]
     if not items or any(is_splats(item) or is_scene(item) for item in items):

@@ -91,6 +91,12 @@ def compare(
     explain. extra: names of EXTRA, which are slower. names: of both, for messages. mask: bool [H, W], the pixels
     to compare; the others count as empty in both. Raises InputError for different sizes, NaN and infinity, and if
     `flip` is requested but not installed.
+
+    ```python
+    new, old = (sg.render(sg.scenes.ball(12), zoom=zoom, size=64) for zoom in (1.0, 1.1))
+    found = sg.compare(new, old)
+    print(found.rmse, found.share_over, found.box)
+    ```
     """
     first, second = _pixels(names[0], a), _pixels(names[1], b)
     if first.shape != second.shape:

@@ -97,6 +97,13 @@ class Volume:
     value_unit: name of the unit of samples ("HU", "K"), as the file states it. masks: restrict it; see `masked`.
     notes: lines for the user on what the reader left out or assumed.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
+
+    ```python
+    import numpy as np
+
+    volume = sg.Volume(np.random.default_rng(1).random((8, 16, 16)), spacing=(0.5, 0.5, 2.0), unit="mm")
+    print(volume, volume.extent)
+    ```
     """
 
     samples: Any

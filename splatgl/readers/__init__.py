@@ -41,6 +41,11 @@ def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[L
     A 2-D picture or CSV becomes a terrain. FILE.h5:/NAME stands for array="/NAME". Further keywords are fields of
     `LoadOptions`. Samples are memory-mapped where possible; the name is the file's stem. Raises InputError, which
     begins with the path, for a file or an option that makes no volume.
+
+    ```python
+    volume = sg.load("neuron.tif", spacing=(0.5, 0.5, 2.0))
+    print(volume)
+    ```
     """
     source, array = inside(str(path))
     path = source if is_address(source) else Path(source)

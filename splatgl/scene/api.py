@@ -78,6 +78,11 @@ def render(
     VTK mixes them. background: linear RGB, a name or "#rrggbb"; without one the image is
     transparent. `info["notes"]` lists the notes that the command prints about a file. `render` does not compare the
     picture with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
+
+    ```python
+    image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
+    image.save("head.png")
+    ```
     """
     if is_scene(x):
         if transfer is not None:

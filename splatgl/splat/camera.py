@@ -55,8 +55,14 @@ class Bounded(Protocol):
 class Camera:
     """A view; made by `look_at`, `orbit` or `orthographic`.
 
-    eye [3] world; eye_from_world [3, 3]: rows right, down, forward; size (width, height) in pixels.
+    eye: [3] world; eye_from_world: [3, 3], rows right, down, forward; size: (width, height) in pixels.
     extent: height of the image at depth 1 (perspective, 2·tan(fov/2)) or in world units (orthographic).
+
+    ```python
+    volume = sg.scenes.ball(12)
+    camera = sg.Camera.orbit(volume, azimuth=60, elevation=10, size=(64, 48))
+    image = sg.render(volume, camera=camera)
+    ```
     """
 
     eye: np.ndarray

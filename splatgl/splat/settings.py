@@ -134,6 +134,11 @@ class Settings:
 
     sheets, steps, table_size, moments, z_s, light_from that are None follow from the other settings. background: None
     (transparent) or linear RGB. clip: planes (n_x, n_y, n_z, d); what lies at n · x ≥ d of each is drawn, world units.
+
+    ```python
+    settings = sg.Settings(light="glossy", background="#203040")
+    image = sg.render(sg.scenes.ball(12), settings=settings.but(blend="mip"), size=64)
+    ```
     """
 
     blend: Blend = _picture(

@@ -81,6 +81,11 @@ class Transfer:
     clear. Points and colormap are then ignored.
     scale: "linear" or "log", whether opacity and colour are linear in values or in their logarithms; points and window
     of "log" are above 0. Lists are accepted too. Raises InputError for invalid values.
+
+    ```python
+    bone = sg.Transfer([(300, 0.0), (700, 0.8)], "ivory", window=(300, 1500))
+    bone.save("bone.toml")
+    ```
     """
 
     points: Nodes = field(

@@ -39,6 +39,10 @@ def show(
     Elsewhere, where there is a display, it opens the window of `splatgl view`, and returns None once that is closed.
     Without a display it returns the Image, and says how to save it. An Image is returned as it is, and Splats, which
     have no samples to show in motion, as an Image. Raises InputError as `render`.
+
+    ```python
+    sg.show("head.nii.gz", blend="mip", size=200)
+    ```
     """
     from splatgl.scene.api import is_splats, picture, scene_of
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import re
 import shlex
 import subprocess
@@ -361,6 +362,30 @@ def test_snippets(block: Block, here: Path, monkeypatch: pytest.MonkeyPatch) -> 
         assert (here / "head.png").exists() and names["image"].info["classification"] == "post"
 
 
+# public names that people use first
+FIRST = ("render", "show", "load", "Volume", "Settings", "Transfer", "Camera", "compare", "animate", "scenes")
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("name", FIRST)
+def test_examples_of_docstrings(name: str, here: Path) -> None:
+    """The names that people use first have an example, which runs."""
+    (example,) = re.findall(r"(?ms)^```python\n(.*?)^```$", inspect.getdoc(getattr(sg, name)) or "")
+    write_files(example)
+    exec(compile(example, name, "exec"), {"sg": sg})
+
+
+def test_parameters_are_lists_in_the_site() -> None:
+    pytest.importorskip("griffe", reason="scripts/docs needs the extra docs")
+    from mkdocs_docstrings import list_parameters
+
+    text = (
+        "Says.\n\nx: one. y, z: two;\nmore: not\na name. w [3]: four. Raises InputError.\n\n```python\nx: int = 3\n```"
+    )
+    right = "Says.\n\n- `x`: one.\n- `y`, `z`: two; more: not a name.\n- `w` [3]: four.\n\nRaises InputError.\n\n"
+    assert list_parameters(text, ["w", "x", "y", "z"]).split() == (right + "```python\nx: int = 3\n```").split()
+
+
 def test_the_readmes_snippet_is_five_lines() -> None:
     (block,) = of("python", TOP)
     assert len([line for line in block.text.splitlines() if line]) == 5
@@ -550,4 +575,5 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", "scripts/mkdocs.yml", "-d", str(tmp_path)]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
-    assert (tmp_path / "api.html").is_file() and "splatgl.Renderer" in (tmp_path / "api.html").read_text()
+    page = (tmp_path / "api.html").read_text()
+    assert "splatgl.Renderer" in page and "<li><code>transfer</code>: a Transfer" in page

@@ -3,6 +3,11 @@
 A formula takes world points [3, P] and returns values [P] and gradients [P, 3] per world length.
 
 Deterministic: seeds are fixed. Every scene provides view hints.
+
+```python
+image = sg.render(sg.scenes.marschner_lobb(), size=64)
+image = sg.render("letter-f", size=64)  # by name
+```
 """
 
 from __future__ import annotations
