@@ -197,7 +197,7 @@ def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyP
     assert view.session.scene.transfer == {"preset": "surface", "window": (-50.0, 400.0)}
     assert view.settings.blend == "composite"
     with pytest.raises(AttributeError):
-        view.image = view.image
+        setattr(view, "image", view.image)  # noqa: B010
 
 
 def test_the_view_needs_no_extension_of_the_server() -> None:
