@@ -25,7 +25,7 @@ TURN = slice(None, None, -1)
 
 def patterns() -> list[str]:
     """Patterns of file names, as the manifest lists them."""
-    return [f"*{suffix}" for form in FORMATS for suffix in form.suffixes if suffix not in OTHERS]
+    return list(dict.fromkeys(f"*{suffix}" for form in FORMATS for suffix in form.suffixes if suffix not in OTHERS))
 
 
 def reader_of(path: str | Sequence[str]) -> Callable[[Any], list[LayerData]] | None:
