@@ -141,3 +141,17 @@ def split_components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np
         return luma(color), color, None
     vectors = np.asarray(values, np.float32)
     return np.stack([np.linalg.norm(plane, axis=-1) for plane in vectors]), None, vectors
+
+
+# samples [D, H, W], colours or None, vectors or None, and notes
+Components = tuple[np.ndarray, np.ndarray | None, np.ndarray | None, tuple[str, ...]]
+
+
+def split_voxels(values: np.ndarray, options: LoadOptions) -> Components:
+    """The samples, colours, vectors and notes of [D, H, W, components] without a stated meaning: `channel` picks one,
+    else three or four bytes are a colour, and three signed or real numbers a vector.
+    """
+    is_color = is_color_rule(values.dtype, values.shape[-1])
+    if options.channel is None and (is_color or (values.dtype.kind in "if" and values.shape[-1] == 3)):
+        return (*split_components(values, is_color), (COLOR_NOTE if is_color else VECTOR_NOTE,))
+    return values[options.index(values.shape, {3: "channel"})], None, None, ()

@@ -18,7 +18,7 @@ from splatgl.data.affine import unit_name
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected
 from splatgl.fileio import byte_count
-from splatgl.readers.channels import ChannelSet, split_components
+from splatgl.readers.channels import ChannelSet, split_voxels
 from splatgl.readers.common import (
     convert_words,
     decoder_errors,
@@ -86,13 +86,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume:
     """The volume of samples [D, H, W, channels]."""
-    kind, channels = samples.dtype.kind, samples.shape[-1]
-    is_color = samples.dtype == np.uint8 and channels in (3, 4)
-    color = vectors = None
-    if options.channel is None and (is_color or (kind in "if" and channels == 3)):
-        samples, color, vectors = split_components(samples, is_color)
-    else:
-        samples = samples[options.index(samples.shape, {3: "channel"})]
+    samples, color, vectors, told = split_voxels(samples, options)
     direction, frame, notes = _direction(fields)
     return Volume(
         samples,
@@ -103,7 +97,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
         frame=frame,
         color=color,
         vectors=vectors,
-        notes=(*notes, *_ignored_notes(fields)),
+        notes=(*told, *notes, *_ignored_notes(fields)),
     )
 
 

@@ -22,7 +22,7 @@ from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.channels import ChannelSet
+from splatgl.readers.channels import MAGNITUDE_NOTE, ChannelSet, Components, split_voxels
 from splatgl.readers.common import (
     decoder_errors,
     grid_shape,
@@ -93,8 +93,14 @@ def _pair_file(path: Path, suffix: str) -> Path:
     return file
 
 
-def _check(sizes: list[int], dtype: np.dtype) -> None:
-    if dtype.kind not in "uif":
+def _is_color_type(dtype: np.dtype) -> bool:
+    """Whether numbers are colours of three or four bytes, as nibabel names the parts of RGB24 and RGBA32."""
+    return dtype.names in (("R", "G", "B"), ("R", "G", "B", "A"))
+
+
+def _check(sizes: list[int], dtype: np.dtype, more: bool = False) -> None:
+    """more: permits colours and complex numbers."""
+    if dtype.kind not in "uif" and not (more and (_is_color_type(dtype) or dtype.kind == "c")):
         raise expected("samples", "real numbers", dtype, "convert the file to one number per voxel")
     _check_sizes(sizes)
 
@@ -121,6 +127,9 @@ def _frame_volume(stored: _Stored, affine: np.ndarray, options: LoadOptions) -> 
 _UNITS = {1: "m", 2: "mm", 3: "um"}
 # seconds of the units of time in the next three bits
 _TIMES = {8: 1.0, 16: 1e-3, 24: 1e-6}
+# NIFTI_INTENT_DISPVECT, VECTOR, RGB_VECTOR and RGBA_VECTOR: numbers of a voxel along the fifth axis
+_COMPONENTS = (1006, 1007, 2003, 2004)
+_VECTORS_ALONG = "vectors are taken along right, front and head; programs of ITK write them along left, back and head"
 # NIFTI_INTENT_LABEL: samples number segments (nifti1.h)
 _LABELS = 1002
 UNORIENTED = "no sform or qform: the file does not state the patient's orientation"
@@ -236,27 +245,53 @@ def _volume_of(
     zooms = header.get_zooms()
     seconds = _TIMES.get(int(header["xyzt_units"]) & 56, 0.0)
     step = float(zooms[3]) * seconds if len(zooms) > 3 else 0.0
-    times = ChannelSet(times=sizes[3] if len(sizes) > 3 else 1, step=step if 0 < step < float("inf") else None)
+    count = sizes[3] if len(sizes) > 3 and _component_axis(sizes, int(header["intent_code"])) != 3 else 1
+    times = ChannelSet(times=count, components=4, step=step if 0 < step < float("inf") else None)
 
     def read_volume(_: int | None) -> Volume:
-        index, notes = _index(sizes, options)
-        samples = read_samples(index)
+        axis = _component_axis(sizes, int(header["intent_code"]))
+        index, notes = _index(sizes, options, axis)
+        samples, color, vectors, told = _interpret(read_samples(index), axis is not None, options)
+        notes = (*notes, *told)
         unit = _UNITS.get(int(header["xyzt_units"]) & 7, "")
+        more: Any = {"color": color, "vectors": vectors, "unit": unit}
         if affine is None:
             # a zoom of zero means unknown
             known = [abs(float(zoom)) or 1.0 for zoom in zooms[:3]]
-            return Volume(samples, triple(known, "pixdim"), unit=unit, notes=(UNORIENTED, *notes))
-        return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", unit=unit, frame="RAS", notes=notes)
+            return Volume(samples, triple(known, "pixdim"), notes=(UNORIENTED, *notes), **more)
+        return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", frame="RAS", notes=notes, **more)
 
     volume = times.volume(options, read_volume)
     is_labels = int(header["intent_code"]) == _LABELS and all(map(has_whole_numbers, volume.samples))
     return replace(volume, labels=()) if is_labels else volume
 
 
-def _index(sizes: tuple[int, ...], options: LoadOptions) -> tuple[Index, tuple[str, ...]]:
-    """The index of the picked samples, and a note on those that no option picked."""
-    times = sizes[3] if len(sizes) > 3 else 1
-    arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
+def _component_axis(sizes: tuple[int, ...], intent: int) -> int | None:
+    """The axis of a voxel's components by the file's intent, None without one; it is the fifth, in some files the
+    fourth.
+    """
+    found = [axis for axis in (4, 3) if intent in _COMPONENTS and len(sizes) > axis and sizes[axis] > 1]
+    return found[0] if found and (found[0] == 4 or sizes[3] in (3, 4)) else None
+
+
+def _interpret(values: np.ndarray, componented: bool, options: LoadOptions) -> Components:
+    """Samples, colours, vectors and notes of values [D, H, W], which may be complex or colours, or of [C, D, H, W]."""
+    if values.dtype.names:
+        values = np.ascontiguousarray(values)
+        parts = values.view(np.uint8).reshape(*values.shape, -1)
+        return (*split_voxels(parts, options)[:3], ())
+    if values.dtype.kind == "c":
+        return np.stack([np.abs(plane).astype(np.float32) for plane in values]), None, None, (MAGNITUDE_NOTE,)
+    if not componented:
+        return values, None, None, ()
+    samples, color, vectors, notes = split_voxels(np.moveaxis(values, 0, -1), options)
+    return samples, color, vectors, notes if vectors is None else (_VECTORS_ALONG,)
+
+
+def _index(sizes: tuple[int, ...], options: LoadOptions, whole: int | None) -> tuple[Index, tuple[str, ...]]:
+    """The index of the picked samples, and a note on those that no option picked. whole: an axis that is kept."""
+    times = sizes[3] if len(sizes) > 3 and whole != 3 else 1
+    arrays = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1 and axis != whole]
     if not arrays and times == 1:
         options.refuse("array", "a file of several time points or arrays")
     notes: tuple[str, ...] = ()
@@ -267,11 +302,12 @@ def _index(sizes: tuple[int, ...], options: LoadOptions) -> tuple[Index, tuple[s
     picked: dict[int, str | int] = {axis: "array" if axis in arrays else 0 for axis in range(4, len(sizes))}
     if len(sizes) > 3:
         picked[3] = options.time or 0 if arrays else "time"
+    picked.pop(-1 if whole is None else whole, None)
     return options.index(sizes, picked), notes
 
 
 def _check_bytes(stored: _Stored) -> None:
-    _check(list(stored.shape), stored.dtype)
+    _check(list(stored.shape), stored.dtype, more=True)
     if stored.start < 0:
         raise expected("vox_offset", "a place in the file", stored.start, "the header is damaged")
     needed, there = stored.start + byte_count(stored.shape, stored.dtype), stored.path.stat().st_size
@@ -282,9 +318,9 @@ def _check_bytes(stored: _Stored) -> None:
 
 
 def _scale(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
-    if stored.dtype.kind not in "buif":
-        raise expected("samples", "real numbers", stored.dtype, "convert it to one number per voxel")
-    if (slope, intercept) == _NOT_SCALED:
+    if stored.dtype.kind not in "buifc" and not _is_color_type(stored.dtype):
+        raise expected("samples", "numbers or colours", stored.dtype, "convert it to one number per voxel")
+    if (slope, intercept) == _NOT_SCALED or stored.dtype.kind in "cV":
         return stored
     # plane by plane, to avoid a float64 copy of the whole
     scaled = np.empty(stored.shape, np.float32)

@@ -19,7 +19,16 @@ from splatgl.data.affine import unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count
-from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, split_components
+from splatgl.readers.channels import (
+    COLOR_NOTE,
+    MAGNITUDE_NOTE,
+    SECONDS,
+    Channel,
+    ChannelSet,
+    hex_color,
+    is_color_rule,
+    split_components,
+)
 from splatgl.readers.common import (
     bunzip,
     decoder_errors,
@@ -57,6 +66,7 @@ _LEFT_ANTERIOR = ("left-anterior-superior", "las", "left-anterior-superior-time"
 # kinds and sizes of axes that hold a voxel's colour or vector
 _COMPONENTS = {
     *(("rgb-color", 3), ("3-color", 3), ("rgba-color", 4), ("4-color", 4)),
+    ("complex", 2),
     *((kind, 3) for kind in ("vector", "3-vector", "covariant-vector", "3-gradient", "3-normal")),
 }
 
@@ -114,15 +124,32 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
     sizes, last = [int(size) for size in header["sizes"]], len(kinds) - 1
     space = _space_axes(header, sizes)
     others = [axis for axis in range(len(sizes)) if axis not in space]
-    whole = [axis for axis in others if (kinds[axis], sizes[axis]) in _COMPONENTS and options.channel is None]
+    whole = [
+        axis
+        for axis in others
+        if options.channel is None
+        and (
+            (kinds[axis], sizes[axis]) in _COMPONENTS
+            or (kinds[axis] == "vector" and is_color_rule(stored.dtype, sizes[axis]))
+        )
+    ]
     picked = {last - axis: "time" if kinds[axis] == "time" else "channel" for axis in others if axis not in whole[:1]}
     if not [axis for axis in others if kinds[axis] != "time"]:
         options.refuse("channel", "several numbers per voxel")
     samples = stored[options.index(stored.shape, picked)]
     color = vectors = None
+    told: tuple[str, ...] = ()
     if whole:
         place = last - whole[0] - sum(axis < last - whole[0] for axis in picked)
-        samples, color, vectors = split_components(np.moveaxis(samples, place, -1), "color" in kinds[whole[0]])
+        values, kind = np.moveaxis(samples, place, -1), kinds[whole[0]]
+        # a vector of bytes is a colour, as ITK writes it
+        is_color = "color" in kind or is_color_rule(values.dtype, values.shape[-1])
+        if kind == "complex":
+            samples = np.stack([np.hypot(*np.moveaxis(plane, -1, 0)).astype(np.float32) for plane in values])
+            told = (MAGNITUDE_NOTE,)
+        else:
+            samples, color, vectors = split_components(values, is_color)
+            told = (COLOR_NOTE,) * (is_color and "color" not in kind)
     matrix, origin, notes = _grid(header, space)
     rotation: Any = header.get("measurement frame")
     if vectors is not None and np.shape(rotation) == (3, 3) and np.isfinite(rotation).all():
@@ -146,7 +173,7 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
         color=color,
         vectors=vectors,
         value_unit=value_unit_name(header.get("sample units")),
-        notes=(*notes, *_ignored_notes(header)),
+        notes=(*told, *notes, *_ignored_notes(header)),
     )
 
 

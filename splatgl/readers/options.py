@@ -290,12 +290,12 @@ _MICROSCOPE = ("array", "channel", "time", "series")
 
 # all formats; each takes `spacing` and `values` too
 FORMATS = (
-    Format("NumPy", (".npy",), "raw.read_npy"),
-    Format("NumPy archive", (".npz",), "raw.read_npz", ("array",)),
+    Format("NumPy", (".npy",), "raw.read_npy", ("channel",)),
+    Format("NumPy archive", (".npz",), "raw.read_npz", ("array", "channel")),
     Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
     Format("NRRD", (".nrrd", ".nhdr"), "nrrd.read", ("array", "channel", "time", "anywhere")),
-    Format("NIfTI", (".nii",), "nifti.read", ("array", "time"), ("Analyze",)),
-    Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array", "time"), ("gzip",)),
+    Format("NIfTI", (".nii",), "nifti.read", ("array", "channel", "time"), ("Analyze",)),
+    Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array", "channel", "time"), ("gzip",)),
     Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",), ("?",)),
     Format("MGH", (".mgh",), "nifti.read_mgh", ("array",), ("?",)),
     Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),

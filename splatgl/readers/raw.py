@@ -14,6 +14,7 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.channels import MAGNITUDE_NOTE, is_color_rule, split_voxels
 from splatgl.readers.common import decoder_errors, grid_shape, map_array, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions, sample_type
 
@@ -37,17 +38,47 @@ class _Header:
 
     @property
     def is_volume(self) -> bool:
-        return len(self.shape) == 3 and min(self.shape) > 0 and self.dtype.kind in "buif"
+        """Whether it may be a volume: three axes beside those of one entry, and one of a colour's or vector's parts."""
+        return _voxel_shape(self.shape, self.dtype) is not None and self.dtype.kind in "buifc"
 
 
-def read_npy(path: Path, _options: LoadOptions) -> Volume:
-    """The array [z, y, x] of a .npy file, mapped in either order of axes."""
+def _voxel_shape(shape: tuple[int, ...], dtype: np.dtype) -> tuple[int, int, int, int] | None:
+    """(z, y, x, numbers per voxel) of an array's shape without axes of one entry; None for other arrays."""
+    if not shape or min(shape) < 1:
+        return None
+    parts = is_color_rule(dtype, shape[-1]) or (dtype.kind in "if" and shape[-1] == 3)
+    count = shape[-1] if len(shape) > 3 and parts else 1
+    rest = list(shape[:-1] if count > 1 else shape)
+    while len(rest) > 3 and 1 in rest:
+        rest.remove(1)
+    return (rest[0], rest[1], rest[2], count) if len(rest) == 3 else None
+
+
+def _make_volume(array: np.ndarray, options: LoadOptions) -> Volume:
+    """The volume of an array that may be one, see `_Header.is_volume`."""
+    shape = _voxel_shape(array.shape, array.dtype)
+    assert shape is not None
+    if shape[3] > 1:
+        samples, color, vectors, notes = split_voxels(array.reshape(shape), options)
+        return Volume(samples, color=color, vectors=vectors, notes=notes)
+    options.refuse("channel", "several numbers per voxel")
+    values = array.reshape(shape[:3])
+    if values.dtype.kind != "c":
+        return Volume(values)
+    return Volume(np.stack([np.abs(plane).astype(np.float32) for plane in values]), notes=(MAGNITUDE_NOTE,))
+
+
+def read_npy(path: Path, options: LoadOptions) -> Volume:
+    """The array [z, y, x] of a .npy file, mapped in either order of axes, also with colours or vectors behind x.
+
+    Axes of one entry beside three others are left out.
+    """
     with path.open("rb") as file:
         header = _read_header(file)
     _check_header(header)
     if header.fortran:
-        return Volume(map_array(path, header.offset, header.dtype, header.shape[::-1]).T)
-    return Volume(map_array(path, header.offset, header.dtype, header.shape))
+        return _make_volume(map_array(path, header.offset, header.dtype, header.shape[::-1]).T, options)
+    return _make_volume(map_array(path, header.offset, header.dtype, header.shape), options)
 
 
 def read_npz(path: Path, options: LoadOptions) -> Volume:
@@ -73,7 +104,7 @@ def read_npz(path: Path, options: LoadOptions) -> Volume:
         require_memory(byte_count(header.shape, header.dtype), there)
         with archive.open(member) as file:
             samples = np.lib.format.read_array(file, allow_pickle=False)
-    return Volume(samples)
+    return _make_volume(samples, options)
 
 
 def _select_array(headers: dict[str, _Header], options: LoadOptions) -> str:
@@ -85,7 +116,7 @@ def _select_array(headers: dict[str, _Header], options: LoadOptions) -> str:
     volumes = [name for name, header in headers.items() if header.is_volume]
     if len(volumes) != 1:
         fix = f"pick one with array=NAME; there are: {listed}"
-        error = expected("arrays", "one 3-D array of real numbers", len(volumes), fix)
+        error = expected("arrays", "one 3-D array of numbers", len(volumes), fix)
         raise Choice(str(error), "array", [(name, headers[name].about) for name in volumes]) if volumes else error
     return volumes[0]
 
@@ -102,7 +133,8 @@ def _read_header(opened: IO[bytes]) -> _Header:
 
 def _check_header(header: _Header) -> None:
     if not header.is_volume:
-        raise expected("array", "a 3-D array [z, y, x] of real numbers", f"{header.dtype} {header.shape}")
+        this = "a 3-D array [z, y, x] of numbers, or [z, y, x, 3 or 4] of colours or vectors"
+        raise expected("array", this, f"{header.dtype} {header.shape}", "save a part of it")
 
 
 _SHAPE = re.compile(r"(?<!\d)(\d+)x(\d+)x(\d+)(?!\d)", re.IGNORECASE)

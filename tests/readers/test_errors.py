@@ -87,9 +87,9 @@ BAD = [
     ("a.vtk", vtk("999999 999999 999999", 999999**3, b"1 2 3", "ASCII"), "cut short"),
     ("a.vtk", vtk("5 7 4", 139, bytes(140)), "POINT_DATA: expected 140 points"),
     ("a.npy", npy("(999999, 999999, 999999)"), "the file is cut short"),
-    ("a.npy", npy("(4, 0, 5)"), "a 3-D array [z, y, x] of real numbers"),
-    ("a.npy", npy("(4, 7, 5)", "|O"), "a 3-D array [z, y, x] of real numbers"),
-    ("a.npy", npy("(4, 7, 5)", "<c8"), "a 3-D array [z, y, x] of real numbers"),
+    ("a.npy", npy("(4, 0, 5)"), "a 3-D array [z, y, x] of numbers"),
+    ("a.npy", npy("(4, 7, 5)", "|O"), "a 3-D array [z, y, x] of numbers"),
+    ("a.npy", npy("(4, 7, 5)", "<c8"), "expected 1120 bytes, got 0 bytes"),
     # grids
     ("a.nrrd", nrrd(more="spacings: 1 0 1\n"), "a finite step along each axis"),
     ("a.mha", meta(more="ElementSpacing = 1 -1 1\n"), "spacing: expected three positive numbers"),
