@@ -159,6 +159,8 @@ def _text_kind(head: bytes) -> str:
         found = _VTK_TYPE.search(text)
         kind = found[1].decode("ascii", "replace") if found else ""
         is_page = re.match(rb"<!doctype html|<html|<head", text.lower())
+        if b"<SpimData" in text:
+            return "BigDataViewer"
         return "a page of HTML" if is_page else VTK_XML.get(kind, f"VTK {kind}" if kind else "XML")
     lines = text.splitlines()
     fields = next((n for n, line in enumerate(lines) if b"=" not in line), len(lines))

@@ -26,7 +26,7 @@ SURFACE = "surfaces are not drawn; voxelize it"
 
 # advice for files that are not read, by ending
 CONVERTERS = {
-    **dict.fromkeys((".oir", ".lsm", ".vsi", ".dv", ".sld", ".ics", ".xml"), _FIJI),
+    **dict.fromkeys((".oir", ".lsm", ".vsi", ".dv", ".sld", ".ics"), _FIJI),
     **dict.fromkeys(
         (".svs", ".ndpi", ".mrxs", ".scn"), "a slide is one plane; save a stack as OME-TIFF with Bio-Formats"
     ),
@@ -312,6 +312,14 @@ FORMATS = (
     Format("HDF5", HDF5, "hdf5.read", _HDF5, lists="hdf5.list_datasets"),
     Format("NetCDF-3", (".nc", ".cdf", ".nc3"), "netcdf.read", _HDF5, lists="netcdf.list_variables"),
     Format("Imaris", (".ims",), "imaris.read", ("array", "channel", "level", "time", "anywhere"), ("HDF5",)),
+    Format(
+        "BigDataViewer",
+        (".xml",),
+        "bigdataviewer.read",
+        ("channel", "level", "time", "series", "anywhere"),
+        ("XML",),
+        lists="bigdataviewer.list_images",
+    ),
     Format("CZI", (".czi",), "czi.read", _MICROSCOPE, lists="czi.list_images"),
     Format("LIF", (".lif",), "lif.read", _MICROSCOPE, lists="lif.list_images"),
     Format("ND2", (".nd2",), "nd2.read", _MICROSCOPE, lists="nd2.list_images"),

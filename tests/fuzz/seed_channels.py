@@ -101,3 +101,32 @@ def nd2() -> list[Seed]:
 
 def oib() -> list[Seed]:
     return [written("a.oib", microscopes.oib)]
+
+
+def bigdataviewer() -> list[Seed]:
+    """A view of two channels with two levels."""
+    import h5py
+
+    setups = "".join(
+        f"<ViewSetup><id>{n}</id><name>a</name><size>{' '.join(map(str, CUBE.shape[::-1]))}</size><voxelSize>"
+        f"<unit>um</unit><size>1 1 2</size></voxelSize><attributes><channel>{n}</channel></attributes></ViewSetup>"
+        for n in range(2)
+    )
+    moved = "<affine>1 0 0 5 0 1 0 6 0 0 2 7</affine>"
+    xml = (
+        '<SpimData version="0.2"><SequenceDescription><ImageLoader format="bdv.hdf5"><hdf5 type="relative">a.h5</hdf5>'
+        f'</ImageLoader><ViewSetups>{setups}</ViewSetups><Timepoints type="range"><first>0</first><last>1</last>'
+        '</Timepoints></SequenceDescription><ViewRegistrations><ViewRegistration timepoint="0" setup="0">'
+        f"<ViewTransform>{moved}</ViewTransform></ViewRegistration></ViewRegistrations></SpimData>"
+    )
+
+    def save(path: Path) -> None:
+        with h5py.File(path, "w", libver="earliest") as file:
+            for n in range(2):
+                file[f"s{n:02}/resolutions"] = np.array([[1.0, 1, 1], [2, 2, 2]])
+                for time in range(2):
+                    for level, cube in enumerate((CUBE, CUBE[::2, ::2, ::2])):
+                        name = f"t{time:05}/s{n:02}/{level}/cells"
+                        file.create_dataset(name, data=cube.astype(np.int16), chunks=(3, 4, 5), compression="gzip")
+
+    return [Seed("a.xml", {"a.xml": xml.encode(), **written("a.h5", save).files})]

@@ -12,7 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.fuzz.seed_channels import channels_of_tiff, channels_of_zarr, czi, lif, nd2, oib, times_of_nifti
+from tests.fuzz.seed_channels import (
+    bigdataviewer,
+    channels_of_tiff,
+    channels_of_zarr,
+    czi,
+    lif,
+    nd2,
+    oib,
+    times_of_nifti,
+)
 from tests.fuzz.seed_dicom import dicom_seeds
 from tests.fuzz.seed_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy, written
 from tests.fuzz.seed_libraries import (
@@ -320,6 +329,7 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "hdf5-old": hdf5_old,
     "netcdf": netcdf,
     "imaris": imaris,
+    "bigdataviewer": bigdataviewer,
     "czi": czi,
     "lif": lif,
     "nd2": nd2,
