@@ -13,7 +13,7 @@ from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected
 from splatgl.options import refuse_unknown
 from splatgl.readers.common import silence_libraries
-from splatgl.readers.contents import FIXES, PACKINGS, describe_bytes, identify, is_n5
+from splatgl.readers.contents import FIXES, PACKINGS, describe_bytes, identify, is_n5, is_pattern
 from splatgl.readers.heightmap import terrain_from_heights
 from splatgl.readers.options import FORMATS, Format, LoadOptions, converter, inside
 from splatgl.readers.remote import Remote, address_name, is_address
@@ -136,12 +136,15 @@ def _with_path(path: Path | str, error: InputError) -> InputError:
 def _find_format(path: Path, options: LoadOptions) -> Format:
     """The format of a path: by the contents where they are of a known kind, else by the name."""
     named = next((form for form in FORMATS if _suffix(path, form)), None)
-    kind = "folder" if path.is_dir() else "file"
+    kind = "folder" if path.is_dir() or is_pattern(path) else "file"
     detectable = [form for form in FORMATS if form.tells and kind in form.kinds]
     if kind == "folder":
-        found = next((form for form in detectable if _import_function(form.tells)(path)), named)
+        default = None if is_pattern(path) else named
+        found = next((form for form in detectable if _import_function(form.tells)(path)), default)
         if found is None:
             names = " or ".join(form.title for form in detectable)
+            if is_pattern(path):
+                raise expected("pattern", "at least two pictures", "fewer", "check the names")
             fix = converter(".n5") if is_n5(path) else "name a file in it"
             raise expected("path", f"a file, or a folder of {names}", "N5" if is_n5(path) else "another folder", fix)
         return found
@@ -177,8 +180,9 @@ def _suffix(path: Path, form: Format) -> str:
 
 def _check_file(path: Path, form: Format, options: LoadOptions) -> None:
     """Raises InputError for no file, no bytes, another format and unsupported options, before any reader runs."""
-    kind = "folder" if path.is_dir() else "file" if path.is_file() else "pipe or device"
-    if not path.exists():
+    is_folder = path.is_dir() or is_pattern(path)
+    kind = "folder" if is_folder else "file" if path.is_file() else "pipe or device"
+    if not (path.exists() or is_folder):
         raise expected("path", "a file", "nothing of that name", "check the path")
     if kind not in form.kinds:
         raise expected("path", f"a {form.title} folder" if "file" not in form.kinds else "a file", f"a {kind}")

@@ -169,6 +169,11 @@ def _text_kind(head: bytes) -> str:
     return "AFNI" if _AFNI.match(text) else ""
 
 
+def is_pattern(path: Path) -> bool:
+    """Whether a path is a pattern of names in a folder, such as slices/a_*.tif."""
+    return any(mark in path.name for mark in "*?[") and path.parent.is_dir() and not path.exists()
+
+
 def is_n5(folder: Path) -> bool:
     """Whether a folder is an N5 container."""
     attributes = folder / "attributes.json"

@@ -160,7 +160,7 @@ def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
 
     if decoder.is_encapsulated:
         if header.syntax != RLE:
-            check_picture(data, *header.size, exact=True)
+            check_picture(picture_size(data), *header.size, exact=True)
         data = encapsulate([data], has_bot=False)
     wide = "OB" if header.allocated <= 8 else "OW"
     plain = {"bits_stored": header.stored[0]} if header.stored[0] else {}
@@ -169,9 +169,11 @@ def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
     return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
 
 
-def check_picture(data: bytes, rows: int, columns: int, exact: bool = False) -> None:
-    """Raises InputError for a JPEG or JPEG 2000 picture that is larger (or not `exact`ly as large) or of many tiles."""
-    size, tiles = picture_size(bytes(data))
+def check_picture(stated: tuple[tuple[int, ...], int], rows: int, columns: int, exact: bool = False) -> None:
+    """Raises InputError for a picture that is larger (or not `exact`ly as large) or of many tiles, as `picture_size`
+    states.
+    """
+    size, tiles = stated
     fits = bool(size) and (size == (rows, columns) if exact else size[0] <= rows and size[1] <= columns)
     if not fits or not 1 <= tiles <= MOST_TILES:
         this = f"{columns} × {rows} pixels" + ("" if exact else " at most")

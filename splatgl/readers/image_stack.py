@@ -1,77 +1,278 @@
-"""Folders with one picture per slice: TIFF, PNG, BMP and JPEG, in the order of the numbers in their names."""
+"""Folders and patterns (FOLDER/NAME*.tif) with one picture per slice: TIFF, PNG, BMP and JPEG.
+
+Slices are in the order of the numbers in their names. Numbers behind c, ch, channel, w or t, tp, time count channels
+and time points. Large stacks are read in parts, a slice at a time.
+"""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from splatgl.data.color import luma
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.fileio import byte_count, require_memory
+from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
+from splatgl.readers.channels import Channel, ChannelSet
+from splatgl.readers.chunked import Chunked, OneFile
 from splatgl.readers.common import decoder_errors
-from splatgl.readers.heightmap import open_picture
+from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff import open_tiff
-from splatgl.readers.tiff_validation import check_before_decoding, check_chain
+from splatgl.readers.tiff import Grid, open_tiff, stated_grid
+from splatgl.readers.tiff_images import find_pixels
+from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
+from splatgl.readers.vtk_xml import parse_xml
 
 # formats of slices by ending
 KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
+# words before numbers of channels and of time points
+_CHANNELS, _TIMES = ("c", "ch", "chan", "channel", "w"), ("t", "tp", "time", "timepoint")
+_NUMBERS, _WORD = re.compile(r"\d+(?:\.\d+)*"), re.compile(r"([a-z]*)[^a-z]*$")
+# resolutions that programs write without knowing any, and millimetres of an inch
+_USUAL_DPI, _INCH = (72, 75, 96, 100, 120, 150, 200, 300, 600, 1200), 25.4
+# size of a pixel in the logs of SkyScan's scanners, and most bytes of a log
+_LOG_SIZE, _LOG_BYTES = re.compile(rb"(?m)^\s*(Image )?Pixel Size \(um\)\s*=\s*([0-9.]+)"), 2**16
+# most missing numbers that a note names
+_MOST_NAMED = 5
+
+Shape = tuple[int, ...]
 
 
 def is_slices(path: Path) -> bool:
-    """Whether a folder holds at least two pictures of one format."""
-    return len(_find_pictures(path)) > 1
+    """Whether a folder or pattern has at least two pictures of one format."""
+    return len(_find_pictures(path)[0]) > 1
 
 
-def read(path: Path, _options: LoadOptions) -> Volume:
-    """The volume of a folder's pictures of the most frequent format, one voxel apart.
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of the most frequent kind of pictures; `channel` and `time` pick by the numbers in their names.
 
-    Raises InputError for a picture of another size or type than the first.
+    Spacing comes from ImageJ's or OME's metadata, a scanner's log or resolution tags, else it is 1. Raises InputError
+    for a picture of another size or type than the first.
     """
-    files = _find_pictures(path)
+    files, left = _find_pictures(path)
+    if len(files) < 2:
+        raise expected("pictures", "at least two slices", len(files), "check the pattern")
+    stacks, channels, times, notes = _arrange(files)
     first = _read_plane(files[0])
-    require_memory(byte_count((len(files), *first.shape), first.dtype), sum(file.stat().st_size for file in files))
+    (spacing, unit), told = _find_grid(files[0])
+    told = told if options.spacing is None else []
+    notes = [f"{len(stacks[0, 0])} slices, from {files[0].name} to {files[-1].name}", *told, *notes]
+    notes += [f"{left} other file{'s are' if left > 1 else ' is'} left out"] * bool(left)
+    of = ChannelSet(tuple(map(Channel, channels)) if len(channels) > 1 else (), times=max(len(times), 1))
+
+    def read_one(channel: int | None) -> Volume:
+        return _read_stack(stacks[channel or 0, options.time or 0], first)
+
+    volume = of.volume(options, read_one)
+    each_channel = tuple(replace(each, spacing=spacing, unit=unit) for each in volume.channels)
+    return replace(volume, spacing=spacing, unit=unit, channels=each_channel, notes=(*notes, *volume.notes))
+
+
+def _find_pictures(path: Path) -> tuple[list[Path], int]:
+    """The pictures of the most frequent format and pattern of names, in the order of their numbers; how many others."""
+    folder, pattern = (path, "*") if path.is_dir() else (path.parent, path.name)
+    files = [file for file in folder.glob(pattern) if file.is_file()]
+    pictures = [file for file in files if file.suffix.lower() in KINDS]
+    kinds = Counter(KINDS[file.suffix.lower()] for file in pictures)
+    most = max(sorted(kinds), key=lambda kind: kinds[kind], default="")
+    same = [file for file in pictures if KINDS[file.suffix.lower()] == most]
+    # previews and overviews beside slices have other names
+    names = Counter(_NUMBERS.sub("#", file.stem) for file in same)
+    usual, count = max(names.items(), key=lambda item: item[1], default=("", 0))
+    if 2 * count > len(same):
+        same = [file for file in same if _NUMBERS.sub("#", file.stem) == usual]
+    return sorted(same, key=lambda file: natural_key(file.name)), len(files) - len(same)
+
+
+def _arrange(files: Sequence[Path]) -> tuple[dict[tuple[int, int], list[Path]], list[str], list[str], list[str]]:
+    """Slices by (channel, time), the names of channels and of time points, and notes on missing numbers."""
+    numbers = [_NUMBERS.findall(file.stem) for file in files]
+    if len(set(map(len, numbers))) != 1:
+        return {(0, 0): list(files)}, [], [], []
+    varying = [at for at in range(len(numbers[0])) if len({row[at] for row in numbers}) > 1]
+    words = {}
+    for at, found in enumerate(_NUMBERS.finditer(files[0].stem)):
+        before = _WORD.search(files[0].stem[: found.start()].lower())
+        words[at] = before[1] if before else ""
+    axes = [[at for at in varying if words[at] in kinds][:1] for kinds in (_CHANNELS, _TIMES)]
+    # a single varying number counts slices, whatever the word before it
+    axes = axes if len(varying) > 1 else [[], []]
+    rest = [at for at in varying if [at] not in axes]
+    values = [sorted({row[at] for row in numbers for at in axis}, key=natural_key) for axis in axes]
+    stacks: dict[tuple[int, int], list[Path]] = {}
+    keys: dict[tuple[int, int], list[tuple[str, ...]]] = {}
+    for file, row in zip(files, numbers, strict=True):
+        place = tuple(value.index(row[axis[0]]) if axis else 0 for axis, value in zip(axes, values, strict=True))
+        stacks.setdefault(place, []).append(file)  # type: ignore[arg-type]
+        keys.setdefault(place, []).append(tuple(row[at] for at in rest))  # type: ignore[arg-type]
+    first = keys.get((0, 0), [])
+    if len(keys) != np.prod([max(len(value), 1) for value in values]) or any(key != first for key in keys.values()):
+        raise expected("slices", "the same numbers in each channel and time", "some missing", "name them by a pattern")
+    _check_counts(files[0], [[key[n] for key in first] for n in range(len(rest))])
+    channels, times = (
+        [f"{words[at]}{text}" for at in axis for text in value] for axis, value in zip(axes, values, strict=True)
+    )
+    return stacks, channels, times, _missing_notes([key[0] for key in first] if len(rest) == 1 else [])
+
+
+def _check_counts(file: Path, columns: list[list[str]]) -> None:
+    """Raises InputError if two numbers count: tiles, or several stacks whose names tell no channels or times."""
+    counts = [len(set(column)) for column in columns]
+    if len(counts) == 2 and min(counts) > 1 and counts[0] * counts[1] == len(columns[0]):
+        fix = f"name those of one stack by a pattern such as {_NUMBERS.sub('*', file.stem, count=1)}{file.suffix}"
+        raise expected("slices", "one number that counts them", f"two, {counts[0]} × {counts[1]}", fix)
+
+
+def _missing_notes(texts: list[str]) -> list[str]:
+    """A note on numbers that are missing in an even count."""
+    if len(texts) < 3 or not all(text.isdigit() for text in texts):
+        return []
+    numbers = [int(text) for text in texts]
+    step = Counter(b - a for a, b in pairwise(numbers)).most_common(1)[0][0]
+    missing = sorted(set(range(numbers[0], numbers[-1], step)) - set(numbers)) if step > 0 else []
+    if not missing or len(missing) > len(numbers):
+        return []
+    listed = ", ".join(map(str, missing[:_MOST_NAMED])) + ", …" * (len(missing) > _MOST_NAMED)
+    what = f"number {listed} is missing" if len(missing) == 1 else f"numbers {listed} are missing"
+    return [f"{what}: the slices around {'it' if len(missing) == 1 else 'them'} are drawn as neighbours"]
+
+
+# --- samples ----------------------------------------------------------------------------------------------------------
+
+
+def _read_stack(files: Sequence[Path], first: np.ndarray) -> Volume:
+    """The volume of slices like `first`; read in parts if it takes more than WHOLE_BYTES."""
+    size = byte_count((len(files), *first.shape), first.dtype)
+    if first.ndim == 2 and size > WHOLE_BYTES:
+        for file in files:
+            _check_same(file, *_describe_plane(file), files[0], first)
+        planes = _Planes(files, first)
+        return Volume(Chunked(str(files[0].parent), planes, [slice(None)] * 3, planes, "slices"))
+    require_memory(size, sum(file.stat().st_size for file in files))
     samples = np.empty((len(files), *first.shape), first.dtype)
     for n, file in enumerate(files):
         plane = _read_plane(file)
-        if plane.shape != first.shape or plane.dtype != first.dtype:
-            this = f"{first.shape[1]}×{first.shape[0]} {first.dtype}, as {files[0].name}"
-            raise expected(file.name, this, f"{plane.shape[1]}×{plane.shape[0]} {plane.dtype}", "move it elsewhere")
+        _check_same(file, plane.shape, plane.dtype, files[0], first)
         samples[n] = plane
-    left = sum(1 for file in path.iterdir() if file.is_file()) - len(files)
-    span = f"from {files[0].name} to {files[-1].name}"
-    notes = [f"{len(files)} slices, {span}, one voxel apart: --spacing sets another distance"]
-    notes += [f"{left} other file{'s are' if left > 1 else ' is'} left out"] * bool(left)
     if samples.ndim == 3:
-        return Volume(samples, notes=tuple(notes))
+        return Volume(samples)
     if samples.shape[-1] not in (3, 4) or samples.dtype != np.uint8:
         raise expected(files[0].name, "grey, or colours of 8 bits", f"{first.dtype} {first.shape}", "save it as grey")
     color = np.ascontiguousarray(samples[..., :3])
-    return Volume(luma(color), color=color, notes=tuple(notes))
+    return Volume(luma(color), color=color)
 
 
-def _find_pictures(path: Path) -> list[Path]:
-    """The pictures of the most frequent format, in the order of the numbers in their names."""
-    pictures = [file for file in path.iterdir() if file.suffix.lower() in KINDS and file.is_file()]
-    kinds = Counter(KINDS[file.suffix.lower()] for file in pictures)
-    most = max(sorted(kinds), key=lambda kind: kinds[kind], default="")
-    return sorted(
-        (file for file in pictures if KINDS[file.suffix.lower()] == most), key=lambda file: natural_key(file.name)
-    )
+def _check_same(file: Path, shape: Shape, dtype: np.dtype, first_file: Path, first: np.ndarray) -> None:
+    if tuple(shape) != first.shape or dtype != first.dtype:
+        this = f"{first.shape[1]}×{first.shape[0]} {first.dtype}, as {first_file.name}"
+        raise expected(file.name, this, f"{shape[1]}×{shape[0]} {dtype}", "move it elsewhere")
+
+
+class _Planes(OneFile):
+    """Slices as an array [D, H, W] that reads a slice when it is indexed, and their files."""
+
+    fill_value = 0
+
+    def __init__(self, files: Sequence[Path], first: np.ndarray) -> None:
+        super().__init__(files[0])
+        self.files, self.first = files, first
+        self.shape, self.dtype = (len(files), *first.shape), first.dtype
+        self.chunks = (1, *first.shape)
+
+    def tag(self) -> str:
+        """Text that changes with any of the files."""
+        status = ((file, file.stat()) for file in self.files)
+        return "\n".join(f"{file.resolve()} {each.st_size} {each.st_mtime_ns}" for file, each in status)
+
+    def __getitem__(self, index: Any) -> np.ndarray:
+        planes = [_read_plane(self.files[n]) for n in range(len(self.files))[index[0]]]
+        for file, plane in zip(self.files[index[0]], planes, strict=True):
+            _check_same(file, plane.shape, plane.dtype, self.files[0], self.first)
+        return np.stack(planes)[(slice(None), *index[1:])]
 
 
 def _read_plane(file: Path) -> np.ndarray:
     """The samples [H, W] or [H, W, channels] of a picture."""
     if KINDS[file.suffix.lower()] != "TIFF":
         return open_picture(file, 1)
+    return _with_page(file, lambda page: np.asarray(page.asarray()))
+
+
+def _describe_plane(file: Path) -> tuple[Shape, np.dtype]:
+    """Shape and type of a picture, by its header where that tells them."""
+    if KINDS[file.suffix.lower()] == "TIFF":
+        return _with_page(file, lambda page: (page.shape, np.dtype(page.dtype)))
+    from PIL import Image
+
+    with decoder_errors(f"a picture ({file.name})"), Image.open(file, formats=PICTURES) as picture:
+        mode = {"L": np.uint8, "I;16": np.uint16, "1": np.bool_}.get(picture.mode)
+        if mode is not None:
+            return (picture.height, picture.width), np.dtype(mode)
+    plane = _read_plane(file)
+    return plane.shape, plane.dtype
+
+
+def _with_page(file: Path, use: Any) -> Any:
+    """What `use` returns for the only page of a TIFF file."""
     check_chain(file)
     with open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
         if len(tiff.pages) != 1:
             raise expected(file.name, "one page a slice", f"{len(tiff.pages)} pages", "load the file alone")
+        check_page(tiff.pages[0])
         check_before_decoding(tiff.pages)
         require_memory(byte_count(tiff.pages[0].shape, tiff.pages[0].dtype), file.stat().st_size)
-        return np.asarray(tiff.pages[0].asarray())
+        return use(tiff.pages[0])
+
+
+# --- grid -------------------------------------------------------------------------------------------------------------
+
+
+def _find_grid(file: Path) -> tuple[Grid, list[str]]:
+    """(spacing, unit) of slices, and notes that tell where they come from."""
+    hint = "one voxel apart: --spacing sets another distance"
+    if KINDS[file.suffix.lower()] == "TIFF":
+        check_chain(file)
+        with open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
+            if tiff.ome_metadata:
+                check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
+            (x, y, z), unit = stated_grid(tiff, find_pixels(tiff, 0)) or ((1.0, 1.0, 1.0), "")
+            dpi, flat = _tiff_dpi(tiff.pages[0]), "spacing" not in (tiff.imagej_metadata or {"spacing": z})
+        if unit:
+            # a single slice of ImageJ's states no distance
+            notes = [f"slices are as far apart as pixels are wide: {hint.split(': ')[1]}"] * flat
+            return ((x, y, x if flat else z), unit), notes
+    else:
+        from PIL import Image
+
+        with decoder_errors(f"a picture ({file.name})"), Image.open(file, formats=PICTURES) as picture:
+            across, down = picture.info.get("dpi", (0.0, 0.0))
+            dpi = (float(across), float(down))
+    for log in sorted(file.parent.glob("*.log"))[:_MOST_NAMED]:
+        with log.open("rb") as opened:
+            found = sorted(_LOG_SIZE.findall(opened.read(_LOG_BYTES)), reverse=True)
+        size = float(found[0][1]) if found and found[0][1].count(b".") < 2 else 0.0
+        if 0 < size < np.inf:
+            return ((size, size, size), "um"), [f"voxels of {size:g} um by {log.name}"]
+    if not all(1 < each < 1e9 for each in dpi):
+        return ((1.0, 1.0, 1.0), ""), [hint]
+    if all(any(abs(each - usual) < 0.5 for usual in _USUAL_DPI) for each in dpi):
+        return ((1.0, 1.0, 1.0), ""), [hint, f"{dpi[0]:.4g} dots per inch in the tags are no voxel size and ignored"]
+    x, y = (_INCH / each for each in dpi)
+    scale, unit = (1.0, "mm") if x >= 0.1 else (1000.0, "um")
+    note = f"pixels of {x * scale:.4g} {unit} by the tags of resolution, slices as far apart: --spacing sets another"
+    return ((x * scale, y * scale, x * scale), unit), [note]
+
+
+def _tiff_dpi(page: Any) -> tuple[float, float]:
+    """Pixels per inch along x and y by the tags; 0 if there are none."""
+    per = {2: 1.0, 3: _INCH / 10}.get(int(page.resolutionunit), 0.0)
+    x, y = (float(each) * per for each in page.get_resolution(page.resolutionunit)) if per else (0.0, 0.0)
+    return x, y

@@ -26,7 +26,7 @@ SURFACE = "surfaces are not drawn; voxelize it"
 
 # advice for files that are not read, by ending
 CONVERTERS = {
-    **dict.fromkeys((".oir", ".lsm", ".vsi", ".dv", ".sld", ".ics"), _FIJI),
+    **dict.fromkeys((".oir", ".vsi", ".dv", ".sld", ".ics"), _FIJI),
     **dict.fromkeys(
         (".svs", ".ndpi", ".mrxs", ".scn"), "a slide is one plane; save a stack as OME-TIFF with Bio-Formats"
     ),
@@ -299,7 +299,7 @@ FORMATS = (
     Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",), ("?",)),
     Format("MGH", (".mgh",), "nifti.read_mgh", ("array",), ("?",)),
     Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
-    Format("TIFF", (".tif", ".tiff"), "tiff.read", (*_TIFF, *_TERRAIN), lists="tiff.list_images"),
+    Format("TIFF", (".tif", ".tiff", ".lsm"), "tiff.read", (*_TIFF, *_TERRAIN), lists="tiff.list_images"),
     Format("MetaImage", (".mha", ".mhd"), "metaimage.read", ("channel", "time", "anywhere"), ("?",)),
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
@@ -345,7 +345,9 @@ FORMATS = (
         "dicom_headers.is_dicom",
         "dicom.list_series",
     ),
-    Format("picture slices", (), "image_stack.read", kinds=("folder",), tells="image_stack.is_slices"),
+    Format(
+        "picture slices", (), "image_stack.read", ("channel", "time"), kinds=("folder",), tells="image_stack.is_slices"
+    ),
     Format("height picture", (".png", ".jpg", ".jpeg", ".bmp"), "heightmap.read_picture", _TERRAIN, _PICTURES),
     Format("height table", (".csv",), "heightmap.read_csv", _TERRAIN, ("?",)),
 )

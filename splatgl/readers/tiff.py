@@ -25,28 +25,12 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
 from splatgl.readers.channels import mark_microscope
 from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
-from splatgl.readers.common import MAX_BYTES, decoder_errors, map_array, require_bytes, require_plausible
+from splatgl.readers.common import decoder_errors, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import find_channels, find_pixels, list_series, read_survey, select_image
-from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome
+from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
 from splatgl.readers.vtk_xml import parse_xml
-
-# supported compressions: their decoders limit the bytes of a strip, or check the size of its picture
-_CODECS = {
-    1: "none",
-    5: "LZW",
-    7: "JPEG",
-    8: "deflate",
-    32773: "PackBits",
-    32946: "deflate",
-    33003: "JPEG 2000",
-    33005: "JPEG 2000",
-    34712: "JPEG 2000",
-    34925: "LZMA",
-    34926: "Zstandard",
-    50000: "Zstandard",
-}
 
 # planes that metadata may state beyond the file's pages, as aborted recordings do; missing planes are read as 0
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
@@ -117,8 +101,8 @@ class _Image:
 
     @property
     def is_microscope(self) -> bool:
-        """Whether the image has OME's or ImageJ's metadata."""
-        return self.pixels is not None or bool(self.tiff.imagej_metadata)
+        """Whether the image has the metadata of OME, ImageJ or LSM."""
+        return self.pixels is not None or bool(self.tiff.imagej_metadata) or bool(self.tiff.is_lsm)
 
     def is_plane(self, options: LoadOptions) -> bool:
         """Whether a single picture is a microscope's plane by its metadata."""
@@ -307,24 +291,14 @@ def _describe_level(series: Any, image: _Image, plane: bool) -> _Series:
 
 
 def _check_codec(series: Any) -> None:
-    """Raises InputError for packed sample types, codecs without a size bound, and strips larger than all samples."""
-    frame = series.keyframe
-    if series.dtype is None:
-        raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
-    if int(frame.compression) not in _CODECS:
-        known = ", ".join(dict.fromkeys(_CODECS.values()))
-        raise expected(
-            "compression", f"one of {known}", frame.compression.name, "convert it with: tiffcp -c zip OLD NEW"
-        )
+    """Raises InputError for a page that `check_page` refuses, and for pages and strips that are not there."""
+    check_page(series)
     pages = [page for page in series.pages if page is not None]
     if len(series.pages) > _FREE_PLANES + _PLANES_PER_PAGE * len(pages):
         raise expected("planes", f"about the file's {len(pages)} pages", len(series.pages), "save it whole in one file")
-    strips, there = math.prod(frame.chunked), min(len(page.dataoffsets) for page in pages)
+    strips, there = math.prod(series.keyframe.chunked), min(len(page.dataoffsets) for page in pages)
     if strips > there:
         raise expected("strips or tiles", f"{strips} a page", there, "the header is damaged")
-    strip = math.prod(frame.chunks) * series.dtype.itemsize
-    if strip > MAX_BYTES:
-        raise expected("strips or tiles", f"at most {MAX_BYTES} bytes", strip, "the header is damaged")
 
 
 def _check_bytes(path: Path, series: _Series) -> None:
@@ -386,18 +360,28 @@ def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> n
 
 
 def _grid(image: _Image) -> Grid:
-    if image.pixels is not None:
-        return _ome_grid(image.pixels)
-    if metadata := image.tiff.imagej_metadata:
-        # samples per unit are in the resolution tags, spacing of planes and unit in the metadata
-        tags = image.tiff.pages[0].tags
-        per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
-        x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
-        return (x, y, abs(float(metadata.get("spacing", 1.0))) or 1.0), unit_name(str(metadata.get("unit", "")))
-    if image.survey is not None and image.survey.step is not None:
+    stated = stated_grid(image.tiff, image.pixels)
+    if stated is None and image.survey is not None and image.survey.step is not None:
         x, y = image.survey.step
         return (x, y, min(x, y)), image.survey.unit
-    return (1.0, 1.0, 1.0), ""
+    return stated or ((1.0, 1.0, 1.0), "")
+
+
+def stated_grid(tiff: Any, pixels: Element | None) -> Grid | None:
+    """The grid in the metadata of OME, ImageJ or LSM; None without them. pixels: OME's element Pixels."""
+    if pixels is not None:
+        return _ome_grid(pixels)
+    if lsm := tiff.lsm_metadata:
+        # in metres
+        x, y, z = (float(lsm.get(f"VoxelSize{axis}", 0)) * 1e6 for axis in "XYZ")
+        return (x or 1.0, y or x or 1.0, z or x or 1.0), "um"
+    if not (metadata := tiff.imagej_metadata):
+        return None
+    # samples per unit are in the resolution tags, spacing of planes and unit in the metadata
+    tags = tiff.pages[0].tags
+    per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
+    x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
+    return (x, y, abs(float(metadata.get("spacing", 1.0))) or 1.0), unit_name(str(metadata.get("unit", "")))
 
 
 def _ome_grid(pixels: Element) -> Grid:

@@ -29,6 +29,8 @@ def find_channels(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int
         channels = _ome_channels(pixels, count, times)
     elif tiff.imagej_metadata:
         channels = _imagej_channels(tiff.imagej_metadata, count, times)
+    elif tiff.lsm_metadata:
+        channels = _lsm_channels(tiff.lsm_metadata, count, times)
     else:
         channels = ChannelSet(tuple(Channel(str(n)) for n in range(count)), times=times)
     return replace(channels, components=sizes.get("S", 1))
@@ -68,6 +70,21 @@ def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int) -> Cha
         channels.append(Channel(names[n], color, window))
     together = count > 1 and (composite or any(channel.color not in (None, WHITE) for channel in channels))
     return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("finterval")) or None)
+
+
+def _lsm_channels(metadata: Mapping[str, Any], count: int, times: int) -> ChannelSet:
+    """The channels of Zeiss' LSM files, with names and colours, and seconds between time points."""
+    told = metadata.get("ChannelColors") or {}
+    names, colors = told.get("ColorNames") or (), told.get("Colors") or ()
+    channels = [
+        Channel(
+            str(names[n]).strip("\0 ") or str(n) if n < len(names) else str(n),
+            hex_color(colors[n]) if n < len(colors) and len(colors[n]) >= 3 else None,
+        )
+        for n in range(count)
+    ]
+    together = count > 1 and any(channel.color for channel in channels)
+    return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("TimeIntervall")) or None)
 
 
 def _positive_number(text: object) -> float:

@@ -5,7 +5,9 @@ A code of a strip refers to an earlier code. For damaged codes, the decoder of i
 
 from __future__ import annotations
 
+import math
 import struct
+import zlib
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
@@ -14,9 +16,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.errors import expected
-from splatgl.readers.common import convert_words, parse_number
-from splatgl.readers.dicom_pixels import check_picture
+from splatgl.errors import expected, import_extra
+from splatgl.readers.common import MAX_BYTES, convert_words, decoder_errors, parse_number
+from splatgl.readers.dicom_pixels import check_picture, picture_size
 
 # most planes of a series: a list of them takes memory, even if they are not in the file
 MAX_PLANES = 2**20
@@ -105,7 +107,129 @@ def check_ome(root: Element) -> None:
                 raise expected("OME-XML", f"at most {MAX_PLANES} steps", "more", "the metadata are damaged")
 
 
-_LZW, _PICTURES = 5, (7, 33003, 33005, 34712)
+# supported compressions: their decoders limit the bytes of a strip, or check the size of its picture
+CODECS = {
+    1: "none",
+    2: "CCITT",
+    3: "CCITT",
+    4: "CCITT",
+    5: "LZW",
+    7: "JPEG",
+    8: "deflate",
+    22610: "JPEG XR",
+    32773: "PackBits",
+    32946: "deflate",
+    33003: "JPEG 2000",
+    33004: "JPEG 2000",
+    33005: "JPEG 2000",
+    33007: "JPEG",
+    34712: "JPEG 2000",
+    34887: "LERC",
+    34892: "JPEG",
+    34925: "LZMA",
+    34926: "Zstandard",
+    34927: "WebP",
+    34933: "PNG",
+    34934: "JPEG XR",
+    50000: "Zstandard",
+    50001: "WebP",
+    50002: "JPEG XL",
+    50013: "deflate",
+    52546: "JPEG XL",
+}
+
+
+def check_page(page: Any) -> None:
+    """Raises InputError for packed sample types, codecs without a size bound, and strips that are too large."""
+    frame = page.keyframe
+    if frame.dtype is None:
+        raise expected("samples", "8 to 64 bits each", f"{frame.bitspersample} bits", "convert the file")
+    if int(frame.compression) not in CODECS:
+        known, name = ", ".join(dict.fromkeys(CODECS.values())), getattr(frame.compression, "name", frame.compression)
+        raise expected("compression", f"one of {known}", name, "convert it with: tiffcp -c zip OLD NEW")
+    strip = math.prod(frame.chunks) * frame.dtype.itemsize
+    if strip > MAX_BYTES:
+        raise expected("strips or tiles", f"at most {MAX_BYTES} bytes", strip, "the header is damaged")
+
+
+# rows and columns of a picture, () if its header tells none; and its tiles
+Size = tuple[tuple[int, ...], int]
+
+
+def _png_size(data: bytes) -> Size:
+    """The size in the header of a PNG picture (PNG §11.2.2)."""
+    columns, rows = struct.unpack(">2I", data[16:24])
+    return ((rows, columns) if data[12:16] == b"IHDR" else ()), 1
+
+
+def _webp_size(data: bytes) -> Size:
+    """The size in the header of a WebP picture (RFC 9649 §2.5 to 2.7)."""
+    kind = data[12:16]
+    if kind == b"VP8X":
+        columns, rows = (int.from_bytes(data[at : at + 3], "little") + 1 for at in (24, 27))
+    elif kind == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        columns, rows = (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    else:
+        columns, rows = (number & 0x3FFF for number in struct.unpack("<2H", data[26:30]))
+    return ((rows, columns) if data[:4] == b"RIFF" else ()), 1
+
+
+_XR_TAGS = {*range(0xBC01, 0xBC05), *range(0xBC80, 0xBC84), *range(0xBCC0, 0xBCC6)}
+
+
+def _xr_size(data: bytes) -> Size:
+    """The size in the header of a JPEG XR picture, whose container is like TIFF's (T.832 annex A)."""
+    (start,) = struct.unpack("<I", data[4:8])
+    (count,) = struct.unpack("<H", data[start : start + 2])
+    entries = struct.iter_unpack("<HHII", data[start + 2 : start + 2 + 12 * min(count, 99)])
+    found = {tag: value & 0xFFFF if kind == 3 else value for tag, kind, _, value in entries}
+    # the decoder prints a line for each tag that it does not know
+    return ((found.get(0xBC81, 0), found.get(0xBC80, 0)) if found.keys() <= _XR_TAGS else ()), 1
+
+
+def _xl_size(data: bytes) -> Size:
+    """The size in the header of a JPEG XL codestream, bare or in the first box of its container (18181-1 annex D)."""
+    place = data.find(b"jxlc") + 4 if data[:4] == b"\0\0\0\x0c" else 0
+    if data[place : place + 2] != b"\xff\x0a":
+        return (), 1
+    bits, used = int.from_bytes(data[place + 2 : place + 18], "little"), 0
+
+    def take(count: int) -> int:
+        nonlocal used
+        used += count
+        return bits >> (used - count) & ((1 << count) - 1)
+
+    small = take(1)
+
+    def length() -> int:
+        return 8 * (take(5) + 1) if small else take((9, 13, 18, 30)[take(2)]) + 1
+
+    rows, ratio = length(), take(3)
+    above, below = ((0, 1), (1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1))[ratio]
+    return (rows, rows * above // below if ratio else length()), 1
+
+
+def _lerc_size(data: bytes, packing: int = 0, most: int = 0) -> Size:
+    """The size in the header of LERC 2 data. packing: 1 for deflate around it, 2 for Zstandard of `most` bytes."""
+    if packing == 1:
+        data = zlib.decompressobj().decompress(data, 64)
+    elif packing == 2:
+        data = import_extra("imagecodecs", "LERC", "imagecodecs", "readers").zstd_decode(data, out=most)[:64]
+    version, start = int.from_bytes(data[6:10], "little"), 10
+    # from version 3 on a checksum comes first
+    rows, columns = struct.unpack_from("<2i", data, start + 4 * (version >= 3))
+    return ((rows, columns) if data[:6] == b"Lerc2 " else ()), 1
+
+
+_LZW, _LERC = 5, 34887
+_SIZES: dict[int, Callable[[bytes], Size]] = {
+    **dict.fromkeys((7, 33003, 33004, 33005, 33007, 34712, 34892), picture_size),
+    **dict.fromkeys((22610, 34934), _xr_size),
+    **dict.fromkeys((34927, 50001), _webp_size),
+    **dict.fromkeys((50002, 52546), _xl_size),
+    34933: _png_size,
+}
 _CLEAR, _END = 256, 257
 
 # of the n-th code after a table is cleared: its bits, its first bit, and the first code that is not in the table yet
@@ -121,9 +245,9 @@ _FEW, _BYTES = 256, 64
 
 
 def check_before_decoding(pages: Iterable[Any]) -> None:
-    """Makes tifffile's pages check strips of LZW, JPEG and JPEG 2000 before decoding."""
+    """Makes tifffile's pages check strips of LZW, LERC and pictures before decoding."""
     for page in pages:
-        if page is None or page.keyframe.compression not in (_LZW, *_PICTURES):
+        if page is None or page.keyframe.compression not in (_LZW, _LERC, *_SIZES):
             continue
         frame = page.keyframe
         if isinstance(frame.decode, _CheckedDecoder):
@@ -131,8 +255,21 @@ def check_before_decoding(pages: Iterable[Any]) -> None:
         if frame.compression == _LZW:
             check: Callable[[bytes], None] = partial(check_lzw, reversed_bits=frame.fillorder == 2)
         else:
-            check = partial(check_picture, rows=int(frame.chunks[0]), columns=int(frame.chunks[1]))
+            size_of = _SIZES.get(int(frame.compression))
+            if size_of is None:
+                # tag 50674: version, and what is around the data
+                packing = (*(frame.tags.valueof(50674) or ()), 0, 0)[1]
+                most = 2 * math.prod(frame.chunks) * frame.dtype.itemsize + 2**16
+                size_of = partial(_lerc_size, packing=packing, most=most)
+            check = partial(_check_size, frame=frame, size_of=size_of)
         frame.decode = _CheckedDecoder(frame.decode, check)
+
+
+def _check_size(data: bytes, frame: Any, size_of: Callable[[bytes], Size]) -> None:
+    """Raises InputError for a strip or tile whose picture is larger than the page states."""
+    with decoder_errors("TIFF"):
+        size = size_of(bytes(data))
+    check_picture(size, int(frame.chunks[0]), int(frame.chunks[1]))
 
 
 class _CheckedDecoder:

@@ -50,7 +50,6 @@ SHORT_FILES = {
     "cli/figure.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
     "distributed/worker_preload.py": "Dask's option preload",
-    "readers/image_stack.py": "readers/options.py: FORMATS",
 }
 MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 7
 

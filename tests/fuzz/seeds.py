@@ -36,6 +36,7 @@ from tests.fuzz.seed_libraries import (
     nrrd_components,
     vtk_grids,
 )
+from tests.fuzz.seed_pictures import lsm, slices, tiff_codecs, zarr_zip
 
 # --- NumPy, raw -------------------------------------------------------------------------------------------------------
 
@@ -321,6 +322,10 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "nifti-gz": partial(nifti, ".nii.gz"),
     "tiff": tiff,
     "ome-tiff": ome_tiff,
+    "tiff-codecs": tiff_codecs,
+    "lsm": lsm,
+    "slices": slices,
+    "zarr-zip": zarr_zip,
     "zarr-2": partial(zarr_store, 2),
     "zarr-3": partial(zarr_store, 3),
     "dicom": partial(dicom, False),
