@@ -34,7 +34,12 @@ def write_compressed(path: Path, name: str, samples: np.ndarray = CUBE) -> None:
 
 
 def tiff_codecs() -> list[Seed]:
-    return [written("a.tif", partial(write_compressed, name=name)) for name in PICTURES]
+    """All but JPEG XR, which is decoded in a process of its own."""
+    return [written("a.tif", partial(write_compressed, name=name)) for name in PICTURES if name != "jpegxr"]
+
+
+def tiff_xr() -> list[Seed]:
+    return [written("a.tif", partial(write_compressed, name="jpegxr"))]
 
 
 def write_fax(path: Path) -> None:
@@ -50,7 +55,13 @@ def lsm_file() -> tuple[bytes, np.ndarray]:
     samples = np.arange(3 * 4 * 3 * 12 * 14, dtype=np.uint16).reshape(3, 4, 3, 12, 14)
     fields = tifffile.TIFF.CZ_LSMINFO
     info = np.zeros((), np.dtype([(name or f"_{n}", kind) for n, (name, kind) in enumerate(fields)]))
-    told = {"DimensionX": 14, "DimensionY": 12, "DimensionZ": 4, "DimensionChannels": 3, "DimensionTime": 3}
+    told: dict[str, float] = {
+        "DimensionX": 14,
+        "DimensionY": 12,
+        "DimensionZ": 4,
+        "DimensionChannels": 3,
+        "DimensionTime": 3,
+    }
     told |= {"MagicNumber": 50350412, "StructureSize": info.dtype.itemsize, "ScanType": 6, "TimeIntervall": 1.5}
     told |= {"VoxelSizeX": 2.5e-7, "VoxelSizeY": 2.5e-7, "VoxelSizeZ": 1e-6, "DataType": 2}
     for name, value in told.items():

@@ -36,7 +36,7 @@ from tests.fuzz.seed_libraries import (
     nrrd_components,
     vtk_grids,
 )
-from tests.fuzz.seed_pictures import lsm, slices, tiff_codecs, zarr_zip
+from tests.fuzz.seed_pictures import lsm, slices, tiff_codecs, tiff_xr, zarr_zip
 
 # --- NumPy, raw -------------------------------------------------------------------------------------------------------
 
@@ -323,6 +323,7 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "tiff": tiff,
     "ome-tiff": ome_tiff,
     "tiff-codecs": tiff_codecs,
+    "tiff-xr": tiff_xr,
     "lsm": lsm,
     "slices": slices,
     "zarr-zip": zarr_zip,
