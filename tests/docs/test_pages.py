@@ -232,7 +232,10 @@ def write_picture(name: str) -> None:
 
 
 def write_raw(name: str) -> None:
-    (blob(256, 256, 128) / 2).astype(np.uint8).tofile(name)
+    # as large as the name says, and little in it
+    samples = np.zeros((256, 256, 128), np.uint8)
+    samples[112:144, 112:144, 48:80] = blob(32, 32, 32) / 2
+    samples.tofile(name)
 
 
 def write_metaimage(name: str) -> None:
