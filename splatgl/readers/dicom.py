@@ -79,6 +79,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
         color=color,
         notes=(*notes, *left, *grid.notes),
         value_unit=group[0].header.value_unit,
+        times=grid.times,
+        time_step=grid.time_step,
     )
 
 
@@ -197,6 +199,8 @@ class Grid:
     frame: str | None
     notes: tuple[str, ...]
     between: np.ndarray | None = None
+    times: int = 1
+    time_step: float | None = None
 
 
 def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]]:
@@ -241,7 +245,7 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     least = max(SAME * min(float(apart.max(initial=0)), abs(first.step or 0.0) or np.inf), 1e-4)
     same = np.cumsum(np.append(0, apart > least))
     by_place = [[frames[order[n]] for n in group] for _, group in groupby(range(len(order)), lambda n: same[n])]
-    chosen, notes = _select_images(by_place, options)
+    chosen, notes, times, time_step = _select_images(by_place, options)
     notes += unsized
     # 2. their plane numbers, and the even step between planes
     positions = np.array([frame.position for frame in chosen])
@@ -265,13 +269,15 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     length = float(np.linalg.norm(step))
     direction = np.column_stack([axes[0], axes[1], step / length])
     x, y, z = origin.tolist()
-    return Grid(tuple(planes), (*across, length), (x, y, z), direction, unit or "mm", "LPS", notes, between)
+    return Grid(
+        tuple(planes), (*across, length), (x, y, z), direction, unit or "mm", "LPS", notes, between, times, time_step
+    )
 
 
 def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tuple[float, float], unit: str) -> Grid:
     """Frames without positions, in the order of their numbers."""
-    if options.array is not None:
-        raise expected("array", "no value for images without positions", repr(options.array))
+    for name in ("array", "time"):
+        options.refuse(name, "images with positions")
     ordered = sorted(frames, key=lambda frame: (*frame.order[-1:], frame.header.source.name, frame.number))
     signed = ordered[0].step or across[0]
     step, direction = abs(signed), np.diag([1.0, 1.0, np.sign(signed)])
@@ -280,21 +286,60 @@ def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tupl
     return Grid(tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes)
 
 
-def _select_images(by_place: list[list[Frame]], options: LoadOptions) -> tuple[list[Frame], tuple[str, ...]]:
-    """One image of each place, by its number `array` in the order of TIMES, else the first; notes on it."""
+def _select_images(
+    by_place: list[list[Frame]], options: LoadOptions
+) -> tuple[list[Frame], tuple[str, ...], int, float | None]:
+    """One image of each place, by its number `time` or `array` in the order of TIMES, else the first; notes on it, the
+    number of time points, and seconds between them or None.
+    """
     ordered = [sorted(images, key=lambda frame: (*frame.order, frame.number)) for images in by_place]
     most, least = max(map(len, ordered)), min(map(len, ordered))
     if most == 1 or most != least:
-        if options.array is not None:
-            raise expected("array", "a series with as many images at each place", f"{least} to {most}")
+        for name in ("array", "time"):
+            if getattr(options, name) is not None:
+                raise expected(name, "a series with as many images at each place", f"{least} to {most}")
         repeated = sum(map(len, ordered)) - len(ordered)
         note = f"{repeated} images repeat the place of another: the first of each is read"
-        return [images[0] for images in ordered], (note,) if repeated else ()
-    number = options.array_number(most)
-    titles = zip(*(images[n].times for n in range(most) for images in ordered[:1]), strict=True)
-    kinds = [title for (_, _, title), times in zip(TIMES, titles, strict=True) if len(set(times)) == most]
-    note = f"{most} {(*kinds, 'images')[0]} at each place: number {number or 0} is read; array=N picks another"
-    return [images[number or 0] for images in ordered], () if number is not None else (note,)
+        return [images[0] for images in ordered], (note,) if repeated else (), 1, None
+    number = options.time_number(most)
+    # the numbers of each kind; those of the first tag that differ everywhere
+    values: dict[str, list[float]] = {}
+    for n, (_, _, title) in enumerate(TIMES):
+        column = [image.times[n] for image in ordered[0]]
+        if len(set(column)) == most:
+            values.setdefault(title, column)
+    kinds = list(values)
+    kind = (*kinds, "images")[0]
+    chosen = [images[number] for images in ordered]
+    picked = options.array is not None or options.time is not None
+    timed = kind in TIME_KINDS
+    shown = () if timed else values.get(kind, ())[:MOST_LISTED]
+    listed = f" ({', '.join(f'{value:g}' for value in shown)})" if shown and kind != "images" else ""
+    option = "time" if timed else "array"
+    note = f"{most} {kind} at each place{listed}: number {number} is read; {option}=N picks another"
+    return chosen, () if picked else (note,), most if timed else 1, _time_step(values) if timed else None
+
+
+# kinds of images at the same place that are times, and those whose numbers are times, in seconds; most values in a note
+TIME_KINDS = (
+    *("phases", "time slots", "time slices", "time points", "trigger times", "frame times", "acquisitions"),
+    "acquisition times",
+)
+CLOCKS = {"frame times": 1e-3, "trigger times": 1e-3, "acquisition times": 1.0}
+MOST_LISTED = 8
+
+
+def _time_step(values: dict[str, list[float]]) -> float | None:
+    """Seconds between two time points by the first numbers that are times, None if they are unknown."""
+    for kind, seconds in CLOCKS.items():
+        times = np.array(values.get(kind, (0.0, np.nan)))
+        if kind == "acquisition times":
+            # hours, minutes and seconds in one number
+            times = times // 10000 * 3600 + times // 100 % 100 * 60 + times % 100
+        step = float(np.median(np.diff(times))) * seconds
+        if 0 < step < np.inf:
+            return step
+    return None
 
 
 def _plane_numbers(along: np.ndarray, frames: Sequence[Frame]) -> np.ndarray | None:

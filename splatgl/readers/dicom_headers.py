@@ -16,11 +16,19 @@ import numpy as np
 
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
+from splatgl.readers.dicom_suv import SUV_TAGS, TOLD, suv_factor
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128
 # a file without preamble begins with group 2 or 8, in either byte order
 BARE = (b"\x02\x00", b"\x08\x00", b"\x00\x08")
+# what follows the group there: the group's length, the character set or the kind of image, with a VR or a short length
+FIRST_ELEMENTS = (
+    *(b"\0\0UL\4\0", b"\0\0\4\0\0\0", b"\0\1OB\0\0", b"\0\1\2\0\0\0"),
+    *(b"\5\0" + end for end in (b"CS\x0a\0", b"\x0a\0\0\0", b"CS\x0e\0", b"\x0e\0\0\0")),
+    *(b"\x08\0CS" + bytes([size, 0]) for size in range(8, 64, 2)),
+    *(b"\x08\0" + bytes([size, 0, 0, 0]) for size in range(8, 64, 2)),
+)
 # depth of searched folders: those of a CD (patient, study, series) and one more
 DEPTH = 5
 # most files of a source, and most that are examined to see whether a folder holds DICOM
@@ -83,8 +91,11 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def is_dicom_start(head: bytes, name: str) -> bool:
-    """Whether a file is DICOM: it has the magic after the preamble, or a DICOM name and begins with a first group."""
-    return head[MAGIC_AT:] == MAGIC or (name.lower().endswith(SUFFIXES) and head.startswith(BARE))
+    """Whether a file is DICOM: it has the magic after the preamble, or begins with a first group and has a DICOM name,
+    or with an element that only a first group has.
+    """
+    bare = head.startswith(BARE) and (name.lower().endswith(SUFFIXES) or head[2:8] in FIRST_ELEMENTS)
+    return head[MAGIC_AT:] == MAGIC or bare
 
 
 def is_dicom(path: Path) -> bool:
@@ -101,8 +112,20 @@ def find_sources(path: Path) -> list[Source]:
         files = [source for source in _limit_files(files) if is_dicom_start(_first_bytes(source.path), source.name)]
         return sorted(files, key=lambda source: source.name)
     if is_dicom(path):
-        return [Source(path, path.name)]
+        listed = _list_directory(path) if path.name.upper().startswith("DICOMDIR") else set()
+        beside = find_sources(path.parent) if listed else []
+        return [source for source in beside if source.name.lower() in listed] or [Source(path, path.name)]
     return _zip_members(path) if zipfile.is_zipfile(path) else []
+
+
+def _list_directory(path: Path) -> set[str]:
+    """Lower-case names, relative to its folder, of the files in a table of contents; empty for another file."""
+    pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
+    with dicom_errors(), path.open("rb") as file:
+        bounded: Any = Bounded(file, path.stat().st_size)
+        tags = pydicom.dcmread(bounded, force=True, specific_tags=["DirectoryRecordSequence"])
+        found = (item.get("ReferencedFileID") for item in tags.get("DirectoryRecordSequence") or ())
+        return {"/".join([name] if isinstance(name, str) else map(str, name)).lower() for name in found if name}
 
 
 def _limit_files(sources: list[Source]) -> list[Source]:
@@ -161,7 +184,7 @@ TAGS = """
     PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
     PixelPaddingValue PixelPaddingRangeLimit FloatPixelPaddingValue FloatPixelPaddingRangeLimit
     DoubleFloatPixelPaddingValue DoubleFloatPixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units
-    RealWorldValueMappingSequence ModalityLUTSequence
+    RealWorldValueMappingSequence ModalityLUTSequence DoseUnits FrameReferenceTime
     RedPaletteColorLookupTableDescriptor GreenPaletteColorLookupTableDescriptor
     BluePaletteColorLookupTableDescriptor RedPaletteColorLookupTableData GreenPaletteColorLookupTableData
     BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths
@@ -182,8 +205,10 @@ PIXELS = {
     b"\xe0\x7f\x09\x00": "DoubleFloatPixelData",
 }
 
+# Siemens' b-value, in files before the standard had one
+SIEMENS_B = 0x0019100C
 # tags that distinguish images at the same place, in this order: tag, its sequence in enhanced files, name
-TIMES = (
+TIMES: tuple[tuple[str | int, str, str], ...] = (
     ("EnergyWindowVector", "", "energy windows"),
     ("DetectorVector", "", "detectors"),
     ("PhaseVector", "", "phases"),
@@ -198,6 +223,8 @@ TIMES = (
     ("EffectiveEchoTime", "MREchoSequence", "echo times"),
     ("DiffusionBValue", "", "b-values"),
     ("DiffusionBValue", "MRDiffusionSequence", "b-values"),
+    (SIEMENS_B, "", "b-values"),
+    ("FrameReferenceTime", "", "frame times"),
     ("AcquisitionNumber", "", "acquisitions"),
     ("AcquisitionTime", "", "acquisition times"),
     ("InstanceNumber", "", "images"),
@@ -233,7 +260,15 @@ class Frame:
 NUCLEAR = ("1.2.840.10008.5.1.4.1.1.20", "1.2.840.10008.5.1.4.1.1.5")
 
 # names of units of values
-UNITS = {"HU": "HU", "BQML": "Bq/ml", "CNTS": "counts", "PROPCNTS": "counts", "GML": "g/ml", "CM2ML": "cm²/ml"}
+UNITS = {
+    "HU": "HU",
+    "BQML": "Bq/ml",
+    "CNTS": "counts",
+    "PROPCNTS": "counts",
+    "GML": "g/ml",
+    "CM2ML": "cm²/ml",
+    "GY": "Gy",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +277,8 @@ class Header:
 
     padding: least and largest stored value that stands for no value. lut: first stored value and the values of a
     modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without pixels; the byte
-    of their values; room: bytes from there on. notes: on header entries that are not drawn.
+    of their values; room: bytes from there on. notes: on header entries that are not drawn, and on SUV. factor: of
+    rescaled values to SUV.
     """
 
     source: Source
@@ -265,6 +301,7 @@ class Header:
     room: int
     value_unit: str = ""
     notes: tuple[str, ...] = ()
+    factor: float = 1.0
 
 
 @contextmanager
@@ -282,7 +319,7 @@ def read_dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
     """Reads TAGS and `more` tags; the file is at the pixels' element afterwards, or at its end."""
     pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
     with dicom_errors():
-        names: list[Any] = [*TAGS.split(), *more, OVERLAY]
+        names: list[Any] = [*TAGS.split(), *SUV_TAGS, *more, OVERLAY, SIEMENS_B]
         tags: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=names)
         if "TransferSyntaxUID" not in tags.file_meta:
             implicit, little = tags.original_encoding
@@ -304,6 +341,8 @@ def read_header(source: Source) -> tuple[Header, Any]:
         palette = str(tags.get("PhotometricInterpretation") or "MONOCHROME2")
         rows, columns, count = (whole_number(tags.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
         allocated, stored = whole_number(tags.get("BitsAllocated"), 0), whole_number(tags.get("BitsStored"), 0)
+        is_pet = tags.get("Modality") == "PT"
+        factor, told = suv_factor(tags) if is_pet else (1.0, "")
         keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
         return Header(
             source,
@@ -324,8 +363,9 @@ def read_header(source: Source) -> tuple[Header, Any]:
             pixels=keyword,
             offset=at,
             room=max(file.size - at, 0),
-            value_unit=_value_unit(tags),
-            notes=_ignored_notes(tags, max(count, 1)),
+            value_unit="SUV" if told.startswith(TOLD) else _value_unit(tags),
+            notes=(*[told] * bool(told), *_ignored_notes(tags, max(count, 1))),
+            factor=factor,
         ), tags
 
 
@@ -348,8 +388,9 @@ def _ignored_notes(tags: Any, count: int) -> tuple[str, ...]:
 
 
 def _value_unit(tags: Any) -> str:
-    """The unit of rescaled values: RescaleType, or Units of a PET, else HU for a CT."""
-    kind = plain_text(_optional(tags, "RescaleType")) or plain_text(_optional(tags, "Units"))
+    """The unit of rescaled values: RescaleType, Units of a PET, or DoseUnits, else HU for a CT."""
+    names = ("RescaleType", "Units", "DoseUnits")
+    kind = next((text for name in names if (text := plain_text(_optional(tags, name)))), "")
     if not kind and plain_text(tags.get("Modality")) == "CT":
         return "HU"
     return UNITS.get(kind, "")
@@ -379,13 +420,15 @@ class _Groups:
     tags: Any
     groups: tuple[Any, ...]
 
-    def get(self, tag: str, sequence: str = "") -> Any:
+    def get(self, tag: str | int, sequence: str = "") -> Any:
         """The value of a tag: in a sequence of a functional group, else in the data set; None without one."""
         for group in self.groups if sequence else ():
             items = group.get(sequence)
             if items and items[0].get(tag) is not None:
                 return items[0].get(tag)
-        return self.tags.get(tag)
+        value = self.tags.get(tag)
+        # an element by its number
+        return getattr(value, "value", None) if isinstance(tag, int) else value
 
 
 def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
@@ -414,15 +457,16 @@ def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
         (pixel[1], pixel[0]) if pixel and min(pixel) > 0 else None,
         step or None,
         abs(thickness) or None,
-        (slope[0] if slope and slope[0] else 1.0, shift[0] if shift else 0.0),
+        ((slope[0] if slope and slope[0] else 1.0) * of.factor, (shift[0] if shift else 0.0) * of.factor),
         tuple(times),
     )
 
 
-def _read_time(groups: _Groups, tag: str, sequence: str) -> float:
+def _read_time(groups: _Groups, tag: str | int, sequence: str) -> float:
     """A tag as a number that orders images, NaN without one. A time of day HHMMSS.F is ordered as a number, too."""
     try:
-        return float(str(groups.get(tag, sequence)))
+        value = groups.get(tag, sequence)
+        return float(value.decode() if isinstance(value, bytes) else str(value))
     except (NotImplementedError, ValueError):
         # of pydicom, too: an unknown type, or a value that is not of its tag's type
         return math.nan
@@ -439,7 +483,7 @@ def _multiframe(tags: Any, first: Frame) -> list[Frame]:
     if stated is None and first.step:
         slices = finite_numbers(tags.get("SliceVector"), count) or tuple(range(1, count + 1))
         offsets = tuple(first.step * (number - 1) for number in slices)
-    vectors = [finite_numbers(tags.get(tag), count) if tag.endswith("Vector") else None for tag, _, _ in TIMES]
+    vectors = [finite_numbers(tags.get(tag), count) if str(tag).endswith("Vector") else None for tag, _, _ in TIMES]
     times = [
         tuple(vector[n] if vector else time for vector, time in zip(vectors, first.times, strict=True))
         for n in range(count)

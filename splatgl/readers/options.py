@@ -338,7 +338,7 @@ FORMATS = (
         "DICOM",
         (".dcm", ".dicom", ".ima", ".zip"),
         "dicom.read",
-        ("array", "channel", "series"),
+        ("array", "channel", "series", "time"),
         # a preamble may be the header of a TIFF file
         ("ZIP", "TIFF"),
         ("file", "folder"),

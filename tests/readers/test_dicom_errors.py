@@ -116,7 +116,9 @@ def test_several_images_at_each_place(tmp_path: Path, tag: str, values: tuple[ob
     for n, plane in enumerate(earlier):
         save(image(plane, n, InstanceNumber=n + 9, **{tag: values[1]}), folder / f"x{n}.dcm")
     volume = sg.load(folder)
-    assert volume.notes == (f"2 {title} at each place: number 0 is read; array=N picks another",)
+    name, listed = ("array", " (12, 90.5)") if title == "echo times" else ("time", "")
+    assert volume.notes == (f"2 {title} at each place{listed}: number 0 is read; {name}=N picks another",)
+    assert volume.times == (1 if listed else 2)
     assert (volume.samples == 7).all() and volume.shape[0] == 3
     assert (sg.load(folder, array=1).samples == 50).all() and sg.load(folder, array=1).notes == ()
     with pytest.raises(InputError, match="array: expected a number from 0 to 1"):
