@@ -37,7 +37,7 @@ BEYOND_THE_PAPER = (
 )
 
 
-# what takes long runs under --all
+# what takes longest
 LONG = ("half-angle-89.9", "million-faint", "wall-0.1", "wall-0.5")
 # of these tests draw a part, in which they find the same faults
 IN_PART = ("constant-fog", "methods")
@@ -47,10 +47,8 @@ def told(result: Result) -> str:
     return f"{result.bad_pixels} values not finite\n{lines(result)}\n{'; '.join(c.what for c in result.checks)}"
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.long if n in LONG else ()) for n in CASES if n not in IN_PART]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", [n for n in CASES if n not in IN_PART])
 def test_every_case_keeps_its_bound(renderer: sg.Renderer, name: str) -> None:
     kept(run_case(CASES[name], renderer))
 
