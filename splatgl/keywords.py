@@ -66,6 +66,7 @@ class LoadKeywords(TypedDict, total=False):
     relief: float | None
     levels: int
     values: Literal["labels", "amounts", "heights"] | None
+    point_size: float | None
     anywhere: bool
 
 
@@ -153,6 +154,7 @@ class RenderKeywords(TypedDict, total=False):
     color: str | Path | None
     relief: float | None
     values: Literal["labels", "amounts", "heights"] | None
+    point_size: float | None
     anywhere: bool
     origin: Numbers | None
     unit: str | None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.data.image_files import JPEG
@@ -63,6 +65,8 @@ def _behind(image: Image, output: Path) -> str:
 
 def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     """Text on opacities, colours, their range, and the threshold."""
+    if volume.points is not None:
+        return f"opacity {transfer.opacity(np.array([1.0]))[0]:g} of a surface of points, in their colours"
     if len(volume.channels) > 1:
         return f"channels {', '.join(channel.name for channel in volume.channels)}"
     if transfer.labels:

@@ -54,6 +54,8 @@ class Histogram:
 
 def describe(volume: Volume) -> str:
     """Page on a volume, at most 78 columns wide. Reads the samples twice, in slabs; a coarser level of large images."""
+    if volume.points is not None:
+        return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "points", *_point_lines(volume)])
     levels = [volume, *volume.coarser]
     number = next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
     statistics = measure(levels[number])
@@ -127,6 +129,21 @@ def _grid_lines(volume: Volume) -> list[str]:
         lines += [_line("direction", rows[0]), _line("", rows[1]), _line("", rows[2])]
     frames = {"LPS": "LPS (+x left, +y back, +z head)", "RAS": "RAS (+x right, +y front, +z head)"}
     return [*lines, _line("frame", frames.get(volume.frame or "", "not stated"))]
+
+
+def _point_lines(volume: Volume) -> list[str]:
+    """Lines with the number, size and box of points."""
+    clouds = [part.points for part in volume.channels or (volume,) if part.points is not None]
+    low = np.min([cloud.bounds[0] for cloud in clouds], axis=0)
+    high = np.max([cloud.bounds[1] for cloud in clouds], axis=0)
+    unit = f" {volume.unit}" if volume.unit else ""
+    sizes = [f"{cloud.size:.4g}{unit}: {len(cloud):,}" for cloud in clouds]
+    return [
+        _line("points", f"{sum(map(len, clouds)):,}"),
+        *(_line("drawn as" * (not n), text) for n, text in enumerate(sizes)),
+        _line("from", ", ".join(f"{value:.10g}" for value in low) + unit),
+        _line("to", ", ".join(f"{value:.10g}" for value in high) + unit),
+    ]
 
 
 def _channel_lines(volume: Volume) -> list[str]:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from splatgl.data.mask import Mask
+    from splatgl.data.points import Points
     from splatgl.keywords import ArrayKeywords
 
 
@@ -95,6 +96,7 @@ class Volume:
     channels: all channels that were read, with names, if the file has several; samples are the first channel's.
     times: time points of the file, of which this is one; time_step: seconds between two.
     value_unit: name of the unit of samples ("HU", "K"), as the file states it. masks: restrict it; see `masked`.
+    points: drawn instead of the samples, which are then empty, with the opacity of the value 1.
     notes: lines for the user on what the reader left out or assumed.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
 
@@ -124,6 +126,7 @@ class Volume:
     time_step: float | None = None
     value_unit: str = ""
     masks: tuple[Mask, ...] = ()
+    points: Points | None = None
 
     def __post_init__(self) -> None:
         parts = all(hasattr(self.samples, name) for name in ("shape", "dtype", "__getitem__"))
@@ -304,6 +307,19 @@ def with_parts(volume: Volume, change: Callable[[Volume], Volume]) -> Volume:
     """The volume with changed channels and coarser levels."""
     channels, coarser = (tuple(map(change, volumes)) for volumes in (volume.channels, volume.coarser))
     return replace(volume, channels=channels, coarser=coarser)
+
+
+# least side of the box of an empty volume, as a share of its longest side
+FLAT = 1e-3
+
+
+def empty_volume(low: np.ndarray, high: np.ndarray, solid: float = 0.0, **more: Any) -> Volume:
+    """Volume without matter in a box, to place the camera. solid: opacity of the value 1; more: fields of `Volume`."""
+    side = np.maximum(high - low, FLAT * max(float((high - low).max()), 1e-30))
+    # two samples along each axis, cells of half a side
+    (a, b, c), (x, y, z) = (side / 2).tolist(), ((low + high) / 2 - side / 4).tolist()
+    hints = Hints(points=((0.0, 0.0), (1.0, solid)), window=(0.0, 1.0))
+    return Volume(np.zeros((2, 2, 2), np.uint8), (a, b, c), (x, y, z), hints=hints, **more)
 
 
 def zyx_index(index: np.ndarray) -> Places:

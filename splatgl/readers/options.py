@@ -31,7 +31,8 @@ CONVERTERS = {
         (".svs", ".ndpi", ".mrxs", ".scn"), "a slide is one plane; save a stack as OME-TIFF with Bio-Formats"
     ),
     **dict.fromkeys((".vtu", ".vts", ".pvtu", ".pvts"), PARAVIEW),
-    **dict.fromkeys((".vtp", ".pvtp", ".ply", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
+    **dict.fromkeys((".vtp", ".pvtp", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
+    **dict.fromkeys((".e57", ".xyz", ".pts"), "save the points as .las or .ply, such as with CloudCompare"),
     ".mnc": "convert it with mnc2nii",
     ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".ali": "a tilt series is no volume; reconstruct it, such as with IMOD",
@@ -193,6 +194,11 @@ class LoadOptions:
         Kind.choice(VALUES, "labels, amounts or heights"),
         "meaning of samples. Default: as the file says, else labels if equal samples lie in flat areas",
     )
+    point_size: float | None = _option(
+        None,
+        Kind.number("a positive length in world units", 0, above=True, metavar="L"),
+        "diameter of a cloud's points, world units (default: the file's, else their spacing)",
+    )
     anywhere: bool = _option(
         False,
         Kind.flag(),
@@ -345,6 +351,7 @@ FORMATS = (
         "dicom_headers.is_dicom",
         "dicom.list_series",
     ),
+    Format("points", (".las", ".laz", ".pcd", ".ply"), "points.read", ("array", "point_size"), ("LAS", "PLY", "PCD")),
     Format(
         "picture slices", (), "image_stack.read", ("channel", "time"), kinds=("folder",), tells="image_stack.is_slices"
     ),

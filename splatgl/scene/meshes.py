@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.volume import Hints, Volume
+from splatgl.data.volume import Volume, empty_volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.fileio import toml_value
 from splatgl.options import Group, Kind, Option, check_options, declared, non_default, option, refuse_unknown
+from splatgl.readers.points import is_points
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
@@ -124,25 +125,17 @@ def split_look(text: str, is_look: Callable[[str], bool]) -> tuple[str, str, flo
 
 # suffixes of mesh files, which can be a source
 ALONE = (".ply", ".stl", ".obj", ".off", ".glb", ".vtp", ".trk", ".tck")
-# least side of the box around a mesh, as a share of its longest side
-FLAT = 1e-3
 
 
 def is_mesh(source: str) -> bool:
-    """Whether a source is a mesh file, by its suffix."""
-    return Path(source).suffix.lower() in ALONE
+    """Whether a source is a mesh file, by its suffix; PLY files without faces are points."""
+    return Path(source).suffix.lower() in ALONE and not is_points(source)
 
 
 def stage(meshes: Sequence[Mesh], name: str = "") -> Volume:
     """Empty volume with the bounds of meshes, to place the camera."""
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    side = np.maximum(high - low, FLAT * max(float((high - low).max()), 1e-30))
-    # two samples along each axis, cells of half a side
-    (a, b, c), (x, y, z) = (side / 2).tolist(), ((low + high) / 2 - side / 4).tolist()
-    hints = Hints(points=((0.0, 0.0), (1.0, 0.0)), window=(0.0, 1.0))
-    samples = np.zeros((2, 2, 2), np.uint8)
-    return Volume(samples, (a, b, c), (x, y, z), name=name, frame=meshes[0].frame, hints=hints)
+    return empty_volume(vertices.min(axis=0), vertices.max(axis=0), name=name, frame=meshes[0].frame)
 
 
 def surfaces_of(scene: SceneFile) -> list[MeshFile]:

@@ -67,7 +67,8 @@ class OpenScene:
         transfer, file, settings = file.transfer_for(volume), file.cut(volume), file.settings
         if file.auto_background and not BLENDS[settings.blend].unbounded:
             # several channels glow
-            glowing = replace(transfer, shading=False) if len(volume.channels) > 1 else transfer
+            glows = len(volume.channels) > 1 and volume.points is None
+            glowing = replace(transfer, shading=False) if glows else transfer
             settings = replace(file.settings, background=default_background(glowing, settings))
             file = replace(file, settings=settings)
         if "box" in file.annotate:
@@ -284,7 +285,9 @@ def channel_layers(
         if colors or windows:
             raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
         return [Layer(volume, transfer, visible=file.visible, threshold=file.threshold, clip=planes)]
-    if all(channel.labels for channel in volume.channels) and not (colors or windows):
+    if volume.points is not None:
+        transfers = [transfer] * len(volume.channels)
+    elif all(channel.labels for channel in volume.channels) and not (colors or windows):
         transfers = [_segment_transfer(file, channel) for channel in volume.channels]
     else:
         # the opacity of the scene is a factor of each transfer function

@@ -131,6 +131,9 @@ def extract(
         raise expected("threshold", "an opacity of at least 0 and less than 1", threshold)
     if classification not in ("auto", "pre", "post", "post-all", "post-lean"):
         raise expected("classification", "auto, pre, post, post-all or post-lean", repr(classification))
+    if volume.points is not None and classification in ("auto", "pre"):
+        splats = Splats.of_points(volume.points, float(transfer.opacity(np.array([1.0]))[0]))
+        return replace(splats, name=volume.name, frame=volume.frame)
     spacing = Grid.of(volume).mean_spacing
     unit = transfer.unit or spacing
     if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
@@ -169,6 +172,8 @@ def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scen
 
 def why_only_pre(volume: Volume, transfer: Transfer, threshold: float) -> str | None:
     """Reason why only classification before reconstruction is possible; None if both kinds are."""
+    if volume.points is not None:
+        return "points"
     if threshold > 0:
         return "threshold"
     if transfer.labels:

@@ -26,6 +26,7 @@ from splatgl.splat.preintegration import ValueClassifier
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
+    from splatgl.data.points import Points
     from splatgl.splat.extract import Source
     from splatgl.splat.label_normals import LabelNormals
     from splatgl.splat.mask_field import MaskField
@@ -282,6 +283,12 @@ class Splats:
         records["optical_depth"] = depths
         records["color"] = colors[order]
         return assemble(records, cells[order], grid, unit=grid.mean_spacing, name="points")
+
+    @classmethod
+    def of_points(cls, points: Points, opacity: float) -> Splats:
+        """Splats of points as large as their size; a surface of points that far apart has this opacity."""
+        extinction = -np.log1p(-min(opacity, 1 - 2.0**-24)) / points.size
+        return cls.from_points(points.places, points.colors, np.full(len(points), extinction), points.size)
 
     def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
         """The splats as the only layer of a picture, as of `Scene.drawn`."""

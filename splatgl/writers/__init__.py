@@ -199,6 +199,8 @@ def _prepare(
 ) -> tuple[Content, list[str]]:
     """The content of a file, and notes on what is lost."""
     holds, channels = target.holds, volume.channels or (volume,)
+    if volume.points is not None:
+        raise expected(volume.name or "volume", "voxels", f"{len(volume.points):,} points", "nothing grids points")
     if count > 1 and "times" not in holds:
         raise expected("time points", f"one in a {target.title} file", count, "pick one with time=0")
     are_layers = "layers" in holds and all(channel.labels is not None for channel in channels)

@@ -1,0 +1,237 @@
+"""Point clouds: what is read of each format, sizes and spacing, and pictures in closed form and beside float64."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.points import Points, median_spacing, size_classes
+from splatgl.data.volume import empty_volume
+from splatgl.readers.points import SOLID, unpack_lzf
+
+Said = pytest.CaptureFixture[str]
+# places beyond float32's digits, and bytes of sRGB
+PLACES = np.array([[500000.25, 4000000.5, 1.0], [500001.25, 4000003.5, -2.0], [500007.25, 4000000.5, 4.5]])
+BYTES = np.array([[255, 0, 0], [0, 128, 7], [1, 2, 250]], np.uint8)
+
+
+def points_of(path: Path, **options: Any) -> Points:
+    points = sg.load(path, **options).points
+    assert points is not None
+    return points
+
+
+def write_las(path: Path, colors: np.ndarray | None, intensity: Any = 0) -> Path:
+    laspy = pytest.importorskip("laspy", reason="needs the extra points")
+    header = laspy.LasHeader(point_format=1 if colors is None else 3, version="1.2")
+    header.offsets, header.scales = PLACES.min(axis=0), [0.25, 0.25, 0.25]
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = PLACES.T
+    if colors is not None:
+        las.red, las.green, las.blue = colors.T
+    las.intensity = np.broadcast_to(np.asarray(intensity, np.uint16), 3)
+    las.write(path)
+    return path
+
+
+def write_ply(path: Path, form: str, names: dict[str, str], columns: list[np.ndarray], ahead: str = "") -> Path:
+    """A PLY file of columns. names: type by property. ahead: lines of header before the points."""
+    count = len(columns[0])
+    lines = ["ply", f"format {form} 1.0", *ahead.splitlines(), f"element vertex {count}"]
+    lines += [f"property {kind} {name}" for name, kind in names.items()]
+    data = "\n".join(" ".join(map(str, row)) for row in zip(*(column.tolist() for column in columns), strict=True))
+    if form != "ascii":
+        order = "<" if "little" in form else ">"
+        types = {"double": "f8", "uchar": "u1", "float": "f4"}
+        records = np.zeros(count, [(name, order + types[kind]) for name, kind in names.items()])
+        for name, column in zip(names, columns, strict=True):
+            records[name] = column
+        path.write_bytes("\n".join([*lines, "end_header\n"]).encode() + records.tobytes())
+    else:
+        path.write_text("\n".join([*lines, "end_header", *(["1 2"] if ahead else []), data]) + "\n")
+    return path
+
+
+COLORED = {**dict.fromkeys("xyz", "double"), **dict.fromkeys(("red", "green", "blue"), "uchar")}
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_las_in_float64_with_colours_of_both_depths(suffix: str, tmp_path: Path) -> None:
+    for shift in (0, 8):
+        path = write_las(tmp_path / f"{shift}{suffix}", BYTES.astype(np.uint16) << shift)
+        points = points_of(path)
+        assert np.array_equal(points.places, PLACES) and sg.load(path).unit == "m"
+        assert np.allclose(points.colors, linear_from_srgb(BYTES / 255), atol=0.003)
+
+
+def test_clouds_without_colours_show_values(tmp_path: Path, capsys: Said) -> None:
+    bright = points_of(write_las(tmp_path / "i.las", None, [0, 500, 1000])).colors
+    assert np.array_equal(bright, np.repeat(bright[:, :1], 3, axis=1)) and bright[0, 0] < bright[1, 0] < bright[2, 0]
+    black = sg.load(write_las(tmp_path / "h.las", np.zeros((3, 3), np.uint16)))
+    assert black.notes[0] == "without colours the points show their height: --array picks another"
+    assert black.points is not None and black.points.colors[1, 2] > black.points.colors[2, 2]
+    assert np.array_equal(points_of(tmp_path / "i.las", array="height").colors, black.points.colors)
+    with pytest.raises(sg.InputError, match="array: expected one of classification, height, intensity, return_number"):
+        sg.load(tmp_path / "i.las", array="x")
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_ply(form: str, tmp_path: Path) -> None:
+    columns = [*PLACES.T, *BYTES.T]
+    points = points_of(write_ply(tmp_path / "a.ply", form, COLORED, columns))
+    assert np.array_equal(points.places, PLACES)
+    assert np.allclose(points.colors, linear_from_srgb(BYTES / 255), atol=1e-6)
+    if form == "ascii":
+        camera = "element camera 1\nproperty float a\nproperty float b"
+        assert np.array_equal(points_of(write_ply(tmp_path / "b.ply", form, COLORED, columns, camera)).places, PLACES)
+        (tmp_path / "named-otherwise.txt").write_bytes((tmp_path / "a.ply").read_bytes())
+        assert len(points_of(tmp_path / "named-otherwise.txt")) == 3
+        faces = "element face 1\nproperty list uchar int vertex_indices"
+        with pytest.raises(sg.InputError, match="PLY: expected points without faces"):
+            sg.load(write_ply(tmp_path / "c.ply", form, COLORED, columns, faces))
+
+
+def pack_lzf(data: bytes) -> bytes:
+    """LZF: a copy where the last 8 bytes come again, else literals."""
+    packed, at = bytearray(), 0
+    while at < len(data):
+        length = 0
+        while at >= 8 and length < 264 and at + length < len(data) and data[at + length] == data[at + length - 8]:
+            length += 1
+        if length >= 3:
+            packed += bytes([(length - 2) << 5, 7] if length < 9 else [224, length - 9, 7])
+            at += length
+        else:
+            packed += bytes([0, data[at]])
+            at += 1
+    return bytes(packed)
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary", "binary_compressed"])
+def test_pcd(kind: str, tmp_path: Path) -> None:
+    count = 40
+    places = np.repeat(PLACES[:2] - PLACES[0], 20, axis=0).astype("<f4")
+    places[3, 1] = np.nan
+    packed = (BYTES[1].astype(np.uint32) * [65536, 256, 1]).sum().astype(np.uint32)
+    rgb = np.full(count, packed, np.uint32).view(np.float32)
+    fields = [*places.T, np.zeros(count, "<u2"), rgb]
+    header = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z ring rgb\nSIZE 4 4 4 2 4\nTYPE F F F U F\nCOUNT 1 1 1 1 1\n"
+    header += f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA {kind}\n"
+    records = np.zeros(count, [(name, field.dtype) for name, field in zip("xyzqr", fields, strict=True)])
+    for name, field in zip("xyzqr", fields, strict=True):
+        records[name] = field
+    data = records.tobytes()
+    if kind == "ascii":
+        rows = zip(*(field.tolist() for field in fields), strict=True)
+        data = "".join(" ".join(f"{number:.9g}" for number in row) + "\n" for row in rows).encode()
+    elif kind == "binary_compressed":
+        plain = b"".join(field.tobytes() for field in fields)
+        data = pack_lzf(plain)
+        assert unpack_lzf(data, len(plain)) == plain and len(data) < len(plain) / 2
+        data = np.array([len(data), len(plain)], "<u4").tobytes() + data
+    (tmp_path / "a.pcd").write_bytes(header.encode() + data)
+    volume = sg.load(tmp_path / "a.pcd")
+    assert volume.points is not None and volume.notes[0] == "1 of 40 points have no place, and are left out"
+    assert np.array_equal(volume.points.places, np.delete(places, 3, axis=0))
+    assert np.allclose(volume.points.colors, linear_from_srgb(BYTES[1] / 255), atol=1e-6)
+
+
+def test_spacing_is_that_of_a_surface(rng: np.random.Generator) -> None:
+    lattice = np.stack([*np.mgrid[:60, :60], np.zeros((60, 60))], axis=-1).reshape(-1, 3) * 0.5
+    assert median_spacing(lattice) == pytest.approx(0.5, rel=0.15)
+    random = np.concatenate([rng.random((4000, 2)) * 60, np.zeros((4000, 1))], axis=1) + 1e6
+    assert median_spacing(random) == pytest.approx(60 / 4000**0.5, rel=0.1)
+    # far outliers, several in one place, and a single one
+    assert median_spacing(np.concatenate([random, [[1e9, 0, 0]]])) == pytest.approx(60 / 4000**0.5, rel=0.1)
+    assert median_spacing(np.zeros((50, 3))) == 1.0 and median_spacing(np.ones((1, 3))) == 1.0
+
+
+def test_sizes_of_their_own(tmp_path: Path, rng: np.random.Generator) -> None:
+    names = {**dict.fromkeys("xyz", "double"), "radius": "float"}
+    radius = rng.uniform(0.5, 2.0, 30).astype(np.float32)
+    volume = sg.load(write_ply(tmp_path / "a.ply", "ascii", names, [*rng.random((3, 30)), radius]))
+    sizes = [part.points.size for part in volume.channels if part.points is not None]
+    assert len(sizes) == 7 and sum(len(part.points or ()) for part in volume.channels) == 30
+    for size, which in size_classes(2.0 * radius):
+        assert np.abs(np.log(2.0 * radius[which] / size)).max() <= np.log(4) / 14 + 1e-3
+    assert points_of(tmp_path / "a.ply", point_size=3.0).size == 3.0
+    assert len(size_classes(np.full(5, 2.0))) == 1
+
+
+def cloud(places: np.ndarray, colors: Any, size: float) -> sg.Volume:
+    """The volume of points, as the reader makes it."""
+    points = Points(places, np.broadcast_to(np.asarray(colors, np.float32), places.shape), size)
+    return sg.Volume(**{**vars(empty_volume(*points.bounds, SOLID)), "points": points})
+
+
+@pytest.mark.parametrize(("pixels", "antialias"), [(8.0, "auto"), (0.5, "auto"), (0.25, "paper"), (0.1, "paper")])
+def test_a_point_sums_to_its_matter(pixels: float, antialias: str, renderer: sg.Renderer) -> None:
+    """The optical depths of all pixels are σ·s³ over the area of one; before z_k, and beyond, where it is stretched."""
+    size, where = 0.5, np.array([[10.3, -4.2, 7.7]])
+    splats = sg.extract(volume := cloud(where, [0.2, 0.5, 1.0], size), sg.default_transfer(volume))
+    assert len(splats) == 1
+    camera = sg.Camera.orthographic(where[0] - [0, 20, 0], where[0], (0, 0, 1), size / pixels * 32, (32, 32))
+    image = renderer.render(splats, camera, sg.Settings(blend="xray", antialias=antialias, align="exact"))
+    total = image.pixels.sum(axis=(0, 1), dtype=np.float64)
+    right = -np.log(1 - SOLID) / size * size**3 * (pixels / size) ** 2
+    assert total[3] == pytest.approx(right, rel=0.01)
+    assert total[:3] == pytest.approx(np.array([0.2, 0.5, 1.0]) * right, rel=0.01)
+
+
+def test_pictures_are_those_of_float64(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """A thousand points of one size, and of two, at places far from the origin."""
+    places, colors = rng.normal(size=(1000, 3)) * 3 + [5e5, 4e6, 100], rng.random((1000, 3))
+    volume = cloud(places, colors, 0.4)
+    settings = sg.Settings(background=(1.0, 1.0, 1.0))
+    splats = sg.extract(volume, sg.default_transfer(volume))
+    camera = sg.Camera.orbit(splats, 30, 20, 40, (24, 24))
+    right = sg.reference.render(splats, camera, settings)
+    image = renderer.render(splats, camera, settings)
+    assert np.abs(image.pixels - right.pixels).max() < 1e-3
+    scene = sg.Scene([sg.Layer(volume), sg.Layer(cloud(places[:300] + 0.2, colors[:300], 0.9))])
+    right = sg.reference.render(scene, camera, settings)
+    assert np.abs(renderer.render(scene, camera, settings).pixels - right.pixels).max() < 1e-3
+    # nearer points hide others, whatever their order in the file
+    near = np.array([[0.0, -1, 0], [0, 1, 0]])
+    for order in ([0, 1], [1, 0]):
+        pair = cloud(near[order], np.eye(3)[order], 1.0)
+        front = sg.Camera.look_at((0, -8, 0), (0, 0, 0), (0, 0, 1), 20, (9, 9))
+        middle = renderer.render(sg.extract(pair, sg.default_transfer(pair)), front).pixels[4, 4]
+        assert middle[0] > 0.5 > 4 * middle[1]
+
+
+def test_commands(tmp_path: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_ply(Path("a.ply"), "ascii", COLORED, [*PLACES.T, *BYTES.T])
+    assert main(["info", "a.ply", "--point-size", "2"]) == 0
+    said = capsys.readouterr()
+    assert said.err == "splatgl: 3 points of 2\n"
+    assert "points     3" in said.out and "to         500007.25, 4000003.5, 4.5" in said.out
+    assert main(["render", "a.ply", "-o", "a.png", "--size", "16", "--point-size", "2"]) == 0
+    assert "3 splats on white\ntransfer function: opacity 0.99 of a surface of points" in capsys.readouterr().out
+    assert main(["convert", "a.ply", "a.nii"]) == 2 and "expected voxels, got 3 points" in capsys.readouterr().err
+
+
+def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generator) -> None:
+    files = [
+        write_las(tmp_path / "a.las", BYTES.astype(np.uint16)),
+        write_las(tmp_path / "a.laz", BYTES.astype(np.uint16)),
+        write_ply(tmp_path / "a.ply", "binary_little_endian", COLORED, [*PLACES.T, *BYTES.T]),
+    ]
+    for path in files:
+        whole = path.read_bytes()
+        for cut in (5, len(whole) // 2, len(whole) - 1):
+            (damaged := tmp_path / f"cut{path.suffix}").write_bytes(whole[:cut])
+            if path.suffix == ".laz" and cut == len(whole) - 1:
+                continue
+            with pytest.raises(sg.InputError) as error:
+                sg.load(damaged)
+            assert "\n" not in str(error.value)
+    with pytest.raises(sg.InputError, match="compressed data"):
+        unpack_lzf(bytes([224, 0, 7]), 9)
