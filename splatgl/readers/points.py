@@ -16,7 +16,7 @@ import numpy as np
 
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.points import Points, median_spacing, size_classes
-from splatgl.data.volume import Volume, empty_volume
+from splatgl.data.volume import MOST_LENGTH, Volume, empty_volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory
 from splatgl.readers.common import decoder_errors, read_text, require_bytes
@@ -96,6 +96,8 @@ def _make_volume(places: np.ndarray, values: Values, unit: str, options: LoadOpt
         values, places = {name: value[finite] for name, value in values.items()}, places[finite]
     if not len(places):
         raise expected("points", "at least one with finite coordinates", "none")
+    if np.abs(places).max() > MOST_LENGTH:
+        raise expected("points", f"coordinates up to {MOST_LENGTH:g}", f"{np.abs(places).max():g}")
     colors, told = _find_colors({"height": places[:, 2], **values}, options.array)
     classes, size_note = _find_sizes(places, values, options.point_size, unit)
     low, high = places.min(axis=0), places.max(axis=0)

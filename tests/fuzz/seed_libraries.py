@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tests.fuzz.seed_files import CUBE, FLOW, Seed, X, Y, Z, one, written
+from tests.helpers.points import BYTES, COLORED, PLACES, write_las, write_pcd, write_ply
 
 
 def _hdf5(path: Path, libver: str = "latest", **options: Any) -> None:
@@ -210,6 +211,15 @@ TABLE = """################################################
     2     0  255   12      0.5  1  0    "A"
    17     0    0  255        1  0  0    "hidden"
 """
+
+
+def points() -> list[Seed]:
+    columns = [*PLACES.T, *BYTES.T]
+    las = [written(name, partial(write_las, colors=BYTES.astype(np.uint16))) for name in ("a.las", "a.laz")]
+    pcd = [written("a.pcd", partial(write_pcd, kind=kind)) for kind in ("ascii", "binary", "binary_compressed")]
+    forms = ("ascii", "binary_big_endian")
+    ply = [written("a.ply", partial(write_ply, form=form, names=COLORED, columns=columns)) for form in forms]
+    return las + pcd + ply
 
 
 def labels() -> list[Seed]:

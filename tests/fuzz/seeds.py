@@ -34,6 +34,7 @@ from tests.fuzz.seed_libraries import (
     netcdf,
     nibabel_pairs,
     nrrd_components,
+    points,
     vtk_grids,
 )
 from tests.fuzz.seed_pictures import lsm, slices, tiff_codecs, tiff_xr, zarr_zip
@@ -346,6 +347,7 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "nrrd-components": nrrd_components,
     "vtk-grids": vtk_grids,
     "labels": labels,
+    "points": points,
     "vtk-ascii": partial(vtk_legacy, "ASCII"),
     "vtk-binary": partial(vtk_legacy, "BINARY"),
     "vti": vti,

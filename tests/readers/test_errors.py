@@ -114,7 +114,7 @@ BAD = [
     ("a.mhd", meta(file="a%d.raw 0 3 1"), "a file beside the header"),
     # names
     ("a.raw", bytes(140), "give shape=X,Y,Z and dtype=TYPE"),
-    ("a.xyz", bytes(140), "a name that ends in one of .npy, .npz, .raw"),
+    ("a.abc", bytes(140), "a name that ends in one of .npy, .npz, .raw"),
     ("a.mha", b"", "the file is empty"),
 ]
 

@@ -14,51 +14,15 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import empty_volume
 from splatgl.readers.points import SOLID, unpack_lzf
+from tests.helpers.points import BYTES, COLORED, PLACES, pack_lzf, write_las, write_pcd, write_ply
 
 Said = pytest.CaptureFixture[str]
-# places beyond float32's digits, and bytes of sRGB
-PLACES = np.array([[500000.25, 4000000.5, 1.0], [500001.25, 4000003.5, -2.0], [500007.25, 4000000.5, 4.5]])
-BYTES = np.array([[255, 0, 0], [0, 128, 7], [1, 2, 250]], np.uint8)
 
 
 def points_of(path: Path, **options: Any) -> Points:
     points = sg.load(path, **options).points
     assert points is not None
     return points
-
-
-def write_las(path: Path, colors: np.ndarray | None, intensity: Any = 0) -> Path:
-    laspy = pytest.importorskip("laspy", reason="needs the extra points")
-    header = laspy.LasHeader(point_format=1 if colors is None else 3, version="1.2")
-    header.offsets, header.scales = PLACES.min(axis=0), [0.25, 0.25, 0.25]
-    las = laspy.LasData(header)
-    las.x, las.y, las.z = PLACES.T
-    if colors is not None:
-        las.red, las.green, las.blue = colors.T
-    las.intensity = np.broadcast_to(np.asarray(intensity, np.uint16), 3)
-    las.write(path)
-    return path
-
-
-def write_ply(path: Path, form: str, names: dict[str, str], columns: list[np.ndarray], ahead: str = "") -> Path:
-    """A PLY file of columns. names: type by property. ahead: lines of header before the points."""
-    count = len(columns[0])
-    lines = ["ply", f"format {form} 1.0", *ahead.splitlines(), f"element vertex {count}"]
-    lines += [f"property {kind} {name}" for name, kind in names.items()]
-    data = "\n".join(" ".join(map(str, row)) for row in zip(*(column.tolist() for column in columns), strict=True))
-    if form != "ascii":
-        order = "<" if "little" in form else ">"
-        types = {"double": "f8", "uchar": "u1", "float": "f4"}
-        records = np.zeros(count, [(name, order + types[kind]) for name, kind in names.items()])
-        for name, column in zip(names, columns, strict=True):
-            records[name] = column
-        path.write_bytes("\n".join([*lines, "end_header\n"]).encode() + records.tobytes())
-    else:
-        path.write_text("\n".join([*lines, "end_header", *(["1 2"] if ahead else []), data]) + "\n")
-    return path
-
-
-COLORED = {**dict.fromkeys("xyz", "double"), **dict.fromkeys(("red", "green", "blue"), "uchar")}
 
 
 @pytest.mark.parametrize("suffix", [".las", ".laz"])
@@ -97,45 +61,9 @@ def test_ply(form: str, tmp_path: Path) -> None:
             sg.load(write_ply(tmp_path / "c.ply", form, COLORED, columns, faces))
 
 
-def pack_lzf(data: bytes) -> bytes:
-    """LZF: a copy where the last 8 bytes come again, else literals."""
-    packed, at = bytearray(), 0
-    while at < len(data):
-        length = 0
-        while at >= 8 and length < 264 and at + length < len(data) and data[at + length] == data[at + length - 8]:
-            length += 1
-        if length >= 3:
-            packed += bytes([(length - 2) << 5, 7] if length < 9 else [224, length - 9, 7])
-            at += length
-        else:
-            packed += bytes([0, data[at]])
-            at += 1
-    return bytes(packed)
-
-
 @pytest.mark.parametrize("kind", ["ascii", "binary", "binary_compressed"])
 def test_pcd(kind: str, tmp_path: Path) -> None:
-    count = 40
-    places = np.repeat(PLACES[:2] - PLACES[0], 20, axis=0).astype("<f4")
-    places[3, 1] = np.nan
-    packed = (BYTES[1].astype(np.uint32) * [65536, 256, 1]).sum().astype(np.uint32)
-    rgb = np.full(count, packed, np.uint32).view(np.float32)
-    fields = [*places.T, np.zeros(count, "<u2"), rgb]
-    header = "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z ring rgb\nSIZE 4 4 4 2 4\nTYPE F F F U F\nCOUNT 1 1 1 1 1\n"
-    header += f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA {kind}\n"
-    records = np.zeros(count, [(name, field.dtype) for name, field in zip("xyzqr", fields, strict=True)])
-    for name, field in zip("xyzqr", fields, strict=True):
-        records[name] = field
-    data = records.tobytes()
-    if kind == "ascii":
-        rows = zip(*(field.tolist() for field in fields), strict=True)
-        data = "".join(" ".join(f"{number:.9g}" for number in row) + "\n" for row in rows).encode()
-    elif kind == "binary_compressed":
-        plain = b"".join(field.tobytes() for field in fields)
-        data = pack_lzf(plain)
-        assert unpack_lzf(data, len(plain)) == plain and len(data) < len(plain) / 2
-        data = np.array([len(data), len(plain)], "<u4").tobytes() + data
-    (tmp_path / "a.pcd").write_bytes(header.encode() + data)
+    places = write_pcd(tmp_path / "a.pcd", kind)
     volume = sg.load(tmp_path / "a.pcd")
     assert volume.points is not None and volume.notes[0] == "1 of 40 points have no place, and are left out"
     assert np.array_equal(volume.points.places, np.delete(places, 3, axis=0))
@@ -167,7 +95,8 @@ def test_sizes_of_their_own(tmp_path: Path, rng: np.random.Generator) -> None:
 def cloud(places: np.ndarray, colors: Any, size: float) -> sg.Volume:
     """The volume of points, as the reader makes it."""
     points = Points(places, np.broadcast_to(np.asarray(colors, np.float32), places.shape), size)
-    return sg.Volume(**{**vars(empty_volume(*points.bounds, SOLID)), "points": points})
+    low, high = points.bounds
+    return empty_volume(low, high, SOLID, points=points)
 
 
 @pytest.mark.parametrize(("pixels", "antialias"), [(8.0, "auto"), (0.5, "auto"), (0.25, "paper"), (0.1, "paper")])
@@ -190,7 +119,7 @@ def test_pictures_are_those_of_float64(renderer: sg.Renderer, rng: np.random.Gen
     volume = cloud(places, colors, 0.4)
     settings = sg.Settings(background=(1.0, 1.0, 1.0))
     splats = sg.extract(volume, sg.default_transfer(volume))
-    camera = sg.Camera.orbit(splats, 30, 20, 40, (24, 24))
+    camera = sg.Camera.orbit(splats, 30, 20, 40, (16, 16))
     right = sg.reference.render(splats, camera, settings)
     image = renderer.render(splats, camera, settings)
     assert np.abs(image.pixels - right.pixels).max() < 1e-3
@@ -233,5 +162,7 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
             with pytest.raises(sg.InputError) as error:
                 sg.load(damaged)
             assert "\n" not in str(error.value)
+    plain = rng.integers(0, 9, 16).astype(np.uint8).tobytes() * 50 + bytes(300)
+    assert unpack_lzf(pack_lzf(plain), len(plain)) == plain
     with pytest.raises(sg.InputError, match="compressed data"):
         unpack_lzf(bytes([224, 0, 7]), 9)
