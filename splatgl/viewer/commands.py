@@ -36,6 +36,9 @@ class Request(Enum):
     REDO = auto()
     CANCEL = auto()
     QUIT = auto()
+    SAVE_AND_QUIT = auto()
+    DISCARD = auto()
+    PALETTE = auto()
     FORGET_RECENT = auto()
 
 
@@ -443,15 +446,15 @@ COMMANDS = (
     Command("hud", "what is drawn and how: short, full, or off", ("i",), _hud),
     Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
     Command("ground", "next ground: black, white, checks, grey, blue", ("n",), _ground),
+    Command("palette", "find a command", ("ctrl+p",), _request(Request.PALETTE)),
     Command("help", "all keys", ("?", "f1"), _toggle("help")),
     Command("close", "close what is open; stop what goes on", ("escape",), _close),
     Command("quit", "quit", ("q", "ctrl+q"), _request(Request.QUIT)),
 )
 MOUSE = (
     ("left drag", "turn"),
-    ("shift+left, middle drag", "pan"),
+    ("shift, ctrl+left drag", "pan, roll"),
     ("wheel, right drag", "zoom to the cursor"),
-    ("ctrl+left drag", "roll"),
     ("double click", "turn about the point under the cursor"),
     ("drop a file", "open it; several: a series; a mesh: over it"),
 )

@@ -51,9 +51,9 @@ MODIFIERS = ((1, imgui.Key.mod_shift), (2, imgui.Key.mod_ctrl), (4, imgui.Key.mo
 class Gui:
     """Dear ImGui in a window, with the panel."""
 
-    def __init__(self, window: Window, commands: Iterable[Command]) -> None:
+    def __init__(self, window: Window, commands: Iterable[Command], has_strip: bool = True) -> None:
         self.window = window
-        self.panel = Panel(commands)
+        self.panel = Panel(commands, has_strip)
         self.cursor: tuple[float, float] = (-1.0, -1.0)
         # kind and values of events that ImGui has not got yet
         self.waiting: list[tuple[str, tuple[Any, ...]]] = []

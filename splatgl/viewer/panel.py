@@ -22,6 +22,7 @@ from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
+from splatgl.viewer.popups import Palette, Unsaved
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.tool import PANEL
 from splatgl.viewer.transfer_editor import Curve
@@ -45,10 +46,14 @@ BLEND_NAMES = {"composite": "volume", "xray": "X-ray", "mip": "MIP", "minip": "m
 
 
 class Panel:
-    """Draws the panel and holds what outlasts a frame: the curve, the file browser, and open lists."""
+    """Draws the panel and holds what outlasts a frame: the curve, the file browser, and open lists. has_strip: whether
+    a strip at the right edge opens it.
+    """
 
-    def __init__(self, commands: Iterable[Command]) -> None:
+    def __init__(self, commands: Iterable[Command], has_strip: bool = True) -> None:
+        self.has_strip = has_strip
         self.curve, self.browser, self.widgets = Curve(), Browser(), CommandWidgets(commands)
+        self.palette, self.unsaved = Palette(), Unsaved()
         # recent files
         self.recent: tuple[str, ...] = ()
         self.place = (0.0, 0.0, 0.0, 0.0)
@@ -63,18 +68,29 @@ class Panel:
         room: width and height at whose right end the panel stands, screen units. docked: it is as high as the room,
         else it lies over the picture.
         """
-        if not state.panel:
-            return self._draw_strip(state, document, room)
+        # a click may have closed the list meanwhile
+        if self.closes and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+            imgui.internal.close_popup_to_level(0, True)
+        self.closes = False
+        if state.panel:
+            state = self._draw(state, document, frame, room, docked)
+        elif self.has_strip:
+            state = self._draw_strip(state, document, room)
+        else:
+            self.place = (0.0, 0.0, 0.0, 0.0)
+        self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+        self.unsaved.draw(self.widgets, room)
+        return self.palette.draw(state, document, self.widgets, room)
+
+    def _draw(
+        self, state: State, document: Document, frame: Frame | None, room: tuple[int, int], docked: bool
+    ) -> State:
         margin = 0.0 if docked else MARGIN
         wide = min(PANEL * imgui.get_style().font_scale_main, room[0] - 2 * margin)
         high = max(room[1] - 2 * margin, 1.0)
         imgui.set_next_window_pos((room[0] - wide - margin, margin), imgui.Cond_.always)
         imgui.set_next_window_size_constraints((wide, high if docked else 0.0), (wide, high))
         imgui.set_next_window_bg_alpha(1.0 if docked else 0.95)
-        # a click may have closed the list meanwhile
-        if self.closes and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
-            imgui.internal.close_popup_to_level(0, True)
-        self.closes = False
         flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize
         flags |= imgui.WindowFlags_.no_title_bar if docked else imgui.WindowFlags_.always_auto_resize
         shown, _ = imgui.begin("splatgl", None, flags)
@@ -108,7 +124,6 @@ class Panel:
         """Ends the window, and notes where it is."""
         corner, size = imgui.get_window_pos(), imgui.get_window_size()
         self.place = (corner.x, corner.y, corner.x + size.x, corner.y + size.y)
-        self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
         imgui.end()
 
     def _draw_strip(self, state: State, document: Document, room: tuple[int, int]) -> State:

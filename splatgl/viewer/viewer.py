@@ -353,6 +353,16 @@ class Viewer:
                 self.files.open_option(replace(scene, meshes=state.mesh_files), option, value)
             case Request.FORGET_RECENT:
                 self.recent = self.recent.forgotten()
+            case Request.PALETTE:
+                if self.panel is None:
+                    self._open_panel()
+                if self.panel is not None:
+                    self.panel.panel.palette.open()
+            case Request.SAVE_AND_QUIT:
+                self._save("scene", partial(save_scene, self.state, self.document, draw, folder), True)
+                self.closed = not self.history.has_unsaved_edits(self.state)
+            case Request.DISCARD:
+                self.closed = True
             case Request.QUIT:
                 self._quit()
 
@@ -402,13 +412,17 @@ class Viewer:
                 self.files.refine(self.document)
 
     def _quit(self) -> None:
-        """Closes the window, at the second request if edits would be lost."""
+        """Closes the window; asks first, or waits for a second request, if edits would be lost."""
         if not self.history.has_unsaved_edits(self.state) or self.warned:
             self.closed = True
             return
         self.warned = True
         self.window.stay()
-        self.say(UNSAVED)
+        if self.panel is None:
+            self.say(UNSAVED)
+        else:
+            self.panel.panel.unsaved.opening = True
+            self.refresh()
 
     def say(self, message: str, topic: str = "") -> None:
         """Shows a message until the next key, or until its topic is cleared."""
@@ -695,4 +709,4 @@ class Viewer:
         else:
             from splatgl.viewer.imgui_backend import Gui
 
-            self.panel = Gui(self.window, self.options.commands)
+            self.panel = Gui(self.window, self.options.commands, self.options.panel)

@@ -75,3 +75,32 @@ def test_escape_closes_a_list(panel: Window) -> None:
     assert panel.key("?")["help"] and not panel.key("escape")["help"]
     told = panel.key("escape")
     assert not told["closed"] and told["panel"]
+
+
+@pytest.mark.long
+def test_commands_are_found_by_their_words(panel: Window) -> None:
+    """The typed letters are no shortcuts; the arrows choose, Enter runs, and the panel may be hidden."""
+    for hidden in (False, True):
+        before = panel.key("tab") if hidden else panel.ask("look")
+        panel.hands("key", "ctrl+p")
+        panel.ask("settle")
+        panel.hands("type", "next b")
+        told = panel.ask("settle")
+        assert told["dialog"] and told["settings"] == before["settings"]
+        panel.hands("key", "Down", "Up")
+        told = panel.key("enter")
+        assert not told["dialog"] and told["settings"]["blend"] == ("mip" if hidden else "xray")
+
+
+@pytest.mark.long
+def test_edits_are_asked_for_before_the_window_closes(panel: Window) -> None:
+    panel.key("b")
+    panel.hands("key", "q")
+    assert panel.until(lambda told: told["dialog"])["closed"] is False
+    assert not panel.key("escape")["dialog"]
+    told = panel.ask("set", effects=["SAVE_AND_QUIT"])
+    assert told["closed"] and (panel.folder / "scene-001.toml").exists()
+    panel.ask("reset")
+    panel.key("b")
+    assert panel.ask("set", effects=["DISCARD"])["closed"]
+    panel.ask("reset")

@@ -149,6 +149,7 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "undo": lambda before, after: "to undo" in after["message"] or "undone" in after["message"],
     "redo": lambda before, after: "to redo" in after["message"],
     "hud": lambda before, after: (before["hud"], after["hud"]) == ("short", "full"),
+    "palette": lambda before, after: after["dialog"] or "pip install" in after["message"],
     "close": lambda before, after: before["help"] and not after["help"] and not after["closed"],
     "play": lambda before, after: "one point in time" in after["message"],
     "earlier": lambda before, after: "one point in time" in after["message"],
