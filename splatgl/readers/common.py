@@ -187,9 +187,26 @@ def decoder_errors(title: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:REASON_LIMIT] or type(error).__name__
+        if _is_incompatible(error):
+            raise InputError(
+                f"cannot be read as {title}: the library that reads it fails, whatever the file ({reason}); "
+                "install another version of it"
+            ) from error
         raise InputError(
             f"cannot be read as {title}: {reason}; the file may be damaged, or of an unsupported kind"
         ) from error
+
+
+# what Python says where libraries of versions that do not fit call each other
+_MISFIT = re.compile(
+    r"has no setter|can't set attribute|module '.*' has no attribute|type object '.*' has no attribute|"
+    r"unexpected keyword argument|required positional argument|cannot import name|No module named"
+)
+
+
+def _is_incompatible(error: Exception) -> bool:
+    """Whether an exception comes from a library's code, and not from what a file holds."""
+    return isinstance(error, AttributeError | TypeError | ImportError) and _MISFIT.search(str(error)) is not None
 
 
 @contextmanager

@@ -77,6 +77,85 @@ def netcdf() -> list[Seed]:
     return [written("a.nc", save)]
 
 
+def hdf5_layouts() -> list[Seed]:
+    """EMD, NeXus, MATLAB, VTK and ITK in HDF5."""
+    import h5py
+
+    def emd(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            group = file.create_group("data/cube")
+            group.attrs["emd_group_type"] = 1
+            group["data"] = CUBE
+            for n, name in enumerate("zyx"):
+                node = group.create_dataset(f"dim{n}", data=np.arange(2 if n else CUBE.shape[0]) * 1.5)
+                node.attrs["name"], node.attrs["units"] = name, "[n_m]"
+
+    def nexus(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            file.attrs["default"] = "entry"
+            group = file.create_group("entry")
+            group.attrs["signal"], group.attrs["axes"] = "data", ["z", "y", "x"]
+            group["data"], group["errors"] = CUBE, CUBE
+            for n, name in enumerate("zyx"):
+                group[name] = np.arange(CUBE.shape[n] + 1) * 1.5
+
+    def matlab(path: Path) -> None:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            pairs = np.zeros(CUBE.shape, [("real", "f4"), ("imag", "f4")])
+            pairs["real"] = CUBE
+            file.create_dataset("a", data=pairs).attrs["MATLAB_class"] = np.bytes_("single")
+
+    def vtk(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            group = file.create_group("VTKHDF")
+            group.attrs["Type"], group.attrs["WholeExtent"] = np.bytes_("ImageData"), [0, X - 1, 0, Y - 1, 0, Z - 1]
+            group.attrs["Spacing"], group.attrs["Origin"] = (0.5, 1, 2.0), (1.0, 2, 3)
+            group.attrs["Direction"] = np.eye(3).ravel()
+            group["PointData/a"], group["PointData/flow"] = CUBE[None], np.stack([CUBE] * 3, -1)[None].astype("f4")
+            group.create_group("Steps").attrs["NSteps"] = 1
+
+    def itk(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            group = file.create_group("ITKImage/0")
+            group["VoxelData"], group["Spacing"], group["Directions"] = CUBE, (0.5, 1, 2.0), np.eye(3)
+
+    saves = {"a.emd": emd, "a.nxs": nexus, "a.mat": matlab, "a.vtkhdf": vtk, "a.h5": itk}
+    return [written(name, save) for name, save in saves.items()]
+
+
+def netcdf_classic() -> list[Seed]:
+    import netCDF4
+
+    def save(path: Path, form: str) -> None:
+        with netCDF4.Dataset(path, "w", format=form) as file:
+            for name, size in zip(("time", "z", "y", "x"), (None, *CUBE.shape), strict=True):
+                file.createDimension(name, size)
+                node = file.createVariable(name, "f8", (name,))
+                node[:], node.units = np.arange(size or 2) * 1.5, "m" if size else "hours since 2000-01-01"
+            node = file.createVariable("t", "i2", ("time", "z", "y", "x"), fill_value=7)
+            node.scale_factor = 0.5
+            node[:] = np.stack([CUBE, CUBE])
+
+    forms = ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA")
+    return [written("a.nc", partial(save, form=form)) for form in forms]
+
+
+def components() -> list[Seed]:
+    """Colours and vectors of NumPy and NIfTI."""
+    import nibabel
+
+    rgb = np.stack([CUBE] * 3, -1).astype(np.uint8)
+    flow = nibabel.Nifti1Image(np.stack([CUBE.T] * 3, -1)[:, :, :, None].astype("f4"), np.eye(4))
+    flow.header.set_intent(1007)
+    bytes_of_rgb = nibabel.Nifti1Image(rgb.view([(letter, "u1") for letter in "RGB"])[..., 0].T, np.eye(4))
+    return [
+        written("a.npy", partial(np.save, arr=rgb)),
+        written("b.npy", partial(np.save, arr=CUBE[None] * 1j)),
+        written("a.nii", lambda path: nibabel.save(flow, path)),
+        written("b.nii.gz", lambda path: nibabel.save(bytes_of_rgb, path)),
+    ]
+
+
 def imaris() -> list[Seed]:
     import h5py
 

@@ -25,13 +25,16 @@ from tests.fuzz.seed_channels import (
 from tests.fuzz.seed_dicom import dicom_seeds
 from tests.fuzz.seed_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy, written
 from tests.fuzz.seed_libraries import (
+    components,
     hdf5,
+    hdf5_layouts,
     hdf5_old,
     imaris,
     labels,
     mgh,
     mrc,
     netcdf,
+    netcdf_classic,
     nibabel_pairs,
     nrrd_components,
     points,
@@ -334,7 +337,10 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "dicom-packed": partial(dicom, True),
     "hdf5": hdf5,
     "hdf5-old": hdf5_old,
+    "hdf5-layouts": hdf5_layouts,
     "netcdf": netcdf,
+    "netcdf-classic": netcdf_classic,
+    "components": components,
     "imaris": imaris,
     "bigdataviewer": bigdataviewer,
     "czi": czi,

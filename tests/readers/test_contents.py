@@ -14,6 +14,7 @@ import pytest
 
 from splatgl.errors import InputError
 from splatgl.readers import load
+from splatgl.readers.common import decoder_errors
 from tests.fuzz.seeds import SEEDS
 
 A = np.arange(7 * 12 * 13, dtype=np.int16).reshape(7, 12, 13)
@@ -123,3 +124,19 @@ def test_seeds_are_recognized(tmp_path: Path) -> None:
         for seed in SEEDS[reader]():
             (tmp_path / "scan").write_bytes(seed.files[seed.main])
             assert load(tmp_path / "scan").count > 0
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        AttributeError("property 'is_svs' of 'TiffFile' object has no setter"),
+        TypeError("open() got an unexpected keyword argument 'mode'"),
+        ImportError("cannot import name 'decode' from 'codecs'"),
+    ],
+)
+def test_a_library_that_fails_by_itself_is_told_as_such(error: Exception) -> None:
+    told = r"fails, whatever the file .*; install another version of it"
+    with pytest.raises(InputError, match=told), decoder_errors("TIFF"):
+        raise error
+    with pytest.raises(InputError, match="the file may be damaged"), decoder_errors("TIFF"):
+        raise AttributeError("'NoneType' object has no attribute 'pages'")
