@@ -7,8 +7,9 @@ the step along one axis: the columns of world-from-index.
 from __future__ import annotations
 
 import io
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,7 +19,7 @@ import numpy as np
 from splatgl.data.affine import unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
-from splatgl.fileio import byte_count
+from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import (
     COLOR_NOTE,
     MAGNITUDE_NOTE,
@@ -31,6 +32,7 @@ from splatgl.readers.channels import (
 )
 from splatgl.readers.common import (
     bunzip,
+    convert_words,
     decoder_errors,
     find_data_file,
     grid_shape,
@@ -79,6 +81,9 @@ _HEADER_LIMIT = 2**20
 # most axes of a file: NRRD_DIM_MAX of the format's library
 _MAX_AXES = 16
 Header = Mapping[str, Any]
+# a line of a list of data files, the key of their names, a pattern of their names, and most of them
+_LIST, LISTED = re.compile(rb"data ?file: *LIST"), "files of a list"
+_PATTERN, _MOST_FILES = re.compile(r"[^%]*%0?[0-9]{0,2}d[^%]*"), 100_000
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -235,7 +240,10 @@ def _read_header(path: Path) -> tuple[Header, int]:
     nrrd = import_extra("nrrd", "NRRD files", "pynrrd", "readers")
     with path.open("rb") as file, decoder_errors("NRRD"):
         lines = _header_lines(file)
-        header, end = nrrd.read_header(lines), file.tell()
+        # behind "data file: LIST" come names
+        last = next((n for n, line in enumerate(lines, 1) if _LIST.match(line)), len(lines))
+        header, end = nrrd.read_header(lines[:last]), file.tell()
+        header[LISTED] = [line.decode("latin-1").strip() for line in lines[last:] if line.strip()]
     for name in ("dimension", "type", "encoding", "sizes"):
         if name not in header:
             raise expected("header", f"a field {name!r}", "none", "the header is incomplete")
@@ -283,17 +291,50 @@ def _space_axes(header: Header, sizes: list[int]) -> list[int]:
 def _read_data(path: Path, header: Header, start: int, shape: list[int], anywhere: bool) -> np.ndarray:
     encoding = str(header["encoding"]).lower()
     dtype = _dtype(header, encoding)
-    # 1. the data: here, or in another file; "line skip" counts before "byte skip"
+    # the data: here, in another file, or in several, which are all checked before any is read
     name = header.get("data file", header.get("datafile"))
-    if name is not None:
-        if name.startswith("LIST") or "%" in name:
-            raise expected("data file", "one file", repr(name), "join the slices in one file")
-        path, start = find_data_file(path, name, anywhere), 0
+    if name is None:
+        return _read_file(path, header, start, shape, dtype)
+    names, axes = _list_files(name, header.get(LISTED, ()), shape)
+    files = [find_data_file(path, each, anywhere) for each in names]
+    if axes == len(shape):
+        return _read_file(files[0], header, 0, shape, dtype)
+    count, inner = math.prod(shape[: len(shape) - axes]), shape[len(shape) - axes :]
+    if len(files) != count:
+        raise expected("data file", f"{count} files", len(files), "the header is damaged")
+    if encoding != "raw":
+        require_memory(byte_count(shape, dtype), sum(file.stat().st_size for file in files))
+    return np.stack([_read_file(file, header, 0, inner, dtype) for file in files]).reshape(shape)
+
+
+def _list_files(name: str, listed: Sequence[str], shape: list[int]) -> tuple[list[str], int]:
+    """Names of the data files, and how many of the fastest axes each holds: all but the slowest unless stated.
+
+    name: of one file, "LIST [N]" with names behind the header, or a pattern with the first and last number, step and N.
+    """
+    words = name.split()
+    if words[:1] == ["LIST"]:
+        names, rest = list(listed), words[1:]
+    elif "%" in name and len(words) in (4, 5) and _PATTERN.fullmatch(words[0]):
+        first, last, step = convert_words(words[1:4], int, "data file")
+        numbers = range(first, last + (1 if step > 0 else -1), step or 1)[:_MOST_FILES]
+        names, rest = [words[0] % number for number in numbers], words[4:]
+    else:
+        return [name], len(shape)
+    axes = convert_words(rest, int, "data file")[0] if rest else len(shape) - 1
+    if not 1 <= axes < len(shape):
+        raise expected("data file", f"1 to {len(shape) - 1} axes a file", axes)
+    return names, axes
+
+
+def _read_file(path: Path, header: Header, start: int, shape: list[int], dtype: np.dtype) -> np.ndarray:
+    """The samples [shape] in a file from byte `start` on; "line skip" counts before "byte skip"."""
+    encoding = str(header["encoding"]).lower()
     start = _skip_lines(path, start, int(header.get("line skip", header.get("lineskip", 0))))
     skip = int(header.get("byte skip", header.get("byteskip", 0)))
     if skip < -1:
         raise expected("byte skip", "-1 (from the end), 0 or more", skip)
-    # 2. their coding; "byte skip" of compressed data counts inflated bytes
+    # "byte skip" of compressed data counts inflated bytes
     if encoding == "raw":
         from_end = path.stat().st_size - byte_count(shape, dtype)
         return map_array(path, max(from_end, 0) if skip == -1 else start + skip, dtype, shape)

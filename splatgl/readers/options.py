@@ -14,6 +14,7 @@ import numpy as np
 from splatgl.data.volume import Triple
 from splatgl.errors import Choice, InputError, expected
 from splatgl.options import Group, Kind, check_options, non_default, option
+from splatgl.readers.contents import OTHER_GZIP
 
 # endings of files that hold named datasets
 HDF5 = (".h5", ".hdf5", ".he5", ".hdf", ".nc", ".nc4", ".emd", ".nxs", ".mat", ".vtkhdf", ".cmap")
@@ -33,7 +34,6 @@ CONVERTERS = {
     **dict.fromkeys((".vtu", ".vts", ".pvtu", ".pvts"), PARAVIEW),
     **dict.fromkeys((".vtp", ".pvtp", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
     **dict.fromkeys((".e57", ".xyz", ".pts"), "save the points as .las or .ply, such as with CloudCompare"),
-    ".mnc": "convert it with mnc2nii",
     ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".ali": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".vdb": "save a dense array with numpy.save, in the order [z, y, x]",
@@ -352,6 +352,9 @@ FORMATS = (
         "dicom.list_series",
     ),
     Format("points", (".las", ".laz", ".pcd", ".ply"), "points.read", ("array", "point_size"), ("LAS", "PLY", "PCD")),
+    Format("MINC", (".mnc",), "nibabel_files.read_minc", ("time",), ("NetCDF-3", "HDF5")),
+    Format("AFNI", (".head", ".brik", ".brik.gz"), "nibabel_files.read_afni", ("time",), ("?", "gzip", OTHER_GZIP)),
+    Format("PAR/REC", (".par",), "nibabel_files.read_parrec", ("time",)),
     Format(
         "picture slices", (), "image_stack.read", ("channel", "time"), kinds=("folder",), tells="image_stack.is_slices"
     ),

@@ -177,7 +177,7 @@ class _Parser:
 
     def values(self, count: int, type_name: str) -> Callable[[], np.ndarray]:
         """Skips `count` numbers; returns a function that reads them."""
-        is_bits = type_name.lower() == "bit" and self.binary
+        is_bits = type_name.lower() == "bit"
         code = "u1" if is_bits else _TYPES.get(type_name.lower())
         if code is None:
             raise expected("type", "a VTK number type such as float", type_name)
@@ -189,6 +189,8 @@ class _Parser:
         if not self.binary:
             is_color = type_name == _COLOR
             numbers = read_numbers(self.file, count, np.dtype("f4") if is_color else dtype, there)
+            if is_bits:
+                return lambda: numbers.astype(bool)
             return lambda: np.rint(np.clip(numbers, 0, 1) * 255).astype(np.uint8) if is_color else numbers
         entries = -(-count // 8) if is_bits else count
         size = byte_count((entries,), dtype)
@@ -199,6 +201,20 @@ class _Parser:
             return lambda: np.unpackbits(map_array(self.path, start, dtype, (size,)), count=count).view(bool)
         return lambda: map_array(self.path, start, dtype, (count,))
 
+    def skip_texts(self, count: int) -> None:
+        """Skips an array of texts: a line each, or in binary files each behind its length."""
+        require_bytes(count, self.path.stat().st_size - self.file.tell())
+        for _ in range(count):
+            if not self.binary:
+                self.file.readline()
+                continue
+            # the first two bits tell the bytes of the length: 8, 4, 2 or 1
+            first = self.file.read(1)
+            width = 8 >> (first[0] >> 6) if first else 1
+            length = int.from_bytes(bytes([first[0] & 63]) + self.file.read(width - 1), "big") if first else 0
+            require_bytes(length, self.path.stat().st_size - self.file.tell())
+            self.file.seek(length, 1)
+
     def shape(self) -> Shape:
         return grid_shape(_whole_numbers(self.grid.get("DIMENSIONS", []), "DIMENSIONS"), "DIMENSIONS")
 
@@ -206,6 +222,9 @@ class _Parser:
         """Skips an array, and adds it if it has one entry per point or per cell."""
         if components < 1 or count < 0:
             raise expected(name, "one or more components and entries", f"{components}, {count}")
+        if type_name.lower() == "string":
+            self.skip_texts(count * components)
+            return
         read = self.values(count * components, type_name)
         if count != self.count or not (self.of_points or count):
             return
@@ -290,6 +309,8 @@ def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
         parser.add(rest[0], components, rest[1], False, parser.count)
     elif keyword in _COMPONENTS and len(rest) >= 2:
         parser.add(rest[0], _COMPONENTS[keyword], rest[1], keyword == "VECTORS", parser.count)
+    elif keyword in ("GLOBAL_IDS", "PEDIGREE_IDS") and len(rest) >= 2:
+        parser.add(rest[0], 1, rest[1], False, parser.count)
     elif keyword == "TEXTURE_COORDINATES" and len(rest) >= 3:
         parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], rest[2], False, parser.count)
     elif keyword == "COLOR_SCALARS" and len(rest) >= 2:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import base64
 import io
 import lzma
+import math
 import re
 import zlib
 from collections.abc import Callable, Sequence
@@ -468,21 +469,34 @@ def read_arrays(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
 def _read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
     name, type_name, kind = node.get("Name", "unnamed"), node.get("type", "none"), node.get("format", "none")
     components = int(parse_numbers(node, "NumberOfComponents", "1", 1)[0])
-    if type_name not in _TYPES or components < 1:
+    is_bits = type_name == "Bit"
+    if (type_name not in _TYPES and not is_bits) or components < 1:
         raise expected(f"DataArray {name}", "a number type and components", f"{type_name}, {components}")
-    dtype = np.dtype(_TYPES[type_name]).newbyteorder(file.coding.header.byteorder)
+    dtype = np.dtype("u1" if is_bits else _TYPES[type_name]).newbyteorder(file.coding.header.byteorder)
     full = (*shape, components)
+    # bits are packed, but for numbers in text
+    stored = (1, 1, 1, -(-math.prod(full) // 8)) if is_bits and kind != "ascii" else full
     if kind == "ascii":
-        read = partial(parse_ascii, node.text or "", dtype, full)
+        read: Callable[[], np.ndarray] = partial(parse_ascii, node.text or "", dtype, full)
     elif kind == "binary":
         inline = "".join((node.text or "").split()).encode("ascii", "replace")
-        read = partial(decode, Source(file.path, inline, 0, False), file.coding, dtype, full)
+        read = partial(decode, Source(file.path, inline, 0, False), file.coding, dtype, stored)
     elif kind == "appended" and file.appended is not None:
         source = file.appended.at(int(parse_numbers(node, "offset", "0", 1)[0]))
-        read = partial(decode, source, file.coding, dtype, full)
+        read = partial(decode, source, file.coding, dtype, stored)
     else:
         raise expected(f"DataArray {name}", "format ascii, binary or appended (with data)", kind)
+    if is_bits:
+        read, dtype = partial(_read_bits, read, full), np.dtype(bool)
     return PointArray(name, components, components == 3 and dtype.kind == "f", read, dtype)
+
+
+def _read_bits(read: Callable[[], np.ndarray], shape: Shape4) -> np.ndarray:
+    """An array of bits [shape], of numbers in text or of packed bytes, whose highest bit is the first."""
+    stored = read()
+    if stored.shape == tuple(shape):
+        return stored.astype(bool)
+    return np.unpackbits(stored.ravel(), count=math.prod(shape)).view(bool).reshape(shape)
 
 
 def parse_numbers(element: Element, name: str, default: str, count: int) -> list[float]:

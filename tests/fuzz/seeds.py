@@ -40,6 +40,7 @@ from tests.fuzz.seed_libraries import (
     points,
     vtk_grids,
 )
+from tests.fuzz.seed_neuro import afni, minc1, minc2, nrrd_list, parrec, vtk_bits
 from tests.fuzz.seed_pictures import lsm, slices, tiff_codecs, tiff_xr, zarr_zip
 
 # --- NumPy, raw -------------------------------------------------------------------------------------------------------
@@ -326,6 +327,12 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "nifti-gz": partial(nifti, ".nii.gz"),
     "tiff": tiff,
     "ome-tiff": ome_tiff,
+    "minc-1": minc1,
+    "minc-2": minc2,
+    "afni": afni,
+    "par-rec": parrec,
+    "vtk-bits": vtk_bits,
+    "nrrd-list": nrrd_list,
     "tiff-codecs": tiff_codecs,
     "tiff-xr": tiff_xr,
     "lsm": lsm,

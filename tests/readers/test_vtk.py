@@ -165,7 +165,7 @@ DAMAGE = [
     ("raw", b"ImageData", b"PolyData_", b"", b"", "expected VTK grid, as the name says, got VTK PolyData_"),
     ("raw", b"<?xml version", b"<!DOCTYPE a><?xml version", b"", b"", "a DOCTYPE"),
     ("raw", b'Spacing="1.5', b'Spacing="nan', b"", b"", "Spacing: expected 3 numbers"),
-    ("binary", b'type="Int16"', b'type="Bit"', b"", b"", "DataArray letter"),
+    ("binary", b'type="Int16"', b'type="Bits"', b"", b"", "DataArray letter"),
     (
         "raw",
         b"</Piece>",

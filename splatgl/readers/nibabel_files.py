@@ -1,0 +1,125 @@
+"""MINC 1 and 2, AFNI and Philips' PAR/REC, through nibabel, in RAS and millimetres.
+
+nibabel's affine takes indices along an array's axes to RAS+; MINC's arrays are [z, y, x] or [t, z, y, x], the others
+[x, y, z] or [x, y, z, t].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatgl.data.affine import volume_on_grid
+from splatgl.data.volume import Volume
+from splatgl.errors import expected, import_extra
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.channels import ChannelSet
+from splatgl.readers.common import decoder_errors, grid_shape, require_bytes, require_plausible
+from splatgl.readers.hdf5_files import open_hdf5
+from splatgl.readers.options import LoadOptions
+
+# most bytes of a header in text
+_HEADER_BYTES = 2**24
+# samples that are scaled become float64 in nibabel
+_SCALED = np.dtype(np.float64)
+
+
+def read_minc(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a MINC file, in NetCDF-3 or HDF5; `time` picks a time point."""
+    nibabel = import_extra("nibabel", "MINC files", "nibabel", "readers")
+    with path.open("rb") as file:
+        is_hdf5 = file.read(4) == b"\x89HDF"
+    form = nibabel.minc2.Minc2File if is_hdf5 else nibabel.minc1.Minc1File
+    with ExitStack() as stack, decoder_errors("MINC"):
+        opened = open_hdf5(path) if is_hdf5 else nibabel.externals.netcdf.netcdf_file(str(path), "r", mmap=False)
+        stack.callback(opened.close)
+        image = form(opened)
+        shape = [int(size) for size in image.get_data_shape()]
+        _check(shape, shape[-3:], path, is_packed=is_hdf5)
+        matrix, zooms = np.asarray(image.get_affine(), np.float64), [float(zoom) for zoom in image.get_zooms()]
+        step = zooms[0] if len(shape) > 3 and len(zooms) > 3 else 0.0
+
+        def read_samples(time: int) -> np.ndarray:
+            return np.asarray(image.get_scaled_data((time,) if len(shape) > 3 else ()))
+
+        # nibabel has the slowest axis first
+        grid = (matrix[:3, :3][:, ::-1], matrix[:3, 3])
+        return _volume(read_samples, shape[0] if len(shape) > 3 else 1, step, grid, options)
+
+
+def read_afni(path: Path, options: LoadOptions) -> Volume:
+    """The volume of AFNI's pair .HEAD and .BRIK or .BRIK.gz, either of which may be named; `time` picks a sub-brick."""
+    nibabel = import_extra("nibabel", "AFNI files", "nibabel", "readers")
+    stem = path.name[: -len(".brik.gz" if path.name.lower().endswith(".gz") else ".head")]
+    header = _beside(path, stem, (".HEAD", ".head"))
+    data = _beside(path, stem, (".BRIK", ".BRIK.gz", ".brik", ".brik.gz"))
+    return _read_pair(nibabel.brikhead.AFNIImage, "AFNI", header, data, options)
+
+
+def read_parrec(path: Path, options: LoadOptions) -> Volume:
+    """The volume of Philips' pair .PAR and .REC, in the values that the scanner displays; `time` picks a time point."""
+    nibabel = import_extra("nibabel", "PAR/REC files", "nibabel", "readers")
+    data = _beside(path, path.stem, (".REC", ".rec"))
+    return _read_pair(nibabel.parrec.PARRECImage, "PAR/REC", path, data, options)
+
+
+def _beside(path: Path, stem: str, endings: tuple[str, ...]) -> Path:
+    """The file of a pair beside `path`. Raises InputError without one."""
+    found = next((path.with_name(stem + ending) for ending in endings if path.with_name(stem + ending).is_file()), None)
+    if found is None:
+        raise expected("pair", f"{stem}{endings[0]} beside it", "none", "put both files side by side")
+    return found
+
+
+def _read_pair(form: Any, title: str, header: Path, data: Path, options: LoadOptions) -> Volume:
+    """The volume of a header in text and its data."""
+    if header.stat().st_size > _HEADER_BYTES:
+        raise expected(header.name, f"at most {_HEADER_BYTES} bytes", header.stat().st_size, "is this a header?")
+    with decoder_errors(title):
+        image = form.from_filename(str(header))
+        shape, affine = [int(size) for size in image.shape], np.asarray(image.affine, np.float64)
+        stored, zooms = np.dtype(image.get_data_dtype()), [float(zoom) for zoom in image.header.get_zooms()]
+    packed = data.name.lower().endswith(".gz")
+    _check(shape, shape[:3], data, packed)
+    if not packed:
+        require_bytes(byte_count(shape, stored), data.stat().st_size, data.name)
+    step = zooms[3] if len(shape) > 3 and len(zooms) > 3 else 0.0
+
+    def read_samples(time: int) -> np.ndarray:
+        with decoder_errors(title):
+            return np.asarray(image.dataobj[(..., time) if len(shape) > 3 else ...]).T
+
+    return _volume(read_samples, shape[3] if len(shape) > 3 else 1, step, (affine[:3, :3], affine[:3, 3]), options)
+
+
+def _check(shape: list[int], space: list[int], data: Path, is_packed: bool) -> None:
+    """Raises InputError for sizes that the file cannot hold, or that the memory cannot."""
+    if len(shape) not in (3, 4):
+        raise expected("dimensions", "three or four axes", len(shape))
+    grid_shape(space)
+    if min(shape) < 1:
+        raise expected("dimensions", "at least one entry along each axis", shape, "the header is damaged")
+    there = data.stat().st_size
+    require_plausible(math.prod(shape), there, bounded=is_packed)
+    require_memory(byte_count(shape, _SCALED), there)
+
+
+def _volume(
+    read_samples: Callable[[int], np.ndarray], times: int, step: float, grid: Any, options: LoadOptions
+) -> Volume:
+    """The volume of the picked time point. read_samples: of a time point, [z, y, x]. step: seconds between two."""
+    points = ChannelSet(times=times, step=step if 0 < step < math.inf else None)
+
+    def read_one(_: int | None) -> Volume:
+        samples = read_samples(options.time or 0)
+        if samples.dtype.kind not in "buif":
+            raise expected("samples", "real numbers", samples.dtype, "convert it to one number per voxel")
+        samples = samples.astype(np.float32) if samples.dtype == _SCALED else samples
+        return volume_on_grid(samples, grid[0], grid[1], "affine", unit="mm", frame="RAS")
+
+    return points.volume(options, read_one)

@@ -1,0 +1,67 @@
+"""MINC, AFNI and PAR/REC beside nibabel's reading; NRRD's lists of files; VTK's bits, texts and ids."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatgl.errors import InputError
+from splatgl.readers import load
+from tests.fuzz.seed_files import CUBE, Seed
+from tests.fuzz.seed_neuro import nrrd_list, write_vti, write_vtk
+
+NAMES = ("minc1_4d.mnc", "minc2_4d.mnc", "minc2_1_scale.mnc", "tiny.mnc", "example4d+orig.HEAD", "phantom_varscale.PAR")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_of_nibabel(name: str) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    path = Path(pytest.importorskip("nibabel.testing").data_path) / name
+    if not path.is_file():
+        pytest.skip("nibabel's test data are not installed")
+    volume = load(path)
+    last = volume.times - 1
+    volume = load(path, time=last) if last else volume
+    image = nibabel.load(path)
+    own = np.asarray(image.dataobj)
+    is_minc = name.endswith(".mnc")
+    if own.ndim == 4:
+        own = own[last] if is_minc else own[..., last]
+    np.testing.assert_allclose(volume.samples, own if is_minc else own.T, rtol=1e-6)
+    place = np.array([1, 2, 3])
+    world = image.affine[:3, :3] @ (place[::-1] if is_minc else place) + image.affine[:3, 3]
+    np.testing.assert_allclose(volume.world_from_index @ place + volume.origin, world, atol=1e-4)
+    assert volume.frame == "RAS" and volume.unit == "mm"
+
+
+def test_a_pair_needs_both(tmp_path: Path) -> None:
+    (tmp_path / "a.par").write_text("# === DATA DESCRIPTION FILE ===")
+    with pytest.raises(InputError, match=r"pair: expected a\.REC beside it, got none"):
+        load(tmp_path / "a.par")
+
+
+@pytest.mark.parametrize("seed", nrrd_list(), ids=["pattern", "list"])
+def test_lists_of_nrrd(tmp_path: Path, seed: Seed) -> None:
+    for name, data in seed.files.items():
+        (tmp_path / name).write_bytes(data)
+    assert np.array_equal(load(tmp_path / "a.nhdr").samples, CUBE)
+    (tmp_path / "s3.raw").unlink()
+    with pytest.raises(InputError, match="data file: expected a file beside the header"):
+        load(tmp_path / "a.nhdr")
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"), [("a.vti", "Ascii"), ("a.vti", "Appended"), ("a.vtk", "ASCII"), ("a.vtk", "Binary")]
+)
+def test_bits_texts_and_ids_beside_numbers(tmp_path: Path, name: str, mode: str) -> None:
+    pytest.importorskip("vtk")
+    write = write_vti if name == "a.vti" else write_vtk
+    write(tmp_path / name, mode)
+    assert np.array_equal(load(tmp_path / name).samples, CUBE)
+    mask = load(tmp_path / name, array="mask").samples
+    assert mask.dtype == bool and np.array_equal(mask, CUBE > 90)
+    assert np.array_equal(load(tmp_path / name, array="ids").samples.ravel(), np.arange(CUBE.size))
+    write(tmp_path / name, mode, bits_only=True)
+    assert np.array_equal(load(tmp_path / name).samples, CUBE > 90)
