@@ -49,10 +49,10 @@ Grid = tuple[np.ndarray, np.ndarray]
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of a .vti or .vtr file; `array` names an array, the first vectors go to `Volume.vectors`."""
     file = parse_vtk(path, ("ImageData", "RectilinearGrid"))
-    pieces, coordinates = _read_pieces(file)
+    pieces, coordinates = read_pieces(file)
     if file.kind == "RectilinearGrid":
         return _rectilinear(pieces, coordinates, options)
-    return _volume(pieces, _grid(file), options)
+    return _volume(pieces, image_grid(file), options)
 
 
 def read_parallel(path: Path, options: LoadOptions) -> Volume:
@@ -62,17 +62,17 @@ def read_parallel(path: Path, options: LoadOptions) -> Volume:
     if not names or len(set(names)) < len(names):
         raise expected("Piece", "one file per piece", f"{len(names)} in {len(set(names))} files")
     files = [parse_vtk(find_data_file(path, name, options.anywhere), (parent.kind[1:],)) for name in names]
-    parts = [_read_pieces(file) for file in files]
+    parts = [read_pieces(file) for file in files]
     pieces = [piece for piece_list, _ in parts for piece in piece_list]
     if parent.kind == "PRectilinearGrid":
         return _rectilinear(pieces, [coordinates for _, axes in parts for coordinates in axes], options)
-    grids = [_grid(file) for file in files]
+    grids = [image_grid(file) for file in files]
     if any(not np.allclose(grid[0], grids[0][0]) or not np.allclose(grid[1], grids[0][1]) for grid in grids):
         raise expected("pieces", "one spacing, origin and direction", "several", "merge them with ParaView")
     return _volume(pieces, grids[0], options)
 
 
-def _read_pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
+def read_pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
     """The pieces of a file that are not empty, and the coordinates along x, y, z of rectilinear ones."""
     owner = file.root.find(file.kind)
     nodes = file.root.findall(f"{file.kind}/Piece")
@@ -108,10 +108,10 @@ def _read_coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointAr
         return []
     if owner is None or len(nodes) != 3:
         raise expected("Coordinates", "three arrays", len(nodes))
-    return [_read_array(file, array, (1, 1, count)) for array, count in zip(nodes, piece.shape[::-1], strict=True)]
+    return [read_array(file, array, (1, 1, count)) for array, count in zip(nodes, piece.shape[::-1], strict=True)]
 
 
-def _grid(file: VtkXml) -> Grid:
+def image_grid(file: VtkXml) -> Grid:
     image = file.root.find(file.kind)
     assert image is not None
     direction = np.array(parse_numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9)).reshape(3, 3)
@@ -463,10 +463,10 @@ def _read_coding(root: Element) -> Coding:
 
 def read_arrays(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
     """The arrays [D, H, W, components] below an element, which are read later."""
-    return [_read_array(file, node, shape) for node in owner.findall("DataArray")]
+    return [read_array(file, node, shape) for node in owner.findall("DataArray")]
 
 
-def _read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
+def read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
     name, type_name, kind = node.get("Name", "unnamed"), node.get("type", "none"), node.get("format", "none")
     components = int(parse_numbers(node, "NumberOfComponents", "1", 1)[0])
     is_bits = type_name == "Bit"
