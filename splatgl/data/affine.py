@@ -132,7 +132,9 @@ class Lattice:
 def describe_error(resampled: np.ndarray, own: np.ndarray, where: str = "") -> str:
     """RMSE of resampled values at a grid's own points in per cent of the range of its values, as text."""
     finite = np.isfinite(resampled) & np.isfinite(own)
-    span = float(np.ptp(own[finite])) if finite.any() else 0.0
+    if not finite.any():
+        return f"the error at its own points{where} is not known: none of them has a value"
+    span = float(np.ptp(own[finite]))
     rmse = float(np.sqrt(np.mean((resampled[finite] - own[finite]) ** 2))) / span if span else 0.0
     # less is rounding
     return f"RMSE at its own points{where} {100 * rmse * (rmse > 1e-6):.2g} % of the range"

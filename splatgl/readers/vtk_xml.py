@@ -112,6 +112,7 @@ def _read_coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointAr
 
 
 def image_grid(file: VtkXml) -> Grid:
+    """The grid of image data."""
     image = file.root.find(file.kind)
     assert image is not None
     direction = np.array(parse_numbers(image, "Direction", "1 0 0 0 1 0 0 0 1", 9)).reshape(3, 3)
@@ -351,7 +352,7 @@ def _read_entry(path: Path, name: str, options: LoadOptions, collections: bool) 
     """The volume in a file that `path` names. collections: whether the file may be a collection of blocks."""
     suffix = Path(name).suffix.lower()
     if suffix not in _GRIDS and not (suffix == ".vtm" and collections):
-        raise expected(name, f"a file of {', '.join(_GRIDS)}", repr(suffix), converter(name))
+        raise expected(name, f"a file of {', '.join(_GRIDS)}", repr(suffix), converter(name) or "open that file itself")
     file = find_data_file(path, name, options.anywhere)
     if suffix == ".vtm":
         parse_vtk(file, ("vtkMultiBlockDataSet",))
@@ -467,6 +468,7 @@ def read_arrays(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
 
 
 def read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:
+    """The array [D, H, W, components] of an element DataArray, which is read later."""
     name, type_name, kind = node.get("Name", "unnamed"), node.get("type", "none"), node.get("format", "none")
     components = int(parse_numbers(node, "NumberOfComponents", "1", 1)[0])
     is_bits = type_name == "Bit"

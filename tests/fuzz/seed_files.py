@@ -130,3 +130,40 @@ def _blocks(data: bytes, size: int = 400) -> tuple[bytes, bytes]:
     packed = [zlib.compress(part) for part in parts]
     last = len(parts[-1]) % size
     return struct.pack(f"<{3 + len(parts)}Q", len(parts), size, last, *map(len, packed)), b"".join(packed)
+
+
+def vtk_cells() -> list[Seed]:
+    """Hexahedra and tetrahedra of points, and AMR of two levels, in text."""
+
+    def array(name: str, kind: str, values: np.ndarray, parts: int = 1) -> str:
+        words = " ".join(f"{value:g}" for value in values.ravel())
+        start = f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{parts}" format="ascii">'
+        return f"{start}{words}</DataArray>"
+
+    z, y, x = np.indices((3, 3, 4)).reshape(3, -1)
+    first = [a + 4 * b + 12 * c for c in range(2) for b in range(2) for a in range(3)]
+    corners = np.array([[n, n + 1, n + 5, n + 4, n + 12, n + 13, n + 17, n + 16] for n in first])
+    seeds = []
+    for kind, cells in ((12, corners), (10, corners[:, [0, 1, 3, 4]])):
+        places = np.stack([x**1.5, y * 2.0, z], axis=1)
+        text = (
+            '<VTKFile type="UnstructuredGrid" version="1.0" header_type="UInt64"><UnstructuredGrid>'
+            f'<Piece NumberOfPoints="36" NumberOfCells="{len(cells)}"><PointData>{array("s", "Float32", x + y)}'
+            f"</PointData><CellData>{array('c', 'Int32', np.arange(len(cells)))}</CellData><Points>"
+            f"{array('Points', 'Float64', places, 3)}</Points><Cells>{array('connectivity', 'Int64', cells)}"
+            f"{array('offsets', 'Int64', np.arange(1, len(cells) + 1) * cells.shape[1])}"
+            f"{array('types', 'UInt8', np.full(len(cells), kind))}</Cells></Piece></UnstructuredGrid></VTKFile>"
+        )
+        seeds.append(one("a.vtu", text.encode()))
+    blocks = {}
+    for level, (start, count) in enumerate((((0, 0, 0), 4), ((1, 1, 1), 3))):
+        step, extent = 1 / 2**level, f"0 {count} 0 {count} 0 {count}"
+        blocks[f"{level}.vti"] = (
+            f'<VTKFile type="ImageData" version="1.0"><ImageData WholeExtent="{extent}" Spacing="{step} {step} {step}" '
+            f'Origin="{" ".join(map(str, start))}"><Piece Extent="{extent}"><CellData>'
+            f"{array('d', 'Float32', np.arange(count**3))}</CellData></Piece></ImageData></VTKFile>"
+        ).encode()
+    levels = "".join(f'<Block level="{n}"><DataSet index="0" file="{n}.vti"/></Block>' for n in range(2))
+    head = '<VTKFile type="vtkOverlappingAMR" version="1.1"><vtkOverlappingAMR origin="0 0 0">'
+    index = f"{head}{levels}</vtkOverlappingAMR></VTKFile>".encode()
+    return [*seeds, Seed("a.vthb", {"a.vthb": index, **blocks})]

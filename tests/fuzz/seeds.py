@@ -23,7 +23,7 @@ from tests.fuzz.seed_channels import (
     times_of_nifti,
 )
 from tests.fuzz.seed_dicom import dicom_seeds
-from tests.fuzz.seed_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_legacy, written
+from tests.fuzz.seed_files import CUBE, FLOW, RAW, Seed, X, Y, Z, one, vti, vti_appended, vtk_cells, vtk_legacy, written
 from tests.fuzz.seed_libraries import (
     components,
     hdf5,
@@ -359,6 +359,7 @@ _ALL: dict[str, Callable[[], list[Seed]]] = {
     "mgh": mgh,
     "nrrd-components": nrrd_components,
     "vtk-grids": vtk_grids,
+    "vtk-cells": vtk_cells,
     "labels": labels,
     "points": points,
     "vtk-ascii": partial(vtk_legacy, "ASCII"),

@@ -349,7 +349,9 @@ def test_time_series_and_blocks(tmp_path: Path) -> None:
         load(several)
     with pytest.raises(InputError, match="a name inside the header's folder"):
         load(listed(tmp_path / "b.pvd", "Collection", '<DataSet file="../x.vtr"/>'))
-    with pytest.raises(InputError, match=r"x\.vtu: expected a file of .*Resample To Image"):
+    with pytest.raises(InputError, match=r"x\.vts: expected a file of .*Resample To Image"):
+        load(listed(tmp_path / "c.pvd", "Collection", '<DataSet file="x.vts"/>'))
+    with pytest.raises(InputError, match=r"x\.vtu: expected a file of .*open that file itself"):
         load(listed(tmp_path / "c.pvd", "Collection", '<DataSet file="x.vtu"/>'))
 
 

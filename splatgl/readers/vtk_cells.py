@@ -1,0 +1,323 @@
+"""VTK's grids of cells, resampled to even ones: unstructured grids (.vtu) by VTK itself, and AMR (.vthb, .vth).
+
+Of AMR each voxel gets the value of the finest block there. The steps are those of the smallest cell, or larger ones
+where the grid would exceed the budget of voxels or of memory; a note states the error at the file's own points.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from splatgl.data.affine import describe_error, interpolate_planes
+from splatgl.data.volume import Volume, triple
+from splatgl.errors import expected, import_extra
+from splatgl.fileio import budget
+from splatgl.readers.common import decoder_errors, find_data_file
+from splatgl.readers.options import LoadOptions
+from splatgl.readers.vtk_legacy import Selection, select_arrays
+from splatgl.readers.vtk_xml import VtkXml, image_grid, parse_numbers, parse_vtk, read_array, read_arrays, read_pieces
+
+# points of a cell with a volume, by VTK's number of its kind (vtkCellType.h)
+_POINTS = {10: 4, 11: 8, 12: 8, 13: 6, 14: 5, 15: 10, 16: 12, 24: 10, 25: 20, 26: 15, 27: 13, 29: 27, 31: 12, 32: 18}
+_POINTS |= {33: 24, 37: 19}
+# kinds of fewer dimensions, which are left out
+_FLAT = (*range(10), 21, 22, 23, 28, 30, 34, 35, 36)
+# most voxels: so many per cell, but at least and at most these numbers, within the memory of so many bytes per voxel
+_MOST_FINER, _FREE_VOXELS, _MOST_VOXELS, _VOXEL_BYTES = 64, 2**15, 2**24, 64
+# most blocks of an AMR grid, and largest coordinate
+_MOST_BLOCKS, _MOST_PLACE = 2**16, 1e30
+# VTK's marks of points and cells, which are no values
+_MARKS = ("vtkGhostType", "vtkGhostLevels", "vtkValidPointMask")
+
+
+def _even_counts(span: np.ndarray, steps: np.ndarray, cells: int) -> np.ndarray:
+    """Voxels along x, y, z of a box at these steps, or fewer."""
+    most = max(min(max(_MOST_FINER * cells, _FREE_VOXELS), _MOST_VOXELS, budget() // _VOXEL_BYTES), 1)
+    counts = np.maximum(np.ceil(span / np.minimum(steps, span) - 0.01), 1.0)
+    while counts.prod() > most:
+        counts = np.maximum(np.floor(counts * (most / counts.prod()) ** (1 / 3)), 1.0)
+    return counts.astype(np.int64)
+
+
+# --- unstructured grids -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Mesh:
+    """Points [P, 3]; the cells with a volume: kinds [C], offsets [C + 1] into the numbers of points `corners`."""
+
+    points: np.ndarray
+    kinds: np.ndarray
+    offsets: np.ndarray
+    corners: np.ndarray
+    kept: np.ndarray
+
+    @property
+    def extents(self) -> np.ndarray:
+        """Sizes [C, 3] of the cells' boxes."""
+        places, starts = self.points[self.corners], self.offsets[:-1]
+        sizes: np.ndarray = np.maximum.reduceat(places, starts) - np.minimum.reduceat(places, starts)
+        return sizes
+
+    @property
+    def centers(self) -> np.ndarray:
+        """Means [C, 3] of the cells' points."""
+        sums = np.add.reduceat(self.points[self.corners], self.offsets[:-1])
+        return np.asarray(sums / np.diff(self.offsets)[:, None])
+
+
+def read(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a .vtu file; `array` names an array, `channel` picks a component. What lies outside of all cells
+    is NaN.
+    """
+    vtk = import_extra("vtkmodules.vtkFiltersCore", "unstructured grids", "vtk", "vtk")
+    file = parse_vtk(path, ("UnstructuredGrid",))
+    nodes = [node for node in file.root.findall(f"{file.kind}/Piece") if _count(node, "NumberOfCells")]
+    if len(nodes) != 1:
+        raise expected("Piece", "one with cells", len(nodes), "merge them with ParaView")
+    with decoder_errors("VTK XML"):
+        mesh = _read_mesh(file, nodes[0])
+    counts = [_count(nodes[0], f"NumberOf{name}") for name in ("Points", "Cells")]
+    owners = [nodes[0].find(name) for name in ("PointData", "CellData")]
+    points, cells = (
+        [] if owner is None else read_arrays(file, owner, (1, 1, count))
+        for owner, count in zip(owners, counts, strict=True)
+    )
+    choice = select_arrays(points, cells, options)
+    # 1. the even grid: voxels of the smallest cell's size
+    low, high = mesh.points[mesh.corners].min(axis=0), mesh.points[mesh.corners].max(axis=0)
+    extents = mesh.extents
+    sizes = np.where((extents > 0).all(axis=1), extents.prod(axis=1), np.inf)
+    if not np.isfinite(sizes).any() or (high <= low).any():
+        raise expected("cells", "some with a volume", "flat ones", "surfaces are not drawn; voxelize it")
+    voxels = _even_counts(high - low, extents[sizes.argmin()], len(mesh.kinds))
+    step = (high - low) / voxels
+    # 2. the values there, by VTK, and at the file's own points
+    values = choice.samples[0, 0]
+    values = values[mesh.kept] if choice.of_cells else values
+    samples = _probe(vtk, mesh, values, choice.of_cells, (low + step / 2, step, voxels))
+    places = mesh.centers if choice.of_cells else mesh.points
+    back = _trilinear(samples, ((places - low) / step - 0.5)[:, ::-1])
+    kind = "×".join(map(str, voxels))
+    told = f"{len(mesh.kinds)} cells, resampled to {kind} voxels; {describe_error(back, values)}"
+    spacing, origin = triple(step, "cells"), triple(low + step / 2, "cells")
+    return Volume(samples, spacing, origin, hints=choice.hints, notes=(told, *choice.notes))
+
+
+def _count(node: Element, name: str) -> int:
+    return int(parse_numbers(node, name, "0", 1)[0])
+
+
+def _read_mesh(file: VtkXml, node: Element) -> _Mesh:
+    """The points and cells of a piece. Raises InputError for numbers that are no points, and for unknown cells."""
+    number, count = _count(node, "NumberOfPoints"), _count(node, "NumberOfCells")
+    if number < 1 or count < 1:
+        raise expected("Piece", "points and cells", f"{number} and {count}")
+    points = _read_named(file, node.find("Points"), "", number).reshape(-1)
+    if points.size != 3 * number or not (np.abs(points) < _MOST_PLACE).all():
+        raise expected("Points", f"{number} times three finite coordinates", points.size)
+    ends = _read_named(file, node.find("Cells"), "offsets", count).reshape(-1).astype(np.int64)
+    kinds = _read_named(file, node.find("Cells"), "types", count).reshape(-1).astype(np.int64)
+    sizes = np.diff(ends, prepend=0)
+    if len(ends) != count or len(kinds) != count or sizes.min() < 0:
+        raise expected(
+            "Cells", f"{count} rising offsets and types", f"{len(ends)}, {len(kinds)}", "the file is damaged"
+        )
+    every = _read_named(file, node.find("Cells"), "connectivity", int(ends[-1])).reshape(-1).astype(np.int64)
+    if every.size and (every.min() < 0 or every.max() >= number):
+        raise expected("connectivity", f"numbers from 0 to {number - 1}", f"{every.min()} to {every.max()}")
+    unknown = sorted(set(kinds.tolist()) - set(_POINTS) - set(_FLAT))
+    if unknown:
+        this = "tetrahedra, voxels, hexahedra, wedges, pyramids, prisms or quadratic ones"
+        raise expected("types", this, f"numbers {unknown[:8]}", "resample it with ParaView's filter Resample To Image")
+    kept = np.flatnonzero(np.isin(kinds, list(_POINTS)))
+    needed = np.array([_POINTS[kind] for kind in kinds[kept].tolist()], np.int64)
+    if not len(kept) or (sizes[kept] != needed).any():
+        got = "flat ones" if not len(kept) else "cells with other numbers of points"
+        raise expected("cells", "some with a volume", got, "surfaces are not drawn; voxelize it")
+    offsets = np.concatenate([[0], np.cumsum(needed)])
+    # places in `every` of the kept cells' points
+    starts = np.repeat((ends - sizes)[kept] - offsets[:-1], needed)
+    corners = every[starts + np.arange(offsets[-1])]
+    return _Mesh(points.reshape(-1, 3).astype(np.float64), kinds[kept], offsets, corners, kept)
+
+
+def _read_named(file: VtkXml, owner: Element | None, name: str, count: int) -> np.ndarray:
+    """The numbers of the array below an element with that name, or of its only one."""
+    nodes = [] if owner is None else owner.findall("DataArray")
+    node = next((node for node in nodes if not name or node.get("Name") == name), None)
+    if node is None:
+        raise expected("Cells" if name else "Points", f"an array {name}".rstrip(), "none")
+    return read_array(file, node, (1, 1, count)).read()
+
+
+def _probe(vtk: Any, mesh: _Mesh, values: np.ndarray, in_cells: bool, place: tuple[Any, Any, Any]) -> np.ndarray:
+    """Values [D, H, W], float32, at the voxels of a grid (origin, step, counts); NaN outside of all cells."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
+
+    grid, cells, points = vtkUnstructuredGrid(), vtkCellArray(), vtkPoints()
+    points.SetData(numpy_to_vtk(mesh.points, deep=1))
+    grid.SetPoints(points)
+    cells.SetData(*(numpy_to_vtkIdTypeArray(each, deep=1) for each in (mesh.offsets, mesh.corners)))
+    grid.SetCells(numpy_to_vtk(mesh.kinds.astype(np.uint8), deep=1), cells)
+    array = numpy_to_vtk(np.ascontiguousarray(values, np.float64), deep=1)
+    array.SetName("values")
+    (grid.GetCellData() if in_cells else grid.GetPointData()).AddArray(array)
+    origin, step, counts = place
+    resample = vtk.vtkResampleToImage()
+    resample.SetInputDataObject(grid)
+    resample.UseInputBoundsOff()
+    ends = origin + step * (counts - 1)
+    resample.SetSamplingBounds(*np.stack([origin, ends], axis=1).ravel().tolist())
+    resample.SetSamplingDimensions(*counts.tolist())
+    resample.Update()
+    data = resample.GetOutput().GetPointData()
+    inside = vtk_to_numpy(data.GetArray("vtkValidPointMask")).astype(bool)
+    samples = np.where(inside, vtk_to_numpy(data.GetArray("values")), np.nan).astype(np.float32)
+    return samples.reshape(tuple(counts[::-1]))
+
+
+def _trilinear(samples: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Values [P] at fractional indices (z, y, x) [P, 3]; NaN outside of the samples and beside NaN."""
+    most = np.array(samples.shape) - 1
+    inside = ((places >= -1e-6) & (places <= most + 1e-6)).all(axis=1)
+    at = np.clip(places, 0, most)
+    first = np.minimum(at.astype(np.int64), np.maximum(most - 1, 0))
+    share = at - first
+    result = np.zeros(len(places))
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.where(corner, share, 1 - share).prod(axis=1)
+        index = np.minimum(first + corner, most)
+        result += np.where(weight > 0, weight * samples[tuple(index.T)], 0.0)
+    return np.where(inside, result, np.nan)
+
+
+# --- AMR --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Block:
+    """A block: its level; low corner and step (x, y, z); its selected array, of points or of cells."""
+
+    level: int
+    low: np.ndarray
+    step: np.ndarray
+    choice: Selection
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Samples along x, y, z."""
+        return np.array(self.choice.samples.shape[::-1])
+
+    @property
+    def first(self) -> np.ndarray:
+        """The place of the first sample."""
+        return self.low + self.step / 2 * self.choice.of_cells
+
+    @property
+    def high(self) -> np.ndarray:
+        """The high corner."""
+        return self.low + self.step * np.maximum(self.counts - (not self.choice.of_cells), 1)
+
+
+def read_amr(path: Path, options: LoadOptions) -> Volume:
+    """The volume of a .vthb or .vth file, whose blocks are .vti files; `array` names an array of all blocks."""
+    file = parse_vtk(path, ("vtkOverlappingAMR", "vtkNonOverlappingAMR", "vtkHierarchicalBoxDataSet"))
+    nodes = [
+        (int(parse_numbers(level, "level", "0", 1)[0]), node.get("file", ""))
+        for level in file.root.findall(f"{file.kind}/Block")
+        for node in level.findall("DataSet")
+    ]
+    if not 0 < len(nodes) <= _MOST_BLOCKS:
+        raise expected("Block", f"1 to {_MOST_BLOCKS} data sets", len(nodes))
+    blocks = [_read_block(path, name, level, options) for level, name in sorted(nodes, key=lambda each: each[0])]
+    if len({block.choice.of_cells for block in blocks}) > 1:
+        raise expected("blocks", "one array in all of them", "different arrays", "name one with array=NAME")
+    in_cells = blocks[0].choice.of_cells
+    low = np.min([block.low for block in blocks], axis=0)
+    high = np.max([block.high for block in blocks], axis=0)
+    voxels = _even_counts(
+        high - low, np.min([block.step for block in blocks], axis=0), sum(block.choice.samples.size for block in blocks)
+    )
+    step = (high - low) / voxels
+    voxels = voxels if in_cells else voxels + 1
+    start = low + step / 2 * in_cells
+    dtypes = {block.choice.samples.dtype for block in blocks}
+    wide = np.dtype(np.float64 if any(each.itemsize > 4 for each in dtypes) else np.float32)
+    samples = np.full(tuple(voxels[::-1]), np.nan, wide)
+    level = np.full(samples.shape, -1, np.int16)
+    for block in blocks:
+        box, values = _resample(block, start, step, voxels)
+        samples[box], level[box] = values, block.level
+    error = _describe_amr(blocks, samples, level, (start, step))
+    if len(dtypes) == 1 and not np.isnan(samples).any():
+        samples = samples.astype(dtypes.pop().newbyteorder("="))
+    count, size = len({block.level for block in blocks}), "×".join(map(str, voxels))
+    told = f"{len(blocks)} blocks of {count} levels, resampled to {size} voxels; {error}"
+    choice = blocks[0].choice
+    spacing, origin = triple(step, "blocks"), triple(start, "blocks")
+    return Volume(samples, spacing, origin, hints=choice.hints, notes=(told, *choice.notes))
+
+
+def _describe_amr(
+    blocks: list[_Block], samples: np.ndarray, level: np.ndarray, grid: tuple[np.ndarray, np.ndarray]
+) -> str:
+    """The error at the points of each block that no finer one covers. level: of the block of each voxel."""
+    own, back = [], []
+    start, step = grid
+    for block in blocks:
+        at = [(block.first[n] + block.step[n] * np.arange(block.counts[n]) - start[n]) / step[n] for n in (2, 1, 0)]
+        at = [np.clip(each, 0, size - 1) for each, size in zip(at, samples.shape, strict=True)]
+        seen = level[np.ix_(*(np.rint(each).astype(np.int64) for each in at))] == block.level
+        first = [int(each[0]) for each in at]
+        read_back = samples[tuple(slice(a, int(each[-1]) + 2) for a, each in zip(first, at, strict=True))]
+        for axis, each in enumerate(at):
+            planes = np.moveaxis(read_back, axis, 0)
+            read_back = np.moveaxis(interpolate_planes(planes, each - first[axis]), 0, axis)
+        own.append(block.choice.samples[seen])
+        back.append(read_back[seen])
+    return describe_error(np.concatenate(back), np.concatenate(own).astype(np.float64))
+
+
+def _read_block(path: Path, name: str, level: int, options: LoadOptions) -> _Block:
+    if not 0 <= level < 64:
+        raise expected("level", "a number from 0 to 63", level)
+    file = parse_vtk(find_data_file(path, name, options.anywhere), ("ImageData",))
+    pieces, _ = read_pieces(file)
+    if len(pieces) != 1:
+        raise expected(name, "one piece", len(pieces))
+    matrix, origin = image_grid(file)
+    step = np.diag(matrix)
+    if not np.array_equal(matrix, np.diag(step)) or step.min() <= 0 or np.abs([*step, *origin]).max() > _MOST_PLACE:
+        raise expected(name, "positive steps along the axes", matrix.tolist())
+    points, cells = (
+        [each for each in group if each.name not in _MARKS] for group in (pieces[0].points, pieces[0].cells)
+    )
+    choice = select_arrays(points, cells, options)
+    return _Block(level, origin + step * pieces[0].low, step, replace(choice, vectors=None))
+
+
+def _resample(
+    block: _Block, start: np.ndarray, step: np.ndarray, voxels: np.ndarray
+) -> tuple[tuple[slice, ...], np.ndarray]:
+    """The box of voxels in a block, and their values: of the cell there, or linear between points."""
+    box, values = [], block.choice.samples
+    for axis, n in enumerate((2, 1, 0)):
+        # voxels whose places lie in the block, but for rounding
+        ends = [(block.low[n] - start[n]) / step[n], (block.high[n] - start[n]) / step[n]]
+        low = min(max(math.ceil(ends[0] - 1e-6), 0), int(voxels[n]))
+        high = min(max(math.floor(ends[1] + 1e-6) + 1, low), int(voxels[n]))
+        places = start[n] + step[n] * np.arange(low, high)
+        at = np.clip((places - block.first[n]) / block.step[n], 0, block.counts[n] - 1)
+        at = np.rint(at + (1e-9 if block.choice.of_cells else 0)) if block.choice.of_cells else at
+        values = np.moveaxis(interpolate_planes(np.moveaxis(values, axis, 0), at), 0, axis)
+        box.append(slice(low, high))
+    return tuple(box), values

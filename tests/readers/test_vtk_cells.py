@@ -1,0 +1,186 @@
+"""Unstructured grids and AMR, written by VTK itself and resampled: a linear field is exact, the error is told."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from splatgl.data.volume import Volume
+from splatgl.errors import InputError
+from splatgl.readers import load
+
+vtk = pytest.importorskip("vtk")
+SLOPE = np.array([1.0, 10, -3])
+
+
+def line(places: np.ndarray) -> np.ndarray:
+    return np.asarray(places @ SLOPE + 2)
+
+
+def centers(volume: Volume) -> np.ndarray:
+    """Places [D, H, W, 3] of the voxels."""
+    index = np.moveaxis(np.indices(volume.shape)[::-1], 0, -1)
+    return np.asarray(index @ volume.world_from_index.T + volume.origin)
+
+
+def mesh(kind: str) -> Any:
+    """A box of uneven hexahedra or tetrahedra, with a linear field and a wave of points, and numbers of cells."""
+    from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+    axes = [np.array([0, 0.5, 1, 2, 4]), np.array([1.0, 2, 3.5]), np.array([-1.0, 0, 0.5, 1.5])]
+    grid = vtk.vtkRectilinearGrid()
+    grid.SetDimensions(*map(len, axes))
+    for name, each in zip("XYZ", axes, strict=True):
+        getattr(grid, f"Set{name}Coordinates")(numpy_to_vtk(each.astype(float), deep=1))
+    if kind == "tetrahedra":
+        split = vtk.vtkRectilinearGridToTetrahedra()
+        split.SetInputData(grid)
+    else:
+        split = vtk.vtkAppendFilter()
+        split.AddInputData(grid)
+    split.Update()
+    out = split.GetOutput()
+    places = vtk_to_numpy(out.GetPoints().GetData()).astype(float)
+    cells = np.arange(out.GetNumberOfCells(), dtype=float)
+    for data, name, values in (
+        (out.GetPointData(), "line", line(places)),
+        (out.GetPointData(), "wave", np.sin(2 * places.sum(axis=1))),
+        (out.GetCellData(), "number", cells),
+    ):
+        array = numpy_to_vtk(values, deep=1)
+        array.SetName(name)
+        data.AddArray(array)
+    return out
+
+
+def save(writer: Any, path: Path, data: Any) -> Path:
+    writer.SetFileName(str(path))
+    writer.SetInputData(data)
+    assert writer.Write()
+    return path
+
+
+@pytest.mark.parametrize("mode", ["Ascii", "Appended"])
+@pytest.mark.parametrize("kind", ["hexahedra", "tetrahedra"])
+def test_unstructured_grids(tmp_path: Path, kind: str, mode: str) -> None:
+    writer = vtk.vtkXMLUnstructuredGridWriter()
+    getattr(writer, f"SetDataModeTo{mode}")()
+    data = mesh(kind)
+    volume = load(save(writer, tmp_path / "a.vtu", data))
+    np.testing.assert_allclose(volume.samples, line(centers(volume)), atol=1e-4)
+    cells = data.GetNumberOfCells()
+    assert re.match(rf"{cells} cells, resampled to \d+×\d+×\d+ voxels; RMSE at its own points 0 % of", volume.notes[0])
+    np.testing.assert_allclose([volume.corners.min(axis=0), volume.corners.max(axis=0)], [[0, 1, -1], [4, 3.5, 1.5]])
+    # the smallest cell is .5 × 1 × .5
+    np.testing.assert_allclose(volume.spacing, (0.5, 2.5 / 3, 0.5))
+    wave = load(tmp_path / "a.vtu", array="wave")
+    assert float(wave.notes[0].split("points ")[1].split(" %")[0]) > 1
+    # VTK's own value in the middle of each voxel
+    number = load(tmp_path / "a.vtu", array="number")
+    places = centers(number)
+    for index in ((0, 0, 0), (2, 1, 3), (4, 2, 7)):
+        at = data.FindCell(places[index].tolist(), None, 0, 1e-9, vtk.reference(0), [0.0] * 3, [0.0] * 30)
+        assert number.samples[index] == at
+
+
+def test_grids_of_cells_fit_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from splatgl.readers import vtk_cells
+
+    path = save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("hexahedra"))
+    monkeypatch.setattr(vtk_cells, "budget", lambda: 64 * 60)
+    volume = load(path)
+    assert 20 < volume.count <= 60
+    np.testing.assert_allclose(volume.samples, line(centers(volume)), atol=1e-4)
+
+
+def test_bad_cells(tmp_path: Path) -> None:
+    writer = vtk.vtkXMLUnstructuredGridWriter()
+    writer.SetDataModeToAscii()
+    text = save(writer, tmp_path / "a.vtu", mesh("hexahedra")).read_text()
+    types = text.index('Name="types"')
+    for changed, said in (
+        (
+            re.sub(r'(Name="connectivity"[^>]*>\s*)0 ', r"\g<1>9999 ", text),
+            "connectivity: expected numbers from 0 to 59",
+        ),
+        (text[:types] + text[types:].replace("11 11", "42 11", 1), r"types: expected tetrahedra.*numbers \[42\]"),
+        (text[:types] + text[types:].replace("11 11", "10 11", 1), "other numbers of points"),
+        (text[:types] + text[types:].replace("11", "9"), "got flat ones; surfaces are not drawn"),
+    ):
+        (tmp_path / "a.vtu").write_text(changed)
+        with pytest.raises(InputError, match=said):
+            load(tmp_path / "a.vtu")
+
+
+def amr(path: Path, points: bool = False) -> Path:
+    """Two levels: a box of 6 × 4 × 4 cells of size 1, and a finer block in it, with a linear field of the places."""
+    from vtk.util.numpy_support import numpy_to_vtk
+
+    whole = vtk.vtkOverlappingAMR()
+    # in VTK up to 9.4 with the number of levels
+    whole.Initialize(2, [1, 1]) if vtk.vtkVersion().GetVTKMinorVersion() < 5 else whole.Initialize([1, 1])
+    whole.SetOrigin([1.0, 2, 3])
+    # three dimensions
+    whole.SetGridDescription(8)
+    for level, (low, sizes) in enumerate((((0, 0, 0), (6, 4, 4)), ((4, 2, 2), (4, 4, 2)))):
+        step = 1 / 2**level
+        whole.SetSpacing(level, [step] * 3)
+        grid = vtk.vtkUniformGrid()
+        start = np.array([1.0, 2, 3]) + np.array(low) * step
+        grid.SetOrigin(*start)
+        grid.SetSpacing(step, step, step)
+        grid.SetDimensions(*(size + 1 for size in sizes))
+        counts = np.array(sizes) + points
+        index = np.moveaxis(np.indices(tuple(counts[::-1].tolist()))[::-1], 0, -1)
+        values = numpy_to_vtk(line(start + (index + 0.5 * (not points)) * step).ravel(), deep=1)
+        values.SetName("density")
+        (grid.GetPointData() if points else grid.GetCellData()).AddArray(values)
+        high = np.array(low) + sizes - 1
+        whole.SetAMRBox(level, 0, vtk.vtkAMRBox(list(low), high.tolist()))
+        whole.SetDataSet(level, 0, grid)
+    return save(vtk.vtkXMLUniformGridAMRWriter(), path, whole)
+
+
+def test_amr_of_cells(tmp_path: Path) -> None:
+    volume = load(amr(tmp_path / "a.vthb"))
+    assert volume.shape == (8, 8, 12) and volume.spacing == (0.5, 0.5, 0.5) and volume.origin == (1.25, 2.25, 3.25)
+    places = centers(volume)
+    fine = np.s_[2:4, 2:6, 4:8]
+    np.testing.assert_allclose(volume.samples[fine], line(places[fine]))
+    # a coarse cell has one value
+    corner = np.array([1.0, 2, 3])
+    coarse = line(np.floor(places - corner) + corner + 0.5)
+    coarse[fine] = line(places[fine])
+    np.testing.assert_allclose(volume.samples, coarse)
+    assert volume.notes[0].startswith("2 blocks of 2 levels, resampled to 12×8×8 voxels; RMSE at its own points ")
+    # beside VTK's own resampling
+    reader = vtk.vtkXMLUniformGridAMRReader()
+    reader.SetFileName(str(tmp_path / "a.vthb"))
+    reader.SetMaximumLevelsToReadByDefault(0)
+    resample = vtk.vtkResampleToImage()
+    resample.SetInputConnection(reader.GetOutputPort())
+    resample.UseInputBoundsOff()
+    resample.SetSamplingBounds(1.25, 6.75, 2.25, 5.75, 3.25, 6.75)
+    resample.SetSamplingDimensions(12, 8, 8)
+    resample.Update()
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    theirs = vtk_to_numpy(resample.GetOutput().GetPointData().GetArray("density")).reshape(volume.shape)
+    np.testing.assert_allclose(volume.samples, theirs)
+
+
+def test_amr_of_points(tmp_path: Path) -> None:
+    volume = load(amr(tmp_path / "a.vthb", points=True))
+    assert volume.shape == (9, 9, 13) and volume.origin == (1, 2, 3)
+    np.testing.assert_allclose(volume.samples, line(centers(volume)))
+    assert volume.notes[0].endswith("RMSE at its own points 0 % of the range")
+
+
+def test_files_of_cells_are_known_by_their_contents(tmp_path: Path) -> None:
+    path = save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("hexahedra"))
+    want = load(path).samples
+    np.testing.assert_array_equal(load(path.rename(tmp_path / "scan")).samples, want)
