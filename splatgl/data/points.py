@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 
+from splatgl.data.volume import LEAST_LENGTH
 from splatgl.errors import expected
 
 # points whose neighbours are searched, and neighbours of each
@@ -69,7 +70,7 @@ def median_spacing(places: np.ndarray) -> float:
     count = min(NEIGHBOURS, len(places) - 1)
     extent = np.ptp(places, axis=0)
     longest = float(extent.max())
-    if count < 1 or longest == 0:
+    if count < 1 or longest < LEAST_LENGTH:
         return 1.0
     sides = np.maximum(extent, longest / len(places))
     cell = max(FIRST * float(np.prod(sides / longest) / len(places)) ** (1 / 3) * longest, longest / 2**20)

@@ -19,9 +19,11 @@ from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import MOST_LENGTH, Volume, empty_volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory
-from splatgl.readers.common import decoder_errors, read_text, require_bytes
+from splatgl.readers.common import decoder_errors, read_text, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions
 
+# bytes of the header of a record of variable length in LAS
+VLR = 54
 # most bytes of a header in text, and most points of a chunk of LAS
 HEADER, CHUNK = 2**16, 2**20
 # bytes in memory of a point: places, colours, a value
@@ -168,7 +170,8 @@ def _map_colors(values: np.ndarray, name: str) -> np.ndarray:
 def _read_las(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
     """LAS and LAZ: scaled in float64, in metres unless the file names another system of coordinates."""
     laspy = import_extra("laspy", "LAS and LAZ files", "laspy[lazrs]", "points")
-    with laspy.open(path) as file:
+    _check_las(path)
+    with laspy.open(path, read_evlrs=False) as file:
         header = file.header
         there, count = path.stat().st_size, int(header.point_count)
         if not header.are_points_compressed:
@@ -190,6 +193,26 @@ def _read_las(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
         # the format has room for colours, which this file leaves black
         joined = {name: value for name, value in joined.items() if name not in ("red", "green", "blue")}
     return places, joined, _las_unit(header)
+
+
+def _check_las(path: Path) -> None:
+    """Raises InputError unless the records between the header and the points fit there, before laspy allocates them."""
+    there = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(375)
+        require_bytes(227, len(head), "header")
+        at, start, count = (int.from_bytes(head[a:b], "little") for a, b in ((94, 96), (96, 100), (100, 104)))
+        require_bytes(start, there, "header")
+        for _ in range(min(count, start // VLR + 1)):
+            file.seek(at)
+            at += VLR + int.from_bytes(file.read(VLR)[20:22], "little")
+            if at > start:
+                raise expected(
+                    "records of variable length", f"{count} before the points", "more bytes", "it is damaged"
+                )
+        size, points = int.from_bytes(head[105:107], "little"), int.from_bytes(head[107:111], "little")
+        points = max(points, int.from_bytes(head[247:255], "little") if head[25] >= 4 else 0)
+        require_plausible(points * size, there)
 
 
 def _las_unit(header: Any) -> str:

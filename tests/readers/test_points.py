@@ -162,6 +162,12 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
             with pytest.raises(sg.InputError) as error:
                 sg.load(damaged)
             assert "\n" not in str(error.value)
+    # more records than fit, which the library would allocate
+    whole = files[0].read_bytes()
+    (tmp_path / "b.las").write_bytes(whole[:100] + b"\xff\xff\xff\x7f" + whole[104:])
+    with pytest.raises(sg.InputError, match="records of variable length"):
+        sg.load(tmp_path / "b.las")
+    assert median_spacing(np.array([[0, 0, 0], [0, 0, 5e-320]])) == 1.0
     plain = rng.integers(0, 9, 16).astype(np.uint8).tobytes() * 50 + bytes(300)
     assert unpack_lzf(pack_lzf(plain), len(plain)) == plain
     with pytest.raises(sg.InputError, match="compressed data"):
