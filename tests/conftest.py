@@ -7,7 +7,6 @@ import json
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -135,17 +134,16 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def shared_programs() -> Iterator[None]:
     """Commands that are called in a test's process draw with the renderer of `sg.render`, whose programs are there."""
-    drawing, opening = DrawOptions.renderer, vars(renderers)["open_context"]
+    drawing, early, opening = DrawOptions.renderer, DrawOptions.open_early, vars(renderers)["open_context"]
 
-    def shared(self: DrawOptions) -> AbstractContextManager[sg.Renderer]:
+    def shared(self: DrawOptions) -> DrawOptions:
         is_plain = self == replace(self, backend="auto", device=None, gpu=False) and REQUIRE_GPU not in os.environ
         # not where a test stands in for OpenGL
-        return drawing(
-            replace(self, is_shared=self.is_shared or (is_plain and vars(renderers)["open_context"] is opening))
-        )
+        return replace(self, is_shared=self.is_shared or (is_plain and vars(renderers)["open_context"] is opening))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(DrawOptions, "renderer", shared)
+        patch.setattr(DrawOptions, "renderer", lambda self: drawing(shared(self)))
+        patch.setattr(DrawOptions, "open_early", lambda self: early(shared(self)))
         yield
 
 

@@ -97,6 +97,7 @@ class ShaderText:
         return "\n".join([message.strip(), *origins])
 
 
+@lru_cache(maxsize=1)
 def folder() -> Path:
     """Returns the folder of shaders: inside the installed package, or beside it in a checkout."""
     inside = Path(__file__).parents[1] / "shaders"
@@ -157,14 +158,12 @@ def _expand(
 ) -> Iterator[tuple[str, str]]:
     """Yields (place, text) of every line; includes each file once. values: of switches; None: includes both twins."""
     included.add(name)
-    for number, text in enumerate(_read(name), 1):
-        place = f"{name}:{number}"
-        match, constant = INCLUDE.match(text), CONSTANT.match(text)
+    for place, text, match, constant in _parsed(name):
         if constant:
             if constant[1] not in CONSTANTS:
                 raise ShaderError(f"{place}: no such constant: {constant[1]}")
             yield place, f"#define {constant[1]} {glsl(constant[1])}"
-        elif outer and VERSION_LINE.match(text):
+        elif outer and text.startswith("//") and VERSION_LINE.match(text):
             raise ShaderError(f"{place}: a version is declared by the stage that is composed, not by what it includes")
         elif not match:
             yield place, text
@@ -172,9 +171,9 @@ def _expand(
             for file in _included(place, match, values):
                 if file in (*outer, name):
                     raise ShaderError(f"{place}: includes {file}, which includes it")
-                if not (folder() / file).is_file():
-                    raise ShaderError(f"{place}: no such file: {file}")
                 if file not in included:
+                    if not (folder() / file).is_file():
+                        raise ShaderError(f"{place}: no such file: {file}")
                     yield from _expand(file, (*outer, name), included, values)
 
 
@@ -190,7 +189,14 @@ def _included(place: str, match: re.Match[str], values: Mapping[str, str] | None
     return (match[1] if any(values[switch] != "0" for switch in match[2].split(" or ")) else match[3],)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=128)
+def _parsed(name: str) -> tuple[tuple[str, str, re.Match[str] | None, re.Match[str] | None], ...]:
+    """Returns the place and the text of each line of a file, with the file or the constant that it names."""
+    lines = enumerate(_read(name), 1)
+    return tuple((f"{name}:{number}", text, INCLUDE.match(text), CONSTANT.match(text)) for number, text in lines)
+
+
+@lru_cache(maxsize=128)
 def _read(name: str) -> tuple[str, ...]:
     path = folder() / name
     if not path.is_file():

@@ -107,7 +107,9 @@ class SparedTiles(SheetTiles):
         if needed is None:
             super()._draw_sorted(target, splats, plan, texels, portions)
             return
-        for window in bands_of(plan.window, MOST_PIXELS):
+        # as many samples in a band as there are pixels: the same storage holds the open sheets of both
+        pixels = plan.window.width * plan.window.height // plan.samples**2
+        for window in bands_of(plan.window, min(max(pixels, 1), MOST_PIXELS)):
             self._draw_needed(target, plan, self._begin(splats, plan, window), needed)
 
     def _draw_single(

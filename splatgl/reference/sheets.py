@@ -41,7 +41,7 @@ from splatgl.splat.view import GridView
 # opacity behind which the remaining light is less than rounding
 OPAQUE = 1 - 1e-15
 # parts of rays that are classified together: many enough that numpy's calls cost little, their temporaries a few MB
-PAIRS = 1 << 14
+PAIRS = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)

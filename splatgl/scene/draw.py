@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -13,9 +14,10 @@ import numpy as np
 
 from splatgl.annotations.annotate import check_time
 from splatgl.data.image import Image
-from splatgl.errors import expected
+from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
 from splatgl.options import Group, Kind, declared, option
+from splatgl.platforms import BACKENDS
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.splat.settings import BLENDS, Settings
 
@@ -28,12 +30,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawOptions:
-    """Drawing options of one process. is_shared: use the shared renderer. memory: bytes."""
+    """Drawing options of one process. is_shared: use the shared renderer. early: the renderer that `open_early` opens,
+    None where that fails. memory: bytes.
+    """
 
     backend: str = "auto"
     device: int | None = None
     gpu: bool = False
     is_shared: bool = False
+    early: Future[Renderer | None] | None = None
     memory: int | None = option(
         None,
         Kind(
@@ -73,7 +78,35 @@ class DrawOptions:
         from splatgl.gl.renderer import Renderer
         from splatgl.scene.shared_renderer import shared_renderer
 
-        return shared_renderer() if self.is_shared else Renderer(self.backend, self.device, self.gpu)
+        early = self.early.result() if self.early else None
+        return shared_renderer() if self.is_shared else early or Renderer(self.backend, self.device, self.gpu)
+
+    @contextmanager
+    def open_early(self) -> Iterator[DrawOptions]:
+        """These options, whose renderer a thread opens meanwhile, where a context may change its thread: of EGL."""
+        if self.is_shared or "egl" not in BACKENDS or self.backend not in ("auto", "egl"):
+            yield self
+            return
+
+        def opened() -> Renderer | None:
+            from splatgl.gl.backends import switch_to
+            from splatgl.gl.renderer import Renderer
+
+            try:
+                return Renderer("egl", self.device, self.gpu)
+            except InputError:
+                # `renderer` tries again, also other backends, and tells why none opens
+                return None
+            finally:
+                switch_to(None)
+
+        with ThreadPoolExecutor(1) as pool:
+            early = pool.submit(opened)
+            try:
+                yield replace(self, early=early)
+            finally:
+                if early.exception() is None and (renderer := early.result()):
+                    renderer.close()
 
     def check_supported(self, kind: str, need: str, got: str, fix: str = "") -> None:
         """Raises InputError for options that a kind of picture does not support. need: the kind that does."""
@@ -102,7 +135,9 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
     else:
         how.check_supported("layers", "a picture of one volume", "layers" if scene.file.layers else "meshes")
         scene.check_fits(how.memory)
-    image = image or draw_subject(level.subject, level.camera, level.settings, how)
+    if image is None:
+        with how.open_early() as opening:
+            image = draw_subject(level.subject, level.camera, level.settings, opening)
     if not (image.info["splats"] or image.info.get("triangles")):
         raise level.nothing_visible()
     return finish(Image(image.pixels, {**image.info, **info}), scene)

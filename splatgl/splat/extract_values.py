@@ -29,8 +29,8 @@ PREFILTERED = {"b-spline": 4, FREE: 4}
 PEAK, PAIR, WAVE = np.float32(0.5), np.float32(0.25), np.float32(1.0)
 # integer types up to this many bytes take their record values from a table
 TABLE_BYTES = 2
-# voxels smoothed, and records filled, at a time
-CHUNK_VOXELS, RECORDS = 1 << 18, 1 << 16
+# records filled at a time; planes of a block, its voxels, and its rows at least: with its halo it fits into a cache
+RECORDS, PLANES, BLOCK_VOXELS, LEAST_ROWS = 1 << 16, 16, 1 << 17, 16
 # voxels along a side of the cells of which boxes for the prefilter consist, the share of voxels above which one box
 # holds all, and the cost of two halves, relative to the whole, below which it is halved
 CELL, DENSE, WORTH = 8, 0.4, 0.85
@@ -339,16 +339,15 @@ def prefilter(u: np.ndarray, kernel: Kernel) -> np.ndarray:
     known = u if complete else np.where(finite, u, np.float32(0))
     weights = np.asarray(kernel.value(np.sqrt(np.arange(4.0))), np.float32)
     weights /= weights @ np.array([1, 6, 12, 8], np.float32)
-    mass = (
-        1 / _inner_weight(u.shape, weights)
-        if complete
-        else 1 / np.maximum(_smooth(finite.astype(np.float32), weights), 1e-9)
-    )
+    if complete:
+        mass_of = _inner_mass(u.shape, weights)
+    else:
+        mass_of = (1 / np.maximum(_smooth(finite.astype(np.float32), weights), 1e-9)).__getitem__
     limits = None if kernel.name == FREE else _limits(u, complete)
     c = known
 
-    def step(some: slice, mean: np.ndarray) -> None:
-        mean *= mass[some]
+    def step(some: Sides, mean: np.ndarray) -> None:
+        mean *= mass_of(some)
         np.subtract(known[some], mean, out=mean)
         mean += c[some]
         if limits is not None:
@@ -361,24 +360,23 @@ def prefilter(u: np.ndarray, kernel: Kernel) -> np.ndarray:
     return c if complete else np.where(finite, c, np.float32(np.nan))
 
 
-def _inner_weight(shape: tuple[int, ...], weights: np.ndarray) -> np.ndarray:
-    """[D, H, W]: sum of the weights that lie inside the volume, for each voxel."""
-    ends = _smooth(np.ones([min(size, 3) for size in shape], np.float32), weights)
+def _inner_mass(shape: tuple[int, ...], weights: np.ndarray) -> Callable[[Sides], np.ndarray]:
+    """The reciprocal of the sum of the weights that lie inside the volume, for each voxel of a block (z, y)."""
+    mass = 1 / _smooth(np.ones([min(size, 3) for size in shape], np.float32), weights)
     index = [np.minimum(np.arange(size), 1) + (np.arange(size) == size - 1) * (size > 2) for size in shape]
-    return np.asarray(ends[np.ix_(*index)])
+    return lambda some: np.asarray(mass[np.ix_(index[0][some[0]], index[1][some[1]], index[2])])
 
 
-def _smooth(c: np.ndarray, weights: np.ndarray, then: Callable[[slice, np.ndarray], None] | None = None) -> np.ndarray:
+def _smooth(c: np.ndarray, weights: np.ndarray, then: Callable[[Sides, np.ndarray], None] | None = None) -> np.ndarray:
     """Weighted sum over 3×3×3 neighbours; weights [4] by the number of coordinates that differ; 0 beyond the ends.
 
-    Runs in parallel chunks of planes. then: changes a finished chunk in place.
+    then: changes a finished block (z, y) in place.
     """
     w0, w1, w2, w3 = weights
     total = np.empty_like(c)
 
-    def smooth(some: slice) -> None:
-        first = max(some.start - 1, 0)
-        part, inner = c[first : some.stop + 1], slice(some.start - first, some.stop - first)
+    def smooth(outer: Sides, some: Sides, inner: Sides) -> None:
+        part = c[outer]
         term, beside = np.empty_like(part), _sum_neighbours(part, 2, np.empty_like(part))
         same, one, two = part * w0, part * w1, part * w2
         same += np.multiply(beside, w1, out=term)
@@ -390,12 +388,26 @@ def _smooth(c: np.ndarray, weights: np.ndarray, then: Callable[[slice, np.ndarra
         if then is not None:
             then(some, total[some])
 
-    in_parts(len(c), _planes_of(c), smooth)
+    _in_blocks(c.shape, 1, smooth)
     return total
 
 
-def _planes_of(c: np.ndarray) -> int:
-    return max(1, CHUNK_VOXELS // max(c[0].size, 1))
+def _in_blocks(shape: tuple[int, ...], halo: int, work: Callable[[Sides, Sides, Sides], None]) -> None:
+    """Runs `work` in threads on blocks of whole rows of a volume. Its arguments, slices (z, y): a block with the voxels
+    within `halo`; the block; the block, within the former.
+    """
+    rows = max(BLOCK_VOXELS // (PLANES * max(shape[2], 1)), LEAST_ROWS)
+    corners = list(product(range(0, shape[0], PLANES), range(0, shape[1], rows)))
+
+    def run(which: slice) -> None:
+        for z, y in corners[which]:
+            some = slice(z, z + PLANES), slice(y, y + rows)
+            outer = tuple(slice(max(side.start - halo, 0), side.stop + halo) for side in some)
+            starts = zip(some, outer, strict=True)
+            inner = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in starts)
+            work(outer, some, inner)
+
+    in_parts(len(corners), 1, run)
 
 
 def _sum_neighbours(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
@@ -416,9 +428,8 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
     """
     low, high = np.empty_like(u), np.empty_like(u)
 
-    def limit(some: slice) -> None:
-        first = max(some.start - LIMIT_HALO, 0)
-        part, inner = u[first : some.stop + LIMIT_HALO], slice(some.start - first, some.stop - first)
+    def limit(outer: Sides, some: Sides, inner: Sides) -> None:
+        part = np.ascontiguousarray(u[outer])
         gone = None if complete else np.isnan(part)
         least, most = part, part
         if gone is not None:
@@ -429,8 +440,7 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
             _widen(least, most, part, gone, axis)
         low[some], high[some] = least[inner], most[inner]
 
-    # larger chunks, as each is read with a halo
-    in_parts(len(u), 4 * _planes_of(u), limit)
+    _in_blocks(u.shape, LIMIT_HALO, limit)
     return low, high
 
 

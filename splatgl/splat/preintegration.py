@@ -56,9 +56,9 @@ class ClassIntegral:
         outside = _emission(transfer, np.array([low - (high - low), high + (high - low)]))
         return cls(knots, below, mean - slope, mean + slope, outside)
 
-    def until(self, values: np.ndarray) -> np.ndarray:
-        """[N, 4]: integrals from the first knot to values [N]; negative below the knot."""
-        cell = self._cells(values)
+    def until(self, values: np.ndarray, cell: np.ndarray | None = None) -> np.ndarray:
+        """[N, 4]: integrals from the first knot to values [N]; negative below the knot. cell [N]: theirs, if known."""
+        cell = self._cells(values) if cell is None else cell
         inside = np.clip(values, self.knots[0], self.knots[-1])
         part = inside - self.knots[cell]
         share = (part / (self.knots[cell + 1] - self.knots[cell]))[:, None]
@@ -77,9 +77,12 @@ class ClassIntegral:
         same = self.low[cell] + share * (self.high[cell] - self.low[cell])
         same = np.where((middle < self.knots[0])[:, None], self.outside[0], same)
         same = np.where((middle >= self.knots[-1])[:, None], self.outside[1], same)
-        alike = (apart == 0) | ((self._cells(last) == cell) & (self._outside(first) == self._outside(last)))
-        mean = (self.until(last) - self.until(first)) / np.where(alike, 1.0, apart)[:, None]
-        return np.maximum(np.where(alike[:, None], same, mean), 0.0)
+        end = self._cells(last)
+        alike = (apart == 0) | ((end == cell) & (self._outside(first) == self._outside(last)))
+        some = np.flatnonzero(~alike)
+        between = self.until(last[some], end[some]) - self.until(first[some], cell[some])
+        same[some] = between / apart[some, None]
+        return np.maximum(same, 0.0)
 
     def table(self, cells: int) -> tuple[np.ndarray, float]:
         """uint32 [cells + 1, 4]: integrals from the first knot to the ends of `cells` equal cells, per cell width; and

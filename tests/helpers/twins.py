@@ -35,7 +35,7 @@ Twin = Callable[..., np.ndarray]
 
 def read_again() -> None:
     """Forgets the shader files, which a test has changed."""
-    for cached in (shader._read, shader._declared, shader._choosing, shader._expand_all):
+    for cached in (shader._read, shader._parsed, shader._declared, shader._choosing, shader._expand_all):
         cached.cache_clear()
 
 

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,10 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.platforms import has_display
 from splatgl.scene import shared_renderer
+from splatgl.scene.draw import DrawOptions, draw
+from splatgl.scene.open_scene import OpenScene
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.viewer.show import in_notebook
 
@@ -290,3 +294,33 @@ def test_what_is_told_of_a_file_is_in_the_image(tmp_path: Path) -> None:
     image = sg.render(tmp_path / "a.npy", size=16)
     assert str(image.info["notes"]).count("--values amounts") == 1
     assert "notes" not in sg.render(labels / 256.0, size=16).info
+
+
+def test_a_thread_opens_the_renderer_while_the_volume_is_extracted(
+    volume: sg.Volume, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And closes it; where it fails, the error is that of the renderer."""
+    opened: list[sg.Renderer] = []
+    opening = sg.Renderer.__init__
+
+    def note(self: sg.Renderer, *args: Any) -> None:
+        opening(self, *args)
+        opened.append(self)
+        assert current_thread() is not main_thread()
+
+    scene = OpenScene.of(SceneFile("balls", view=ViewOptions(size=(24, 24))), volume)
+    monkeypatch.setattr(sg.Renderer, "__init__", note)
+    try:
+        early = draw(scene, DrawOptions(backend="egl"))
+    except sg.InputError:
+        pytest.skip("no EGL")
+    assert len(opened) == 1 and vars(opened[0].ctx.extra)["_released"]
+    assert np.array_equal(early.pixels, draw(scene, DrawOptions()).pixels)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise sg.InputError("no OpenGL")
+
+    monkeypatch.setattr("splatgl.gl.renderer.open_context", refuse)
+    monkeypatch.setattr(sg.Renderer, "__init__", opening)
+    with pytest.raises(sg.InputError, match="no OpenGL"):
+        draw(scene, DrawOptions(backend="egl"))

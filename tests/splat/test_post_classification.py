@@ -291,7 +291,9 @@ def test_records_do_not_depend_on_parts(monkeypatch: pytest.MonkeyPatch) -> None
     holes = cells().copy()
     holes[3:6, 4:7, 5:8] = np.nan
     right = sg.extract(sg.Volume(holes), RAMP, classification="post").records.tobytes()
-    monkeypatch.setattr(extract_values, "CHUNK_VOXELS", 1)
+    monkeypatch.setattr(extract_values, "PLANES", 3)
+    monkeypatch.setattr(extract_values, "LEAST_ROWS", 2)
+    monkeypatch.setattr(extract_values, "BLOCK_VOXELS", 1)
     monkeypatch.setattr(extract_values, "RECORDS", 37)
     for slab in (None, 1, 4):
         assert sg.extract(sg.Volume(holes), RAMP, slab=slab, classification="post").records.tobytes() == right
