@@ -315,12 +315,12 @@ def test_a_thread_opens_the_renderer_while_the_volume_is_extracted(
     except sg.InputError:
         pytest.skip("no EGL")
     assert len(opened) == 1 and vars(opened[0].ctx.extra)["_released"]
+    monkeypatch.setattr(sg.Renderer, "__init__", opening)
     assert np.array_equal(early.pixels, draw(scene, DrawOptions()).pixels)
 
     def refuse(*_: object, **__: object) -> None:
         raise sg.InputError("no OpenGL")
 
     monkeypatch.setattr("splatgl.gl.renderer.open_context", refuse)
-    monkeypatch.setattr(sg.Renderer, "__init__", opening)
     with pytest.raises(sg.InputError, match="no OpenGL"):
         draw(scene, DrawOptions(backend="egl"))
