@@ -29,7 +29,7 @@ from splatgl.splat.clipping import FACE, FLUSH, Clip
 from splatgl.splat.kernels import Kernel, kernel
 from splatgl.splat.lighting import surface_light
 from splatgl.splat.plan import Plan
-from splatgl.splat.preintegration import ValueClassifier
+from splatgl.splat.preintegration import CELLS, ValueClassifier
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.sheets import Sheets, layer_wave
 from splatgl.splat.view import GridView
@@ -397,6 +397,17 @@ def test_classes_of_values(
     expression = "Until it = class_until(l); result = vec4(it.below) * class_unit + it.above"
     until = class_until(post, last) * a / post.span
     assert np.abs(twin("sheet_draw.comp", expression, plan, splats, state, **places) - until).max() < 1e-4 * until.max()
+
+
+def test_the_last_cell_of_the_table(renderer: sg.Renderer, twin: Twin) -> None:
+    """Matter in the last two cells alone: up to the middle of the last, half of its matter counts."""
+    splats = samples(transfer=sg.Transfer([(0, 0), (1 - 2 / CELLS, 0), (1, 0.9)]))
+    post, plan, state = splats.post, planned(splats, "fitted", 3), class_state(renderer, splats)
+    places, ends = np.full(COUNT, CELLS - 0.5), np.array([CELLS - 1.0, CELLS])
+    (a, b), until = post.scale, "Until it = class_until(l); result = vec4(it.below) * class_unit + it.above"
+    right = class_until(post, (ends - b) / a).mean(axis=0) * a / post.span
+    found = twin("sheet_draw.comp", until, plan, splats, state, l=places)
+    assert right.max() > 0 and np.abs(found - right).max() < 1e-2 * right.max()
 
 
 def weight_of(splats: sg.Splats, gradient: np.ndarray) -> np.ndarray:
