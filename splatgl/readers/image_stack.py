@@ -26,7 +26,7 @@ from splatgl.readers.common import decoder_errors
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff import Grid, open_tiff, stated_grid
+from splatgl.readers.tiff import Grid, logged_errors, open_tiff, stated_grid
 from splatgl.readers.tiff_images import find_pixels
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
 from splatgl.readers.vtk_xml import parse_xml
@@ -223,7 +223,7 @@ def _describe_plane(file: Path) -> tuple[Shape, np.dtype]:
 def _with_page(file: Path, use: Any) -> Any:
     """What `use` returns for the only page of a TIFF file."""
     check_chain(file)
-    with open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
+    with logged_errors(), open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
         if len(tiff.pages) != 1:
             raise expected(file.name, "one page a slice", f"{len(tiff.pages)} pages", "load the file alone")
         check_page(tiff.pages[0])
@@ -240,7 +240,7 @@ def _find_grid(file: Path) -> tuple[Grid, list[str]]:
     hint = "one voxel apart: --spacing sets another distance"
     if KINDS[file.suffix.lower()] == "TIFF":
         check_chain(file)
-        with open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
+        with logged_errors(), open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
             (x, y, z), unit = stated_grid(tiff, find_pixels(tiff, 0)) or ((1.0, 1.0, 1.0), "")

@@ -118,6 +118,10 @@ def test_no_slices(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a" / "s_9.tif", CUBE[0, :3])
     with pytest.raises(InputError, match=r"s_9\.tif: expected 11×9 uint8, as s_8\.tif, got 11×3 uint8"):
         load(tmp_path / "a")
+    data = (tmp_path / "a" / "s_8.tif").read_bytes()
+    (tmp_path / "a" / "s_9.tif").write_bytes(data[:-20])
+    with pytest.raises(InputError, match="cannot be read as TIFF"):
+        load(tmp_path / "a")
     with pytest.raises(InputError, match="pattern: expected at least two pictures, got fewer"):
         load(tmp_path / "a" / "x*.tif")
 
