@@ -2,10 +2,10 @@
 // The four entries of a list around one, and its first sheet.
 int next_base(uint at, uint end, out uvec4 names) {
     at = min(at, end - 1u);
-    names = texelFetch(list, listed_at(at), 0);
+    names = TEXEL(list, listed_at(at));
     uint n = names[at & 3u];
     ivec2 texel = texel_of(n);
-    return sheet_base(uintBitsToFloat(PACKED == 1 ? texelFetch(shapes, texel, 0).w : texelFetch(matters, texel, 0).w));
+    return sheet_base(uintBitsToFloat(PACKED == 1 ? TEXEL(shapes, texel).w : texelFetch(matters, texel, 0).w));
 }
 
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)

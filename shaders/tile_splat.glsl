@@ -4,9 +4,17 @@
 #include "footprint_eval.glsl"
 #include "tiles.glsl"
 
-uniform usampler2D list;
+// a processor reads an image in half of a texel's instructions
+#if CARD == 1
+#define TEXEL(name, at) texelFetch(name, at, 0)
 uniform usampler2D heads;
 uniform usampler2D shapes;
+#else
+#define TEXEL(name, at) imageLoad(name, at)
+layout(rgba32ui, binding = 1) readonly uniform uimage2D list;
+layout(rgba32ui, binding = 2) readonly uniform uimage2D heads;
+layout(rgba32ui, binding = 3) readonly uniform uimage2D shapes;
+#endif
 uniform usampler2D matters;
 uniform usampler2D bends;
 uniform usampler2D cubics;
@@ -49,7 +57,7 @@ float share_at(Joined it, Ray ray, float row) {
 // place in sheets.
 void read_texels(uint n, out vec4 head, out vec4 shape, out vec4 matter) {
     ivec2 texel = texel_of(n);
-    uvec4 words = texelFetch(heads, texel, 0), others = texelFetch(shapes, texel, 0);
+    uvec4 words = TEXEL(heads, texel), others = TEXEL(shapes, texel);
     head = uintBitsToFloat(words);
     shape = uintBitsToFloat(others);
     if (FULL) matter = uintBitsToFloat(texelFetch(matters, texel, 0));

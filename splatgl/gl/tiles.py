@@ -352,8 +352,12 @@ class Tiles:
             self.band.closed[part[open_ == 0, 0]] = True
 
     def bind_target(self, target: Target) -> None:
-        """Binds the target as the image that tiles read and write."""
+        """Binds the target as the image that tiles read and write, and what they only read as others."""
         target.texture.bind_to_image(IMAGE, read=True, write=True)
+        if self.card is None:
+            for unit, texture in enumerate((self.placed.list, *self.placed.textures[1:3]), IMAGE + 1):
+                if texture is not None:
+                    texture.bind_to_image(unit, read=True, write=False)
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """Returns a storage buffer of at least `size` bytes, and binds it."""
