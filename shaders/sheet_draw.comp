@@ -12,6 +12,10 @@ layout(local_size_x = LANES) in;
 // pixels of the view from one sample to the next; a processor may first draw every other
 uniform float stride;
 #define STRIDE (CARD == 1 ? 1.0 : stride)
+#if CARD == 0
+#define CLASS_TEXEL(at) imageLoad(class_table, at)
+layout(rgba32ui, binding = 4) readonly uniform uimage2D class_table;
+#endif
 #include "sheet_composite.glsl"
 
 layout(std430, binding = 2) readonly buffer Lists { uvec4 lists[]; };  // tile, begin, end; 1: complete then, 2: continued

@@ -4,7 +4,7 @@
 #include "footprint_eval.glsl"
 #include "tiles.glsl"
 
-// a processor reads an image in half of a texel's instructions
+// a processor reads an image in half the instructions of a texel
 #if CARD == 1
 #define TEXEL(name, at) texelFetch(name, at, 0)
 uniform usampler2D heads;

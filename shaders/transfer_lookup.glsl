@@ -7,7 +7,11 @@
 #constant WEIGHTS      // cells of the weights by gradient, in the texture's last rows
 #include "optics.glsl"
 
-uniform usampler2D class_table; // at each cell end the integral of matter up to it, in units of class_unit
+// at each cell end the integral of matter up to it, in units of class_unit
+#ifndef CLASS_TEXEL
+#define CLASS_TEXEL(at) texelFetch(class_table, at, 0)
+uniform usampler2D class_table;
+#endif
 uniform vec2 class_scale;       // the table's place of a value is x value + y
 uniform float class_unit;       // matter per integer step of the table, per cell
 uniform vec4 class_before;      // matter below the table's first place
@@ -26,7 +30,7 @@ struct Until {
 
 uvec4 class_texel(int cell) {
     uint at = uint(cell);
-    return texelFetch(class_table, ivec2(at % uint(TABLE_ROW), at / uint(TABLE_ROW)), 0);
+    return CLASS_TEXEL(ivec2(at % uint(TABLE_ROW), at / uint(TABLE_ROW)));
 }
 
 Until class_until(float place) {

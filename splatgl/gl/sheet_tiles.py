@@ -40,8 +40,8 @@ from splatgl.splat.splats import Splats
 from splatgl.splat.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.view import GridView
 
-# buffer binding of the open sheets, and mark of a list whose tile has stored ones
-RINGS, CONTINUES = 5, np.uint32(2)
+# image unit of the classification table; binding of the open sheets, and mark of a list whose tile has stored ones
+CLASS_IMAGE, RINGS, CONTINUES = 4, 5, np.uint32(2)
 # floats per pixel of the open sheets, see open_sheets.glsl; bytes of a tile, a multiple of every device's alignment
 RING = 36
 RING_BYTES = RING * ROWS * COLUMNS * 4
@@ -232,7 +232,9 @@ class SheetTiles(Tiles):
         self.kept, self.last, self.band = None, False, replace(self.begin(window), stride=self.stride)
         band, self.begun = self.band, np.zeros(self.band.closed.size, bool)
         if splats.post is not None:
-            self.tables.classification(splats).use(CLASS_UNIT)
+            table = self.tables.classification(splats)
+            table.use(CLASS_UNIT)
+            table.bind_to_image(CLASS_IMAGE, read=True, write=False)
             seen = Window(*(self.stride * side for side in window.box))
             side = self.stride * COLUMNS, self.stride * ROWS
             band.closed |= tiles_beside_box(plan.view, splats.post.shape, seen, side)

@@ -37,7 +37,7 @@ ROUNDS = 60_000
 MOST_TILES, ENTRIES = 65_535, 2**20
 # texture units of the placed splats, the list, and the records with their order
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
-# bindings of storage buffers, and the image unit of the target
+# bindings of storage buffers, and the image unit of the target, before those of the list, heads and shapes
 CURSORS, DONE, LISTS, OPEN, BLOCKS, LISTED_BUFFER, IMAGE = 0, 1, 2, 3, 4, 6, 0
 # textures of placed splats, see tiles.glsl; a program uses the first three to seven, see `_textures`
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")

@@ -279,9 +279,10 @@ def preprocess(source: str) -> tuple[str, dict[str, str]]:
     stack: list[tuple[bool, bool]] = []
     for line in source.splitlines():
         word, _, rest = line.strip().partition(" ")
-        if word in ("#if", "#ifdef", "#elif"):
+        if word in ("#if", "#ifdef", "#ifndef", "#elif"):
             before = stack.pop()[1] if word == "#elif" else False
-            on = not before and bool(rest in names if word == "#ifdef" else evaluate(rest, names))
+            named = {"#ifdef": rest in names, "#ifndef": rest not in names}
+            on = not before and bool(named[word] if word in named else evaluate(rest, names))
             stack.append((on, on or before))
         elif word == "#else":
             stack.append((not stack[-1][1], True) if stack else (True, True))
