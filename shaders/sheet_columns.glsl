@@ -2,7 +2,7 @@
 // The four entries of a list around one, and its first sheet.
 int next_base(uint at, uint end, out uvec4 names) {
     at = min(at, end - 1u);
-    names = TEXEL(list, listed_at(at));
+    names = texelFetch(list, listed_at(at), 0);
     uint n = names[at & 3u];
     ivec2 texel = texel_of(n);
     return sheet_base(uintBitsToFloat(PACKED == 1 ? TEXEL(shapes, texel).w : texelFetch(matters, texel, 0).w));

@@ -12,9 +12,10 @@ layout(local_size_x = LANES) in;
 // pixels of the view from one sample to the next; a processor may first draw every other
 uniform float stride;
 #define STRIDE (CARD == 1 ? 1.0 : stride)
-#if CARD == 0
+// unless it stores pieces in as many buffers as OpenGL allows beside images
+#if CARD == 0 && LAYERED == 0
 #define CLASS_TEXEL(at) imageLoad(class_table, at)
-layout(rgba32ui, binding = 4) readonly uniform uimage2D class_table;
+layout(rgba32ui, binding = 3) readonly uniform uimage2D class_table;
 #endif
 #include "sheet_composite.glsl"
 

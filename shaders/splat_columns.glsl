@@ -18,7 +18,7 @@ void composite_tile(uvec4 mine, uint lane) {
     coverage = table_quad(vec3(0.0)).coverage;
     float least = 0.0;
     for (; at < end; at += 4u) {
-        uvec4 four = TEXEL(list, listed_at(at));
+        uvec4 four = texelFetch(list, listed_at(at), 0);
         // all four are read before the first is blended, to hide latency; beyond the list's end the first repeats with
         // zero depth
         Joined next[4];

@@ -4,6 +4,7 @@
 #include "footprint_eval.glsl"
 #include "tiles.glsl"
 
+uniform usampler2D list;
 // a processor reads an image in half the instructions of a texel
 #if CARD == 1
 #define TEXEL(name, at) texelFetch(name, at, 0)
@@ -11,9 +12,8 @@ uniform usampler2D heads;
 uniform usampler2D shapes;
 #else
 #define TEXEL(name, at) imageLoad(name, at)
-layout(rgba32ui, binding = 1) readonly uniform uimage2D list;
-layout(rgba32ui, binding = 2) readonly uniform uimage2D heads;
-layout(rgba32ui, binding = 3) readonly uniform uimage2D shapes;
+layout(rgba32ui, binding = 1) readonly uniform uimage2D heads;
+layout(rgba32ui, binding = 2) readonly uniform uimage2D shapes;
 #endif
 uniform usampler2D matters;
 uniform usampler2D bends;

@@ -41,7 +41,7 @@ from splatgl.splat.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.view import GridView
 
 # image unit of the classification table; binding of the open sheets, and mark of a list whose tile has stored ones
-CLASS_IMAGE, RINGS, CONTINUES = 4, 5, np.uint32(2)
+CLASS_IMAGE, RINGS, CONTINUES = 3, 5, np.uint32(2)
 # floats per pixel of the open sheets, see open_sheets.glsl; bytes of a tile, a multiple of every device's alignment
 RING = 36
 RING_BYTES = RING * ROWS * COLUMNS * 4

@@ -37,7 +37,7 @@ ROUNDS = 60_000
 MOST_TILES, ENTRIES = 65_535, 2**20
 # texture units of the placed splats, the list, and the records with their order
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
-# bindings of storage buffers, and the image unit of the target, before those of the list, heads and shapes
+# bindings of storage buffers, and the image unit of the target, before those of heads and shapes
 CURSORS, DONE, LISTS, OPEN, BLOCKS, LISTED_BUFFER, IMAGE = 0, 1, 2, 3, 4, 6, 0
 # textures of placed splats, see tiles.glsl; a program uses the first three to seven, see `_textures`
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
@@ -355,9 +355,8 @@ class Tiles:
         """Binds the target as the image that tiles read and write, and what they only read as others."""
         target.texture.bind_to_image(IMAGE, read=True, write=True)
         if self.card is None:
-            for unit, texture in enumerate((self.placed.list, *self.placed.textures[1:3]), IMAGE + 1):
-                if texture is not None:
-                    texture.bind_to_image(unit, read=True, write=False)
+            for unit, texture in enumerate(self.placed.textures[1:3], IMAGE + 1):
+                texture.bind_to_image(unit, read=True, write=False)
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """Returns a storage buffer of at least `size` bytes, and binds it."""
