@@ -15,6 +15,8 @@ except ImportError:
 
 # most seconds of processor time, bytes of memory, and bytes of a memory dump; ten thousand objects take about a second
 LIMITS = {"RLIMIT_CPU": 3, "RLIMIT_AS": 16 << 30, "RLIMIT_CORE": 0}
+# bytes of memory for a classic NetCDF file, whose header is small
+CLASSIC_MEMORY = 2 << 30
 # of SetErrorMode: no window tells of a crash
 SILENT = 0x1 | 0x2
 # printed before the file is opened: a later failure is the file's fault
@@ -65,15 +67,23 @@ def read_file(path: str) -> None:
         return
     import netCDF4
 
-    with netCDF4.Dataset(path) as opened:
-        opened.set_auto_maskandscale(False)
-        owners: list[Any] = [opened, *opened.variables.values()]
-        for owner in owners:
-            for name in owner.ncattrs():
-                str(owner.getncattr(name))
-        for variable in opened.variables.values():
-            if variable.size:
-                str(variable[(-1,) * variable.ndim])
+    if resource is not None:
+        # a damaged count has the library allocate as much as it may
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_AS, (CLASSIC_MEMORY, CLASSIC_MEMORY))
+    try:
+        opened = netCDF4.Dataset(path)
+    except Exception:
+        # without the limit, another process would try for long
+        sys.exit(1)
+    opened.set_auto_maskandscale(False)
+    owners: list[Any] = [opened, *opened.variables.values()]
+    for owner in owners:
+        for name in owner.ncattrs():
+            str(owner.getncattr(name))
+    for variable in opened.variables.values():
+        if variable.size:
+            str(variable[(-1,) * variable.ndim])
 
 
 def limit_process() -> None:
