@@ -13,7 +13,7 @@ from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected
 from splatgl.options import refuse_unknown
 from splatgl.readers.common import silence_libraries
-from splatgl.readers.contents import FIXES, PACKINGS, describe_bytes, identify, is_n5, is_pattern
+from splatgl.readers.contents import FIXES, UNKNOWN, describe_bytes, identify, is_n5, is_pattern
 from splatgl.readers.heightmap import terrain_from_heights
 from splatgl.readers.options import FORMATS, Format, LoadOptions, converter, inside
 from splatgl.readers.remote import Remote, address_name, is_address
@@ -155,7 +155,7 @@ def _find_format(path: Path, options: LoadOptions) -> Format:
     if named and "*" in named.starts and (not contents or _import_function("raw.states_samples")(path.name, options)):
         return named
     # of packed data that are too short only the name tells
-    candidates = [form for form in FORMATS if contents in (form.title, *form.starts) and contents not in PACKINGS]
+    candidates = [form for form in FORMATS if contents in (form.title, *form.starts) and contents not in UNKNOWN]
     closer = (form for form in candidates or detectable if form in detectable and _import_function(form.tells)(path))
     found = next(closer, next(iter(candidates), None))
     return found or _refuse_contents(path, named, contents)

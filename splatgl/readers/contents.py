@@ -71,6 +71,8 @@ _MRC_MODES, _MGH_TYPES = (0, 1, 2, 3, 4, 6, 7, 12, 16, 101), (0, 1, 3, 4)
 # kinds of packed data that are damaged or too short to tell more, and of others
 PACKINGS = ("gzip", "bzip2", "ZIP")
 OTHER_GZIP, OTHER_BZIP2 = "gzipped data of another kind", "bzip2 data of another kind"
+# kinds of packed data that only a name tells apart
+UNKNOWN = (*PACKINGS, OTHER_GZIP, OTHER_BZIP2)
 # advice for kinds that are not read
 FIXES = {
     "MATLAB's format before 7.3": "save it in MATLAB with save(..., '-v7.3')",

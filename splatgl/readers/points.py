@@ -24,6 +24,8 @@ from splatgl.readers.options import LoadOptions
 
 # bytes of the header of a record of variable length in LAS
 VLR = 54
+# number of the record that describes how points are compressed
+LASZIP = 22204
 # most bytes of a header in text, and most points of a chunk of LAS
 HEADER, CHUNK = 2**16, 2**20
 # bytes in memory of a point: places, colours, a value
@@ -203,9 +205,13 @@ def _check_las(path: Path) -> None:
         require_bytes(227, len(head), "header")
         at, start, count = (int.from_bytes(head[a:b], "little") for a, b in ((94, 96), (96, 100), (100, 104)))
         require_bytes(start, there, "header")
+        packing = b""
         for _ in range(min(count, start // VLR + 1)):
             file.seek(at)
-            at += VLR + int.from_bytes(file.read(VLR)[20:22], "little")
+            record = file.read(VLR)
+            length = int.from_bytes(record[20:22], "little")
+            packing = file.read(length) if int.from_bytes(record[18:20], "little") == LASZIP else packing
+            at += VLR + length
             if at > start:
                 raise expected(
                     "records of variable length", f"{count} before the points", "more bytes", "it is damaged"
@@ -213,6 +219,28 @@ def _check_las(path: Path) -> None:
         size, points = int.from_bytes(head[105:107], "little"), int.from_bytes(head[107:111], "little")
         points = max(points, int.from_bytes(head[247:255], "little") if head[25] >= 4 else 0)
         require_plausible(points * size, there)
+        if head[104] >> 6 == 2:
+            _check_chunks(file, start, there, packing)
+
+
+def _check_chunks(file: BinaryIO, start: int, there: int, packing: bytes) -> None:
+    """Raises InputError for more or longer chunks of LAZ than the file can hold: the decoder would allocate them.
+
+    start: of the points; packing: contents of the record that describes them.
+    """
+    lazrs = import_extra("lazrs", "LAZ files", "laspy[lazrs]", "points")
+    file.seek(start)
+    table = int.from_bytes(file.read(8), "little", signed=True)
+    # -1: the last bytes of the file say where it is
+    if table == -1 and there >= 8:
+        file.seek(there - 8)
+        table = int.from_bytes(file.read(8), "little", signed=True)
+    require_bytes(max(table, 0) + 8, there, "table of chunks")
+    file.seek(max(table, 0) + 4)
+    require_bytes(start + int.from_bytes(file.read(4), "little"), there, "chunks")
+    file.seek(start)
+    chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(packing))
+    require_bytes(start + sum(size for _, size in chunks), there, "chunks")
 
 
 def _las_unit(header: Any) -> str:

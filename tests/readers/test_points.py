@@ -167,6 +167,13 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
     (tmp_path / "b.las").write_bytes(whole[:100] + b"\xff\xff\xff\x7f" + whole[104:])
     with pytest.raises(sg.InputError, match="records of variable length"):
         sg.load(tmp_path / "b.las")
+    # chunks that are longer than the file, which the decoder would allocate
+    packed = files[1].read_bytes()
+    table = int.from_bytes(packed[(start := int.from_bytes(packed[96:100], "little")) : start + 8], "little")
+    for changed in (packed[: table + 4] + b"\xff\xff\xff\x7f" + packed[table + 8 :], packed[: table + 8] + b"\xff" * 4):
+        (tmp_path / "b.laz").write_bytes(changed)
+        with pytest.raises(sg.InputError, match="chunks"):
+            sg.load(tmp_path / "b.laz")
     assert median_spacing(np.array([[0, 0, 0], [0, 0, 5e-320]])) == 1.0
     plain = rng.integers(0, 9, 16).astype(np.uint8).tobytes() * 50 + bytes(300)
     assert unpack_lzf(pack_lzf(plain), len(plain)) == plain
