@@ -135,7 +135,7 @@ WORDED = {
     "x.raw --shape 2,2,3 --dtype uint8 --size 40": "x.raw: size: expected 12 bytes",
     "two.npz": "pick one with --array NAME; there are: a, b",
     "two.npz --array c": "two.npz: --array: expected one of a, b, got 'c'",
-    "noise.npy --array c": "noise.npy: options: expected some of --spacing, --values for NumPy, got --array",
+    "noise.npy --array c": "noise.npy: options: expected some of --spacing, --values, --channel for NumPy, got --array",
     "noise.npy --spacing 0,1,1": "noise.npy: --spacing: expected three positive numbers",
     "noise.npy --look-at 1,2,3": "--look-at: expected an eye that looks there, got none; give --eye too",
     "noise.npy --eye 1,2,3 --look-at 1,2,3": "--look-at: expected a point other than the eye",
