@@ -12,7 +12,6 @@ from splatgl.animation.movie import need, volumes, write_movie
 from splatgl.errors import expected
 from splatgl.fileio import check_source
 from splatgl.scene.api import is_scene, is_splats, scene_of
-from splatgl.scene.shared_renderer import shared_renderer
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
@@ -67,6 +66,8 @@ def animate(
     animation = Animation.of(scenes, timeline, options.get("time"), bits, True)
 
     def draw(frames: Frames, todo: Sequence[int]) -> None:
+        from splatgl.scene.shared_renderer import shared_renderer
+
         with shared_renderer() as renderer:
             animation.draw(renderer, frames, todo, True)
 

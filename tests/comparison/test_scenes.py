@@ -54,14 +54,8 @@ def test_another_backend_keeps_to_the_same_baseline(
 @pytest.mark.long
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("scene", ["nerve", "letter-f"])
-def test_two_backends_draw_the_same(
-    scene: str,
-    blend: str,
-    scenes: dict[str, tuple[sg.Splats, sg.Camera]],
-    renderer: sg.Renderer,
-    osmesa: sg.Renderer,
-) -> None:
-    first, second = (some.render(*scenes[scene], SPLATS.but(blend=blend)) for some in (renderer, osmesa))
+def test_two_backends_draw_the_same(scene: str, blend: str, renderer: sg.Renderer, osmesa: sg.Renderer) -> None:
+    first, second = (some.render(*view_of(scene), SPLATS.but(blend=blend)) for some in (renderer, osmesa))
     verdict = judge(second, first)
     assert verdict.same, str(verdict)
     assert second.pixels.max() > 0.1, "something is drawn"
