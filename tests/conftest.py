@@ -18,6 +18,7 @@ import splatgl as sg
 from splatgl.gl import program
 from splatgl.gl import renderer as renderers
 from splatgl.gl.context import REQUIRE_GPU, current
+from splatgl.readers import hdf5_files
 from splatgl.scene.draw import DrawOptions
 from splatgl.scene.shared_renderer import shared_renderer
 from tests.helpers.levels import with_levels
@@ -128,6 +129,18 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPLATGL_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setenv("SPLATGL_RECENT", "off")
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def sound_files(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Files that a test has just written by h5py are not first tried in another process, except where they are
+    damaged, or a test replaces what is tried there.
+    """
+    probe, script = hdf5_files.probe, hdf5_files._PROBE
+    with pytest.MonkeyPatch.context() as patch:
+        if "hostile" not in request.module.__name__:
+            patch.setattr(hdf5_files, "probe", lambda path: None if script == hdf5_files._PROBE else probe(path))
         yield
 
 
