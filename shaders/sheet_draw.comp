@@ -14,7 +14,8 @@ uniform float stride;
 #define STRIDE (CARD == 1 ? 1.0 : stride)
 // unless it stores pieces in as many buffers as OpenGL allows beside images
 #if CARD == 0 && LAYERED == 0
-#define CLASS_IMAGE
+#define CLASS_TEXEL(at) imageLoad(class_table, at)
+layout(rgba32ui, binding = 3) readonly uniform uimage2D class_table;
 #endif
 #include "sheet_composite.glsl"
 

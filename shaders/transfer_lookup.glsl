@@ -8,12 +8,9 @@
 #include "optics.glsl"
 
 // at each cell end the integral of matter up to it, in units of class_unit
-#ifndef CLASS_IMAGE
+#ifndef CLASS_TEXEL
 #define CLASS_TEXEL(at) texelFetch(class_table, at, 0)
 uniform usampler2D class_table;
-#else
-#define CLASS_TEXEL(at) imageLoad(class_table, at)
-layout(rgba32ui, binding = 3) readonly uniform uimage2D class_table;
 #endif
 uniform vec2 class_scale;       // the table's place of a value is x value + y
 uniform float class_unit;       // matter per integer step of the table, per cell

@@ -25,7 +25,7 @@ from splatgl.splat.view import GridView
 COUNT = 2000
 UNITS = {"footprint_table": FOOTPRINT_UNIT, "half_table": HALF_LINE_UNIT, "blur_table": BLUR_UNIT, **FIELD_UNITS}
 # what a stage declares of its own: storage qualifiers, layouts
-OWN = re.compile(r"^(#define (VARYING|FLAT|CLASS_IMAGE)\b|layout\()")
+OWN = re.compile(r"^(#define (VARYING|FLAT|CLASS_TEXEL)\b|layout\()")
 # a buffer of numbers, which a function reads or writes: here an array of one
 BUFFER = re.compile(r"^layout\(.*\bbuffer \w+ \{ (\w+ \w+)\[\]; \};.*$", re.MULTILINE)
 FUNCTION = re.compile(r"^\w+ (\w+)\([^;{]*\) \{", re.MULTILINE)
