@@ -6,6 +6,7 @@ nibabel's affine takes indices along an array's axes to RAS+; MINC's arrays are 
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -21,6 +22,7 @@ from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import ChannelSet
 from splatgl.readers.common import decoder_errors, grid_shape, require_bytes, require_plausible
 from splatgl.readers.hdf5_files import open_hdf5
+from splatgl.readers.microscopes import BoundedFile
 from splatgl.readers.options import LoadOptions
 
 # most bytes of a header in text
@@ -36,7 +38,10 @@ def read_minc(path: Path, options: LoadOptions) -> Volume:
         is_hdf5 = file.read(4) == b"\x89HDF"
     form = nibabel.minc2.Minc2File if is_hdf5 else nibabel.minc1.Minc1File
     with ExitStack() as stack, decoder_errors("MINC"):
-        opened = open_hdf5(path) if is_hdf5 else nibabel.externals.netcdf.netcdf_file(str(path), "r", mmap=False)
+        if is_hdf5:
+            opened = open_hdf5(path)
+        else:
+            opened = nibabel.externals.netcdf.netcdf_file(BoundedFile(io.FileIO(path)), "r", mmap=False)
         stack.callback(opened.close)
         image = form(opened)
         shape = [int(size) for size in image.get_data_shape()]

@@ -257,10 +257,10 @@ def test_what_has_no_like_is_refused(pyvista: Any) -> None:
     empty.add_mesh(pyvista.Sphere(), opacity=0.0)
     with pytest.raises(sg.InputError, match="a visible volume or mesh, got none"):
         sg.Scene.of(empty)
-    flat = pyvista.RectilinearGrid([0.0, 1, 3], [0.0, 1, 2], [0.0])
-    flat["a"] = np.arange(9.0)
-    with pytest.raises(sg.InputError, match="rectilinear grid: expected at least two ascending"):
-        sg.Volume.of(flat)
+    mixed_up = pyvista.RectilinearGrid([0.0, 3, 1], [0.0, 1, 2], [0.0, 1.0])
+    mixed_up["a"] = np.arange(18.0)
+    with pytest.raises(sg.InputError, match="expected coordinates that rise or fall throughout"):
+        sg.Volume.of(mixed_up)
     with pytest.raises(sg.InputError, match="image data, got a UnstructuredGrid; resample it"):
         sg.Volume.of(pyvista.UnstructuredGrid())
     mixed = plotter(pyvista, some(), blending="maximum")
