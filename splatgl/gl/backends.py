@@ -37,6 +37,10 @@ class BackendError(Exception):
     """A backend is unavailable; the message gives the reason in one line."""
 
 
+class ContextLost(BackendError):
+    """Another library ended the display of a context, and with it the context."""
+
+
 def newest(create: Callable[[int, int], Opened]) -> Opened:
     """Returns `create(major, minor)` for the newest version that opens; raises BackendError if none does."""
     refusal = BackendError("no OpenGL")
@@ -279,7 +283,7 @@ class HeadlessLoader(Loader):
             raise BackendError(f"{self._name}'s context is current in another thread; give each thread a Renderer")
         if not handle or handle != (self._handle or handle):
             gone = f"{self._name}'s context is gone, as another library ended its display"
-            raise BackendError(f"{gone}; open another Renderer")
+            raise ContextLost(f"{gone}; open another Renderer")
         self._handle = handle
 
     def _current(self) -> int | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
@@ -15,7 +15,7 @@ import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
-from splatgl.gl.backends import hand_back
+from splatgl.gl.backends import ContextLost, hand_back
 from splatgl.gl.context import check_process, context_info, current, inherited, open_context
 from splatgl.gl.passes import Passes
 from splatgl.gl.shader import choose_shape
@@ -83,10 +83,12 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Releases all GL objects and the context; further calls, and calls in a forked process, do nothing."""
+        """Releases all GL objects and the context; further calls, and calls in a forked process, do nothing. Nor is
+        anything left of a context that another library has ended.
+        """
         if inherited(self.ctx):
             return
-        with current(self.ctx):
+        with suppress(ContextLost), current(self.ctx):
             self.owned.close()
 
     def free(self) -> None:

@@ -22,7 +22,7 @@ from splatgl.cli import doctor
 from splatgl.errors import InputError
 from splatgl.gl import backends, program
 from splatgl.gl import context as contexts
-from splatgl.gl.backends import BackendError, current_loader, switch_to
+from splatgl.gl.backends import BackendError, ContextLost, current_loader, switch_to
 from splatgl.gl.context import context_info, current, is_software, open_context
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.gl.shader import ShaderError
@@ -587,3 +587,11 @@ def test_the_newest_version_is_asked_for_first(opened: Open, monkeypatch: pytest
     monkeypatch.setattr(system, "create_context", create)
     opened("egl", device=0)
     assert asked == [460, 450, 430, 330]
+
+
+def test_a_renderer_is_closed_whose_display_another_library_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    need("egl")
+    with sg.Renderer("egl") as renderer:
+        monkeypatch.setattr(renderer.ctx.extra, "_current", lambda: 0)
+        with pytest.raises(ContextLost, match="context is gone"), current(renderer.ctx):
+            pass
