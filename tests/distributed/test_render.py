@@ -106,6 +106,7 @@ def saved(tmp_path: Path, rng: np.random.Generator) -> Path:
     return tmp_path / "v.npy"
 
 
+@pytest.mark.long
 def test_frames_are_the_same_bit_for_bit(client: Any, renderer: sg.Renderer, saved: Path) -> None:
     volume = sg.load(saved)
     views = [sg.Camera.orbit(volume, 30 * n, 20, size=(40, 30)) for n in range(6)]
@@ -116,7 +117,7 @@ def test_frames_are_the_same_bit_for_bit(client: Any, renderer: sg.Renderer, sav
         assert np.array_equal(found[n].pixels, renderer.render(splats, camera).pixels) and found[n].pixels.max() > 0.3
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 @pytest.mark.parametrize("blend", ["composite", "xray", "mip"])
 @pytest.mark.parametrize("sent", [False, True])
 def test_a_picture_in_parts(client: Any, renderer: sg.Renderer, saved: Path, blend: str, sent: bool) -> None:
@@ -140,6 +141,7 @@ def test_memory_is_said_in_words(saved: Path) -> None:
         sg.render_slabs(saved, RAMP, camera, memory="much")
 
 
+@pytest.mark.long
 def test_what_workers_refuse_is_told(client: Any, saved: Path, tmp_path: Path) -> None:
     camera = sg.Camera.orbit(sg.load(saved), size=(8, 8))
     with pytest.raises(
@@ -192,6 +194,7 @@ def test_work_that_kills_its_workers_is_given_up(client: Any, tmp_path: Path) ->
     client.wait_for_workers(2, timeout=60)
 
 
+@pytest.mark.long
 def test_what_was_started_otherwise_is_told(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     cluster.check_workers(client)
     monkeypatch.setattr("splatgl.__version__", "9.9")
@@ -232,6 +235,7 @@ def test_animations_with_a_scheduler(client: Any, saved: Path, tmp_path: Path, o
     assert (tmp_path / "b" / "1.npy").stat().st_mtime_ns == before
 
 
+@pytest.mark.long
 def test_a_picture_with_a_scheduler(
     client: Any, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -298,6 +302,7 @@ def test_clients_that_find_no_scheduler_are_closed(address: str, monkeypatch: py
     assert [each.status for each in made] == ["closed"]
 
 
+@pytest.mark.long
 def test_dask_computes_as_before_beside_workers(client: Any) -> None:
     """Nor does what finds no scheduler meanwhile become what Dask computes with, once it is freed."""
     dask = pytest.importorskip("dask")
