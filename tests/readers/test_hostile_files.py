@@ -37,6 +37,8 @@ fuzz.SECONDS = SECONDS
 
 
 VOLUMES = [name for name in good.SEEDS if name not in ("scene", "transfer")]
+# a good file of these takes half a second
+SLOW = ("afni", "par-rec")
 
 
 def examples(most: int) -> settings:
@@ -51,8 +53,10 @@ MANY = examples(24)
 # --- damaged at random ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("reader", VOLUMES)
+@pytest.mark.few(2)
+@pytest.mark.parametrize(
+    "reader", [pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in VOLUMES]
+)
 @MANY
 @given(index=st.integers(0, 2**32 - 1))
 def test_mutated_files_load_or_are_refused(tmp_path: Path, reader: str, index: int) -> None:
