@@ -84,7 +84,7 @@ def _last_name(node: Any) -> str:
 
 
 def _emd_scales(dataset: Any, parent: Any) -> list[Scale | None]:
-    """Those in dim1, dim2, … beside the data, or dim0, dim1, …; [] without any."""
+    """The scales in dim1, dim2, … beside the data, or in dim0, dim1, …; [] without any."""
     numbers = sorted(int(name[3:]) for name in parent if re.fullmatch("dim[0-9]{1,3}", name))[: len(dataset.shape)]
     nodes = [find_node(dataset.file, f"{parent.name}/dim{number}", anywhere=False) for number in numbers]
     scales: list[Scale | None] = [

@@ -221,7 +221,7 @@ def _describe_plane(file: Path) -> tuple[Shape, np.dtype]:
 
 
 def _with_page(file: Path, use: Any) -> Any:
-    """What `use` returns for the only page of a TIFF file."""
+    """The result of `use` for the only page of a TIFF file."""
     check_chain(file)
     with logged_errors(), open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
         if len(tiff.pages) != 1:

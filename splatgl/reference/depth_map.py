@@ -64,10 +64,11 @@ def depths(
     at: depth at which this share of light is absorbed, from 0 (at the first matter) to below 1; or "max" or "min": of
     the largest or least value, as shown by `mip` and `minip`. NaN where the ray absorbs less, or the value is
     transparent. settings: clip planes, and whether voxels are classified before interpolation. Meshes absorb their
-    opacity. Raises InputError for other `at`, and for volumes that are read in parts.
+    opacity. Raises InputError for other `at`, for clouds of points, and for volumes that are read in parts.
     """
     settings = settings or Settings()
     scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
+    scene.require_voxels("depth map")
     share, sign = _parse_at(at)
     cut = [(layer, (*settings.clip, *planes)) for layer, planes in zip(scene.shown, scene.planes, strict=True)]
     pre = settings.classification == "pre"

@@ -68,11 +68,12 @@ def pick(
     mode "first": where half of the light is absorbed, or half of the ray's total absorption; "max": the largest value.
     Among layers, the one that absorbs most there. transfer: of a volume; None: its default one. Clip planes of a scene
     apply. Meshes absorb their opacity, and rays end at opaque ones; gradient weights are ignored. Raises InputError for
-    a pixel outside the picture, and for volumes that are read in parts.
+    a pixel outside the picture, for clouds of points, and for volumes that are read in parts.
     """
     if mode not in MODES:
         raise expected("mode", " or ".join(MODES), repr(mode))
     scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
+    scene.require_voxels("pick")
     number, cut = _pixel_number(pixel, camera), zip(scene.shown, scene.planes, strict=True)
     rays = [_Ray.of(layer, planes, camera, number) for layer, planes in cut]
     surfaces = _surfaces(scene, camera, number)

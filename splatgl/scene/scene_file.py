@@ -433,9 +433,13 @@ class SceneFile:
         return marked
 
     def cut(self, volume: Volume) -> SceneFile:
-        """Returns the scene with the planes of `clip` and `crop` in its settings and a view fitted to the crop."""
+        """Returns the scene with the planes of `clip` and `crop` in its settings and a view fitted to the crop. Raises
+        InputError for a crop of points, which have no voxels to count.
+        """
         if not (self.clip or self.crop):
             return self
+        if self.crop and volume.points is not None:
+            raise expected("crop", "voxels along x, y and z", f"{len(volume.points):,} points", "cut them with clip")
         from splatgl.splat.clipping import Box, Part, clip_corners, crop_planes, parse_planes
 
         sides = crop_planes(self.crop, volume) if self.crop else ()

@@ -291,7 +291,7 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
 
 
 def _missing_note(document: Document) -> str:
-    """What share of the samples of the first layer is missing; "" if none is."""
+    """A note on the share of the samples of the first layer that is missing; "" if none is."""
     share = document.volume.share_missing()
     if share == 1 and not is_mesh(document.scene.volume):
         return "nothing to show: all samples are NaN"

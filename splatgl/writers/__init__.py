@@ -111,7 +111,7 @@ def find_target(path: Path) -> Target:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What a writer gets: the first time point, prepared for the format; the number of them, and a function that opens
+    """Content to write: the first time point, prepared for the format; the number of them, and a function that opens
     one. parts: of a volume, the arrays [D, H, W] or [D, H, W, 3] that make its components. dtype: as written.
     """
 
@@ -128,7 +128,7 @@ class Content:
 
     @cached_property
     def kind(self) -> str:
-        """What a voxel holds: "color", "vectors", "channels", or "samples"."""
+        """Kind of the numbers of a voxel: "color", "vectors", "channels", or "samples"."""
         if len(self.volume.channels) > 1:
             return "channels"
         if self.volume.color is not None and "color" in self.target.holds:

@@ -144,6 +144,11 @@ def test_commands(tmp_path: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch)
     assert "points     3" in said.out and "to         500007.25, 4000003.5, 4.5" in said.out
     assert main(["render", "a.ply", "-o", "a.png", "--size", "16", "--point-size", "2"]) == 0
     assert "3 splats on white\ntransfer function: opacity 0.99 of a surface of points" in capsys.readouterr().out
+    # whose volume is empty: nothing is said of it as if it were the points
+    for command in (["pick", "a.ply", "8,8", "--size", "16"], ["render", "a.ply", "-o", "b.png", "--depth", "d.npy"]):
+        assert main(command) == 2 and "a volume of voxels, got 3 points" in capsys.readouterr().err
+    assert main(["render", "a.ply", "-o", "b.png", "--crop", "0:1,0:1,0:1"]) == 2
+    assert "crop: expected voxels along x, y and z, got 3 points" in capsys.readouterr().err
     assert main(["convert", "a.ply", "a.nii"]) == 2 and "expected voxels, got 3 points" in capsys.readouterr().err
 
 
