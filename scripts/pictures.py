@@ -197,8 +197,9 @@ elevation = 5
 
 def window(source: str = "") -> None:
     """The viewer with its panel and slices, showing a scene file or the bones of a CT at full quality."""
+    from splatgl.viewer.display import Options
     from splatgl.viewer.document import Document
-    from splatgl.viewer.viewer import Options, Viewer
+    from splatgl.viewer.viewer import Viewer
 
     with TemporaryDirectory() as folder:
         file = Path(source or f"{folder}/bones.toml")

@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     scene = scene_from(args)
     files = start_reading(scene, args.source if args.watch else "", lambda: scene_from(args))
     # imported late: bad input is reported at once
-    from splatgl.viewer.viewer import Options
+    from splatgl.viewer.display import Options
 
     options = Options(
         size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,

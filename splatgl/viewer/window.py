@@ -1,4 +1,4 @@
-"""GLFW window: passes events to a `Viewer`, with positions in image pixels."""
+"""GLFW window: passes events to a `Display`, with positions in image pixels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from splatgl.viewer.input import from_character, from_key, modifiers
 from splatgl.viewer.tool import Place, Pointer
 
 if TYPE_CHECKING:
-    from splatgl.viewer.viewer import Viewer
+    from splatgl.viewer.display import Display
 
 BUTTONS = ("left", "right", "middle")
 # exit code after losing the display
@@ -29,7 +29,7 @@ SMALLEST = 64
 class Window:
     """A screen's window: events, size and title."""
 
-    def __init__(self, screen: Screen, listener: Viewer) -> None:
+    def __init__(self, screen: Screen, listener: Display) -> None:
         import glfw
 
         self.glfw, self.screen, self.listener, self.handle = glfw, screen, listener, screen.window

@@ -10,7 +10,7 @@ import pytest
 
 from splatgl.cli.main import main
 from splatgl.gl.screen import GROUNDS
-from splatgl.viewer.viewer import Options
+from splatgl.viewer.display import Options
 
 # the exit code, and all that was imported
 TELL = """

@@ -28,13 +28,14 @@ from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud, stand_in, trackball
 from splatgl.viewer.commands import Request
+from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import start_reading
 from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.tool import Pointer
-from splatgl.viewer.viewer import Options, Viewer
+from splatgl.viewer.viewer import Viewer
 
 DOUBLE = trackball.DOUBLE
 PAGE = os.sysconf("SC_PAGE_SIZE")

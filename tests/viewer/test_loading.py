@@ -17,11 +17,12 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
 from splatgl.viewer.commands import Request
+from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document, read_meshes
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.loading import Files, Loaded, MeshesRead, Opened, Recent, Reloaded, TimePoint, open_document
 from splatgl.viewer.state import History, State
-from splatgl.viewer.viewer import Options, Viewer
+from splatgl.viewer.viewer import Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
 

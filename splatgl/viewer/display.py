@@ -1,0 +1,234 @@
+"""`Display`: the document and the state of the window, and the events that change them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from splatgl.errors import missing_extra
+from splatgl.gl.renderer import Renderer
+from splatgl.gl.screen import Screen
+from splatgl.viewer.adaptive_quality import TARGET, IdleTrim, Refiner, return_large_blocks
+from splatgl.viewer.commands import COMMANDS, Command, Effect
+from splatgl.viewer.document import Document
+from splatgl.viewer.file_dialogs import Dialogs
+from splatgl.viewer.frame_renderer import FrameRenderer
+from splatgl.viewer.input import InputHandler
+from splatgl.viewer.jobs import Extractor, Jobs
+from splatgl.viewer.loading import Files, Recent
+from splatgl.viewer.overlays import Overlays
+from splatgl.viewer.reference_view import Reference
+from splatgl.viewer.slice_views import SliceTool, column_width
+from splatgl.viewer.state import History, State, changed_fields
+from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width
+from splatgl.viewer.window import Window
+
+# maximum number of panel frames queued by events
+MOST_FRAMES = 20
+OTHER = "the picture before"
+# purpose of the extra library, for the message where it is missing
+PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
+# topics of messages, which are cleared once the topic is over
+OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Startup options. folder: for saved images; source: the path that is being read already."""
+
+    size: tuple[int, int] = (1024, 768)
+    target: float = TARGET
+    folder: Path = Path(".")
+    commands: tuple[Command, ...] = COMMANDS
+    ground: str = "black"
+    panel: bool = True
+    source: str = ""
+
+
+class Display:
+    """The document and the state of the window.
+
+    files: what is being read already; failed: why nothing could be shown at all.
+    """
+
+    def __init__(
+        self, document: Document, renderer: Renderer, options: Options | None = None, files: Files | None = None
+    ) -> None:
+        return_large_blocks()
+        self.options, self.renderer = options or Options(), renderer
+        # effects of commands, performed in the next step
+        self.effects: list[Effect] = []
+        # number of inputs, and the time of the latest: a full-quality frame is cancelled by new ones
+        self.inputs, self.touched = 0, self.now()
+        self.closed, self.dirty = False, 1
+        self.failed: BaseException | None = None
+        self.screen = Screen(self.options.size, "splatgl")
+        try:
+            self.window = Window(self.screen, self)
+            wake = self.window.wake
+            self.slices = SliceTool(wake)
+            self.input = InputHandler(self.options.commands, self.slices)
+            self.extractor, self.reference, self.overlays = Extractor(wake), Reference(Jobs(wake)), Overlays()
+            self.painter = FrameRenderer(self.screen, renderer, self.options.commands)
+            self.document = document
+            self.panel: Any = None
+            self.state = replace(State.of(document, self.options.size), ground=self.options.ground)
+            # the next document, whose coarsest splats are being extracted
+            self.coming: Document | None = None
+            if self.options.panel and find_spec("imgui_bundle"):
+                # over the picture it is opened when it is wanted
+                self.state = replace(self.state, panel=docked_width(self.window.size, self.window.scale) > 0)
+                self._open_panel()
+        except BaseException:
+            self.screen.close()
+            raise
+        self.history = History(self.state)
+        self.dialogs, self.recent = Dialogs(), Recent.of(os.environ)
+        # the view that was fitted to the document
+        self.home = self.state.pose
+        # transfer functions as opened: a file that changes keeps edited ones
+        self.bases = [style.base for style in document.styles]
+        self.files = files or Files(Jobs(wake), (), None, self.now())
+        self.files.jobs.wake = wake
+        self.files.refine(document)
+        self.refiner = Refiner(document.counts, prod(self.size), self.options.target)
+        self.ticked = self.played = self.now()
+        self.trim = IdleTrim(self.ticked)
+        # whether the next request to quit is obeyed although edits are lost
+        self.warned = False
+        # topic and message of the latest error; why the latest picture was not drawn
+        self.last_error, self.reject_reason = ("", ""), ""
+
+    # --- what is shown ----------------------------------------------------------------------------------------------
+
+    @property
+    def view(self) -> View:
+        """The window beside the panel, for tools."""
+        (width, height), scale = self.window.size, self.window.scale
+        width -= docked_width((width, height), scale) if self.panel is not None and self.state.panel else 0
+        return View((max(width, 1), max(height, 1)), scale, self.now())
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Pixels of the picture: the window without the panel and the slices."""
+        width, height = self.view.size
+        return max(width - column_width((width, height), self.state.slices.shown), 1), height
+
+    @property
+    def busy(self) -> str | None:
+        """The work in other threads; None if there is none."""
+        return self.files.busy or (OPENING if self.document.is_loading else self.extractor.busy)
+
+    @property
+    def pending_reason(self) -> str | None:
+        """The note while the picture of the state cannot be drawn; None if it can."""
+        rejected = self.coming is None and self.wanted() == self.refiner.refused
+        return OTHER if rejected or (self.coming and self.extractor.has_failed(self.coming)) else None
+
+    def wanted(self) -> tuple[object, ...]:
+        """Key of a frame: all its inputs, as values or immutable objects."""
+        return self.state.pose, self.state.settings, self.document, self.state.show_zk and self.state.compare == "off"
+
+    def now(self) -> float:
+        """Monotonic clock in seconds."""
+        return time.monotonic()
+
+    # --- events of the window ---------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Redisplays the window's content in the next step."""
+        self.dirty = max(self.dirty, 1)
+
+    def touch(self) -> None:
+        """Notes input that may change the picture."""
+        self.inputs += 1
+        self.touched = self.now()
+        self.refresh()
+
+    def update(self, state: State) -> None:
+        """Takes the next state. While slices move, the picture stays as it is, and is refined further."""
+        changes = changed_fields(state, self.state)
+        self.state = state
+        if changes - {"slices"}:
+            self.touch()
+        elif changes:
+            self.refresh()
+
+    def key(self, chord: str) -> None:
+        """Runs the command of a key, if there is one."""
+        command = self.input.commands.get(chord)
+        if command is not None:
+            self.state, effects = command(self.state, self.document)
+            self.effects += effects
+            self.touch()
+
+    def mouse(self, event: MouseEvent, pointer: Pointer) -> None:
+        """Passes a mouse event to the tools."""
+        self.update(self.input.handle(event, pointer, self.state, self.document, self.view))
+        if event == "move" and self.state.probe and not self.input.is_dragging:
+            self.refresh()
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Fits the view to a window of `size` in pixels; a minimised one keeps its last size."""
+        if min(size) > 0:
+            before = self.state.pose
+            pose = before.resized(self.size)
+            self.state = replace(self.state, pose=pose)
+            # the same view in another size
+            self.history.resize(before, pose)
+            self.home = pose if self.home is before else self.home
+            self.touch()
+
+    def drop(self, paths: Sequence[str]) -> None:
+        """Opens the files; the current document stays until they are loaded."""
+        if paths:
+            self.files.open(paths, self.state.settings, self.document.is_loading)
+            self.touch()
+
+    def raw(self, kind: str, *values: Any) -> bool:
+        """Passes an event to the panel; True if the panel consumes it. A cursor elsewhere changes nothing there."""
+        if self.panel is None or self.state.help:
+            return False
+        before = self.panel.touched
+        consumed = bool(self.panel.event(kind, *values))
+        if kind != "cursor" or self.window.held or before or self.panel.touched:
+            # the panel handles one event per frame and shows its effect in the next
+            self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
+        return consumed
+
+    def say(self, message: str, topic: str = "") -> None:
+        """Shows a message until the next key, or until its topic is cleared."""
+        self.state = replace(self.state, message=message)
+        self.last_error = (topic, message) if topic else self.last_error
+        self.refresh()
+
+    def clear_message(self, topic: str) -> None:
+        """Clears the message of a topic."""
+        if self.last_error[0] == topic:
+            if self.state.message == self.last_error[1]:
+                self.state = replace(self.state, message="")
+                self.refresh()
+            self.last_error = ("", "")
+
+    def _take(self, document: Document) -> None:
+        """Shows a document."""
+        self.clear_message(EXTRACTING)
+        self.document, self.coming, self.extractor.failed = document, None, None
+        self.refiner.renew(document.counts, prod(self.size))
+        self.refresh()
+
+    def _open_panel(self) -> None:
+        """Creates the panel, or sets a message on how to install its library."""
+        if not find_spec("imgui_bundle"):
+            message = str(missing_extra(PANEL, "imgui-bundle", "gui"))
+            self.state = replace(self.state, panel=False, message=message)
+        else:
+            from splatgl.viewer.imgui_backend import Gui
+
+            self.panel = Gui(self.window, self.options.commands, self.options.panel)
