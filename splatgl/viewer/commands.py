@@ -22,6 +22,7 @@ from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import FIRST_POINT
+from splatgl.viewer.segments import with_shown
 from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, Cuts, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
@@ -264,6 +265,16 @@ def _ground(state: State, document: Document) -> State:
     return replace(state, ground=ground, settings=settings, message=f"on {name}")
 
 
+def _segments(are_shown: bool) -> Run:
+    def show(state: State, document: Document) -> State:
+        numbers = [number for number, _, _ in state.style.base.labels]
+        if not numbers:
+            return replace(state, message="no segments: the selected layer is no segmentation")
+        return state.with_style(state.selected, with_shown(state.style, numbers, are_shown))
+
+    return show
+
+
 # --- clipping, annotations, measures, slices --------------------------------------------------------------------------
 
 
@@ -405,6 +416,8 @@ COMMANDS = (
     Command("opacity-up", "more opaque", ("]",), _opacity(OPACITY_STEP)),
     Command("threshold-down", "lower threshold: keep more voxels", (",",), _threshold(1 / THRESHOLD_STEP)),
     Command("threshold-up", "higher threshold: keep fewer voxels", (".",), _threshold(THRESHOLD_STEP)),
+    Command("segments-show", "show all segments", (), _segments(True)),
+    Command("segments-hide", "hide all segments", (), _segments(False)),
     Command("turn-left", "turn the view to the left", ("left",), _move(lambda pose, up: pose.spun(-TURN, up))),
     Command("turn-right", "turn the view to the right", ("right",), _move(lambda pose, up: pose.spun(TURN, up))),
     Command("turn-up", "look from higher", ("up",), _move(lambda pose, up: pose.lifted(TURN))),

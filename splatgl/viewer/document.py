@@ -32,6 +32,7 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
+from splatgl.viewer.segments import style_with_segments
 from splatgl.viewer.stand_in import StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.trackball import Pose
@@ -533,10 +534,10 @@ def _channels(
             # the first has what is known of the file: its view and time points
             samples = samples if number else replace(volume, channels=())
         name = channel.volume.name or source.volume
-        layer = LayerSplats.of_volume(name, scene, samples, channel.seen, clip)
-        style = LayerStyle(
-            channel.seen, source.threshold, 1.0, 1.0 if folds_opacity else source.opacity, source.visible
-        )
+        opacity = 1.0 if folds_opacity else source.opacity
+        style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
+        style = style_with_segments(style, channel.volume, "only_labels" in source.transfer)
+        layer = LayerSplats.of_volume(name, scene, samples, style.stated, clip)
         pairs.append((layer, style.with_unit(layer.transfer.unit)))
     return pairs
 

@@ -15,6 +15,7 @@ from splatgl.splat.splats import Splats
 from splatgl.splat.view import eye_from_index
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
+from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import Ruler, State
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 
@@ -46,8 +47,9 @@ def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
     if pick.mesh is not None:
         return (pick.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
     index = ", ".join(f"{number:.0f}" for number in pick.index)
+    segment = segment_name(document.drawn_layers[pick.layer].volume, pick.value)
     return (
-        f"{pick.name or 'value'}: {pick.value:.6g}",
+        f"{pick.name or 'value'}: {pick.value:.6g}{', ' * bool(segment)}{segment}",
         f"at {place}{' ' + unit if unit else ''}",
         f"voxel {index}",
     )

@@ -23,6 +23,7 @@ from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.popups import Palette, Unsaved
+from splatgl.viewer.segments_panel import SegmentList
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.tool import PANEL
 from splatgl.viewer.transfer_editor import Curve
@@ -52,7 +53,8 @@ class Panel:
 
     def __init__(self, commands: Iterable[Command], has_strip: bool = True) -> None:
         self.has_strip = has_strip
-        self.curve, self.browser, self.widgets = Curve(), Browser(), CommandWidgets(commands)
+        self.curve, self.segments = Curve(), SegmentList()
+        self.browser, self.widgets = Browser(), CommandWidgets(commands)
         self.palette, self.unsaved = Palette(), Unsaved()
         # recent files
         self.recent: tuple[str, ...] = ()
@@ -104,10 +106,11 @@ class Panel:
             if document.is_layered and imgui.collapsing_header("Layers", opened):
                 state = panel_sections.draw_layers(state, document)
             edited = document.layers[state.selected]
-            name = f" of {plain(edited.name)}" if len(state.styles) > 1 else ""
+            title = "Segments" if state.style.base.labels else "Transfer function"
+            title += f" of {plain(edited.name)}" if len(state.styles) > 1 else ""
             # a mesh alone has none
-            if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"Transfer function{name}###curve", opened):
-                state = self._transfer(state, edited)
+            if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"{title}###curve", opened):
+                state = self._look(state, document, edited)
             for title, draw in panel_sections.SECTIONS.items():
                 if imgui.collapsing_header(title):
                     state = draw(state, document, self.widgets)
@@ -146,16 +149,10 @@ class Panel:
         left, top, right, bottom = self.place
         return self.popup or (left <= x < right and top <= y < bottom)
 
-    def _transfer(self, state: State, layer: LayerSplats) -> State:
-        """The opacity curve and its controls."""
-        stats, style = self.curve.statistics_of(layer.volume), state.style
-        base = _colors(self.curve.draw(style.stated, layer.volume), stats)
-        names = ["(preset)", *PRESETS]
-        changed, chosen = imgui.combo(label_left("preset"), 0, names)
-        if changed and chosen:
-            base = preset(names[chosen], layer.volume)
-        if base != style.stated:
-            state = state.edit(base=base, extinction=1.0)
+    def _look(self, state: State, document: Document, layer: LayerSplats) -> State:
+        """The opacity curve and its controls, or the list of segments, which have no curve."""
+        has_segments = bool(state.style.base.labels)
+        state = self.segments.draw(state, document, layer) if has_segments else self._transfer(state, layer)
         logarithmic = imgui.SliderFlags_.logarithmic
         changed, factor = imgui.slider_float(
             label_left("opacity x"), state.style.extinction, *EXTINCTION, "%.3g", logarithmic
@@ -163,11 +160,23 @@ class Panel:
         imgui.set_item_tooltip("A factor on the extinction: matter lets less light through.")
         if changed:
             state = state.edit(extinction=float(f"{factor:.4g}"))
+        if has_segments:
+            return state
         changed, threshold = imgui.slider_float(
-            label_left("from opacity"), style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
+            label_left("from opacity"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
         )
         imgui.set_item_tooltip("Voxels of less opacity are not drawn (--threshold).")
         return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state
+
+    def _transfer(self, state: State, layer: LayerSplats) -> State:
+        """The opacity curve, its presets and colours."""
+        stats, style = self.curve.statistics_of(layer.volume), state.style
+        base = _colors(self.curve.draw(style.stated, layer.volume), stats)
+        names = ["(preset)", *PRESETS]
+        changed, chosen = imgui.combo(label_left("preset"), 0, names)
+        if changed and chosen:
+            base = preset(names[chosen], layer.volume)
+        return state if base == style.stated else state.edit(base=base, extinction=1.0)
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
         volume = document.layers[state.selected].volume

@@ -151,7 +151,7 @@ def _planes(cuts: Cuts, volume: Volume) -> Cuts:
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.55)
         ends = float(along.min()), float(along.max())
         changed, place = imgui.slider_float("##place", plane[3], *ends, f"%.4g {unit}")
-        imgui.pop_style_color()
+        imgui.pop_stylepick_color()
         imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: keeps what lies beyond this place.".format(*plane[:3]))
         if changed:
             cuts = replace(cuts.with_plane(number, (*plane[:3], place)), active=True)
@@ -213,10 +213,10 @@ def _layer(state: State, document: Document, number: int, style: LayerStyle) -> 
     if imgui.selectable(plain(document.names[number]), state.selected == number, size=(room * NAME, 0.0))[0]:
         state = replace(state, selected=number)
     imgui.set_item_tooltip("Select it: the transfer function below, and the keys, edit the selected layer.")
-    edited = replace(style, visible=visible, opacity=_opacity(style.opacity, room))
+    edited = replace(style, visible=visible, opacity=pick_opacity(style.opacity, room))
     # for others, the colour map is chosen below
     if style.base.colormap.startswith("#"):
-        color = _color(tuple(map(float, colormap(style.base.colormap)[-1])))
+        color = pick_color(tuple(map(float, colormap(style.base.colormap)[-1])))
         edited = edited if color is None else replace(edited, base=replace(style.base, colormap=color))
     return state if edited == style else state.with_style(number, edited)
 
@@ -227,16 +227,19 @@ def _mesh(document: Document, mesh: MeshFile) -> MeshFile:
     imgui.same_line()
     room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
     imgui.text(plain(mesh.name))
-    opacity = _opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
+    opacity = pick_opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
     data = document.mesh(mesh)
     uniform = data is not None and data.colors is None and data.values is None
     linear = mesh.linear or (data.color if data is not None and uniform else None)
     # a mesh with colours of vertices or values shows grey until a colour is chosen
-    color = _color((0.5, 0.5, 0.5) if linear is None else tuple(map(float, linear)))
+    color = pick_color((0.5, 0.5, 0.5) if linear is None else tuple(map(float, linear)))
     return replace(mesh, visible=visible, opacity=opacity, color=mesh.color if color is None else color)
 
 
-def _opacity(opacity: float, room: float, left: float = 0.0) -> float:
+def pick_opacity(opacity: float, room: float, left: float = 0.0) -> float:
+    """Slider of an opacity on the line of the last widget; returns the chosen one. room: width of the line; left: place
+    of the slider, 0: behind the last widget.
+    """
     imgui.same_line(left)
     imgui.set_next_item_width(room * OPACITY)
     changed, value = imgui.slider_float("##opacity", opacity, 0.0, 1.0, "%.2f")
@@ -244,7 +247,7 @@ def _opacity(opacity: float, room: float, left: float = 0.0) -> float:
     return round(float(np.clip(value, 0.0, 1.0)), DIGITS) if changed else opacity
 
 
-def _color(linear: tuple[float, ...]) -> str | None:
+def pick_color(linear: tuple[float, ...]) -> str | None:
     """Field of a colour; returns "#rrggbb" if another one is chosen."""
     imgui.same_line()
     coded = list(map(float, srgb_from_linear(np.clip(np.array(linear), 0.0, 1.0))))

@@ -19,6 +19,7 @@ from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.jobs import Jobs, Kind
+from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 from splatgl.viewer.trackball import project_segment, up_direction
@@ -283,7 +284,8 @@ class SliceTool(Tool):
             sprites += _labels(pane, index, volume, scale)
             strokes += _cross(pane, index, volume, scale)
         if isinstance(volume.samples, np.ndarray):
-            value = f"{volume.samples[index[::-1]]:.6g} {volume.value_unit}".rstrip()
+            sample = volume.samples[index[::-1]]
+            value = f"{sample:.6g} {segment_name(volume, sample) or volume.value_unit}".rstrip()
             corner = left + GAP * scale, view.size[1] - GAP * scale
             sprites.append(_label_at(value, corner, (0.0, 1.0), scale))
         return Marks(tuple(sprites), tuple(strokes))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -148,7 +149,7 @@ class Ruler:
 @dataclass(frozen=True)
 class LayerStyle:
     """Appearance of a layer. base: transfer function; extinction: a factor on it; opacity: a factor on its opacities.
-    threshold: as of `extract`.
+    threshold: as of `extract`. hidden: numbers of segments that are not drawn.
     """
 
     base: Transfer
@@ -156,20 +157,27 @@ class LayerStyle:
     extinction: float = 1.0
     opacity: float = 1.0
     visible: bool = True
+    hidden: frozenset[int] = frozenset()
 
     @property
     def is_shown(self) -> bool:
         """Whether the layer can be seen."""
         return self.visible and self.opacity > 0
 
-    @property
+    @cached_property
     def stated(self) -> Transfer:
-        """The transfer function with the extinction, as a saved scene states it."""
-        if self.extinction == 1.0:
+        """The transfer function with the extinction, as a saved scene states it; hidden segments have opacity 0."""
+        factor = self.extinction
+        if factor == 1.0 and not self.hidden:
             return self.base
-        return replace(self.base, points=tuple((v, scale_opacity(a, self.extinction)) for v, a in self.base.points))
+        points = tuple((value, scale_opacity(opacity, factor)) for value, opacity in self.base.points)
+        labels = tuple(
+            (number, color, 0.0 if number in self.hidden else scale_opacity(opacity, factor))
+            for number, color, opacity in self.base.labels
+        )
+        return replace(self.base, points=points, labels=labels)
 
-    @property
+    @cached_property
     def transfer(self) -> Transfer:
         """The transfer function for the renderer: `stated` times the opacity."""
         return self.stated.weakened(self.opacity)
@@ -187,7 +195,7 @@ class LayerStyle:
 
 def scale_opacity(opacity: float, factor: float) -> float:
     """The opacity for `factor` times the extinction; 1 stays 1."""
-    return opacity if opacity >= OPAQUE else float(-np.expm1(factor * np.log1p(-opacity)))
+    return opacity if factor == 1 or opacity >= OPAQUE else float(-np.expm1(factor * np.log1p(-opacity)))
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,8 @@ def up_direction(document: Document) -> np.ndarray:
 NEAREST = 0.05
 # minimum distance of an orthographic eye in scene radii: matter behind the eye plane is not drawn
 STAND_OFF = 2.0
+# height of a picture, of that of the points that it is fitted to
+FILL = 1.2
 # trackball radius, in halves of the image's shorter side
 BALL = 0.9
 # degrees of a turntable per shorter side of the image, and its highest elevation
@@ -135,6 +137,20 @@ class Pose:
     def about(self, point: np.ndarray) -> Pose:
         """The view with another pivot."""
         return replace(self, pivot=np.asarray(point, dtype=np.float64))
+
+    def fitted(self, corners: np.ndarray) -> Pose:
+        """The view in the same direction that shows points [N, 3], and turns about the middle of their box."""
+        camera, middle = self.camera, (corners.min(axis=0) + corners.max(axis=0)) / 2
+        local = (corners - middle) @ camera.eye_from_world.T
+        # half of the height that each point needs at its own depth
+        half = FILL * np.abs(local[:, :2] * (camera.size[1] / camera.size[0], 1.0)).max(axis=1)
+        if camera.perspective:
+            distance = float((2 * half / camera.extent - local[:, 2]).max())
+            fitted = replace(camera, eye=middle - camera.forward * distance)
+        else:
+            eye = middle - camera.forward * self.depth
+            fitted = replace(camera, eye=eye, extent=2 * float(half.max()))
+        return replace(self, camera=fitted).about(middle)
 
     def rotated(self, start: Place, stop: Place) -> Pose:
         """Trackball rotation for a cursor move from start to stop."""

@@ -66,6 +66,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         **{name: getattr(state, name) for name in names},
         "beyond": state.show_zk,
         "threshold": state.style.threshold,
+        "hidden": sorted(state.style.hidden),
         "extinction": state.style.extinction,
         "eye": camera.eye.tolist(),
         "axes": camera.eye_from_world.tolist(),

@@ -1,0 +1,106 @@
+"""Segments of a layer: names, edits of their looks, and boxes of their voxels."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from splatgl.data.volume import Label, Volume
+from splatgl.splat.colormaps import labels_of, select_labels
+from splatgl.viewer.state import LayerStyle
+
+# planes that are searched at a time
+SLAB = 16
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A segment and its look. color: "#rrggbb"; opacity: per length of a voxel."""
+
+    number: int
+    name: str
+    color: str
+    opacity: float
+
+
+def style_with_segments(style: LayerStyle, volume: Volume, is_chosen: bool) -> LayerStyle:
+    """The style with all segments of a volume; those that its transfer function leaves out or makes clear are hidden,
+    with the opacity to show them in. is_chosen: whether the segments were chosen, so that the volume has others.
+    """
+    stated = style.base.labels
+    if not stated:
+        return style
+    drawn = {number: (number, color, opacity) for number, color, opacity in stated if opacity > 0}
+    table = volume.labels or (labels_of(volume) if is_chosen else ())
+    known = {label.number: replace(label, hidden=False, opacity=label.opacity or 1.0) for label in table}
+    # numbers of a scene's own that the volume's table has not
+    known |= {number: Label(number, color=color) for number, color, _ in stated if number not in known}
+    colors = {number: color for number, color, _ in stated}
+    looks = {
+        number: (number, colors.get(number, color), opacity)
+        for number, color, opacity in select_labels(tuple(known.values()))
+    }
+    labels = tuple((looks | drawn).values())
+    base = replace(style.base, labels=labels) if set(labels) != set(stated) else style.base
+    return replace(style, base=base, hidden=frozenset(looks.keys() - drawn.keys()))
+
+
+@lru_cache(maxsize=8)
+def list_segments(labels: tuple[tuple[int, str, float], ...], table: tuple[Label, ...] | None) -> tuple[Segment, ...]:
+    """The segments of a transfer function's labels. table: names of the volume's segments."""
+    names = {label.number: label.name for label in table or ()}
+    return tuple(
+        Segment(number, names.get(number) or f"segment {number}", color, opacity) for number, color, opacity in labels
+    )
+
+
+def find_segments(text: str, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    """The segments whose names hold all words of a text, and that of the number that it is."""
+    words = text.lower().split()
+    if not words:
+        return segments
+    return tuple(
+        segment
+        for segment in segments
+        if all(word in segment.name.lower() for word in words) or words == [str(segment.number)]
+    )
+
+
+def segment_name(volume: Volume, value: float) -> str:
+    """The name of the segment that a value numbers; "" if it has none."""
+    return next((label.name for label in volume.labels or () if label.number == value), "")
+
+
+def with_look(style: LayerStyle, number: int, color: str, opacity: float) -> LayerStyle:
+    """The style with another look of a segment."""
+    labels = tuple((number, color, opacity) if entry[0] == number else entry for entry in style.base.labels)
+    return replace(style, base=replace(style.base, labels=labels))
+
+
+def with_shown(style: LayerStyle, numbers: Collection[int], are_shown: bool) -> LayerStyle:
+    """The style with segments shown or hidden."""
+    return replace(style, hidden=style.hidden - set(numbers) if are_shown else style.hidden | set(numbers))
+
+
+def with_only(style: LayerStyle, number: int) -> LayerStyle:
+    """The style with one segment shown, and all others hidden."""
+    return replace(style, hidden=frozenset(other for other, _, _ in style.base.labels) - {number})
+
+
+def segment_corners(volume: Volume, number: int) -> np.ndarray | None:
+    """Corners [8, 3], world units, of the box around the voxels of a segment; None if it has none."""
+    flat = [np.zeros(size, bool) for size in volume.shape]
+    for slab in volume.slabs(SLAB, halo=0):
+        inside = slab.samples == number
+        flat[0][slab.start : slab.stop] = inside.any(axis=(1, 2))
+        across = inside.any(axis=0)
+        flat[1] |= across.any(axis=1)
+        flat[2] |= across.any(axis=0)
+    if not flat[0].any():
+        return None
+    ends = [(np.flatnonzero(axis)[0] - 0.5, np.flatnonzero(axis)[-1] + 0.5) for axis in reversed(flat)]
+    return np.array(list(product(*ends))) @ volume.world_from_index.T + np.asarray(volume.origin)
