@@ -317,7 +317,7 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     for name in ("well", "field"):
         if getattr(options, name) is not None:
             raise expected(name, "a plate", "a store without wells", "leave it out")
-    if _multiscale(group) is not None or any(_is_volume(array) for _, array in group.arrays()):
+    if _multiscale(group) is not None or any(_is_volume(child) for _, child in _children(group)):
         return group, options, ()
     if remote:
         if "bioformats2raw.layout" not in attributes:
@@ -392,7 +392,25 @@ def _field_paths(well: Any) -> list[str]:
 
 def _child_images(group: Any) -> list[str]:
     """The names of the multiscale images in a group."""
-    return sorted((name for name, child in group.groups() if _multiscale(child) is not None), key=natural_key)
+    import zarr
+
+    groups = [(name, child) for name, child in _children(group) if isinstance(child, zarr.Group)]
+    return [name for name, child in groups if _multiscale(child) is not None]
+
+
+def _children(group: Any) -> list[tuple[str, Any]]:
+    """(name, array or group) of each child of a group, sorted by `natural_key`, opened one by one: zarr opens them at
+    once, and where one is damaged, asyncio prints the errors of the others.
+    """
+    from zarr.core.sync import sync
+
+    async def listed() -> list[str]:
+        return [name async for name in group.store.list_dir(group.path)]
+
+    if group.metadata.consolidated_metadata is not None:
+        return sorted(group.members(), key=lambda member: natural_key(member[0]))
+    children = [(name, group.get(name)) for name in sorted(sync(listed()), key=natural_key) if name not in METADATA]
+    return [(name, child) for name, child in children if child is not None]
 
 
 def _find_images(group: Any) -> list[Any]:
@@ -402,7 +420,7 @@ def _find_images(group: Any) -> list[Any]:
     images, waiting, visited = list[Any](), [group], 0
     while waiting and visited < MOST_GROUPS:
         node = waiting.pop(0)
-        for _, child in sorted(node.members(), key=lambda member: natural_key(member[0])):
+        for _, child in _children(node):
             visited += 1
             if not isinstance(child, zarr.Group):
                 images += [child] * _is_volume(child)
@@ -461,8 +479,8 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str:
 
 
 def _is_volume(array: Any) -> bool:
-    """Whether an array may be a volume, not a coordinate."""
-    return len(array.shape) >= 3 and array.dtype.kind in "buif"
+    """Whether a node is an array that may be a volume, not a coordinate."""
+    return len(getattr(array, "shape", ())) >= 3 and array.dtype.kind in "buif"
 
 
 def _read_volume(
@@ -509,7 +527,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
     import zarr
 
     name = options.array
-    arrays = sorted(group.arrays(), key=lambda item: natural_key(item[0]))
+    arrays = [(key, child) for key, child in _children(group) if isinstance(child, zarr.Array)]
     volumes = [key for key, array in arrays if _is_volume(array)]
     names = volumes or [key for key, _ in arrays]
     levels = [entry["path"] for entry in multiscale["datasets"]] if multiscale is not None else []
@@ -526,7 +544,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
     if not isinstance(node, zarr.Array):
         names = names or [image.path[len(group.path) :].strip("/") for image in _find_images(group)]
         if not names:
-            held = ", ".join(sorted(key for key, _ in group.members())[:MOST_NAMED]) or "nothing"
+            held = ", ".join([key for key, _ in _children(group)][:MOST_NAMED]) or "nothing"
             raise expected("store", "an array of three axes in one of its groups", held, "check the path")
         got = "several arrays" if name is None else repr(name)
         fix = f"pick one with array=NAME; there are: {', '.join(names)}"

@@ -83,6 +83,7 @@ class Watch:
         self.folder, self.temporary = folder, folder.with_suffix(".tmp")
         self.temporary.mkdir(parents=True, exist_ok=True)
         tempfile.tempdir = os.environ["TMPDIR"] = str(self.temporary)
+        gc.collect()
         self.files, self.base, self.first = 0, self._held(), 0
 
     def after(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +150,19 @@ def test_a_store_in_a_zip(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 100)
     parts = load(tmp_path / name)
     assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples)
+
+
+def test_damaged_children_print_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Nothing is logged after the error, when the collector frees the tasks of asyncio that failed."""
+    path = tmp_path / "a.zarr"
+    root = zarr.open_group(path, mode="w", zarr_format=3)
+    for name in "abcd":
+        root.create_group(name)
+        (path / name / "zarr.json").write_text('{"zarr_format": 3, "node_type": "none"}')
+    with pytest.raises(InputError, match=r"a\.zarr"):
+        load(path)
+    gc.collect()
+    assert caplog.messages == []
 
 
 def plate(path: Path, version: str) -> None:
