@@ -353,8 +353,8 @@ class Scale:
 @dataclass(frozen=True, eq=False)
 class Subject:
     """Volume described by annotations. corners [8, 3]: of the box, world units; center [3]. colored: whether voxels
-    have colours. value_unit: unit of the values. scales: of meshes. empty: whether voxels show nothing, as below a
-    lone mesh.
+    have colours. value_name: title of a colour bar, the quantity (else the volume's name) and its unit. scales: of
+    meshes. empty: whether voxels show nothing, as below a lone mesh.
     """
 
     corners: np.ndarray
@@ -363,7 +363,7 @@ class Subject:
     name: str
     frame: str | None
     colored: bool
-    value_unit: str = ""
+    value_name: str = ""
     scales: tuple[Scale, ...] = ()
     empty: bool = False
 
@@ -371,12 +371,8 @@ class Subject:
     def of(cls, volume: Volume) -> Subject:
         """The subject of a volume."""
         colored = volume.color is not None
-        return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored, volume.value_unit)
-
-    @property
-    def value_name(self) -> str:
-        """Title of a colour bar: the volume's name and the unit of its values."""
-        return f"{self.name}, {self.value_unit}" if self.name and self.value_unit else self.name or self.value_unit
+        title = ", ".join(filter(None, (volume.quantity or volume.name, volume.value_unit)))
+        return cls(volume.corners, volume.center, volume.unit, volume.name, volume.frame, colored, title)
 
 
 @dataclass(frozen=True, eq=False)

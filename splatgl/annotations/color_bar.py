@@ -16,7 +16,7 @@ from splatgl.splat.transfer import Transfer
 # the bar's height as a fraction of the image's; widths of the bar and the curve in font heights
 TALL, WIDE, CURVE = 0.45, 0.9, 1.6
 MOST_TICKS = 6
-MOST_LETTERS = 16
+MOST_LETTERS = 20
 STATISTICS = {"mip": "maximum", "minip": "minimum", "mean": "mean"}
 
 
@@ -121,7 +121,7 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
     """Bar with numbers and curve [h, w, 4], linear, premultiplied; a row of the bar is a pixel high."""
     sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
     rows, edge = len(bar.colors), sizes.edge
-    label = bar.label if len(bar.label) <= MOST_LETTERS else f"{bar.label[: MOST_LETTERS - 3]}..."
+    label = _shorten(bar.label)
     marks = bar.marks()
     texts = [f"{mark:g}" for mark in marks]
     line = sizes.text_size(label)[1]
@@ -147,6 +147,13 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
         layer.lines([list(np.stack([x, top + np.arange(rows) + 0.5], axis=-1))])
         layer.text(below, right - layer.text_size(below)[0], top + rows + em // 2)
     return layer.pixels
+
+
+def _shorten(label: str) -> str:
+    """A label of at most MOST_LETTERS: the name is cut, its unit stays where it leaves room for half of them."""
+    _, comma, unit = label.rpartition(", ")
+    end = f"...{comma}{unit}" if comma and len(unit) < MOST_LETTERS // 2 - 5 + 1 else "..."
+    return label if len(label) <= MOST_LETTERS else label[: MOST_LETTERS - len(end)] + end
 
 
 def _frame(left: int, top: int, wide: int, tall: int) -> list[tuple[float, float]]:

@@ -95,7 +95,8 @@ class Volume:
     labels: table of the segments that samples number (empty: the file has none); None: samples are amounts.
     channels: all channels that were read, with names, if the file has several; samples are the first channel's.
     times: time points of the file, of which this is one; time_step: seconds between two.
-    value_unit: name of the unit of samples ("HU", "K"), as the file states it. masks: restrict it; see `masked`.
+    quantity, value_unit: names of what samples measure, and of its unit ("HU", "K"), as the file states them.
+    masks: restrict it; see `masked`.
     points: drawn instead of the samples, which are then empty, with the opacity of the value 1.
     notes: lines for the user on what the reader left out or assumed.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
@@ -125,6 +126,7 @@ class Volume:
     times: int = 1
     time_step: float | None = None
     value_unit: str = ""
+    quantity: str = ""
     masks: tuple[Mask, ...] = ()
     points: Points | None = None
 

@@ -28,6 +28,10 @@ WORDS = ("rho", "temp", "vel", "mach", "wind", "flow", "flux", "theta", "phi", "
 # names of arrays that are a program's variables
 LETTERS = ("u", "v", "w", "p", "t")
 FIELD = "field"
+# names of arrays that do not say what they measure
+_NAMELESS = re.compile(
+    r"\w*(data|dataset|image|img|volume|vol|array|samples?|scalars?|values?|raw|stack|channel)_*\d*|a|[ts]?_*\d+", re.I
+)
 
 
 def is_field(name: str, array: bool = False) -> bool:
@@ -46,9 +50,14 @@ def has_whole_numbers(values: np.ndarray) -> bool:
     return bool((finite == np.rint(finite)).all())
 
 
-def field_hints(array: str, vectors: bool) -> Hints:
-    """Hints by the name of an array. vectors: whether the samples are lengths of vectors."""
-    return Hints(preset=FIELD) if vectors or is_field(array, array=True) else Hints()
+def array_fields(array: str, dtype: np.dtype, unit: str, length: str, vectors: bool = False) -> dict[str, Any]:
+    """Fields of the `Volume` of an array: quantity by its name, "" for one that says nothing, such as data; value_unit;
+    hints of a field for real numbers of that name, for lengths of `vectors`, and for quantities with a `unit` over
+    degrees, metres or kilometres, where other objects have millimetres. length: the grid's unit.
+    """
+    known = vectors or is_field(array, array=True) or (unit and length in ("", "m", "km"))
+    hints = Hints(preset=FIELD) if known and dtype.kind == "f" else Hints()
+    return {"hints": hints, "value_unit": unit, "quantity": "" if _NAMELESS.fullmatch(array) else array}
 
 
 # most bytes that one byte of deflate data can expand to (zlib's technical notes: 1032:1)

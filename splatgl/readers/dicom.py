@@ -30,6 +30,7 @@ from splatgl.readers.dicom_headers import (
     slice_normal,
 )
 from splatgl.readers.dicom_pixels import check_header, decode_frames, is_color
+from splatgl.readers.dicom_suv import value_hints
 from splatgl.readers.options import LoadOptions
 
 
@@ -69,6 +70,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     if grid.between is not None:
         samples = interpolate_planes(samples, grid.between)
         color = None if color is None else interpolate_planes(color, np.rint(np.nan_to_num(grid.between)))
+    head = group[0].header
     return Volume(
         samples,
         grid.spacing,
@@ -78,7 +80,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
         frame=grid.frame,
         color=color,
         notes=(*notes, *left, *grid.notes),
-        value_unit=group[0].header.value_unit,
+        value_unit=head.value_unit,
+        quantity="dose" if head.modality == "RTDOSE" else "",
+        hints=value_hints(head.modality, samples, head.value_unit),
         times=grid.times,
         time_step=grid.time_step,
     )

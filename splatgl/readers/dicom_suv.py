@@ -10,6 +10,10 @@ import math
 from datetime import datetime, timedelta
 from typing import Any
 
+import numpy as np
+
+from splatgl.data.volume import Hints
+
 # tags that are read beside those of other images; Philips' factors from stored values to SUV and to Bq/ml
 PHILIPS_SUV, PHILIPS_ACTIVITY = 0x70531000, 0x70531009
 SUV_TAGS: tuple[str | int, ...] = (
@@ -19,6 +23,34 @@ SUV_TAGS: tuple[str | int, ...] = (
 TOLD = "values are SUV by body weight"
 # least plausible injected dose in Bq: some programs write megabecquerels
 _LEAST_DOSE = 1e5
+
+
+# SUV at the upper end of the colours: tumours, brain and bladder reach it
+CLINICAL_TOP = 10.0
+# percentile that is the upper end in other units: injection sites and bladder are far above the rest
+BRIGHT = 99.5
+# values along each axis for it
+SAMPLED = 64
+# (share of the upper end, opacity per mean spacing): the body is a veil, uptake is dense
+UPTAKE = ((0.05, 0.0), (0.15, 0.004), (0.3, 0.06), (0.6, 0.6), (1.0, 0.95))
+# the same of a dose: what is irradiated little is clear, so that layers below it show
+DOSE = ((0.1, 0.0), (0.5, 0.01), (0.8, 0.06), (1.0, 0.3))
+
+
+def value_hints(modality: str, samples: np.ndarray, unit: str) -> Hints:
+    """Hints for PET, hot metal from 0 up to CLINICAL_TOP or the brightest, and for doses, from 0 to the largest; none
+    for other images.
+    """
+    steps = [max(count // SAMPLED, 1) for count in samples.shape]
+    some = samples[:: steps[0], :: steps[1], :: steps[2]] if modality == "PT" and unit != "SUV" else samples
+    finite = some[np.isfinite(some)] if modality in ("PT", "RTDOSE") else np.zeros(0)
+    top = float(finite.max() if some is samples else np.percentile(finite, BRIGHT)) if finite.size else 0.0
+    top = min(top, CLINICAL_TOP) if unit == "SUV" else top
+    if not top > 0:
+        return Hints()
+    shares, colormap = (UPTAKE, "hot") if modality == "PT" else (DOSE, "spectrum")
+    points = tuple((share * top, opacity) for share, opacity in shares)
+    return Hints(points=points, window=(0.0, top), colormap=colormap, shading=False)
 
 
 def suv_factor(tags: Any) -> tuple[float, str]:

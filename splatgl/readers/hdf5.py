@@ -43,9 +43,7 @@ from splatgl.readers.channels import (
     split_components,
 )
 from splatgl.readers.chunked import Magnitude, Packing
-from splatgl.readers.common import (
-    decoder_errors,
-)
+from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.hdf5_files import (
     MOST_VALUES,
     attribute_numbers,
@@ -107,7 +105,9 @@ def read_dataset(path: Path, dataset: Any, options: LoadOptions, notes: tuple[st
     others = [axis for axis in others if axis not in (time, colors)]
     channels = _find_channels(path, dataset, others, time, kinds, options)
     grid, frame = _grid(path, dataset, axes, options)
-    about = {"frame": frame, "value_unit": _value_unit(dataset)}
+    name = dataset.name.rsplit("/", 1)[-1]
+    dtype = dataset.dtype if _read_packing(dataset) is None else np.dtype(np.float32)
+    about = {"frame": frame, **array_fields(name, dtype, _value_unit(dataset), grid.unit)}
 
     def read_channel(channel: int | None) -> Volume:
         picked: dict[int, str | int] = dict.fromkeys(set(range(len(dataset.shape))) - {*axes, colors}, 0)

@@ -37,7 +37,7 @@ from splatgl.readers.channels import (
     parse_window,
 )
 from splatgl.readers.chunked import Chunked, Packing, TransposedChunks
-from splatgl.readers.common import decoder_errors
+from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
 from splatgl.readers.zarr_validation import check_array, check_files
@@ -511,7 +511,9 @@ def _read_volume(
     if multiscale is None:
         grid = make_lattice(read_coordinates(group, node, names), even=options.spacing is not None)
         unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
-        return grid.volume(samples, "coordinates", value_unit="" if unit_name(unit) in METRES else unit)
+        unit = "" if unit_name(unit) in METRES else unit
+        about = array_fields(node.path.rsplit("/", 1)[-1], unpacked.dtype, unit, grid.unit)
+        return grid.volume(samples, "coordinates", **about)
     spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
     return Volume(samples, spacing, origin, unit=_unit(multiscale))
 

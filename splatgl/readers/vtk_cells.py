@@ -107,7 +107,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     kind = "×".join(map(str, voxels))
     told = f"{len(mesh.kinds)} cells, resampled to {kind} voxels; {describe_error(back, values)}"
     spacing, origin = triple(step, "cells"), triple(low + step / 2, "cells")
-    return Volume(samples, spacing, origin, hints=choice.hints, notes=(told, *choice.notes))
+    about = choice.about | {"notes": (told, *choice.about["notes"])}
+    return Volume(samples, spacing, origin, **about)
 
 
 def _count(node: Element, name: str) -> int:
@@ -264,7 +265,8 @@ def read_amr(path: Path, options: LoadOptions) -> Volume:
     told = f"{len(blocks)} blocks of {count} levels, resampled to {size} voxels; {error}"
     choice = blocks[0].choice
     spacing, origin = triple(step, "blocks"), triple(start, "blocks")
-    return Volume(samples, spacing, origin, hints=choice.hints, notes=(told, *choice.notes))
+    about = choice.about | {"notes": (told, *choice.about["notes"])}
+    return Volume(samples, spacing, origin, **about)
 
 
 def _describe_amr(

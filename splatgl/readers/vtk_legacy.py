@@ -15,11 +15,19 @@ from urllib.parse import unquote
 import numpy as np
 
 from splatgl.data.affine import Coordinate, make_lattice
-from splatgl.data.volume import Hints, Triple, Volume, triple
+from splatgl.data.volume import Triple, Volume, triple
 from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import COLOR_NOTE, is_color_rule, split_components
-from splatgl.readers.common import Shape, convert_words, field_hints, grid_shape, map_array, read_numbers, require_bytes
+from splatgl.readers.common import (
+    Shape,
+    array_fields,
+    convert_words,
+    grid_shape,
+    map_array,
+    read_numbers,
+    require_bytes,
+)
 from splatgl.readers.options import LoadOptions
 
 # most names of arrays in a note
@@ -40,7 +48,7 @@ class PointArray:
 @dataclass(frozen=True)
 class Selection:
     """Selected arrays of a grid: samples [D, H, W] of points or of cells; colours uint8 and vectors float32
-    [D, H, W, 3], or None.
+    [D, H, W, 3], or None. about: further fields of `Volume`, notes and hints among them.
 
     Speeds, and arrays that are named as a simulation's, get the hints of a field.
     """
@@ -49,13 +57,11 @@ class Selection:
     samples: np.ndarray
     vectors: np.ndarray | None
     color: np.ndarray | None
-    hints: Hints
-    notes: tuple[str, ...]
+    about: dict[str, Any]
 
     def volume(self, spacing: Triple, origin: Triple, direction: np.ndarray) -> Volume:
         """The volume of the samples on a grid."""
-        more: Any = {"vectors": self.vectors, "color": self.color, "hints": self.hints, "notes": self.notes}
-        return Volume(self.samples, spacing, origin, direction, **more)
+        return Volume(self.samples, spacing, origin, direction, vectors=self.vectors, color=self.color, **self.about)
 
     def rectilinear(self, places: Sequence[np.ndarray], even: bool) -> Volume:
         """The volume on a rectilinear grid, resampled if it is uneven. places: coordinates of points along x, y, z.
@@ -66,7 +72,7 @@ class Selection:
         axes = [Coordinate(name, len(each), each) for name, each in zip("zyx", centres[::-1], strict=True)]
         grid = make_lattice(axes, even=even)
         vectors = None if self.vectors is None else np.asarray(grid.resampled(self.vectors))
-        return grid.volume(self.samples, "coordinates", vectors=vectors, hints=self.hints, notes=self.notes)
+        return grid.volume(self.samples, "coordinates", vectors=vectors, **self.about)
 
 
 def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], options: LoadOptions) -> Selection:
@@ -93,7 +99,6 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
         samples, color, _ = split_components(chosen.read(), is_color=True)
     else:
         samples = _component(chosen, options)
-    hints = field_hints(chosen.name, chosen.is_vectors) if samples.dtype.kind == "f" else Hints()
     # arrays of points and of cells are listed together
     every = [*arrays, *(points if in_cells else cells)]
     others = [array.name for array in every if array.name != chosen.name]
@@ -101,7 +106,8 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
     if options.array is None and others:
         listed = ", ".join(others[:MOST_LISTED]) + ", …" * (len(others) > MOST_LISTED)
         notes += (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)
-    return Selection(in_cells, samples, field, color, hints, notes)
+    about = {"notes": notes, **array_fields(chosen.name, samples.dtype, "", "mm", chosen.is_vectors)}
+    return Selection(in_cells, samples, field, color, about)
 
 
 def _select_array(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:

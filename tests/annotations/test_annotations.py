@@ -16,7 +16,7 @@ from splatgl.annotations import bounding_box
 from splatgl.annotations.annotate import ANNOTATIONS, annotated, compose, default_names, parse_annotations
 from splatgl.annotations.axes import COLORS, LONG, letters
 from splatgl.annotations.canvas import WHITE, AnnotationView, Canvas, Subject
-from splatgl.annotations.color_bar import of_values
+from splatgl.annotations.color_bar import _shorten, of_values
 from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.scale_bar import length_text, log_ticks, scale_of, ticks
 from splatgl.cli.main import main
@@ -69,6 +69,14 @@ def test_a_logarithmic_bar_is_even_in_decades() -> None:
     assert np.allclose(bar.colors[99:101, :3].mean(axis=0), transfer.color(100.0), atol=5e-3)
     assert bar.opacity is not None and bar.opacity[149:151].mean() == pytest.approx(0.4, abs=1e-3)
     assert bar.marks() == [1, 10, 100, 1000]
+
+
+def test_a_bar_is_named_by_its_quantity() -> None:
+    """By the array and its unit, which stays where a long name is cut; else by the volume's name."""
+    volume = sg.Volume(np.zeros((2, 2, 2)), name="era5", quantity="u", value_unit="m/s")
+    assert [Subject.of(each).value_name for each in (volume, replace(volume, quantity=""))] == ["u, m/s", "era5, m/s"]
+    cut = [_shorten(label) for label in ("velocity, m/s", "specific_humidity_of_air, g/kg", "a" * 30, "b, " + "c" * 30)]
+    assert cut == ["velocity, m/s", "specific_hu..., g/kg", "a" * 17 + "...", "b, " + "c" * 14 + "..."]
 
 
 def test_letters() -> None:

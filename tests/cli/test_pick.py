@@ -97,6 +97,7 @@ def test_units_of_values(tmp_path: Path) -> None:
     assert sg.Volume.of(array).value_unit == "K"
     for told, right in (("m/s", "m/s"), ("1", ""), ("mm", "")):
         with h5py.File(tmp_path / "a.h5", "w") as file:
-            file["t"] = np.zeros((3, 4, 5))
-            file["t"].attrs["units"] = told
-        assert sg.load(tmp_path / "a.h5").value_unit == right
+            file["image_1"] = np.zeros((3, 4, 5))
+            file["image_1"].attrs["units"] = told
+        volume = sg.load(tmp_path / "a.h5")
+        assert (volume.value_unit, volume.quantity) == (right, "")

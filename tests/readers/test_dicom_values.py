@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.splat.presets import default_transfer
 
 pydicom = pytest.importorskip("pydicom")
 from tests.fuzz.seed_dicom import image, save  # noqa: E402
+from tests.helpers.dicom import written  # noqa: E402
 
 PLANE = (np.arange(20).reshape(4, 5) * 7).astype(np.int16)
 HOURS = {"SeriesDate": "20240102", "SeriesTime": "110000", "AcquisitionDate": "20240102", "AcquisitionTime": "110000"}
@@ -126,7 +128,22 @@ def test_a_dose_is_in_gray(tmp_path: Path) -> None:
     save(dose, tmp_path / "a.dcm")
     volume = sg.load(tmp_path / "a.dcm")
     np.testing.assert_allclose(volume.samples, np.stack([PLANE, PLANE + 1]) * 0.5)
-    assert volume.value_unit == "Gy" and volume.spacing[2] == 3
+    assert (volume.value_unit, volume.quantity, volume.spacing[2]) == ("Gy", "dose", 3)
+
+
+def test_looks_of_uptake_and_dose(tmp_path: Path) -> None:
+    """Uptake is hot metal up to SUV 10, or to the brightest value in other units; a dose spans 0 to its maximum."""
+    hot = sg.load(pet(tmp_path / "a", RescaleSlope=1e4)).hints
+    assert hot.window == (0, 10) and hot.colormap == "hot" and hot.points is not None and hot.points[-1][0] == 10
+    plain = sg.load(pet(tmp_path / "b", PatientWeight=None))
+    assert plain.hints.window is not None and 0.9 < plain.hints.window[1] / plain.samples.max() <= 1
+    dose = image(np.stack([PLANE, PLANE + 1]).astype(np.uint16), 0, Modality="RTDOSE", DoseUnits="GY")
+    dose.NumberOfFrames, dose.DoseGridScaling, dose.GridFrameOffsetVector = 2, 0.5, [0.0, 3.0]
+    save(dose, tmp_path / "a.dcm")
+    transfer = default_transfer(sg.load(tmp_path / "a.dcm"))
+    assert transfer.window == (0, 67) and transfer.colormap == "spectrum" and not transfer.shading
+    np.testing.assert_array_equal(transfer.opacity(np.array([0.0, 6.7, 67.0])), [0, 0, 0.3])
+    assert sg.load(written(tmp_path / "ct")).hints == sg.Volume(np.zeros((1, 1, 1))).hints
 
 
 def test_a_table_of_contents_leads_to_its_files(tmp_path: Path) -> None:

@@ -296,6 +296,8 @@ def test_classic_netcdf_has_axes_times_and_packed_values(tmp_path: Path, version
     np.testing.assert_array_equal(volume.samples, right.filled(np.nan).astype(np.float32))
     assert (volume.spacing, volume.origin, volume.unit) == ((0.25, 0.5, 2), (0, 0, 10), "m")
     assert (volume.times, volume.time_step, volume.value_unit) == (3, 6 * 3600, "K") and not volume.channels
+    # packed temperatures over metres are a field
+    assert (volume.quantity, volume.hints.preset) == ("t", "field")
     assert np.array_equal(load(f"{path}:/t", time=1).samples, volume.samples, equal_nan=True)
     assert not volume.notes and list_volumes(path)[-1] == "* /t   int16 3×4×5×6"
 
