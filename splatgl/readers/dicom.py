@@ -7,6 +7,7 @@ which would be drawn, too.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -103,7 +104,7 @@ def _read_samples(grid: Grid) -> tuple[np.ndarray, np.ndarray | None]:
     """Samples [D, H, W], and colours uint8 [D, H, W, 3] of coloured frames, else None."""
     planes = [(plane, frame) for plane, frame in enumerate(grid.planes) if frame is not None]
     group = [frame for _, frame in planes]
-    shape = (len(grid.planes), *group[0].header.size)
+    shape = (len(grid.planes), *group[0].header.mosaic.plane)
     dtype = _choose_dtype(group, len(planes) < len(grid.planes))
     headers = {id(frame.header): frame.header for frame in group}.values()
     voxel = dtype.itemsize + 3 * is_color(group[0].header)
@@ -212,7 +213,7 @@ def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]
     groups: dict[tuple[object, ...], list[tuple[np.ndarray, list[Frame]]]] = {}
     for frame in frames:
         head = frame.header
-        key = (head.size, head.samples, head.photometric, frame.position is None, frame.orientation is None)
+        key = (head.mosaic.plane, head.samples, head.photometric, frame.position is None, frame.orientation is None)
         shape = np.array([*(frame.orientation or ()), *(np.log(frame.spacing) if frame.spacing else ())])
         alike = groups.setdefault(key, [])
         for first, members in alike:
@@ -228,7 +229,7 @@ def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]
 
 def rank(frames: Sequence[Frame]) -> tuple[bool, int]:
     """Sort key of frames by size: stacks after single pictures, then by voxels."""
-    return len(frames) > 1, sum(frame.header.size[0] * frame.header.size[1] for frame in frames)
+    return len(frames) > 1, sum(math.prod(frame.header.mosaic.plane) for frame in frames)
 
 
 def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
@@ -457,7 +458,7 @@ class Series:
 
     def __str__(self) -> str:
         """Description without UID or anything that identifies a patient."""
-        rows, columns = self.head.size
+        rows, columns = self.head.mosaic.plane
         text = f"{self.number}: {self.head.modality}, {len(self.frames)} × {columns} × {rows}"
         return f"{text}, {self.head.description}" if self.head.description else text
 

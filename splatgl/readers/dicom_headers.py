@@ -16,6 +16,7 @@ import numpy as np
 
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
+from splatgl.readers.dicom_siemens import SIEMENS_TAGS, Mosaic, find_mosaic
 from splatgl.readers.dicom_suv import SUV_TAGS, TOLD, suv_factor
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
@@ -273,7 +274,8 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """Header that the frames of a file share. stored: (bits stored, whether signed); 0 bits for floating point.
+    """Header that the frames of a file share. size: (rows, columns) of its images, each a mosaic of slices. stored:
+    (bits stored, whether signed); 0 bits for floating point.
 
     padding: least and largest stored value that stands for no value. lut: first stored value and the values of a
     modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without pixels; the byte
@@ -287,6 +289,7 @@ class Header:
     modality: str
     description: str
     size: tuple[int, int]
+    mosaic: Mosaic
     frames: int
     photometric: str
     samples: int
@@ -319,7 +322,7 @@ def read_dataset(file: Bounded, more: Sequence[str] = ()) -> Any:
     """Reads TAGS and `more` tags; the file is at the pixels' element afterwards, or at its end."""
     pydicom = import_extra("pydicom", "DICOM files", "pydicom", "dicom")
     with dicom_errors():
-        names: list[Any] = [*TAGS.split(), *SUV_TAGS, *more, OVERLAY, SIEMENS_B]
+        names: list[Any] = [*TAGS.split(), *SUV_TAGS, *more, OVERLAY, SIEMENS_B, *SIEMENS_TAGS]
         tags: Any = pydicom.dcmread(file, stop_before_pixels=True, force=True, specific_tags=names)
         if "TransferSyntaxUID" not in tags.file_meta:
             implicit, little = tags.original_encoding
@@ -343,6 +346,7 @@ def read_header(source: Source) -> tuple[Header, Any]:
         allocated, stored = whole_number(tags.get("BitsAllocated"), 0), whole_number(tags.get("BitsStored"), 0)
         is_pet = tags.get("Modality") == "PT"
         factor, told = suv_factor(tags) if is_pet else (1.0, "")
+        mosaic, split = find_mosaic(tags, rows, columns)
         keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
         return Header(
             source,
@@ -351,6 +355,7 @@ def read_header(source: Source) -> tuple[Header, Any]:
             modality=plain_text(tags.get("Modality")) or "?",
             description=plain_text(_optional(tags, "SeriesDescription")),
             size=(rows, columns),
+            mosaic=mosaic,
             frames=max(count, 1),
             photometric=palette,
             samples=max(whole_number(tags.get("SamplesPerPixel"), 0), 1),
@@ -364,7 +369,7 @@ def read_header(source: Source) -> tuple[Header, Any]:
             offset=at,
             room=max(file.size - at, 0),
             value_unit="SUV" if told.startswith(TOLD) else _value_unit(tags),
-            notes=(*[told] * bool(told), *_ignored_notes(tags, max(count, 1))),
+            notes=(*[told] * bool(told), *split, *_ignored_notes(tags, max(count, 1))),
             factor=factor,
         ), tags
 
@@ -408,7 +413,8 @@ def list_frames(of: Header, tags: Any) -> list[Frame]:
             raise expected("frames", f"{of.frames}, as the header says", len(per_frame), "the file is damaged")
         if per_frame is None:
             first = _read_frame(of, 0, _Groups(tags, ()))
-            return _multiframe(tags, first) if of.frames > 1 else [first]
+            split = _split_mosaic(first) if of.mosaic.tiles > 1 else [first]
+            return _multiframe(tags, first) if of.frames > 1 else split
         places = (tuple(item for item in (group, shared) if item is not None) for group in per_frame)
         return [_read_frame(of, number, _Groups(tags, groups)) for number, groups in enumerate(places)]
 
@@ -496,6 +502,12 @@ def _multiframe(tags: Any, first: Frame) -> list[Frame]:
         normal = np.array([0.0, 0.0, 1.0])
     places = [start + (offset - (offsets[0] if stated is not None else 0.0)) * normal for offset in offsets]
     return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
+
+
+def _split_mosaic(first: Frame) -> list[Frame]:
+    """The slices of a mosaic."""
+    places = first.header.mosaic.places(first.position, first.orientation, first.spacing, first.step)
+    return [replace(first, number=number, position=place) for number, place in enumerate(places)]
 
 
 def slice_normal(orientation: Numbers) -> np.ndarray:

@@ -117,7 +117,8 @@ def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Fra
     with header.source.open() as file:
         tags = read_dataset(file)
         wanted = {frame.number: frame for frame in frames}
-        for number, data in _read_stored(file, header, sorted(wanted)):
+        is_mosaic = header.mosaic.tiles > 1
+        for number, data in _read_stored(file, header, [0] if is_mosaic else sorted(wanted)):
             with dicom_errors():
                 array = _decode(decoder, header, data, tags)
                 color = _to_rgb(array, header, tags) if is_color(header) else None
@@ -125,7 +126,9 @@ def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Fra
                 raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
             if color is not None:
                 array = np.rint(color @ LUMA).astype(np.uint8)
-            yield wanted[number], array, color
+            for each in sorted(wanted) if is_mosaic else [number]:
+                part = header.mosaic.tile(each) if is_mosaic else ()
+                yield wanted[each], array[part], None if color is None else color[part]
 
 
 def _read_stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tuple[int, bytes]]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.readers.dicom_siemens import CSA, csa_numbers
 from splatgl.splat.presets import default_transfer
 
 pydicom = pytest.importorskip("pydicom")
@@ -144,6 +147,93 @@ def test_looks_of_uptake_and_dose(tmp_path: Path) -> None:
     assert transfer.window == (0, 67) and transfer.colormap == "spectrum" and not transfer.shading
     np.testing.assert_array_equal(transfer.opacity(np.array([0.0, 6.7, 67.0])), [0, 0, 0.3])
     assert sg.load(written(tmp_path / "ct")).hints == sg.Volume(np.zeros((1, 1, 1))).hints
+
+
+def csa(**entries: tuple[object, ...]) -> bytes:
+    """A CSA header of Siemens, version 2, of numbers and texts."""
+    data = struct.pack("<4s4sII", b"SV10", b"\4\3\2\1", len(entries), 77)
+    for name, values in entries.items():
+        kind = {str: b"SH", int: b"US"}.get(type(values[0]), b"FD")
+        data += struct.pack("<64si4siii", name.encode(), len(values), kind, 4, 6, 77)
+        for n in range(6):
+            text = f"{values[n]}\0".encode() if n < len(values) else b""
+            data += struct.pack("<4i", 0, len(text), 77, 0) + text.ljust(-(-len(text) // 4) * 4, b"\0")
+    return data
+
+
+AXES = np.linalg.qr(np.array([[1.0, 0.2, -0.1], [0.1, 1.0, 0.3], [0.2, -0.1, 1.0]]))[0]
+
+
+def mosaic(path: Path, stated: dict[str, Any], add: int = 0, **tags: object) -> np.ndarray:
+    """Writes a mosaic of five slices [5, 4, 6] and returns them. stated: "csa", "count", "matrix" or "count bytes"."""
+    slices = np.random.default_rng(3).integers(1, 900, (5, 4, 6)).astype(np.uint16) + np.uint16(add)
+    tiles = np.zeros((9, 4, 6), np.uint16)
+    tiles[:5] = slices
+    data = image(tiles.reshape(3, 3, 4, 6).transpose(0, 2, 1, 3).reshape(12, 18), Modality="MR", **tags)
+    data.ImageType = ["ORIGINAL", "PRIMARY", "M", "ND", "MOSAIC"]
+    data.ImageOrientationPatient = AXES[:, :2].T.ravel().tolist()
+    data.PixelSpacing, data.SliceThickness, data.SpacingBetweenSlices = [2.0, 1.5], 3.0, 3.6
+    for tag, creator, entries in (
+        (0x29, "SIEMENS CSA HEADER", {0x10: ("OB", stated.get("csa"))}),
+        (0x19, "SIEMENS MR HEADER", {0x0A: ("US", stated.get("count"))}),
+        (0x51, "SIEMENS MR HEADER", {0x0B: ("LO", stated.get("matrix"))}),
+    ):
+        for element, (kind, value) in entries.items():
+            if value is not None:
+                data.private_block(tag, creator, create=True).add_new(element, kind, value)
+    save(data, path)
+    return slices
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_mosaic_is_split_as_nibabel_does(tmp_path: Path, sign: int) -> None:
+    wrappers = pytest.importorskip("nibabel.nicom.dicomwrappers")
+    normal = tuple((sign * np.cross(*AXES[:, :2].T)).tolist())
+    header = csa(AcquisitionMatrixText=("4p*6",), NumberOfImagesInMosaic=(5,), SliceNormalVector=normal)
+    slices = mosaic(tmp_path / "a.dcm", {"csa": header})
+    volume = sg.load(tmp_path / "a.dcm")
+    theirs = wrappers.wrapper_from_file(tmp_path / "a.dcm")
+    # the slices in the order of the file, which nibabel's index has last; its first index is down
+    ours = volume.samples if sign > 0 else volume.samples[::-1]
+    np.testing.assert_array_equal(ours, slices)
+    np.testing.assert_array_equal(ours, theirs.get_data().transpose(2, 0, 1))
+    for index in [(0, 0, 0), (5, 3, 4), (2, 1, 1)]:
+        x, y, z = index
+        place = volume.world_from_index @ (x, y, z if sign > 0 else 4 - z) + volume.origin
+        # nibabel's affine is in LPS, as DICOM
+        np.testing.assert_allclose(place, theirs.affine[:3] @ (y, x, z, 1), atol=1e-5)
+    assert volume.notes == ("a mosaic is split into 5 slices of 6 × 4",)
+
+
+def test_a_scanners_header_as_nibabel_reads_it() -> None:
+    nicom = pytest.importorskip("nibabel.nicom.csareader")
+    path = Path(nicom.__file__).parent / "tests" / "data" / "csa2_b1000.bin"
+    if not path.exists():
+        pytest.skip("nibabel comes without its test data")
+    tags = {CSA: SimpleNamespace(value=path.read_bytes())}
+    entries = nicom.read(path.read_bytes())["tags"]
+    for name in ("NumberOfImagesInMosaic", "SliceNormalVector", "B_value", "B_matrix"):
+        assert list(csa_numbers(tags, name)) == entries[name]["items"][:3] != []
+    assert csa_numbers(tags, "AcquisitionMatrixText") == csa_numbers({}, "B_value") == ()
+
+
+def test_mosaics_by_private_tags_and_in_time(tmp_path: Path) -> None:
+    slices = mosaic(tmp_path / "a.dcm", {"count": 5})
+    volume = sg.load(tmp_path / "a.dcm")
+    np.testing.assert_array_equal(volume.samples, slices)
+    assert "order of its slices is not stated" in volume.notes[0] and volume.spacing == pytest.approx((1.5, 2, 3.6))
+    mosaic(tmp_path / "b.dcm", {"matrix": "4p*6s"})
+    volume = sg.load(tmp_path / "b.dcm")
+    np.testing.assert_array_equal(volume.samples[:5], slices)
+    assert volume.shape == (9, 4, 6) and "number of its slices is not stated" in volume.notes[0]
+    mosaic(tmp_path / "c.dcm", {})
+    assert sg.load(tmp_path / "c.dcm").notes[0].startswith("a mosaic is drawn as it is")
+    (tmp_path / "times").mkdir()
+    for n in range(3):
+        mosaic(tmp_path / "times" / f"{n}.dcm", {"count": 5}, 10 * n, AcquisitionNumber=n + 1, InstanceNumber=n + 1)
+    third = sg.load(tmp_path / "times", time=2)
+    np.testing.assert_array_equal(third.samples, slices + 20)
+    assert third.times == 3
 
 
 def test_a_table_of_contents_leads_to_its_files(tmp_path: Path) -> None:
