@@ -10,10 +10,14 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import prod
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from IPython.display import display
+from IPython.utils.capture import capture_output
 from jupyter_rfb import RemoteFrameBuffer
+from traitlets import Unicode
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
@@ -137,6 +141,8 @@ class Session:
         return float(event.get("x", 0.0)) * self.ratio, float(event.get("y", 0.0)) * self.ratio
 
     def _resize(self, event: Mapping[str, Any]) -> None:
+        """Takes the size of an element that is new, as after a reload of the page, or was resized."""
+        self.refiner.drawn = ()
         self.ratio = float(event.get("pixel_ratio") or event.get("ratio") or 1.0)
         size = tuple(max(1, round(float(event[side]) * self.ratio)) for side in ("width", "height"))
         if size != self.pose.camera.size:
@@ -148,15 +154,37 @@ class Session:
 CHANGEABLE = ("preset", *TRANSFER, *names_of(Settings))
 # choice of the transfer function that the scene was opened with
 AS_OPENED = "as opened"
+# the browser's part: jupyter_rfb's, whose view shows `still` until a frame arrives, and hides the same picture of pages
+# without widgets; the border would take two rows and columns of pixels
+SCRIPT = (
+    RemoteFrameBuffer._esm.replace("export default", "const frames =")
+    + """
+export default () => {
+  const { initialize, render } = frames()
+  return { initialize, render (context) {
+    const end = render(context), view = context.el.querySelector('img'), still = context.model.get('still')
+    view.style.border = '0'
+    if (still && view.src.startsWith('data:')) view.src = still
+    for (const picture of document.querySelectorAll('img.splatgl-still'))
+      if (picture.src === still) picture.style.display = 'none'
+    return end
+  } }
+}
+"""
+)
 
 
 class View(RemoteFrameBuffer):  # type: ignore[misc]
     """Left drag rotates, shift or middle drag pans, the wheel and right drag zoom, a double click resets.
 
-    While it moves, frames are reduced; once it is still, the full picture is drawn. A saved notebook keeps the first
-    picture. `image` is the last one; `camera` and `settings` can be set; `controls` are widgets for the colours, their
-    window, the blend and the light, which follow what code sets.
+    While it moves, frames are reduced; once it is still, the full picture is drawn. A saved notebook and pages made of
+    it keep the first picture. `image` is the last one; `camera` and `settings` can be set; `controls` are widgets for
+    the colours, their window, the blend and the light, which follow what code sets.
     """
+
+    _esm = SCRIPT
+    # address of the first picture, a JPEG on black; "" before the view is displayed
+    still = Unicode().tag(sync=True)
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -164,7 +192,9 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
         self.shown: list[dict[str, Any]] = []
         self.following = False
         width, height = session.pose.camera.size
-        super().__init__(css_width=f"{width}px", css_height=f"{height}px")
+        # jupyter_rfb displays the place of its errors at once; here it is displayed with the view
+        with capture_output():
+            super().__init__(css_width=f"{width}px", css_height=f"{height}px")
 
     @property
     def image(self) -> Image:
@@ -223,11 +253,15 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
 
         values = statistics(self.session.document.volume).values
         low, high = float(values[0]), float(values[-1])
+        # two numbers of more digits are cut off
+        digits = ".0f" if high - low > 100 else ".3g"
         widgets = {
             "preset": ipywidgets.Dropdown(options=[AS_OPENED, *PRESETS]),
             "blend": ipywidgets.Dropdown(options=[*BLENDS]),
             "light": ipywidgets.Dropdown(options=declared(Settings)["light"].choices),
-            "window": ipywidgets.FloatRangeSlider(min=low, max=high, step=(high - low) / 200 or 1.0),
+            "window": ipywidgets.FloatRangeSlider(
+                min=low, max=high, step=(high - low) / 200 or 1.0, readout_format=digits
+            ),
         }
         self._set(widgets)
         opened = self.session.scene
@@ -272,14 +306,14 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
                 asyncio.get_running_loop().call_later(wait, self.request_draw)
         return frame
 
-    def _repr_mimebundle_(self, **options: Any) -> Any:
-        """The widget, and a picture for pages without widgets."""
+    def _ipython_display_(self) -> None:
+        """Displays a picture for pages without widgets, as nbconvert makes them, and the widget, which hides it."""
         if not self.session.image.info:
             self.session.frame()
-            # the widget draws its own first frame
-            self.session.refiner.drawn = ()
-        bundle = super()._repr_mimebundle_(**options)
-        data = bundle[0] if isinstance(bundle, tuple) else bundle
-        if isinstance(data, dict):
-            data["image/png"] = b64encode(self.session.image._repr_png_()).decode()
-        return bundle
+        image = self.session.image
+        jpeg, png = (b64encode(data).decode() for data in (image.encoded(Path("still.jpg")), image._repr_png_()))
+        self.still = f"data:image/jpeg;base64,{jpeg}"
+        html = f'<img class="splatgl-still" alt="" src="{self.still}">'
+        display({"text/html": html, "image/png": png, "text/plain": ""}, raw=True)
+        for widget in (self._output_context._repr_mimebundle_(), super()._repr_mimebundle_()[0]):
+            display(widget | {"text/plain": ""}, raw=True)

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import io
+import json
+import re
+import shutil
+import subprocess
 from base64 import b64decode
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +18,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.scene.api import scene_of
-from splatgl.viewer import show, thumbnails
+from splatgl.viewer import notebook, show, thumbnails
 from splatgl.viewer.adaptive_quality import FULL, LADDER
 from splatgl.viewer.notebook import STILL, Session
 
@@ -118,13 +123,19 @@ def test_the_widget(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
     view = sg.show(volume, size=(96, 64))
-    bundle = view._repr_mimebundle_()
-    data = bundle[0] if isinstance(bundle, tuple) else bundle
-    assert "application/vnd.jupyter.widget-view+json" in data
-    still = np.asarray(Pillow.open(io.BytesIO(b64decode(data["image/png"]))))
-    assert (still == sg.render(volume, size=(96, 64)).samples8()).all()
-    # the widget's own first frame, whatever was drawn for the still one
-    assert view.get_frame().shape == (64, 96, 3) and view.get_frame() is None
+    outputs: list[dict[str, Any]] = []
+    monkeypatch.setattr(notebook, "display", lambda data, raw: outputs.append(data))
+    view._ipython_display_()
+    # a picture for pages without widgets; the place of errors and the view, which leave no text there
+    still, *widgets = outputs
+    assert len(widgets) == 2 and all("application/vnd.jupyter.widget-view+json" in data for data in widgets)
+    assert {data["text/plain"] for data in outputs} == {""} and view.still in still["text/html"]
+    right = sg.render(volume, size=(96, 64))
+    assert (np.asarray(Pillow.open(io.BytesIO(b64decode(still["image/png"])))) == right.samples8()).all()
+    # the widget's own first frame, whatever was drawn for the still one; once, and again in a page that is loaded anew
+    for _ in range(2):
+        view.session.handle({"event_type": "resize", "width": 96.0, "height": 64.0})
+        assert view.get_frame().shape == (64, 96, 3) and view.get_frame() is None
     drawn: list[np.ndarray] = []
 
     async def turned() -> None:
@@ -206,6 +217,35 @@ def test_the_view_needs_no_extension_of_the_server() -> None:
     from splatgl.viewer.notebook import View
 
     assert issubclass(View, anywidget.AnyWidget) and "export default" in View._esm
+
+
+@pytest.mark.long
+def test_the_script_in_a_browser(tmp_path: Path) -> None:
+    """The view shows its first picture until a frame arrives, and hides that of pages without widgets."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("Chromium is not here")
+    still = "data:image/gif;base64,R0lGODlhAQABAAAAACw="
+    state = {"still": still, "css_width": "96px", "css_height": "64px", "cursor": "default", "title": ""}
+    script = f"""
+    const state = {json.dumps(state)}, nothing = () => undefined
+    const model = {{ get: name => state[name], set: nothing, save_changes: nothing, on: nothing, send: nothing }}
+    const {{ initialize, render }} = make()
+    initialize({{ model }})
+    render({{ model, el: document.getElementById('cell') }})"""
+    page = f'<img class="splatgl-still" src="{still}"><img class="splatgl-still" src="x:"><div id="cell"></div>'
+    page += f'<script type="module">{notebook.SCRIPT.replace("export default", "const make =")}{script}</script>'
+    (tmp_path / "view.html").write_text(page, encoding="utf-8")
+    look = [browser, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom"]
+    look += ["--virtual-time-budget=500", (tmp_path / "view.html").as_uri()]
+    shown = subprocess.run(look, capture_output=True, text=True, check=True, timeout=600).stdout
+    pictures = re.findall("<img.*?>", re.sub("<script.*?</script>", "", shown, flags=re.DOTALL))
+    assert [("display: none" in picture, still in picture) for picture in pictures] == [
+        (True, True),
+        (False, False),
+        (False, True),
+    ]
+    assert "border: 0" in pictures[2]
 
 
 def test_small_pictures_of_objects(volume: sg.Volume) -> None:
