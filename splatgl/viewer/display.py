@@ -21,9 +21,10 @@ from splatgl.viewer.file_dialogs import Dialogs
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.input import InputHandler
 from splatgl.viewer.jobs import Extractor, Jobs
-from splatgl.viewer.loading import Files, Recent
+from splatgl.viewer.loading import Files
 from splatgl.viewer.overlays import Overlays
 from splatgl.viewer.reference_view import Reference
+from splatgl.viewer.remembered import Recent
 from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import History, State, changed_fields
 from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width

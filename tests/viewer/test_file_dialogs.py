@@ -12,7 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.viewer.loading import MOST_RECENT, Recent
+from splatgl.viewer.remembered import MOST_RECENT, Recent
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 

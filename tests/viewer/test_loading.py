@@ -20,7 +20,8 @@ from splatgl.viewer.commands import Request
 from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document, read_meshes
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
-from splatgl.viewer.loading import Files, Loaded, MeshesRead, Opened, Recent, Reloaded, TimePoint, open_document
+from splatgl.viewer.loading import Files, Loaded, MeshesRead, Opened, Reloaded, TimePoint, open_document
+from splatgl.viewer.remembered import Recent
 from splatgl.viewer.state import History, State
 from splatgl.viewer.viewer import Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
