@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from splatgl.viewer.display import Options
 
     options = Options(
-        size=scene.view.size if args.size or args.source.endswith(".toml") else Options().size,
+        size=scene.view.size if args.size or args.source.endswith(".toml") else None,
         target=args.frame_time / 1e3,
         folder=folder,
         commands=commands or Options().commands,

@@ -23,7 +23,7 @@ from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.segments import with_shown
-from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, Cuts, Ruler, State
+from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
 
@@ -382,6 +382,10 @@ def _hud(state: State, document: Document) -> State:
     return replace(state, hud=_next(HUDS, state.hud))
 
 
+def _theme(state: State, document: Document) -> State:
+    return replace(state, theme=_next(THEMES, state.theme))
+
+
 def _close(state: State, document: Document) -> State | tuple[State, Effect]:
     if state.help:
         return replace(state, help=False)
@@ -458,6 +462,7 @@ COMMANDS = (
     Command("fullscreen", "fullscreen", ("f11", "f"), _toggle("fullscreen")),
     Command("hud", "what is drawn and how: short, full, or off", ("i",), _hud),
     Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
+    Command("theme", "dark or light panel", (), _theme),
     Command("ground", "next ground: black, white, checks, grey, blue", ("n",), _ground),
     Command("palette", "find a command", ("ctrl+p",), _request(Request.PALETTE)),
     Command("help", "all keys", ("?", "f1"), _toggle("help")),

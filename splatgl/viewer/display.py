@@ -24,12 +24,14 @@ from splatgl.viewer.jobs import Extractor, Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.overlays import Overlays
 from splatgl.viewer.reference_view import Reference
-from splatgl.viewer.remembered import Recent
+from splatgl.viewer.remembered import Arrangement, Recent
 from splatgl.viewer.slice_views import SliceTool, column_width
-from splatgl.viewer.state import History, State, changed_fields
+from splatgl.viewer.state import THEMES, History, State, changed_fields
 from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width
 from splatgl.viewer.window import Window
 
+# screen units of the first window
+SIZE = (1024, 768)
 # maximum number of panel frames queued by events
 MOST_FRAMES = 20
 OTHER = "the picture before"
@@ -41,9 +43,11 @@ OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting
 
 @dataclass(frozen=True)
 class Options:
-    """Startup options. folder: for saved images; source: the path that is being read already."""
+    """Startup options. size: screen units; None: that of the latest window. folder: for saved images; source: the path
+    that is being read already.
+    """
 
-    size: tuple[int, int] = (1024, 768)
+    size: tuple[int, int] | None = None
     target: float = TARGET
     folder: Path = Path(".")
     commands: tuple[Command, ...] = COMMANDS
@@ -69,7 +73,9 @@ class Display:
         self.inputs, self.touched = 0, self.now()
         self.closed, self.dirty = False, 1
         self.failed: BaseException | None = None
-        self.screen = Screen(self.options.size, "splatgl")
+        arrangement = Arrangement.of(os.environ)
+        size = self.options.size or arrangement.size or SIZE
+        self.screen = Screen(size, "splatgl")
         try:
             self.window = Window(self.screen, self)
             wake = self.window.wake
@@ -79,12 +85,15 @@ class Display:
             self.painter = FrameRenderer(self.screen, renderer, self.options.commands)
             self.document = document
             self.panel: Any = None
-            self.state = replace(State.of(document, self.options.size), ground=self.options.ground)
+            theme = arrangement.theme if arrangement.theme in THEMES else THEMES[0]
+            state = replace(State.of(document, size), ground=self.options.ground, theme=theme)
+            self.state = replace(state, slices=replace(state.slices, shown=arrangement.slices))
             # the next document, whose coarsest splats are being extracted
             self.coming: Document | None = None
             if self.options.panel and find_spec("imgui_bundle"):
                 # over the picture it is opened when it is wanted
-                self.state = replace(self.state, panel=docked_width(self.window.size, self.window.scale) > 0)
+                docked = docked_width(self.window.size, self.window.scale) > 0
+                self.state = replace(self.state, panel=docked and arrangement.panel)
                 self._open_panel()
         except BaseException:
             self.screen.close()
@@ -120,6 +129,14 @@ class Display:
         """Pixels of the picture: the window without the panel and the slices."""
         width, height = self.view.size
         return max(width - column_width((width, height), self.state.slices.shown), 1), height
+
+    def remember(self) -> None:
+        """Stores how the window stands for the next one."""
+        # over the picture, the panel is open only while it is wanted
+        is_docked = docked_width(self.window.size, self.window.scale) > 0
+        panel = self.state.panel if is_docked else Arrangement.of(os.environ).panel
+        size, slices, theme = self.window.unit_size, self.state.slices.shown, self.state.theme
+        Arrangement(size, panel, slices, theme).remember(os.environ)
 
     @property
     def busy(self) -> str | None:

@@ -64,11 +64,13 @@ class Gui:
         self.last = time.perf_counter()
         # whether this is the first frame, which ImGui only measures
         self.fresh = True
+        # whose colours are set
+        self.theme = ""
         with current(window.screen.ctx):
             imgui.backends.opengl3_init(GLSL)
         self.io.mouse_double_click_time, self.io.mouse_single_click_delay = DOUBLE, 2 * DOUBLE
         _load_font()
-        _apply_theme()
+        _shape_widgets()
         imgui.get_style().scale_all_sizes(window.scale)
         imgui.get_style().font_scale_main = window.scale
         _fit_plots(window.scale)
@@ -141,6 +143,9 @@ class Gui:
         self.io.delta_time = max(now - self.last, 1e-4)
         self.last = now
         self._pass_events()
+        if state.theme != self.theme:
+            self.theme = state.theme
+            _color(state.theme)
         with current(self.window.screen.ctx):
             docked = docked_width(pixels, self.window.scale) > 0
             room = width if docked else round(width * state.pose.camera.size[0] / max(pixels[0], 1)), height
@@ -168,37 +173,39 @@ def _load_font() -> None:
         imgui.get_io().fonts.add_font_from_file_ttf(str(file), FONT)
 
 
-# sRGB of the panel: background, fields, lines, text, and the one colour of what is active
-BACK, FIELD, RULE, INK, ACCENT = (
-    (0.11, 0.12, 0.13),
-    (0.19, 0.2, 0.22),
-    (0.28, 0.3, 0.33),
-    (0.9, 0.91, 0.92),
-    (0.33, 0.6, 0.9),
-)
-# colours by opacity: of the accent for grabs and hovered or pressed widgets, of fields
-THEME: dict[tuple[float, float, float], dict[float, tuple[str, ...]]] = {
-    BACK: {1.0: ("window_bg", "title_bg", "title_bg_active", "title_bg_collapsed"), 0.98: ("popup_bg",)},
-    FIELD: {1.0: ("frame_bg", "button", "scrollbar_grab", "tab"), 0.0: ("header", "scrollbar_bg")},
-    RULE: {1.0: ("border", "separator", "frame_bg_hovered"), 0.5: ("header_hovered", "table_row_bg_alt")},
-    INK: {1.0: ("text",), 0.5: ("text_disabled",)},
-    ACCENT: {
+# sRGB of the panel by theme: background, fields, lines, text, and the one colour of what is active
+COLORS: dict[str, tuple[tuple[float, float, float], ...]] = {
+    "dark": ((0.11, 0.12, 0.13), (0.19, 0.2, 0.22), (0.28, 0.3, 0.33), (0.9, 0.91, 0.92), (0.33, 0.6, 0.9)),
+    "light": ((0.95, 0.95, 0.96), (0.86, 0.87, 0.88), (0.75, 0.76, 0.78), (0.1, 0.1, 0.12), (0.25, 0.52, 0.85)),
+}
+# what each of these colours is for, by opacity: the accent is that of grabs and of hovered or pressed widgets
+USES: tuple[dict[float, tuple[str, ...]], ...] = (
+    {1.0: ("window_bg", "title_bg", "title_bg_active", "title_bg_collapsed", "menu_bar_bg"), 0.98: ("popup_bg",)},
+    {1.0: ("frame_bg", "button", "scrollbar_grab", "tab"), 0.0: ("header", "scrollbar_bg")},
+    {1.0: ("border", "separator", "frame_bg_hovered"), 0.5: ("header_hovered", "table_row_bg_alt")},
+    {1.0: ("text",), 0.5: ("text_disabled",)},
+    {
         1.0: ("check_mark", "slider_grab_active", "input_text_cursor", "nav_cursor"),
         0.8: ("slider_grab", "button_active", "header_active", "frame_bg_active", "scrollbar_grab_active"),
         0.5: ("button_hovered", "text_selected_bg", "tab_hovered", "tab_selected", "scrollbar_grab_hovered"),
     },
-    (0.0, 0.0, 0.0): {0.6: ("modal_window_dim_bg",)},
-}
+)
 
 
-def _apply_theme() -> None:
-    """Sets flat widgets in few colours, and sections apart by space alone."""
+def _shape_widgets() -> None:
+    """Sets flat widgets, and sections apart by space alone."""
     style = imgui.get_style()
     style.window_rounding = style.frame_rounding = style.popup_rounding = style.grab_rounding = 3.0
     style.window_border_size = style.frame_border_size = 0.0
     style.window_padding, style.frame_padding = imgui.ImVec2(10.0, 8.0), imgui.ImVec2(6.0, 3.0)
     style.item_spacing, style.item_inner_spacing = imgui.ImVec2(8.0, 5.0), imgui.ImVec2(6.0, 3.0)
-    for color, opacities in THEME.items():
+    style.set_color_(imgui.Col_.modal_window_dim_bg, imgui.ImVec4(0.0, 0.0, 0.0, 0.6))
+
+
+def _color(theme: str) -> None:
+    """Sets the colours of a theme."""
+    style = imgui.get_style()
+    for color, opacities in zip(COLORS[theme], USES, strict=True):
         for opacity, names in opacities.items():
             for name in names:
                 style.set_color_(getattr(imgui.Col_, name), imgui.ImVec4(*color, opacity))

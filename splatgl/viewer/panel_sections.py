@@ -33,7 +33,7 @@ from splatgl.viewer.commands import (
 )
 from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import background_of, plane_color
-from splatgl.viewer.state import MOST_PLANES, Cuts, LayerStyle, Ruler, State
+from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, LayerStyle, Ruler, State
 
 # share of the panel's width that labels at the left of widgets take
 LABELS = 0.3
@@ -287,6 +287,8 @@ def draw_view(state: State, document: Document, widgets: CommandWidgets) -> Stat
     for name in ("turntable", "fullscreen"):
         imgui.same_line()
         state = widgets.checkbox(name, name, getattr(state, name), state, document)
+    imgui.same_line()
+    state = widgets.checkbox("theme", "light", state.theme == THEMES[1], state, document)
     return _ground(_over(state, document, widgets))
 
 

@@ -234,6 +234,8 @@ class Slices:
 COMPARE = ("off", "split", "difference")
 # amounts of text over the picture
 HUDS = ("short", "full", "off")
+# colours of the panel
+THEMES = ("dark", "light")
 # motion blur modes of a rotating view
 BLURS: tuple[Motions, ...] = ("off", "moments", *MOTIONS)
 
@@ -247,7 +249,7 @@ class State:
     blur: motion blur while the view rotates. show_zk: the plane at z_k. hud: of HUDS. message: shown until the next
     key. time: number of the time point of a series of `times`; playing: whether it advances by itself. turntable:
     whether a drag turns about a fixed axis. probe: whether the value under the cursor is shown. ruler: measured
-    distance. slices: beside the picture. file_options: arrays and channels that the file offers.
+    distance. slices: beside the picture. file_options: arrays and channels that the file offers. theme: of THEMES.
     """
 
     pose: Pose
@@ -275,6 +277,7 @@ class State:
     ruler: Ruler = field(default_factory=Ruler)
     slices: Slices = field(default_factory=Slices)
     file_options: tuple[FileOption, ...] = ()
+    theme: str = THEMES[0]
 
     @classmethod
     def of(cls, document: Document, size: tuple[int, int]) -> State:
@@ -313,7 +316,7 @@ class State:
     def opened(self, document: Document) -> State:
         """State for another document with its own view and settings; display options are kept."""
         fresh = State.of(document, self.pose.camera.size)
-        kept = ("hud", "help", "panel", "ground", "turning", "blur", "turntable", "fullscreen", "probe")
+        kept = ("hud", "help", "panel", "ground", "turning", "blur", "turntable", "fullscreen", "probe", "theme")
         slices = replace(self.slices, place=fresh.slices.place)
         return replace(fresh, slices=slices, **{name: getattr(self, name) for name in kept})
 
@@ -325,7 +328,7 @@ def changed_fields(a: State, b: State) -> set[str]:
 
 # fields that an undo keeps: open parts of the window, and what plays
 PASSING = {"message", "help", "hud", "panel", "turning", "time", "times", "playing", "fullscreen", "probe", "slices"}
-PASSING |= {"file_options"}
+PASSING |= {"file_options", "theme"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
 EDITS = {"settings", "styles", "mesh_files", "annotate"}
 # largest number of steps

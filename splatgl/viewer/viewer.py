@@ -80,6 +80,7 @@ class Viewer(LiveView):
     def close(self) -> None:
         """Frees the window and its resources, but not the renderer."""
         self.closed = True
+        self.remember()
         self.dialogs.close()
         self.reference.forget()
         self.extractor.wanted = None

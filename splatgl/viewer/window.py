@@ -52,6 +52,12 @@ class Window:
         glfw.set_window_refresh_callback(self.handle, lambda _: listener.refresh())
 
     @property
+    def unit_size(self) -> tuple[int, int]:
+        """Width and height in screen units, those before fullscreen."""
+        width, height = self.before[2:] if self.before else self.glfw.get_window_size(self.handle)
+        return int(width), int(height)
+
+    @property
     def size(self) -> tuple[int, int]:
         """Pixels; (0, 0) while minimised."""
         width, height = self.glfw.get_framebuffer_size(self.handle)

@@ -12,7 +12,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.viewer.remembered import MOST_RECENT, Recent
+from splatgl.viewer.remembered import MOST_RECENT, Arrangement, Recent
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
@@ -61,6 +61,20 @@ def test_recent_files_need_no_folder(tmp_path: Path) -> None:
         assert switched.opened("/a.npy").paths == () and not (tmp_path / "state").exists()
     found = Recent.of({"XDG_STATE_HOME": "here", "HOME": str(tmp_path)})
     assert found.file == tmp_path / ".local" / "state" / "splatgl" / "recent.json"
+
+
+def test_the_arrangement_of_the_window_is_kept(tmp_path: Path) -> None:
+    """Anything but what a window may have stored is left out."""
+    environment = {"XDG_STATE_HOME": str(tmp_path)}
+    assert Arrangement.of(environment) == Arrangement()
+    left = Arrangement((900, 700), False, True, "light")
+    left.remember(environment)
+    assert Arrangement.of(environment) == left
+    left.remember({**environment, "SPLATGL_RECENT": "off", "XDG_STATE_HOME": str(tmp_path / "off")})
+    assert [path.name for path in tmp_path.iterdir()] == ["splatgl"]
+    for text in ("", "[1]", '{"size": [0, 700], "panel": 3, "theme": null, "other": 1}', '{"size": [true, 700]}'):
+        (tmp_path / "splatgl" / "window.json").write_text(text)
+        assert Arrangement.of(environment) == Arrangement()
 
 
 # --- driven -------------------------------------------------------------------------------------------------------
