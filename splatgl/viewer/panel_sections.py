@@ -287,9 +287,9 @@ def draw_view(state: State, document: Document, widgets: CommandWidgets) -> Stat
     for name in ("turntable", "fullscreen"):
         imgui.same_line()
         state = widgets.checkbox(name, name, getattr(state, name), state, document)
-    imgui.same_line()
-    state = widgets.checkbox("theme", "light", state.theme == THEMES[1], state, document)
-    return _ground(_over(state, document, widgets))
+    state = _ground(_over(state, document, widgets))
+    changed, chosen = imgui.combo(label_left("panel"), THEMES.index(state.theme), list(THEMES))
+    return replace(state, theme=THEMES[chosen]) if changed else state
 
 
 def _over(state: State, document: Document, widgets: CommandWidgets) -> State:

@@ -95,7 +95,7 @@ HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0
 ROOM = (-0.05, 1.05)
 # number of colours in the strip
 COLORS = 64
-HISTOGRAM, LINE, NODE = (0.36, 0.36, 0.42, 1.0), (1.0, 0.8, 0.3, 1.0), (1.0, 0.9, 0.6, 1.0)
+HISTOGRAM, LINE, NODE = (0.5, 0.5, 0.55, 0.6), (0.95, 0.6, 0.15, 1.0), (1.0, 0.7, 0.3, 1.0)
 HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
 
 
