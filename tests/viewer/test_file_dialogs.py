@@ -134,6 +134,8 @@ def test_the_desktop_s_dialog(folder: Path) -> None:
     assert (folder / "other ä.npy").read_bytes() == volume
     assert window.key("q")["closed"]
     window.end()
+    # how the window stood is kept for the next one
+    assert Arrangement.of(environment).size == (240, 180)
 
 
 @pytest.mark.long
