@@ -57,7 +57,8 @@ _HDF5, _USER_BLOCKS = b"\x89HDF\r\n\x1a\n", (512, 1024, 2048)
 VTK_XML = {
     **dict.fromkeys(("ImageData", "RectilinearGrid"), "VTK grid"),
     **dict.fromkeys(("PImageData", "PRectilinearGrid"), "VTK pieces"),
-    "UnstructuredGrid": "VTK cells",
+    **dict.fromkeys(("UnstructuredGrid", "StructuredGrid"), "VTK cells"),
+    **dict.fromkeys(("PUnstructuredGrid", "PStructuredGrid"), "VTK pieces of cells"),
     **dict.fromkeys(("vtkOverlappingAMR", "vtkNonOverlappingAMR", "vtkHierarchicalBoxDataSet"), "VTK AMR"),
     **dict.fromkeys(("Collection", "vtkMultiBlockDataSet"), "VTK collection"),
 }

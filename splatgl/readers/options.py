@@ -31,7 +31,6 @@ CONVERTERS = {
     **dict.fromkeys(
         (".svs", ".ndpi", ".mrxs", ".scn"), "a slide is one plane; save a stack as OME-TIFF with Bio-Formats"
     ),
-    **dict.fromkeys((".vts", ".pvtu", ".pvts"), PARAVIEW),
     **dict.fromkeys((".vtp", ".pvtp", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
     **dict.fromkeys((".e57", ".xyz", ".pts"), "save the points as .las or .ply, such as with CloudCompare"),
     ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
@@ -310,7 +309,8 @@ FORMATS = (
     Format("legacy VTK", (".vtk",), "vtk_legacy.read", ("array", "channel")),
     Format("VTK grid", (".vti", ".vtr"), "vtk_xml.read", ("array", "channel"), ("XML",)),
     Format("VTK pieces", (".pvti", ".pvtr"), "vtk_xml.read_parallel", ("array", "channel", "anywhere"), ("XML",)),
-    Format("VTK cells", (".vtu",), "vtk_cells.read", ("array", "channel"), ("XML",)),
+    Format("VTK cells", (".vtu", ".vts"), "vtk_cells.read", ("array", "channel"), ("XML",)),
+    Format("VTK pieces of cells", (".pvtu", ".pvts"), "vtk_cells.read", ("array", "channel", "anywhere"), ("XML",)),
     Format("VTK AMR", (".vthb", ".vth"), "vtk_cells.read_amr", ("array", "channel", "anywhere"), ("XML",)),
     Format("VTK collection", (".pvd", ".vtm"), "vtk_xml.read_series", ("array", "channel", "anywhere"), ("XML",)),
     Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",), ("?",)),

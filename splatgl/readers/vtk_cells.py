@@ -1,4 +1,5 @@
-"""VTK's grids of cells, resampled to even ones: unstructured grids (.vtu) by VTK itself, and AMR (.vthb, .vth).
+"""VTK's grids of cells, resampled to even ones: unstructured and curved grids (.vtu, .vts) by VTK itself, and AMR
+(.vthb, .vth).
 
 Of AMR each voxel gets the value of the finest block there. The steps are those of the smallest cell, or larger ones
 where the grid would exceed the budget of voxels or of memory; a note states the error at the file's own points.
@@ -18,7 +19,7 @@ from splatgl.data.affine import describe_error, interpolate_planes
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import budget
-from splatgl.readers.common import decoder_errors, find_data_file
+from splatgl.readers.common import Shape, decoder_errors, find_data_file, grid_shape
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.vtk_legacy import Selection, select_arrays
 from splatgl.readers.vtk_xml import VtkXml, image_grid, parse_numbers, parse_vtk, read_array, read_arrays, read_pieces
@@ -32,6 +33,8 @@ _FLAT = (*range(10), 21, 22, 23, 28, 30, 34, 35, 36)
 _MOST_FINER, _FREE_VOXELS, _MOST_VOXELS, _VOXEL_BYTES = 64, 2**15, 2**24, 64
 # most blocks of an AMR grid, and largest coordinate
 _MOST_BLOCKS, _MOST_PLACE = 2**16, 1e30
+# VTK's number of hexahedra, and the bit of its marks of cells that another piece has, too
+_HEXAHEDRON, _TWICE = 12, 1
 # VTK's marks of points and cells, which are no values
 _MARKS = ("vtkGhostType", "vtkGhostLevels", "vtkValidPointMask")
 
@@ -50,13 +53,21 @@ def _even_counts(span: np.ndarray, steps: np.ndarray, cells: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """Points [P, 3]; the cells with a volume: kinds [C], offsets [C + 1] into the numbers of points `corners`."""
+    """Points [P, 3]; the cells with a volume: kinds [C], offsets [C + 1] into the numbers of points `corners`, and
+    numbers `kept` among the file's cells.
+    """
 
     points: np.ndarray
     kinds: np.ndarray
     offsets: np.ndarray
     corners: np.ndarray
     kept: np.ndarray
+
+    def only(self, wanted: np.ndarray) -> _Mesh:
+        """The cells of a mask [C]."""
+        sizes = np.diff(self.offsets)
+        corners, offsets = self.corners[np.repeat(wanted, sizes)], np.concatenate([[0], np.cumsum(sizes[wanted])])
+        return _Mesh(self.points, self.kinds[wanted], offsets, corners, self.kept[wanted])
 
     @property
     def extents(self) -> np.ndarray:
@@ -72,24 +83,35 @@ class _Mesh:
         return np.asarray(sums / np.diff(self.offsets)[:, None])
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A piece: its cells, its selected array, and the values and vectors (None without) of the cells or points."""
+
+    mesh: _Mesh
+    choice: Selection
+    values: np.ndarray
+    vectors: np.ndarray | None
+
+
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a .vtu file; `array` names an array, `channel` picks a component. What lies outside of all cells
-    is NaN.
+    """The volume of a .vtu or .vts file, or of the pieces of a .pvtu or .pvts file; `array` names an array, `channel`
+    picks a component. Vectors are drawn by magnitude. What lies outside of all cells is NaN.
     """
     vtk = import_extra("vtkmodules.vtkFiltersCore", "unstructured grids", "vtk", "vtk")
-    file = parse_vtk(path, ("UnstructuredGrid",))
-    nodes = [node for node in file.root.findall(f"{file.kind}/Piece") if _count(node, "NumberOfCells")]
-    if len(nodes) != 1:
-        raise expected("Piece", "one with cells", len(nodes), "merge them with ParaView")
+    kinds = ("UnstructuredGrid", "StructuredGrid")
+    file = parse_vtk(path, (*kinds, *(f"P{kind}" for kind in kinds)))
+    files = [file]
+    if file.kind not in kinds:
+        names = [node.get("Source", "") for node in file.root.findall(f"{file.kind}/Piece")]
+        files = [parse_vtk(find_data_file(path, name, options.anywhere), (file.kind[1:],)) for name in names]
     with decoder_errors("VTK XML"):
-        mesh = _read_mesh(file, nodes[0])
-    counts = [_count(nodes[0], f"NumberOf{name}") for name in ("Points", "Cells")]
-    owners = [nodes[0].find(name) for name in ("PointData", "CellData")]
-    points, cells = (
-        [] if owner is None else read_arrays(file, owner, (1, 1, count))
-        for owner, count in zip(owners, counts, strict=True)
-    )
-    choice = select_arrays(points, cells, options)
+        nodes = [(each, node) for each in files for node in each.root.findall(f"{each.kind}/Piece")]
+        parts = [_read_part(each, node, options) for each, node in nodes if all(_sizes(each, node))]
+    if not parts:
+        raise expected("Piece", "one or more with cells", "none", "surfaces are not drawn; voxelize it")
+    mesh, choice = _join([part.mesh for part in parts]), parts[0].choice
+    if any((part.choice.of_cells, part.vectors is None) != (choice.of_cells, choice.vectors is None) for part in parts):
+        raise expected("pieces", "the same arrays in all pieces", "different arrays", "save the grid again")
     # 1. the even grid: voxels of the smallest cell's size
     low, high = mesh.points[mesh.corners].min(axis=0), mesh.points[mesh.corners].max(axis=0)
     extents = mesh.extents
@@ -99,16 +121,84 @@ def read(path: Path, options: LoadOptions) -> Volume:
     voxels = _even_counts(high - low, extents[sizes.argmin()], len(mesh.kinds))
     step = (high - low) / voxels
     # 2. the values there, by VTK, and at the file's own points
-    values = choice.samples[0, 0]
-    values = values[mesh.kept] if choice.of_cells else values
-    samples = _probe(vtk, mesh, values, choice.of_cells, (low + step / 2, step, voxels))
+    values = np.concatenate([part.values for part in parts])
+    grid = (low + step / 2, step, voxels)
+    samples = _probe(vtk, mesh, values[:, None], choice.of_cells, grid)[..., 0]
+    vectors = [part.vectors for part in parts if part.vectors is not None]
+    flow = _probe(vtk, mesh, np.concatenate(vectors), choice.of_cells, grid) if vectors else None
     places = mesh.centers if choice.of_cells else mesh.points
     back = _trilinear(samples, ((places - low) / step - 0.5)[:, ::-1])
     kind = "×".join(map(str, voxels))
     told = f"{len(mesh.kinds)} cells, resampled to {kind} voxels; {describe_error(back, values)}"
     spacing, origin = triple(step, "cells"), triple(low + step / 2, "cells")
     about = choice.about | {"notes": (told, *choice.about["notes"])}
-    return Volume(samples, spacing, origin, **about)
+    return Volume(samples, spacing, origin, vectors=None if flow is None else np.nan_to_num(flow), **about)
+
+
+def _sizes(file: VtkXml, node: Element) -> tuple[int, int]:
+    """Points and cells of a piece."""
+    if file.kind == "UnstructuredGrid":
+        return _count(node, "NumberOfPoints"), _count(node, "NumberOfCells")
+    shape = _structured_shape(node)
+    return math.prod(shape), math.prod(count - 1 for count in shape)
+
+
+def _structured_shape(node: Element) -> Shape:
+    """Points of a structured piece along z, y, x."""
+    extent = [int(number) for number in parse_numbers(node, "Extent", "", 6)]
+    return grid_shape([max(extent[axis + 1] - extent[axis] + 1, 1) for axis in (0, 2, 4)], "Extent")
+
+
+def _read_part(file: VtkXml, node: Element, options: LoadOptions) -> _Part:
+    """A piece without cells that other pieces have, too."""
+    sizes = _sizes(file, node)
+    mesh = _read_mesh(file, node) if file.kind == "UnstructuredGrid" else _read_curved(file, node)
+    owners = [node.find(name) for name in ("PointData", "CellData")]
+    points, cells = (
+        [] if owner is None else read_arrays(file, owner, (1, 1, size))
+        for owner, size in zip(owners, sizes, strict=True)
+    )
+    ghosts = next((array.read().ravel() for array in cells if array.name == _MARKS[0]), None)
+    if ghosts is not None:
+        mesh = mesh.only(ghosts[mesh.kept] & _TWICE == 0)
+    every = [[array for array in arrays if array.name not in _MARKS] for arrays in (points, cells)]
+    choice = select_arrays(*every, options)
+    values, vectors = choice.samples[0, 0], None if choice.vectors is None else choice.vectors[0, 0]
+    if choice.of_cells:
+        values, vectors = values[mesh.kept], None if vectors is None else vectors[mesh.kept]
+    return _Part(mesh, choice, values, vectors)
+
+
+def _join(meshes: list[_Mesh]) -> _Mesh:
+    """The cells of all pieces; points at their borders stay twice."""
+    points, cells, ends = ([0], [0], [0])
+    for mesh in meshes:
+        points.append(points[-1] + len(mesh.points))
+        cells.append(cells[-1] + len(mesh.kinds))
+        ends.append(ends[-1] + len(mesh.corners))
+    offsets = [mesh.offsets[1:] + end for mesh, end in zip(meshes, ends, strict=False)]
+    return _Mesh(
+        np.concatenate([mesh.points for mesh in meshes]),
+        np.concatenate([mesh.kinds for mesh in meshes]),
+        np.concatenate([[0], *offsets]),
+        np.concatenate([mesh.corners + first for mesh, first in zip(meshes, points, strict=False)]),
+        np.arange(cells[-1]),
+    )
+
+
+def _read_curved(file: VtkXml, node: Element) -> _Mesh:
+    """The points of a structured piece, and its hexahedra."""
+    shape = _structured_shape(node)
+    points = _read_points(file, node, math.prod(shape))
+    number = np.arange(len(points)).reshape(shape)
+    ring = [(0, 0), (0, 1), (1, 1), (1, 0)]
+    corners = [
+        number[z : shape[0] - 1 + z, y : shape[1] - 1 + y, x : shape[2] - 1 + x] for z in (0, 1) for y, x in ring
+    ]
+    count = corners[0].size
+    return _Mesh(
+        points, np.full(count, _HEXAHEDRON), 8 * np.arange(count + 1), np.stack(corners, -1).ravel(), np.arange(count)
+    )
 
 
 def _count(node: Element, name: str) -> int:
@@ -120,9 +210,7 @@ def _read_mesh(file: VtkXml, node: Element) -> _Mesh:
     number, count = _count(node, "NumberOfPoints"), _count(node, "NumberOfCells")
     if number < 1 or count < 1:
         raise expected("Piece", "points and cells", f"{number} and {count}")
-    points = _read_named(file, node.find("Points"), "", number).reshape(-1)
-    if points.size != 3 * number or not (np.abs(points) < _MOST_PLACE).all():
-        raise expected("Points", f"{number} times three finite coordinates", points.size)
+    points = _read_points(file, node, number)
     ends = _read_named(file, node.find("Cells"), "offsets", count).reshape(-1).astype(np.int64)
     kinds = _read_named(file, node.find("Cells"), "types", count).reshape(-1).astype(np.int64)
     sizes = np.diff(ends, prepend=0)
@@ -146,7 +234,15 @@ def _read_mesh(file: VtkXml, node: Element) -> _Mesh:
     # places in `every` of the kept cells' points
     starts = np.repeat((ends - sizes)[kept] - offsets[:-1], needed)
     corners = every[starts + np.arange(offsets[-1])]
-    return _Mesh(points.reshape(-1, 3).astype(np.float64), kinds[kept], offsets, corners, kept)
+    return _Mesh(points, kinds[kept], offsets, corners, kept)
+
+
+def _read_points(file: VtkXml, node: Element, number: int) -> np.ndarray:
+    """The points [P, 3] of a piece."""
+    points = _read_named(file, node.find("Points"), "", number).reshape(-1)
+    if points.size != 3 * number or not (np.abs(points) < _MOST_PLACE).all():
+        raise expected("Points", f"{number} times three finite coordinates", points.size)
+    return np.asarray(points.reshape(-1, 3).astype(np.float64))
 
 
 def _read_named(file: VtkXml, owner: Element | None, name: str, count: int) -> np.ndarray:
@@ -159,7 +255,9 @@ def _read_named(file: VtkXml, owner: Element | None, name: str, count: int) -> n
 
 
 def _probe(vtk: Any, mesh: _Mesh, values: np.ndarray, in_cells: bool, place: tuple[Any, Any, Any]) -> np.ndarray:
-    """Values [D, H, W], float32, at the voxels of a grid (origin, step, counts); NaN outside of all cells."""
+    """Values [D, H, W, K], float32, of `values` [N, K] at the voxels of a grid (origin, step, counts); NaN outside of
+    all cells.
+    """
     from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
@@ -182,8 +280,9 @@ def _probe(vtk: Any, mesh: _Mesh, values: np.ndarray, in_cells: bool, place: tup
     resample.Update()
     data = resample.GetOutput().GetPointData()
     inside = vtk_to_numpy(data.GetArray("vtkValidPointMask")).astype(bool)
-    samples = np.where(inside, vtk_to_numpy(data.GetArray("values")), np.nan).astype(np.float32)
-    return samples.reshape(tuple(counts[::-1]))
+    found = vtk_to_numpy(data.GetArray("values")).reshape(len(inside), -1)
+    samples = np.where(inside[:, None], found, np.nan).astype(np.float32)
+    return samples.reshape(*counts[::-1], -1)
 
 
 def _trilinear(samples: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -87,6 +87,88 @@ def test_unstructured_grids(tmp_path: Path, kind: str, mode: str) -> None:
         assert number.samples[index] == at
 
 
+def curved() -> Any:
+    """A bent block of 6 × 3 × 4 points with a linear field, flow along it, and numbers of cells."""
+    from vtk.util.numpy_support import numpy_to_vtk
+
+    z, y, x = np.indices((4, 3, 6)) * 1.0
+    places = np.stack([x + 0.3 * y, y + 0.1 * z, z + 0.2 * x], axis=-1).reshape(-1, 3)
+    grid, points = vtk.vtkStructuredGrid(), vtk.vtkPoints()
+    points.SetData(numpy_to_vtk(places, deep=1))
+    grid.SetDimensions(6, 3, 4)
+    grid.SetPoints(points)
+    for name, values in (("flow", np.stack([line(places), places[:, 0], 0 * places[:, 0]], 1)), ("line", line(places))):
+        array = numpy_to_vtk(values, deep=1)
+        array.SetName(name)
+        grid.GetPointData().AddArray(array)
+    return grid
+
+
+def test_curved_grids_and_vectors(tmp_path: Path) -> None:
+    volume = load(save(vtk.vtkXMLStructuredGridWriter(), tmp_path / "a.vts", curved()))
+    inside = ~np.isnan(volume.samples)
+    assert 0.3 < inside.mean() < 1 and volume.notes[0].startswith("30 cells, resampled to ")
+    np.testing.assert_allclose(volume.samples[inside], line(centers(volume))[inside], atol=1e-4)
+    assert volume.vectors is not None
+    right = np.stack([line(centers(volume)), centers(volume)[..., 0], 0 * volume.samples], -1)
+    np.testing.assert_allclose(volume.vectors[inside], right[inside], atol=1e-4)
+    assert not volume.vectors[~inside].any()
+    speed = load(tmp_path / "a.vts", array="flow")
+    lengths = np.linalg.norm(right, axis=-1)[inside]
+    # interpolated lengths are beside lengths of interpolated vectors
+    assert np.abs(speed.samples[inside] - lengths).max() < 0.1 * lengths.max() and speed.hints.preset == "field"
+    (tmp_path / "b.xml").write_bytes((tmp_path / "a.vts").read_bytes())
+    assert load(tmp_path / "b.xml").shape == volume.shape
+
+
+@pytest.mark.parametrize("kind", ["UnstructuredGrid", "StructuredGrid"])
+def test_pieces_of_cells_are_joined(tmp_path: Path, kind: str) -> None:
+    """Two pieces that share a layer of cells: the second marks it as the first one's, and its values count nowhere."""
+    from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+    ending, whole = {"UnstructuredGrid": ("vtu", mesh("hexahedra"))}.get(kind, ("vts", curved()))
+    writer = getattr(vtk, f"vtkXML{kind}Writer")
+    if kind == "StructuredGrid":
+        for n, extent in enumerate([(0, 3, 0, 2, 0, 3), (2, 5, 0, 2, 0, 3)]):
+            part = vtk.vtkExtractGrid()
+            part.SetInputData(whole)
+            part.SetVOI(*extent)
+            part.Update()
+            parts = part.GetOutput()
+            if n:
+                marks = numpy_to_vtk((np.arange(18) % 3 == 0).astype(np.uint8), deep=1)
+                marks.SetName("vtkGhostType")
+                parts.GetCellData().AddArray(marks)
+            save(writer(), tmp_path / f"{n}.{ending}", parts)
+    else:
+        x = np.array([whole.GetCell(n).GetBounds()[0] for n in range(whole.GetNumberOfCells())])
+        for n, wanted in enumerate([x < 1.5, x > 0.9]):
+            part = vtk.vtkExtractCells()
+            part.SetInputData(whole)
+            ids = vtk.vtkIdList()
+            for number in np.flatnonzero(wanted).tolist():
+                ids.InsertNextId(number)
+            part.SetCellList(ids)
+            part.Update()
+            parts = part.GetOutput()
+            if n:
+                twice = vtk_to_numpy(parts.GetCellData().GetArray("number")).copy()
+                marks = numpy_to_vtk((x[twice.astype(int)] < 1.5).astype(np.uint8), deep=1)
+                marks.SetName("vtkGhostType")
+                parts.GetCellData().AddArray(marks)
+            save(writer(), tmp_path / f"{n}.{ending}", parts)
+    pieces = "".join(f'<Piece Source="{n}.{ending}"/>' for n in range(2))
+    text = f'<VTKFile type="P{kind}"><P{kind}>{pieces}</P{kind}></VTKFile>'
+    (tmp_path / f"a.p{ending}").write_text(text)
+    joined, alone = load(tmp_path / f"a.p{ending}"), load(save(writer(), tmp_path / f"b.{ending}", whole))
+    np.testing.assert_allclose(joined.samples, alone.samples, atol=1e-4)
+    assert joined.spacing == pytest.approx(alone.spacing)
+    assert joined.notes[0].split(",")[0] == alone.notes[0].split(",")[0]
+    (tmp_path / f"a.p{ending}").write_text(text.replace("0.", "../0."))
+    with pytest.raises(InputError, match="folder"):
+        load(tmp_path / f"a.p{ending}")
+
+
 def test_grids_of_cells_fit_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from splatgl.readers import vtk_cells
 
