@@ -28,7 +28,7 @@ from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
 from splatgl.readers.common import decoder_errors, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff_images import find_channels, find_pixels, list_series, read_survey, select_image
+from splatgl.readers.tiff_images import find_channels, find_pixels, list_series, plane_step, read_survey, select_image
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -118,6 +118,8 @@ def _ignored_notes(image: _Image) -> list[str]:
         notes.append(
             "OME's metadata name other files, or planes that are not here: only the pages of this one are read"
         )
+    if image.pixels is not None and (note := plane_step(image.pixels)[2]):
+        notes.append(note)
     if image.series.keyframe.photometric.name == "MINISWHITE":
         notes.append("values are as they are stored, though the file shows 0 as white")
     return notes
@@ -385,9 +387,14 @@ def stated_grid(tiff: Any, pixels: Element | None) -> Grid | None:
 
 
 def _ome_grid(pixels: Element) -> Grid:
-    """OME's grid: PhysicalSizeX/Y/Z, by default in micrometres; all are converted to the unit of x."""
+    """OME's grid: PhysicalSizeX/Y/Z, by default in micrometres; all are converted to the unit of x. Without a size
+    along z the planes' positions count.
+    """
     sizes = {axis: float(pixels.get(f"PhysicalSize{axis}", 0)) for axis in "XYZ"}
     units = {axis: unit_name(pixels.get(f"PhysicalSize{axis}Unit", "um")) for axis in "XYZ"}
+    step, unit, _ = plane_step(pixels)
+    if not sizes["Z"] and unit:
+        sizes["Z"], units["Z"] = step, unit
     if not any(sizes.values()):
         return (1.0, 1.0, 1.0), ""
     known = all(unit in METRES for unit in units.values())

@@ -9,6 +9,9 @@ from dataclasses import replace
 from typing import Any
 from xml.etree.ElementTree import Element
 
+import numpy as np
+
+from splatgl.data.affine import METRES, unit_name
 from splatgl.errors import expected
 from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.common import parse_number
@@ -158,6 +161,34 @@ def find_pixels(tiff: Any, place: int) -> Element | None:
         if len(nodes) > 1 and pages and min(pages) == first:
             return node
     return nodes[min(place, len(nodes) - 1)] if nodes else None
+
+
+# shares of a step between planes by which positions may differ from even ones, and from PhysicalSizeZ
+UNEVEN, OTHER_STEP = 0.1, 0.05
+
+
+def plane_step(pixels: Element) -> tuple[float, str, str]:
+    """(step from plane to plane by their PositionZ, its unit, note on positions that are not drawn); 0, "" and "" where
+    positions are missing, or are all the same. Of several channels and times the first counts.
+    """
+    planes = [node for node in pixels if node.tag.endswith("}Plane") and {node.get("TheC"), node.get("TheT")} == {"0"}]
+    places = {node.get("TheZ"): parse_number(node.get("PositionZ"), None) for node in planes}
+    ordered = [places.get(str(n)) for n in range(len(places))]
+    heights = np.array([math.nan if place is None else place for place in ordered])
+    count = int(pixels.get("SizeZ", 0))
+    if count < 2 or len(heights) != count or not np.isfinite(heights).all() or not np.ptp(heights) > 0:
+        return 0.0, "", ""
+    steps = np.diff(heights)
+    step, unit = float(steps.mean()), unit_name(planes[0].get("PositionZUnit") or "")
+    unit = unit if unit in METRES else ""
+    if np.abs(steps - step).max() > UNEVEN * abs(step):
+        apart = f"{steps.min():.4g} to {steps.max():.4g} {unit}".strip()
+        return 0.0, "", f"planes are {apart} apart by their positions, and are drawn evenly"
+    note = "planes run down by their positions: the first is drawn lowest all the same" if step < 0 else ""
+    stated, of = _positive_number(pixels.get("PhysicalSizeZ")), unit_name(pixels.get("PhysicalSizeZUnit", "um"))
+    if stated and unit and of in METRES and abs(abs(step) * METRES[unit] / (stated * METRES[of]) - 1) > OTHER_STEP:
+        note = f"planes are {abs(step):.4g} {unit} apart by their positions, but drawn {stated:.4g} {of} apart"
+    return abs(step), unit, note
 
 
 def read_survey(page: Any) -> Survey | None:

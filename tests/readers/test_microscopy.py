@@ -37,6 +37,29 @@ def test_tiff_imagej(tmp_path: Path) -> None:
     assert volume.unit == "um" and is_mapped(volume.samples)
 
 
+@pytest.mark.parametrize(
+    ("places", "stated", "step", "told"),
+    [
+        ([10, 12.5, 15], None, 2.5, ""),
+        ([10, 12.5, 15], 2.5, 2.5, ""),
+        ([15, 12.5, 10], None, 2.5, "run down by their positions"),
+        ([10, 12, 15], 2, 2, "2 to 3 um apart by their positions, and are drawn evenly"),
+        ([10, 12.5, 15], 4, 4, "2.5 um apart by their positions, but drawn 4 um apart"),
+        ([10, 10, 10], 4, 4, ""),
+    ],
+)
+def test_positions_of_planes(tmp_path: Path, places: list[float], stated: float | None, step: float, told: str) -> None:
+    """They are the spacing where the file states no other; what isn't drawn of them is told."""
+    tifffile = pytest.importorskip("tifffile")
+    planes = {"PositionZ": places, "PositionZUnit": ["µm"] * 3}
+    sizes = {"PhysicalSizeX": 0.5, "PhysicalSizeY": 0.5} | ({} if stated is None else {"PhysicalSizeZ": stated})
+    metadata = {"axes": "ZYX", "Plane": planes, **sizes}
+    tifffile.imwrite(tmp_path / "a.ome.tif", np.zeros((3, 8, 9), np.uint8), metadata=metadata, photometric="minisblack")
+    volume = load(tmp_path / "a.ome.tif")
+    assert volume.spacing == (0.5, 0.5, step)
+    assert [told in note for note in volume.notes] == [True] * bool(told)
+
+
 def test_tiff_ome_channels_and_units(tmp_path: Path) -> None:
     tifffile = pytest.importorskip("tifffile")
     metadata = {"axes": "CZYX", "PhysicalSizeX": 1.5, "PhysicalSizeY": 2.25, "PhysicalSizeZ": 3000}
