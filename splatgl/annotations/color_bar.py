@@ -98,14 +98,15 @@ def _bars(layer: Canvas, view: AnnotationView) -> list[ColorBar]:
         return of_meshes
     bar = bar_of(view, rows)
     if bar is None:
-        why = "the voxels have colours of their own" if subject.colored else "there is one value only"
+        owner = "segments" if view.transfer.labels else "voxels" if subject.colored else ""
+        why = f"the {owner} have colours of their own" if owner else "there is one value only"
         layer.notes.append(f"no colour bar: {why}" if view.pixels is not None else "no colour bar of this picture")
     return of_meshes if bar is None else [bar, *of_meshes]
 
 
 def bar_of(view: AnnotationView, rows: int) -> ColorBar | None:
-    """Colour bar of the volume; None for volumes with colours, for a single value, and for sums in live views."""
-    if view.subject.colored:
+    """Colour bar of the volume; None for volumes with colours, segments, a single value, and for sums in live views."""
+    if view.subject.colored or view.transfer.labels:
         return None
     if view.blend.startswith("xray"):
         return None if view.pixels is None else of_sums(view.pixels, view.scale, rows)

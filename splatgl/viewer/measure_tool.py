@@ -41,7 +41,7 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
 def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
     """Lines of text with value, place and index."""
     if pick is None:
-        return ("nothing here",)
+        return (_nothing(document),)
     unit = document.volume.unit
     place = ", ".join(f"{number:.4g}" for number in pick.place)
     if pick.mesh is not None:
@@ -55,11 +55,17 @@ def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
     )
 
 
+def _nothing(document: Document) -> str:
+    """What is said where nothing is picked: clouds of points are seen, but have no values in space."""
+    is_cloud = any(layer.volume.points is not None for layer in document.drawn_layers)
+    return "points: no value or place here" if is_cloud else "nothing here"
+
+
 def add_ruler_point(state: State, document: Document, place: Place) -> State:
     """The state with one more point of the ruler."""
     pick = under_cursor(state, document, place)
     if pick is None:
-        return replace(state, message="nothing here to measure from")
+        return replace(state, message=f"{_nothing(document)} to measure from")
     ruler = state.ruler.with_point(pick.place)
     length = distance_text(ruler, document)
     return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND_POINT)

@@ -79,6 +79,15 @@ def test_a_bar_is_named_by_its_quantity() -> None:
     assert cut == ["velocity, m/s", "specific_hu..., g/kg", "a" * 17 + "...", "b, " + "c" * 14 + "..."]
 
 
+def test_segments_have_no_bar() -> None:
+    """Their colours are names, which no scale of numbers shows."""
+    labels = sg.Transfer([(1, 0.0), (2, 0.9)], labels=((1, "#ff0000", 1.0), (2, "#00ff00", 1.0)))
+    camera = sg.Camera.orbit(VOLUME, 30, 20, 40, (128, 128))
+    found = sg.annotated(sg.Image(np.zeros((128, 128, 4), np.float32), {}), VOLUME, labels, camera, ["colorbar"])
+    assert not found.pixels.any()
+    assert found.info["not_annotated"] == ["no colour bar: the segments have colours of their own"]
+
+
 def test_letters() -> None:
     """A patient seen from the front has L at the right; in RAS the same side is −x."""
     front = {"LPS": (4, -90, 4), "RAS": (4, 90, 4)}

@@ -57,6 +57,18 @@ def test_the_value_under_the_cursor(document: Document) -> None:
     assert deeper is not None and deeper.place[0] == pytest.approx(12.0, abs=0.3)
 
 
+def test_clouds_of_points_have_no_value_there(tmp_path: Path) -> None:
+    """Points that are seen aren't called nothing."""
+    np.savetxt(tmp_path / "p.txt", np.eye(3), fmt="%g")
+    head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    (tmp_path / "a.ply").write_text(f"{head}end_header\n{(tmp_path / 'p.txt').read_text()}")
+    document = Document.open(SceneFile(str(tmp_path / "a.ply")))
+    state = State.of(document, SIZE)
+    found = under_cursor(state, document, (80, 60))
+    assert describe_pick(found, document) == ("points: no value or place here",)
+    assert add_ruler_point(state, document, (80, 60)).message == "points: no value or place here to measure from"
+
+
 def test_a_distance_is_that_of_its_points(document: Document) -> None:
     state = acted(along_x(document), "measure", document)
     for place in ((50.5, 60.5), (110.5, 60.5)):
