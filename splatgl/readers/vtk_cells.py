@@ -161,8 +161,8 @@ def _read_part(file: VtkXml, node: Element, options: LoadOptions) -> _Part:
     ghosts = next((array.read().ravel() for array in cells if array.name == _MARKS[0]), None)
     if ghosts is not None:
         mesh = mesh.only(ghosts[mesh.kept] & _TWICE == 0)
-    every = [[array for array in arrays if array.name not in _MARKS] for arrays in (points, cells)]
-    choice = select_arrays(*every, options)
+    points, cells = ([array for array in arrays if array.name not in _MARKS] for arrays in (points, cells))
+    choice = select_arrays(points, cells, options)
     values, vectors = choice.samples[0, 0], None if choice.vectors is None else choice.vectors[0, 0]
     if choice.of_cells:
         values, vectors = values[mesh.kept], None if vectors is None else vectors[mesh.kept]
