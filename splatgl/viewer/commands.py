@@ -72,12 +72,16 @@ Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 @dataclass(frozen=True)
 class Command:
-    """id: its name in key files; title: its help text; keys: the default ones."""
+    """id: its name in key files; title: its help text; keys: the default ones; row: the help's text for commands alike
+    that share a row of it; menu: of MENUS.
+    """
 
     id: str
     title: str
     keys: tuple[str, ...]
     run: Run
+    row: str = ""
+    menu: str = ""
 
     def __call__(self, state: State, document: Document) -> tuple[State, tuple[Effect, ...]]:
         """The next state, and what the window has to do."""
@@ -394,85 +398,142 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
     return replace(state, turning=False, playing=False), Request.CANCEL
 
 
-COMMANDS = (
-    Command("reset", "back to the first view", ("r", "home"), _reset),
-    Command("isometric", "isometric view", ("v", "9"), _view("isometric")),
-    Command("front", "view from the front, Anterior, along +Y", ("1",), _view("front")),
-    Command("back", "view from the back, Posterior, along -Y", ("ctrl+1",), _view("back")),
-    Command("right", "view from the right, along -X", ("3",), _view("right")),
-    Command("left", "view from the left, along +X", ("ctrl+3",), _view("left")),
-    Command("top", "view from the top, Superior, along -Z", ("7",), _view("top")),
-    Command("bottom", "view from the bottom, Inferior, along +Z", ("ctrl+7",), _view("bottom")),
-    Command("projection", "perspective or orthographic", ("p", "5"), _projection),
-    Command("blend", "next blend mode", ("b",), _cycle("blend")),
-    Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
-    Command("align", "next alignment of the splats", ("g",), _cycle("align")),
-    Command("motion", "next kind of motion blur, while turning", ("m",), _blur),
-    Command("beyond", "the z_k plane, and what lies beyond it", ("k",), _show_zk),
-    Command(
-        *("attenuation", "next form of attenuation beyond z_k", ("w",)),
-        _cycle("attenuation", ", in composite, beyond z_k"),
+VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
+FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
+
+
+def _view_command(view: str, key: str) -> Command:
+    name = "" if ANATOMY[view].lower() == view else f", {ANATOMY[view]}"
+    row = BACKS if "ctrl" in key else FRONTS
+    return Command(view, f"view from the {view}{name}, along {ALONG[view]}", (key,), _view(view), row)
+
+
+# the window's menus, and the groups of its help
+MENUS: dict[str, tuple[Command, ...]] = {
+    "File": (
+        Command("open", "open files", ("ctrl+o",), _request(Open())),
+        Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(Request.SAVE_AS)),
+        Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(Request.SAVE_PICTURE)),
+        Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(Request.SAVE_SCENE)),
+        Command("copy-command", "copy the picture as a command", (), _request(Copy.COMMAND)),
+        Command("copy-python", "copy the picture as Python", (), _request(Copy.PYTHON)),
+        Command("copy-scene", "copy the picture as a scene file", (), _request(Copy.SCENE)),
+        Command("quit", "quit", ("q", "ctrl+q"), _request(Request.QUIT)),
     ),
-    Command("compositing", "composite single splats, or sheets of them", ("o",), _cycle("compositing")),
-    Command("classification", "classify before reconstruction, or after", ("c",), _cycle("classification")),
-    Command("compare", "float64 reference beside it, or the difference", ("d",), _compare),
-    Command("opacity-down", "less opaque", ("[",), _opacity(1 / OPACITY_STEP)),
-    Command("opacity-up", "more opaque", ("]",), _opacity(OPACITY_STEP)),
-    Command("threshold-down", "lower threshold: keep more voxels", (",",), _threshold(1 / THRESHOLD_STEP)),
-    Command("threshold-up", "higher threshold: keep fewer voxels", (".",), _threshold(THRESHOLD_STEP)),
-    Command("segments-show", "show all segments", (), _segments(True)),
-    Command("segments-hide", "hide all segments", (), _segments(False)),
-    Command("turn-left", "turn the view to the left", ("left",), _move(lambda pose, up: pose.spun(-TURN, up))),
-    Command("turn-right", "turn the view to the right", ("right",), _move(lambda pose, up: pose.spun(TURN, up))),
-    Command("turn-up", "look from higher", ("up",), _move(lambda pose, up: pose.lifted(TURN))),
-    Command("turn-down", "look from lower", ("down",), _move(lambda pose, up: pose.lifted(-TURN))),
-    Command("zoom-in", "nearer", ("+", "="), _zoom(NOTCH)),
-    Command("zoom-out", "farther", ("-",), _zoom(1 / NOTCH)),
-    Command("roll-left", "roll to the left", ("page_up",), _move(lambda pose, up: pose.tipped(-ROLL))),
-    Command("roll-right", "roll to the right", ("page_down",), _move(lambda pose, up: pose.tipped(ROLL))),
-    Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
-    Command("handles", "handles of the cutting box and planes", ("x",), _handles),
-    Command("cuts", "cuts on or off", ("shift+x",), _cuts),
-    Command("plane", "cut by another plane, which faces you", ("ctrl+x",), _plane),
-    Command("uncut", "remove all cuts", ("delete",), _uncut),
-    Command("turn", "turn on its own, or stop", ("space",), _toggle("turning")),
-    Command("play", "play a time series, or stop", ("enter",), _play),
-    Command("earlier", "the time point before", ("<",), _time(-1)),
-    Command("later", "the next time point", (">",), _time(1)),
-    Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(Request.SAVE_PICTURE)),
-    Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(Request.SAVE_SCENE)),
-    Command("open", "open files", ("ctrl+o",), _request(Open())),
-    Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(Request.SAVE_AS)),
-    Command("copy-command", "copy the picture as a command", (), _request(Copy.COMMAND)),
-    Command("copy-python", "copy the picture as Python", (), _request(Copy.PYTHON)),
-    Command("copy-scene", "copy the picture as a scene file", (), _request(Copy.SCENE)),
-    Command("undo", "undo the last change", ("ctrl+z",), _request(Request.UNDO)),
-    Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(Request.REDO)),
-    Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations),
-    *(
-        Command(row.name, row.title, (row.key,), _annotation(row))
-        for row in ANNOTATIONS.values()
-        if row.key and not row.default
+    "Edit": (
+        Command("undo", "undo the last change", ("ctrl+z",), _request(Request.UNDO)),
+        Command("redo", "redo what was undone", ("ctrl+shift+z", "ctrl+y"), _request(Request.REDO)),
+        Command("handles", "handles of the cutting box and planes", ("x",), _handles),
+        Command("cuts", "cuts on or off", ("shift+x",), _cuts),
+        Command("plane", "cut by another plane, which faces you", ("ctrl+x",), _plane),
+        Command("uncut", "remove all cuts", ("delete",), _uncut),
+        Command("segments-show", "show all segments", (), _segments(True)),
+        Command("segments-hide", "hide all segments", (), _segments(False)),
     ),
-    Command("probe", "the value under the cursor", ("y",), _probe),
-    Command("measure", "distance between two points: click on them", ("e",), _measure),
-    Command("slices", "three slices: the wheel and clicks move them", ("z",), _slices),
-    Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors),
-    Command("light", "next light: head, matte, glossy, flat", ("l",), _light),
-    Command("fullscreen", "fullscreen", ("f11", "f"), _toggle("fullscreen")),
-    Command("hud", "what is drawn and how: short, full, or off", ("i",), _hud),
-    Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
-    Command("theme", "dark or light panel", (), _theme),
-    Command("ground", "next ground: black, white, checks, grey, blue", ("n",), _ground),
-    Command("palette", "find a command", ("ctrl+p",), _request(Request.PALETTE)),
-    Command("help", "all keys", ("?", "f1"), _toggle("help")),
-    Command("close", "close what is open; stop what goes on", ("escape",), _close),
-    Command("quit", "quit", ("q", "ctrl+q"), _request(Request.QUIT)),
-)
+    "View": (
+        Command("reset", "back to the first view", ("r", "home"), _reset),
+        Command("isometric", "isometric view", ("v", "9"), _view("isometric")),
+        *(_view_command(view, key) for view, key in VIEW_KEYS.items()),
+        Command("projection", "perspective or orthographic", ("p", "5"), _projection),
+        Command(
+            "turn-left",
+            "turn the view to the left",
+            ("left",),
+            _move(lambda pose, up: pose.spun(-TURN, up)),
+            "turn the view",
+        ),
+        Command(
+            "turn-right",
+            "turn the view to the right",
+            ("right",),
+            _move(lambda pose, up: pose.spun(TURN, up)),
+            "turn the view",
+        ),
+        Command("turn-up", "look from higher", ("up",), _move(lambda pose, up: pose.lifted(TURN)), "turn the view"),
+        Command("turn-down", "look from lower", ("down",), _move(lambda pose, up: pose.lifted(-TURN)), "turn the view"),
+        Command("zoom-in", "nearer", ("+", "="), _zoom(NOTCH), "nearer, farther"),
+        Command("zoom-out", "farther", ("-",), _zoom(1 / NOTCH), "nearer, farther"),
+        Command(
+            "roll-left",
+            "roll to the left",
+            ("page_up",),
+            _move(lambda pose, up: pose.tipped(-ROLL)),
+            "roll to the left, right",
+        ),
+        Command(
+            "roll-right",
+            "roll to the right",
+            ("page_down",),
+            _move(lambda pose, up: pose.tipped(ROLL)),
+            "roll to the left, right",
+        ),
+        Command("turn", "turn on its own, or stop", ("space",), _toggle("turning")),
+        Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
+        Command("ground", "next background", ("n",), _ground),
+        Command("fullscreen", "fullscreen", ("f11", "f"), _toggle("fullscreen")),
+        Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
+        Command("theme", "dark or light panel", (), _theme),
+        Command("hud", "what is drawn and how: short, full, or off", ("i",), _hud),
+    ),
+    "Picture": (
+        Command("blend", "next blend mode", ("b",), _cycle("blend")),
+        Command("light", "next light: head, matte, glossy, flat", ("l",), _light),
+        Command("opacity-down", "less opaque", ("[",), _opacity(1 / OPACITY_STEP), "less, more opaque"),
+        Command("opacity-up", "more opaque", ("]",), _opacity(OPACITY_STEP), "less, more opaque"),
+        Command(
+            "threshold-down",
+            "lower threshold: keep more voxels",
+            (",",),
+            _threshold(1 / THRESHOLD_STEP),
+            "keep more, fewer voxels",
+        ),
+        Command(
+            "threshold-up",
+            "higher threshold: keep fewer voxels",
+            (".",),
+            _threshold(THRESHOLD_STEP),
+            "keep more, fewer voxels",
+        ),
+        Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations),
+        *(
+            Command(row.name, row.title, (row.key,), _annotation(row))
+            for row in ANNOTATIONS.values()
+            if row.key and not row.default
+        ),
+        Command("compare", "float64 reference, or the difference to it", ("d",), _compare),
+        Command("motion", "next kind of motion blur, while turning", ("m",), _blur),
+        Command("classification", "classify before reconstruction, or after", ("c",), _cycle("classification")),
+        Command("compositing", "composite single splats, or sheets of them", ("o",), _cycle("compositing")),
+        Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
+        Command("align", "next alignment of the splats", ("g",), _cycle("align")),
+        Command(
+            "attenuation",
+            "next form of attenuation beyond z_k",
+            ("w",),
+            _cycle("attenuation", ", in composite, beyond z_k"),
+        ),
+        Command("beyond", "the z_k plane, and what lies beyond it", ("k",), _show_zk),
+    ),
+    "Tools": (
+        Command("probe", "the value under the cursor", ("y",), _probe),
+        Command("measure", "distance between two clicked points", ("e",), _measure),
+        Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
+        Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors),
+        Command("play", "play a time series, or stop", ("enter",), _play),
+        Command("earlier", "the time point before", ("<",), _time(-1), "the time point before, after"),
+        Command("later", "the next time point", (">",), _time(1), "the time point before, after"),
+    ),
+    "Help": (
+        Command("palette", "find a command", ("ctrl+p",), _request(Request.PALETTE)),
+        Command("help", "all keys", ("?", "f1"), _toggle("help")),
+        Command("close", "close what is open; stop what goes on", ("escape",), _close),
+    ),
+}
+COMMANDS = tuple(replace(command, menu=menu) for menu, commands in MENUS.items() for command in commands)
 MOUSE = (
     ("left drag", "turn"),
     ("shift, ctrl+left drag", "pan, roll"),
     ("wheel, right drag", "zoom to the cursor"),
     ("double click", "turn about the point under the cursor"),
-    ("drop a file", "open it; several: a series; a mesh: over it"),
+    ("drop a file", "open it; several: a series; a mesh: add it"),
 )

@@ -180,7 +180,7 @@ COLORS: dict[str, tuple[tuple[float, float, float], ...]] = {
 }
 # what each of these colours is for, by opacity: the accent is that of grabs and of hovered or pressed widgets
 USES: tuple[dict[float, tuple[str, ...]], ...] = (
-    {1.0: ("window_bg", "title_bg", "title_bg_active", "title_bg_collapsed", "menu_bar_bg"), 0.98: ("popup_bg",)},
+    {1.0: ("window_bg", "title_bg", "title_bg_active", "title_bg_collapsed", "menu_bar_bg", "popup_bg")},
     {1.0: ("frame_bg", "button", "scrollbar_grab", "tab", "checkbox_selected_bg"), 0.0: ("header", "scrollbar_bg")},
     {1.0: ("border", "separator", "frame_bg_hovered"), 0.5: ("header_hovered", "table_row_bg_alt")},
     {1.0: ("text",), 0.5: ("text_disabled",)},

@@ -74,8 +74,15 @@ def chord(name: str, modifiers: Iterable[str]) -> str:
 
 
 def help_rows(commands: Iterable[Command]) -> list[tuple[str, str]]:
-    """Keys and title of each command that has keys, then the moves of the mouse."""
-    return [*((", ".join(command.keys), command.title) for command in commands if command.keys), *MOUSE]
+    """Keys and title of each command that has keys, below the names of their menus, then the moves of the mouse."""
+    rows: dict[str, dict[str, list[str]]] = {}
+    for command in commands:
+        if command.keys:
+            rows.setdefault(command.menu, {}).setdefault(command.row or command.title, []).extend(command.keys)
+    table = [*rows.items(), ("Mouse", {text: [move] for move, text in MOUSE})]
+    return [
+        row for name, texts in table for row in ((name.upper(), ""), *((", ".join(k), t) for t, k in texts.items()))
+    ]
 
 
 def list_bindings(commands: Iterable[Command]) -> str:

@@ -95,8 +95,9 @@ class Panel:
         imgui.set_next_window_bg_alpha(1.0 if docked else 0.95)
         flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize
         flags |= imgui.WindowFlags_.no_title_bar if docked else imgui.WindowFlags_.always_auto_resize
-        shown, _ = imgui.begin("splatgl", None, flags)
+        shown, _ = imgui.begin("splatgl", None, flags | imgui.WindowFlags_.menu_bar)
         if shown:
+            state = panel_sections.draw_menus(state, document, self.widgets)
             if state.times > 1:
                 state = _time(state)
             if imgui.collapsing_header("Files"):

@@ -81,6 +81,21 @@ class CommandWidgets:
         return self.run(name, state, document) if clicked else state
 
 
+def draw_menus(state: State, document: Document, widgets: CommandWidgets) -> State:
+    """The menu bar, with all commands and their first keys; returns the state after the chosen one."""
+    if not imgui.begin_menu_bar():
+        return state
+    for name in dict.fromkeys(command.menu for command in widgets.commands.values()):
+        if imgui.begin_menu(name):
+            for command in widgets.commands.values():
+                title = command.title[0].upper() + command.title[1:]
+                if command.menu == name and imgui.menu_item(title, ", ".join(command.keys[:1]), False)[0]:
+                    state = widgets.run(command.id, state, document)
+            imgui.end_menu()
+    imgui.end_menu_bar()
+    return state
+
+
 def draw_files(state: State, document: Document, widgets: CommandWidgets, recent: Sequence[str]) -> State:
     """Buttons of file dialogs, and the recent files, paths."""
     tip = "A volume or a scene; several files are a time series"
