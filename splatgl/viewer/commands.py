@@ -469,7 +469,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         ),
         Command("turn", "turn on its own, or stop", ("space",), _toggle("turning")),
         Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
-        Command("ground", "next background", ("n",), _ground),
+        Command("ground", "another background", ("n",), _ground),
         Command("fullscreen", "fullscreen", ("f11", "f"), _toggle("fullscreen")),
         Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
         Command("theme", "dark or light panel", (), _theme),

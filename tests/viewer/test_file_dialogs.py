@@ -19,7 +19,7 @@ from tests.helpers.window import MISSING, Window, pointed
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 WITH_GUI = "needs the extra gui: pip install splatgl[gui]"
 # places in a window of 600 × 450 pixels: the section Files, the second file of it; in the dialog, the fifth row
-SECTION, SECOND, ROW = (400, 46), (300, 138), (92, 159)
+SECTION, SECOND, ROW = (400, 66), (300, 158), (92, 159)
 
 
 def test_recent_files_are_kept(tmp_path: Path) -> None:

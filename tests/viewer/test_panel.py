@@ -12,7 +12,7 @@ from tests.helpers.window import MISSING, Window, pointed
 
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 # places in a window of 600 × 450 pixels: the fields of the extinction and of the threshold, and a list
-EXTINCTION, THRESHOLD, COLORS = (463, 406), (400, 431), (450, 331)
+EXTINCTION, THRESHOLD, COLORS = (463, 426), (400, 451), (450, 351)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def shared_panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
     folder = tmp_path_factory.mktemp("panel")
     np.save(folder / "blob.npy", blob().samples)
-    window = Window(folder / "blob.npy", folder, size=(600, 450), panel=True)
+    window = Window(folder / "blob.npy", folder, size=(600, 480), panel=True)
     yield window
     window.end()
 

@@ -154,10 +154,10 @@ def test_the_list_hides_and_centres(folder: Path) -> None:
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
     window = Window(folder / "seg.nrrd", folder, size=(600, 450), panel=True)
     before = window.ask("look")
-    pointed(window, 282, 146)
+    pointed(window, 282, 166)
     window.hands("click", 1)
     assert window.ask("settle")["hidden"] == [1, 3]
-    pointed(window, 360, 171)
+    pointed(window, 360, 191)
     window.hands("click", 1)
     told = window.ask("settle")
     assert not np.allclose(told["eye"], before["eye"]) and told["axes"] == before["axes"]

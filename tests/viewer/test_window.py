@@ -650,7 +650,7 @@ def far(window: Window) -> Told:
 
 
 # left and right ends of the slider of time points, and its height, in a window 600 pixels wide
-SLIDER = 364, 564, 46
+SLIDER = 364, 564, 66
 # left end of the panel, in a window 600 pixels wide, and the axis of opacities
 LEFT, AXIS = 276, (-0.05, 1.05)
 
