@@ -219,8 +219,8 @@ def test_remapping(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"turn": "b"}, "key b: expected one action, got blend and turn"),
-        ({"spin": "x"}, "bindings: expected actions reset"),
+        ({"turn": "b"}, "key b: expected one action, got turn and blend"),
+        ({"spin": "x"}, "bindings: expected actions open, save-as"),
         ({"turn": "hyper+x"}, "bindings: turn: expected a key, got 'hyper"),
         ({"turn": "xy"}, "bindings: turn: expected a key"),
         ({"turn": 3}, "bindings: turn: expected a key or a list of keys, got 3"),
