@@ -5,7 +5,7 @@ scripts/keywords.py writes this file from the declared options.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypedDict
 
@@ -169,7 +169,7 @@ class AnimateKeywords(RenderKeywords, total=False):
     turntable: float | None
     spin: float | None
     axis: Numbers | None
-    keyframes: str | None
+    keyframes: str | Mapping[str, Any] | None
     hold: int
     flow: float | None
     fps: float | None

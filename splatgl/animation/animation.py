@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count, groupby
@@ -101,9 +101,9 @@ class Timeline:
     axis: tuple[float, float, float] | None = _option(
         None, Kind.numbers(3, "X,Y,Z"), "axis of rotation through the centre (default: up)"
     )
-    keyframes: str | None = _option(
+    keyframes: str | Mapping[str, Any] | None = _option(
         None,
-        Kind.instance("the name of a file", str, metavar="FILE.toml"),
+        replace(Kind.instance("the name of a file", str, Mapping, metavar="FILE.toml"), hint="str | Mapping[str, Any]"),
         "views of some frames; the frames between are interpolated",
     )
     hold: int = _option(1, _COUNT, "frames for each volume of a series (default 1)")
@@ -307,7 +307,7 @@ def _track(scene: OpenScene, subject: Bounded, timeline: Timeline, series: int) 
     view, volume = scene.file.view, scene.volume
     count = timeline.frames or (series * timeline.hold if series else FRAMES)
     if timeline.keyframes:
-        track = keyframes(Path(timeline.keyframes), view, volume, subject)
+        track = keyframes(timeline.keyframes, view, volume, subject)
         return track, timeline.frames or track.last + 1
     axis = None if timeline.axis is None else np.array(timeline.axis)
     turns = turning(view, volume, subject, timeline.degrees(count, series > 1), axis)

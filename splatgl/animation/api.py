@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.animation.animation import Animation, Frames, Timeline
 from splatgl.animation.movie import need, volumes, write_movie
-from splatgl.errors import expected
+from splatgl.errors import error_prefix, expected
 from splatgl.fileio import check_source
+from splatgl.options import is_number, non_default
 from splatgl.scene.api import is_scene, is_splats, scene_of
+from splatgl.scene.scene_file import TRACK, SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
@@ -39,9 +41,10 @@ def animate(
     the time points of a file. output: frames/{frame:04d}.png or .npy, or a name that ends in .mp4, .webm or .gif.
     transfer, settings: as of `render`.
     options: those of `render`, and frames (their number), turntable (total angle in degrees, 360 by default), spin
-    (degrees a frame), axis, keyframes (a file), hold (frames for each volume of a series), flow, only (the first and
-    the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist). Without a background PNGs and movies
-    have the default one. Raises InputError as `render`, and for options that do not go together.
+    (degrees a frame), axis, keyframes (a file or its table), hold (frames for each volume of a series), flow, only (the
+    first and the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist); they replace those of a
+    scene file. Without a background PNGs and movies have the default one. Raises InputError as `render`, and for
+    options that do not go together.
 
     ```python
     sg.animate("head.nii.gz", "turn.gif", frames=8, size=64)
@@ -58,8 +61,8 @@ def animate(
     if bits not in (8, 16):
         raise expected("bits", "8 or 16", repr(bits))
     check_fps(fps, "fps")
-    timeline = Timeline(**given)
     scenes = [scene_of(item, transfer, None, settings, rest)[0] for item in items]
+    timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
     has_default = "background" not in scenes[0].settings.given and Path(output).suffix.lower() != ".npy"
     scenes = [replace(scene, auto_background=has_default) for scene in scenes]
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
@@ -75,6 +78,22 @@ def animate(
     return [frames.movie] if frames.movie else [frames.path(n) for n in animation.numbers]
 
 
+def timeline_of(scene: SceneFile, given: Timeline, fps: float | None) -> tuple[Timeline, float | None]:
+    """The timeline and the frames per second of a scene's table [animation], which what is given replaces."""
+    table, named = dict(scene.animation), non_default(given)
+    track = {name: table.pop(name) for name in TRACK if name in table}
+    if "keyframe" in track:
+        table["keyframes"] = track
+    if MOTIONS & set(named):
+        table = {name: value for name, value in table.items() if name not in MOTIONS}
+    with error_prefix("[animation]"):
+        rate = table.pop("fps", None)
+        check_fps(rate, "fps")
+        return Timeline(**{**table, **named}), fps if fps is not None else rate
+
+
+# options that say how the camera or the volume moves
+MOTIONS = {"turntable", "spin", "keyframes"}
 # options of `animate` that are not those of `render`
 OWN = (*(item.name for item in fields(Timeline)), "fps", "bits", "resume")
 
@@ -104,7 +123,7 @@ def write_animation(
 
 def check_fps(fps: float | None, name: str) -> None:
     """Raises InputError for frames per second that no movie has."""
-    if fps is not None and not (isinstance(fps, int | float) and MIN_FPS <= fps <= MAX_FPS):
+    if fps is not None and not (is_number(fps) and MIN_FPS <= fps <= MAX_FPS):
         raise expected(name, f"a number from {MIN_FPS:g} to {MAX_FPS:g}", fps)
 
 

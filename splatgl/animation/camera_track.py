@@ -1,6 +1,7 @@
 """Camera tracks of an animation: a rotating volume, or keyframes.
 
     ease = "smooth"                 # or "linear"
+    path = "straight"               # or "orbit"
     [[keyframe]]
     frame = 0
     azimuth = 0                     # any number of a scene's [camera]: azimuth, elevation, zoom, fov,
@@ -9,7 +10,8 @@
     frame = 120
     azimuth = 360
 
-Each key is interpolated independently between its keyframes, and constant before and after them.
+Each key is interpolated independently between its keyframes, and constant before and after them; along an orbit, eye,
+look_at and up are joined to a rotation about look_at and a distance from it.
 """
 
 from __future__ import annotations
@@ -29,11 +31,13 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.motion import Motion
 
-EASES = ("smooth", "linear")
+EASES, PATHS = ("smooth", "linear"), ("straight", "orbit")
 # camera keys that are not interpolated
 FIXED = ("size", "orthographic")
 # keys interpolated geometrically
-RATIOS = ("zoom", "height")
+RATIOS = ("zoom", "height", "distance")
+# keys that an orbit joins
+ORBIT = ("eye", "look_at", "up")
 # slices along the axis, and points around it, that approximate the swept volume
 SLICES, AROUND = 32, 48
 
@@ -68,7 +72,9 @@ class Turning:
 
 @dataclass(frozen=True)
 class Keyframes:
-    """Interpolated views. keys: name → frames [K] ascending and values [K, 1 or 3]."""
+    """Interpolated views. keys: name → frames [K] ascending and values [K, n]; of an orbit, distance [K, 1] and
+    rotation [K, 4], unit quaternions, in place of eye and up.
+    """
 
     keys: Mapping[str, tuple[np.ndarray, np.ndarray]]
     smooth: bool
@@ -83,7 +89,11 @@ class Keyframes:
             logs = np.log(points) if name in RATIOS else points
             at = between(frames, logs, float(frame), self.smooth)
             at = np.exp(at) if name in RATIOS else at
-            values[name] = tuple(at.tolist()) if len(at) == 3 else float(at[0])
+            values[name] = float(at[0]) if len(at) == 1 else tuple(at.tolist())
+        if "rotation" in values:
+            axes = _axes_of(np.array(values.pop("rotation")))
+            eye, up = np.array(values["look_at"]) - values.pop("distance") * axes[2], -axes[1]
+            values |= {"eye": tuple(eye.tolist()), "up": tuple(up.tolist())}
         return replace(self.view, **values).camera(self.volume, self.subject)
 
     def motion(self, frame: int) -> Motion:
@@ -109,16 +119,17 @@ def turning(
     return Turning(view.camera(volume, swept), Motion(spin=up / length * degrees, center=center))
 
 
-def keyframes(path: Path, view: ViewOptions, volume: Volume, subject: Bounded) -> Keyframes:
-    """The track in a TOML file. Raises InputError for an invalid file."""
-    table = load_table(path, "keyframes")
-    unknown = set(table) - {"ease", "keyframe"}
+def keyframes(source: str | Mapping[str, Any], view: ViewOptions, volume: Volume, subject: Bounded) -> Keyframes:
+    """The track in a TOML file, or in its table. Raises InputError for an invalid one."""
+    path, table = (source, load_table(Path(source), "keyframes")) if isinstance(source, str) else ("keyframes", source)
+    unknown = set(table) - {"ease", "path", "keyframe"}
     if unknown:
-        raise expected(path, "keys ease, keyframe", ", ".join(sorted(unknown)))
-    ease, rows = table.get("ease", EASES[0]), table.get("keyframe", [])
-    if ease not in EASES:
-        raise expected(f"{path}: ease", " or ".join(EASES), repr(ease)[:80])
-    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise expected(path, "keys ease, path, keyframe", ", ".join(sorted(unknown)))
+    ease, shape, rows = table.get("ease", EASES[0]), table.get("path", PATHS[0]), table.get("keyframe", [])
+    for name, value, known in (("ease", ease, EASES), ("path", shape, PATHS)):
+        if value not in known:
+            raise expected(f"{path}: {name}", " or ".join(known), repr(value)[:80])
+    if not isinstance(rows, list | tuple) or not rows or not all(isinstance(row, Mapping) for row in rows):
         raise expected(path, "at least one [[keyframe]]", repr(rows)[:80])
     places: dict[str, list[tuple[int, Any]]] = {}
     for number, row in enumerate(rows):
@@ -133,6 +144,7 @@ def keyframes(path: Path, view: ViewOptions, volume: Volume, subject: Bounded) -
     if not places:
         raise expected(path, "keyframes that say where the camera is", "none")
     keys = {n: (np.array([f for f, _ in p], float), np.array([v for _, v in p])) for n, p in places.items()}
+    keys = _joined(path, keys) if shape == "orbit" else keys
     up = np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
     swept = Swept.of(subject, up / np.linalg.norm(up))
     track = Keyframes(keys, ease == "smooth", view, volume, swept)
@@ -155,7 +167,44 @@ def _row(what: str, row: Mapping[str, Any]) -> dict[str, list[float]]:
     return values
 
 
-def _check(path: Path, track: Keyframes) -> None:
+def _joined(path: str, keys: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The keys of an orbit. Raises InputError unless eye, look_at and up are in the same keyframes."""
+    frames = [keys[name][0].tolist() if name in keys else [] for name in ORBIT]
+    if not frames[0] == frames[1] == frames[2]:
+        raise expected(f"{path}: path orbit", "eye, look_at and up together", "some without the others")
+    eyes, targets, ups = (keys[name][1].astype(np.float64) for name in ORBIT)
+    distance = np.linalg.norm(targets - eyes, axis=1, keepdims=True)
+    across = np.cross(targets - eyes, ups)
+    width = np.linalg.norm(across, axis=1, keepdims=True)
+    if not (distance > 0).all() or not (width > 0).all():
+        raise expected(f"{path}: path orbit", "eyes away from look_at, and up across", "the same point or direction")
+    forward, right = (targets - eyes) / distance, across / width
+    turns = [_quaternion_of(np.array(axes)) for axes in zip(right, np.cross(forward, right), forward, strict=True)]
+    for number in range(1, len(turns)):
+        # the nearer of both quaternions of a rotation
+        turns[number] *= 1.0 if float(turns[number - 1] @ turns[number]) >= 0 else -1.0
+    at, rest = keys["eye"][0], {name: value for name, value in keys.items() if name not in ORBIT}
+    return {**rest, "look_at": (at, targets), "distance": (at, distance), "rotation": (at, np.array(turns))}
+
+
+def _quaternion_of(axes: np.ndarray) -> np.ndarray:
+    """The unit quaternion (x, y, z, w) of a rotation [3, 3].  [Bar-Itzhack 2000]"""
+    k = np.zeros((4, 4))
+    k[:3, :3] = axes + axes.T - np.trace(axes) * np.eye(3)
+    k[3, :3] = k[:3, 3] = axes[2, 1] - axes[1, 2], axes[0, 2] - axes[2, 0], axes[1, 0] - axes[0, 1]
+    k[3, 3] = np.trace(axes)
+    return np.asarray(np.linalg.eigh(k)[1][:, -1])
+
+
+def _axes_of(quaternion: np.ndarray) -> np.ndarray:
+    """The rotation [3, 3] of a quaternion (x, y, z, w) of any length."""
+    *vector, w = quaternion / np.linalg.norm(quaternion)
+    x, y, z = vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
+
+
+def _check(path: str, track: Keyframes) -> None:
     """Checks that every frame has a valid camera, before the first is rendered."""
     for frame in range(track.last + 1):
         try:

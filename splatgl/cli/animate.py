@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
-from splatgl.animation.api import FPS, SHORTEST, check_fps, write_animation
+from splatgl.animation.api import FPS, SHORTEST, check_fps, timeline_of, write_animation
 from splatgl.animation.movie import volumes
 from splatgl.cli.options import (
     add_drawing,
@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if args.shutter is not None and scene.settings.motion == "auto":
         # the default shutter, too, asks for blur
         scene = replace(scene, settings=scene.settings.but(motion="moments"))
+    timeline, fps = timeline_of(scene, timeline, args.fps)
     scenes = volumes(for_output(scene, Path(args.output)), args.more)
     animation = Animation.of(scenes, timeline, args.time, args.bits, args.quiet)
 
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
             draw_frames(client, animation, frames, todo, drawing_of(args), args.quiet)
 
-    frames, existing = write_animation(animation, args.output, draw, args.fps, args.resume)
+    frames, existing = write_animation(animation, args.output, draw, fps, args.resume)
     if not args.quiet:
         wanted = animation.numbers
         resumed = f", {existing} of them existed" if existing else ""

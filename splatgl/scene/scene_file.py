@@ -8,6 +8,7 @@ annotate = ["scale", "title=A"] # as --annotate
 [transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
+[animation]                     # turntable, spin, axis, frames, hold, fps | ease, path, [[animation.keyframe]]
 [[mesh]]                        # file, color, opacity, radius, visible
 [vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
 surfaces = 0.5                  # segmentations as surfaces, with this strength of smoothing
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
 
 # types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
-    **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors")},
+    **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors", "animation")},
     **{name: list for name in ("layer", "mesh", "annotate")},
     "volume": str,
 }
@@ -63,6 +64,9 @@ TABLES: dict[str, type] = {
 CHANNEL_KEYS = ("color_of", "window_of")
 # keys of a transfer function that labels do not have
 AMOUNT_KEYS = frozenset(("points", "colormap", "window", "scale", "gradient"))
+# keys of the animation; those of keyframes
+TRACK = ("ease", "path", "keyframe")
+ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
 PLAIN = ("threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces")
@@ -144,7 +148,8 @@ class SceneFile:
     """Description of a picture: files and options. A layer whose clip, mask or surfaces is None takes the scene's.
 
     volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
-    their views and settings are ignored. annotate: names as for --annotate.
+    their views and settings are ignored. annotate: names as for --annotate. animation: how movies move, by the keys
+    ANIMATION.
     auto_background: whether pictures have the background that suits their transfer function.
     """
 
@@ -214,6 +219,7 @@ class SceneFile:
         level="basic",
     )
     vectors: Vectors = field(default_factory=Vectors)
+    animation: Mapping[str, Any] = field(default_factory=dict)
     held: Volume | None = None
     auto_background: bool = False
 
@@ -250,9 +256,10 @@ class SceneFile:
         with error_prefix(f"{path} [vectors]"):
             refuse_unknown("vectors", vector_keys, declared(Vectors))
             vectors = Vectors(**vector_keys)
-        scene = replace(
-            scene, view=view, settings=settings, layers=tuple(layers), meshes=tuple(meshes), vectors=vectors
-        )
+        animation = table.get("animation", {})
+        refuse_unknown(f"{path} [animation]", animation, ANIMATION)
+        parts = {"layers": tuple(layers), "meshes": tuple(meshes), "vectors": vectors, "animation": animation}
+        scene = replace(scene, view=view, settings=settings, **parts)
         return scene.with_paths(lambda file: str(path.parent / file))
 
     @classmethod
@@ -352,7 +359,10 @@ class SceneFile:
         scene = self.with_paths(relative)
         camera = {name: getattr(self.view, name) for name in declared(self.view) if name in non_default(self.view)}
         tables = {"camera": {**camera, "size": self.view.size}, "settings": self.settings.given}
-        lines = scene._lines("", {**tables, "vectors": non_default(self.vectors)})
+        animation = {name: value for name, value in self.animation.items() if name != "keyframe"}
+        lines = scene._lines("", {**tables, "vectors": non_default(self.vectors), "animation": animation})
+        for row in self.animation.get("keyframe", ()):
+            lines += ["", "[[animation.keyframe]]", *(f"{name} = {toml_value(name, row[name])}" for name in row)]
         for layer in scene.layers:
             lines += ["", "[[layer]]", *layer._lines("layer.", {})]
         for mesh in scene.meshes:

@@ -22,6 +22,7 @@ from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import FIRST_POINT
+from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
 from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
@@ -41,6 +42,10 @@ class Request(Enum):
     DISCARD = auto()
     PALETTE = auto()
     FORGET_RECENT = auto()
+    RECORD = auto()
+    RECORD_AS = auto()
+    CANCEL_RECORDING = auto()
+    COPY_MOVIE = auto()
 
 
 class Copy(Enum):
@@ -378,6 +383,23 @@ def _play(state: State, document: Document) -> State:
     return replace(state, playing=not state.playing) if state.times > 1 else replace(state, message=ONE_TIME)
 
 
+def _keyframe(state: State, document: Document) -> State:
+    try:
+        movie = stop_preview(state).movie.with_keyframe(state.pose)
+    except InputError as error:
+        return replace(state, message=str(error))
+    return replace(state, movie=movie, message=f"keyframe {len(movie.keyframes)} at {movie.keyframes[-1].time:g} s")
+
+
+def _preview(state: State, document: Document) -> State:
+    if state.preview is not None:
+        return stop_preview(state)
+    try:
+        return replace(state, preview=Preview.of(state, document), turning=False)
+    except InputError as error:
+        return replace(state, message=str(error))
+
+
 def _compare(state: State, document: Document) -> State:
     return replace(state, compare=_next(COMPARE, state.compare), turning=False)
 
@@ -395,7 +417,7 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
         return replace(state, help=False)
     if state.fullscreen:
         return replace(state, fullscreen=False)
-    return replace(state, turning=False, playing=False), Request.CANCEL
+    return replace(stop_preview(state), turning=False, playing=False), Request.CANCEL
 
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
@@ -522,6 +544,12 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("play", "play a time series, or stop", ("enter",), _play),
         Command("earlier", "the time point before", ("<",), _time(-1), "the time point before, after"),
         Command("later", "the next time point", (">",), _time(1), "the time point before, after"),
+        Command("keyframe", "add the view to the movie's keyframes", (), _keyframe),
+        Command("preview", "preview the movie, or stop", (), _preview),
+        Command("record", "record the movie", (), _request(Request.RECORD)),
+        Command("record-as", "record the movie as", (), _request(Request.RECORD_AS)),
+        Command("cancel-recording", "cancel the recording", (), _request(Request.CANCEL_RECORDING)),
+        Command("copy-movie", "copy the movie as a command", (), _request(Request.COPY_MOVIE)),
     ),
     "Help": (
         Command("palette", "find a command", ("ctrl+p",), _request(Request.PALETTE)),

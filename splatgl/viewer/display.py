@@ -22,7 +22,9 @@ from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.input import InputHandler
 from splatgl.viewer.jobs import Extractor, Jobs
 from splatgl.viewer.loading import Files
+from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.overlays import Overlays
+from splatgl.viewer.recorder import Recorder
 from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.remembered import Arrangement, Recent
 from splatgl.viewer.slice_views import SliceTool, column_width
@@ -37,6 +39,8 @@ MOST_FRAMES = 20
 OTHER = "the picture before"
 # purpose of the extra library, for the message where it is missing
 PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
+# commands that a preview goes on at
+PREVIEWS = ("preview", "hud", "panel", "keyframe")
 # topics of messages, which are cleared once the topic is over
 OPENING, READING, EXTRACTING, PICTURE, COUNT = "opening", "reading", "extracting", "picture", "count"
 
@@ -82,6 +86,7 @@ class Display:
             self.slices = SliceTool(wake)
             self.input = InputHandler(self.options.commands, self.slices)
             self.extractor, self.reference, self.overlays = Extractor(wake), Reference(Jobs(wake)), Overlays()
+            self.recorder = Recorder()
             self.painter = FrameRenderer(self.screen, renderer, self.options.commands)
             self.document = document
             self.panel: Any = None
@@ -182,12 +187,16 @@ class Display:
         """Runs the command of a key, if there is one."""
         command = self.input.commands.get(chord)
         if command is not None:
-            self.state, effects = command(self.state, self.document)
+            # its own command ends a preview
+            state = self.state if command.id in PREVIEWS else stop_preview(self.state)
+            self.state, effects = command(state, self.document)
             self.effects += effects
             self.touch()
 
     def mouse(self, event: MouseEvent, pointer: Pointer) -> None:
-        """Passes a mouse event to the tools."""
+        """Passes a mouse event to the tools; any but a move ends a preview."""
+        if event != "move":
+            self.state = stop_preview(self.state)
         self.update(self.input.handle(event, pointer, self.state, self.document, self.view))
         if event == "move" and self.state.probe and not self.input.is_dragging:
             self.refresh()

@@ -32,6 +32,7 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
+from splatgl.viewer.movie_track import Movie
 from splatgl.viewer.segments import style_with_segments
 from splatgl.viewer.stand_in import StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle
@@ -291,6 +292,8 @@ class Document:
         volume = scene.open()
         print_notes(volume, quiet, has_times=True)
         scene = scene.cut(volume)
+        # refuses a bad one
+        Movie.of(scene.animation, volume)
         pairs = _channels(scene, volume, scene.settings, None, folds_opacity=not is_layered(scene, volume))
         for source in scene.layers:
             other = (replace(source, mask=scene.mask) if source.mask is None else source).open()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # programs that show the dialog of a desktop of X or Wayland
 HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
 OPEN, SAVE = "open", "save-as"
-TITLES = {OPEN: "Open a volume or a scene", SAVE: "Save: .toml a scene, .png a picture, .npy its floats"}
+TITLES = {OPEN: "Open a volume or a scene", SAVE: "Save: .toml a scene, .png a picture, .npy floats, .mp4 a movie"}
 
 
 def has_native() -> bool:
@@ -65,7 +65,7 @@ def _native(kind: str, path: Path) -> Any:
     from imgui_bundle import portable_file_dialogs as dialogs
 
     if kind == SAVE:
-        wanted = ["Scene", "*.toml", "Picture", "*.png", "Floats", "*.npy"]
+        wanted = ["Scene", "*.toml", "Picture", "*.png", "Floats", "*.npy", "Movie", "*.mp4 *.webm *.gif"]
         return dialogs.save_file(TITLES[kind], str(path), wanted)
     known = " ".join(f"*{suffix}" for suffix in suffixes())
     wanted = ["Volumes and scenes", known, "All files", "*"]

@@ -61,11 +61,11 @@ class LiveView(Display):
         # quads near the eye may be slow even in portions: deferred until the mouse button is released
         frame = self.painter.frame
         held = self.input.is_dragging and (frame is None or frame.plan.program.technique == "quads")
-        return Moment(self.now() - self.touched, self.state.turning, held, self.document.extracted)
+        return Moment(self.now() - self.touched, self.state.gliding, held, self.document.extracted)
 
     def _draw(self) -> int | None:
         """Renders a preview after changes, or the full-quality frame at rest. Returns its level, if any."""
-        gliding = self.state.turning or (self.input.is_dragging and self._moment().moving)
+        gliding = self.state.gliding or (self.input.is_dragging and self._moment().moving)
         blurs = gliding and self.state.blur != "off"
         self._follow_state(blurs)
         wanted, moment, inputs = self.wanted(), self._moment(), self.inputs
@@ -117,7 +117,9 @@ class LiveView(Display):
 
     def _show(self) -> None:
         """Displays the image, its overlay and the panel if any of them changed."""
+        running = self.recorder.running
         note = self.painter.compared(self.state, self.reference)
+        note = f"recording {running.target.name}: {running.text}" if running else note
         doing = self.busy or self.pending_reason
         if self.painter.write(self.state, self.document, self.window.scale, doing, note):
             self.refresh()
@@ -144,7 +146,7 @@ class LiveView(Display):
         self.screen.mark(self.window.size, self._marks())
         if self.panel is not None and not self.state.help:
             before, panel = self.state, self.panel.panel
-            panel.recent = self.recent.paths
+            panel.recent, panel.widgets.recording = self.recent.paths, self.recorder.running
             self.state = self.panel.frame(self.state, self.document, self.painter.frame)
             effects, panel.widgets.effects = panel.widgets.effects, []
             self.effects += effects

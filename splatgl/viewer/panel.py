@@ -23,6 +23,7 @@ from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.popups import Palette, Unsaved
+from splatgl.viewer.record_section import draw_record
 from splatgl.viewer.segments_panel import SegmentList
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.tool import PANEL
@@ -35,6 +36,7 @@ STRIP = 18.0
 EXTINCTION = (0.01, 100.0)
 # settings with sliders from 0 to 1; those with choices have lists
 STRENGTHS = ("ambient_occlusion", "shadows")
+SECTIONS = {**panel_sections.SECTIONS, "Record": draw_record}
 # settings by section: what scientists look for first, then light, then accuracy and the paper's method
 SETTINGS = {"Rendering": ("blend", "motion", "tolerance"), "Light": ("shading", "light", *STRENGTHS)}
 SETTINGS["Advanced"] = tuple(
@@ -112,7 +114,7 @@ class Panel:
             # a mesh alone has none
             if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"{title}###curve", opened):
                 state = self._look(state, document, edited)
-            for title, draw in panel_sections.SECTIONS.items():
+            for title, draw in SECTIONS.items():
                 if imgui.collapsing_header(title):
                     state = draw(state, document, self.widgets)
             for title, names in SETTINGS.items():

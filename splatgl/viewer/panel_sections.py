@@ -33,6 +33,7 @@ from splatgl.viewer.commands import (
 )
 from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import background_of, plane_color
+from splatgl.viewer.recorder import Recording
 from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, LayerStyle, Ruler, State
 
 # share of the panel's width that labels at the left of widgets take
@@ -50,11 +51,14 @@ def label_left(text: str) -> str:
 
 
 class CommandWidgets:
-    """Buttons and checkboxes that run commands. effects: collected until the window performs them."""
+    """Buttons and checkboxes that run commands. effects: collected until the window performs them. recording: the
+    movie that is being drawn.
+    """
 
     def __init__(self, commands: Iterable[Command]) -> None:
         self.commands = {command.id: command for command in commands}
         self.effects: list[Effect] = []
+        self.recording: Recording | None = None
 
     def run(self, name: str, state: State, document: Document) -> State:
         """The state after a command."""

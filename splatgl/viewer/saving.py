@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.animation.animation import MOVIES
 from splatgl.annotations.annotate import LEAST_SIDE
 from splatgl.annotations.canvas import BLACK, WHITE, Canvas
 from splatgl.data.color import linear_from_srgb
@@ -27,6 +28,7 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.movie_track import Movie
 from splatgl.viewer.overlays import ruler_marks
 from splatgl.viewer.slice_views import slice_outlines
 from splatgl.viewer.state import LayerStyle, State
@@ -102,6 +104,8 @@ def scene_of(state: State, document: Document) -> SceneFile:
     annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
     look = {name: getattr(first_scene, name) for name in ("load", "transfer", "threshold", "opacity", "visible")}
     scene = replace(document.scene, **look, layers=tuple(others), meshes=meshes)
+    if state.movie != Movie.of(scene.animation, document.volume):
+        scene = replace(scene, animation=state.movie.table(document, state.times))
     return replace(scene, view=state.pose.view(), settings=settings, annotate=annotate)
 
 
@@ -192,7 +196,7 @@ def check_target(target: Path) -> Path:
     if not target.name or os.path.isdir(target):
         raise expected(target, "a file's name", "a folder")
     target = target.with_suffix(".toml") if is_scene_name(target) else target
-    check_output(target, (".toml", *SAVED))
+    check_output(target, (".toml", *SAVED, *MOVIES))
     if not os.path.isdir(target.parent):
         raise expected(target.parent, "a folder", "nothing", "make the folder first, or choose another one")
     return target

@@ -17,6 +17,7 @@ from splatgl.splat.clipping import MOST_CLIPS, Plane, check_planes, index_plane
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.settings import Motions, Settings
 from splatgl.splat.transfer import OPAQUE, Transfer
+from splatgl.viewer.movie_track import Movie, Preview
 from splatgl.viewer.trackball import Pose
 
 if TYPE_CHECKING:
@@ -250,6 +251,7 @@ class State:
     key. time: number of the time point of a series of `times`; playing: whether it advances by itself. turntable:
     whether a drag turns about a fixed axis. probe: whether the value under the cursor is shown. ruler: measured
     distance. slices: beside the picture. file_options: arrays and channels that the file offers. theme: of THEMES.
+    movie: what is recorded; preview: plays it.
     """
 
     pose: Pose
@@ -278,6 +280,8 @@ class State:
     slices: Slices = field(default_factory=Slices)
     file_options: tuple[FileOption, ...] = ()
     theme: str = THEMES[0]
+    movie: Movie = field(default_factory=Movie)
+    preview: Preview | None = None
 
     @classmethod
     def of(cls, document: Document, size: tuple[int, int]) -> State:
@@ -285,7 +289,13 @@ class State:
         settings = document.scene.settings
         cuts, annotate = Cuts.of(settings.clip, document.volume), default_annotations(document)
         files = document.mesh_files
-        return cls(document.home(size), settings, document.styles, 0, files, cuts, annotate)
+        movie = Movie.of(document.scene.animation, document.volume)
+        return cls(document.home(size), settings, document.styles, 0, files, cuts, annotate, movie=movie)
+
+    @property
+    def gliding(self) -> bool:
+        """Whether the view moves by itself."""
+        return self.turning or self.preview is not None
 
     @property
     def moving(self) -> Settings:
@@ -329,8 +339,9 @@ def changed_fields(a: State, b: State) -> set[str]:
 # fields that an undo keeps: open parts of the window, and what plays
 PASSING = {"message", "help", "hud", "panel", "turning", "time", "times", "playing", "fullscreen", "probe", "slices"}
 PASSING |= {"file_options", "theme"}
+PASSING |= {"file_options", "preview"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
-EDITS = {"settings", "styles", "mesh_files", "annotate"}
+EDITS = {"settings", "styles", "mesh_files", "annotate", "movie"}
 # largest number of steps
 MAX_STEPS = 200
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.animation.animation import MOVIES
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
 from splatgl.viewer.adaptive_quality import REST, STEP
@@ -22,6 +23,8 @@ from splatgl.viewer.file_dialogs import OPEN, SAVE
 from splatgl.viewer.jobs import Done, Kind
 from splatgl.viewer.live_view import LiveView
 from splatgl.viewer.loading import Loaded, MeshesRead, Opened, Reloaded, TimePoint
+from splatgl.viewer.movie_track import stop_preview
+from splatgl.viewer.recorder import movie_command, movie_scene
 from splatgl.viewer.saving import (
     compose_screenshot,
     copy_text,
@@ -41,6 +44,7 @@ PLAYED = 0.1
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
 UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
+RECORDING = "a movie is recorded; quit again to cancel it"
 TOPICS = {Kind.OPEN: OPENING, Kind.EXTRACT: EXTRACTING}
 
 
@@ -82,6 +86,7 @@ class Viewer(LiveView):
         self.closed = True
         self.remember()
         self.dialogs.close()
+        self.recorder.cancel()
         self.reference.forget()
         self.extractor.wanted = None
         if self.panel is not None:
@@ -92,7 +97,7 @@ class Viewer(LiveView):
         """Seconds to wait for events; a held button defers the full-quality frame."""
         if self.dirty or self.effects:
             return 0.0
-        if self.state.turning:
+        if self.state.gliding:
             return max(0.0, self.ticked + STEP - self.now())
         if self.state.playing and self.files.times and not self.files.jobs.busy:
             return max(0.0, self.played + PLAYED - self.now())
@@ -103,16 +108,26 @@ class Viewer(LiveView):
         return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
 
     def _advance(self) -> None:
-        """Advances rotation and time series; at rest, records a step of the history and frees unused memory."""
+        """Advances rotation, previews, time series and recordings; at rest, records a step of the history and frees
+        unused memory.
+        """
         now, state = self.now(), self.files.check(self.state, self.now())
         if state.turning:
             state = replace(state, pose=state.pose.spun(SPEED * (now - self.ticked), up_direction(self.document)))
+            self.touched = now
+        if state.preview is not None:
+            state = state.preview.show(state, now - self.ticked)
             self.touched = now
         shown = self.files.time == state.time and not self.files.jobs.busy and not self.dirty
         if state.playing and self.files.times and shown and now - self.played >= PLAYED:
             state = replace(state, time=(state.time + 1) % len(self.files.times))
             self.played = now
         self.state, self.ticked = state, now
+        progressed, message = self.recorder.look()
+        if message:
+            self.say(message)
+        elif progressed:
+            self.refresh()
         resting = now - self.touched >= REST and not self.window.held
         if resting and not self.effects:
             self.history.note(state)
@@ -133,6 +148,8 @@ class Viewer(LiveView):
         chosen = self.dialogs.take(self.panel and self.panel.panel.browser)
         if chosen and self.dialogs.kind == OPEN:
             self.drop(chosen)
+        elif chosen and Path(chosen[0]).suffix.lower() in MOVIES:
+            self._record(Path(chosen[0]))
         elif chosen:
             times, path = self.files.times, Path(chosen[0])
             args = self.state, self.document, self.renderer.render, path, self._composed, times
@@ -141,7 +158,7 @@ class Viewer(LiveView):
             self.files.show_time(self.state.time)
         if self.window.closing and Request.QUIT not in effects:
             self._quit()
-        if self.state.message != UNSAVED:
+        if self.state.message not in (UNSAVED, RECORDING):
             self.warned = False
 
     def _perform_one(self, effect: Effect) -> None:
@@ -172,6 +189,19 @@ class Viewer(LiveView):
                 state = self.state
                 scene = replace(self.document.scene, settings=state.settings, annotate=state.annotate)
                 self.files.open_option(replace(scene, meshes=state.mesh_files), option, value)
+            case Request.RECORD:
+                self._record(free_path(folder, "movie", self.state.movie.form))
+            case Request.RECORD_AS:
+                name = free_path(folder, "movie", self.state.movie.form or MOVIES[0]).name
+                self._open_dialog(SAVE, folder, name)
+            case Request.CANCEL_RECORDING:
+                self.say("nothing is recorded" if not self.recorder.cancel() else "the recording is cancelled")
+            case Request.COPY_MOVIE:
+                try:
+                    self.window.copy(movie_command(stop_preview(self.state), self.document, self.files.times))
+                    self.say("command copied: it draws this movie")
+                except USER_ERRORS as error:
+                    self.say(error_text(error))
             case Request.FORGET_RECENT:
                 self.recent = self.recent.forgotten()
             case Request.PALETTE:
@@ -186,6 +216,14 @@ class Viewer(LiveView):
                 self.closed = True
             case Request.QUIT:
                 self._quit()
+
+    def _record(self, target: Path) -> None:
+        """Begins a movie of the state, or says why it cannot be drawn."""
+        try:
+            scene, more = movie_scene(stop_preview(self.state), self.document, self.files.times)
+            self.recorder.start(scene, more, target)
+        except USER_ERRORS as error:
+            self.say(error_text(error))
 
     def _save(self, name: str, save: Any, is_scene: bool) -> None:
         """Saves, and shows the message. name: of what is saved; is_scene: whether edits are saved by it."""
@@ -234,12 +272,15 @@ class Viewer(LiveView):
 
     def _quit(self) -> None:
         """Closes the window; asks first, or waits for a second request, if edits would be lost."""
-        if not self.history.has_unsaved_edits(self.state) or self.warned:
+        is_edited, is_recording = self.history.has_unsaved_edits(self.state), self.recorder.running is not None
+        if not (is_edited or is_recording) or self.warned:
             self.closed = True
             return
         self.warned = True
         self.window.stay()
-        if self.panel is None:
+        if not is_edited:
+            self.say(RECORDING)
+        elif self.panel is None:
             self.say(UNSAVED)
         else:
             self.panel.panel.unsaved.opening = True

@@ -143,6 +143,59 @@ def test_between_keyframes() -> None:
     assert between(frames[:1], points[:1], 3, True) == pytest.approx([0])
 
 
+def test_an_orbit_keeps_its_distance() -> None:
+    """Between views from three sides the eye goes around what it looks at; straight, it would come nearer."""
+    eyes, ups = [(10.0, 1, 0), (1.0, 10, 2), (-10.0, 1, 0)], [(0.0, 0, 1), (0.0, 0, 1), (0.0, 1, 1)]
+    rows = [
+        {"frame": 4 * n, "eye": eye, "look_at": (1.0, 1, 0), "up": up}
+        for n, (eye, up) in enumerate(zip(eyes, ups, strict=True))
+    ]
+    ball = sg.Volume(np.ones((3, 3, 3), np.uint8))
+    track, straight = (
+        keyframes({"path": p, "keyframe": rows}, ViewOptions(), ball, ball) for p in ("orbit", "straight")
+    )
+    target = np.array([1.0, 1, 0])
+    for n, (eye, up) in enumerate(zip(eyes, ups, strict=True)):
+        asked, shown = sg.Camera.look_at(eye, (1, 1, 0), up), track.camera(4 * n)
+        assert shown.eye == pytest.approx(asked.eye) and shown.eye_from_world == pytest.approx(asked.eye_from_world)
+    for frame in (1.0, 2.5, 5.0, 7.0):
+        camera = track.camera(frame)
+        away = float(np.linalg.norm(camera.eye - target))
+        assert 8.9 < away < 11.1 and camera.forward == pytest.approx((target - camera.eye) / away)
+    assert np.linalg.norm(straight.camera(2).eye - target) < 8
+
+
+def test_a_scene_says_how_its_movie_moves(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As the options of the command, which replace it; it survives being written."""
+    scene = 'volume = "ball.npy"\n[animation]\nturntable = 90.0\nframes = 3\nfps = 5.0\n'
+    rows = "".join(f"[[animation.keyframe]]\nframe = {2 * n}\nazimuth = {30.0 * n}\n" for n in range(2))
+    Path("turn.toml").write_text(scene)
+    Path("keys.toml").write_text(f'{scene.split("turntable")[0]}ease = "linear"\n{rows}')
+    Path("k.toml").write_text('ease = "linear"\n' + rows.replace("animation.", ""))
+    for name in ("turn", "keys"):
+        read = SceneFile.from_toml(Path(f"{name}.toml"))
+        Path(f"{name}.toml").write_text(read.to_toml(here))
+        assert SceneFile.from_toml(Path(f"{name}.toml")).animation == read.animation
+        assert animate(f"{name}.toml", "-o", f"{name}{{frame}}.npy", "--only", "1-2") == 0
+    assert animate("ball.npy", "-o", "a{frame}.npy", "--turntable", "90", "--frames", "3", "--only", "1-2") == 0
+    assert animate("ball.npy", "-o", "b{frame}.npy", "--keyframes", "k.toml", "--only", "1-2") == 0
+    assert np.array_equal(np.load("turn2.npy"), np.load("a2.npy"))
+    assert np.array_equal(np.load("keys1.npy"), np.load("b1.npy"))
+    assert animate("turn.toml", "-o", "c{frame}.npy", "--keyframes", "k.toml", "--only", "2-2") == 0
+    assert np.array_equal(np.load("c2.npy"), np.load("b2.npy"))
+    for line, message in (
+        ("turn = 9", "turntable"),
+        ("fps = true", "fps"),
+        ("frames = 0", "frames"),
+        ("ease = 1", "ease"),
+    ):
+        Path("bad.toml").write_text(f'volume = "ball.npy"\n[animation]\n{line}\n{rows}')
+        capsys.readouterr()
+        assert animate("bad.toml", "-o", "x{frame}.png") == 2
+        said = capsys.readouterr().err
+        assert message in said and said.count("\n") == 1 and not list(here.glob("x*"))
+
+
 @pytest.mark.long
 def test_keyframes_move_the_camera(here: Path) -> None:
     Path("k.toml").write_text(
@@ -151,7 +204,7 @@ def test_keyframes_move_the_camera(here: Path) -> None:
     )
     volume = sg.load("ball.npy")
     splats = sg.extract(volume, sg.default_transfer(volume), classification="pre")
-    track = keyframes(Path("k.toml"), ViewOptions(elevation=0), volume, splats)
+    track = keyframes("k.toml", ViewOptions(elevation=0), volume, splats)
     assert track.last == 4
     center = (splats.corners.min(axis=0) + splats.corners.max(axis=0)) / 2
     away = [track.camera(n).eye - center for n in range(5)]

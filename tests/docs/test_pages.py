@@ -311,7 +311,7 @@ def write_files(text: str) -> None:
 def toml_files() -> dict[str, str]:
     """The TOML blocks, by the names that commands give them."""
     keys = {"scene.toml": "volume =", "flight.toml": "[[keyframe]]", "keys.toml": "[bindings]"}
-    keys["pyproject.toml"] = "[tool.splatgl.compare]"
+    keys |= {"pyproject.toml": "[tool.splatgl.compare]", "motion.toml": "[animation]"}
     found = {name: [block.text for block in of("toml") if key in block.text] for name, key in keys.items()}
     assert sum(map(len, found.values())) == len(of("toml")) == len(keys)
     return {name: text for name, (text,) in found.items()}
@@ -399,6 +399,9 @@ def test_scene_file(here: Path) -> None:
     scene = SceneFile.from_toml(Path("scene.toml"))
     assert scene.settings.antialias == "supersample" and scene.view.size == (400, 300)
     assert main(["render", "scene.toml", "--size", "20"]) == 0
+    # and one with the motion of a movie
+    Path("moving.toml").write_text('volume = "head.nii.gz"\n' + Path("motion.toml").read_text())
+    assert main(["animate", "moving.toml", "-o", "m{frame}.npy", "--only", "9-9", "--size", "16", "--quiet"]) == 0
 
 
 def test_settings_of_comparisons(here: Path) -> None:
