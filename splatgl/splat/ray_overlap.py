@@ -21,9 +21,9 @@ DISCRETE = 1.35
 OFF = np.sqrt(3.0) / 2
 # tiles along each axis of the picture, for bounding directions
 TILES = 8
-# up to FEW splats are counted individually; more in blocks of BLOCK cells a side, if at most FEW of at most MOST_BLOCKS
-# blocks are occupied
-FEW, BLOCK, MOST_BLOCKS = 8192, 8, 2**22
+# up to FEW splats, and up to FEW_POINTS that lie on no lattice, are counted individually; more in blocks of BLOCK cells
+# a side, if at most FEW of at most MOST_BLOCKS blocks are occupied. Points lie on surfaces, which fill blocks little.
+FEW, FEW_POINTS, BLOCK, MOST_BLOCKS = 8192, 2**20, 8, 2**22
 # a splat or block nearer than this share of the median depth counts for the whole picture
 NEAR = 1 / 3
 # maximum number of squares along each axis of the picture
@@ -179,7 +179,9 @@ def _count(splats: Splats) -> Cells:
     # in parts, to save memory
     planes = [len(np.unique(np.concatenate([np.unique(part) for part in _parts(along)]))) for along in coordinates]
     aligned = all(bool((part == np.rint(part)).all()) for part in _parts(position))
-    return Cells(aligned, count, deepest, np.array(planes, dtype=np.float64), _group(position, depth, splats))
+    return Cells(
+        aligned, count, deepest, np.array(planes, dtype=np.float64), _group(splats, FEW if aligned else FEW_POINTS)
+    )
 
 
 def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
@@ -187,8 +189,10 @@ def _parts(values: np.ndarray) -> Iterator[np.ndarray]:
     return (values[first : first + PART] for first in range(0, len(values), PART))
 
 
-def _group(position: np.ndarray, depth: np.ndarray, splats: Splats) -> Groups | None:
-    if len(position) <= FEW:
+def _group(splats: Splats, few: int) -> Groups | None:
+    """Single splats if there are at most `few`, else blocks of them."""
+    position, depth = splats.records["position"], splats.records["optical_depth"]
+    if len(position) <= few:
         return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth.astype(float))
     first, last = splats.index_bounds
     wide = np.floor((last - first) / BLOCK) + 1

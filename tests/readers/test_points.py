@@ -14,6 +14,7 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import empty_volume
 from splatgl.readers.points import SOLID, unpack_lzf
+from splatgl.splat.ray_overlap import ray_overlap
 from tests.helpers.points import BYTES, COLORED, PLACES, pack_lzf, write_las, write_pcd, write_ply
 
 Said = pytest.CaptureFixture[str]
@@ -85,7 +86,10 @@ def test_sizes_of_their_own(tmp_path: Path, rng: np.random.Generator) -> None:
     radius = rng.uniform(0.5, 2.0, 30).astype(np.float32)
     volume = sg.load(write_ply(tmp_path / "a.ply", "ascii", names, [*rng.random((3, 30)), radius]))
     sizes = [part.points.size for part in volume.channels if part.points is not None]
-    assert len(sizes) == 7 and sum(len(part.points or ()) for part in volume.channels) == 30
+    right = [size for size, _ in size_classes(2.0 * radius.astype(np.float64))]
+    assert (
+        len(sizes) == 7 and np.allclose(sizes, right) and sum(len(part.points or ()) for part in volume.channels) == 30
+    )
     for size, which in size_classes(2.0 * radius):
         assert np.abs(np.log(2.0 * radius[which] / size)).max() <= np.log(4) / 14 + 1e-3
     assert points_of(tmp_path / "a.ply", point_size=3.0).size == 3.0
@@ -133,6 +137,24 @@ def test_pictures_are_those_of_float64(renderer: sg.Renderer, rng: np.random.Gen
         front = sg.Camera.look_at((0, -8, 0), (0, 0, 0), (0, 0, 1), 20, (9, 9))
         middle = renderer.render(sg.extract(pair, sg.default_transfer(pair)), front).pixels[4, 4]
         assert middle[0] > 0.5 > 4 * middle[1]
+
+
+def test_the_bound_counts_the_points_of_a_surface(rng: np.random.Generator) -> None:
+    """Not those of the blocks around it: no more than eight times as many as a ray meets."""
+    places = rng.normal(size=(10_000, 3))
+    places *= 10 / np.linalg.norm(places, axis=1)[:, None]
+    volume = cloud(places, 0.5, 0.3)
+    splats = sg.extract(volume, sg.default_transfer(volume))
+    camera = sg.Camera.orbit(splats, 30, 20, 40, (256, 256))
+    met = ray_overlap(splats, view := sg.plan(splats, camera, sg.Settings()).view)
+    # distances of all points from 16 × 16 rays
+    eye = (places - camera.eye) @ camera.eye_from_world.T
+    at = (np.indices((16, 16)).reshape(2, -1).T[:, ::-1] + 0.5 - 8) * camera.extent / 16
+    rays = np.concatenate([at, np.ones((256, 1))], axis=1)
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    far = np.sqrt((eye**2).sum(axis=1)[None] - (rays @ eye.T) ** 2)
+    most = int((far < view.kernel.radius * 0.3).sum(axis=1).max())
+    assert most <= met.count <= 8 * most
 
 
 def test_commands(tmp_path: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:

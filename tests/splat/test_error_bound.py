@@ -159,7 +159,8 @@ def test_views_keep_their_bound(renderer: sg.Renderer, name: str) -> None:
 @pytest.mark.parametrize("few", [10_000, 60, 0], ids=["one by one", "blocks", "planes"])
 @pytest.mark.parametrize("name", SHAPES)
 def test_no_ray_meets_more_than_is_said(name: str, few: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("splatgl.splat.ray_overlap.FEW", few)
+    for name_of in ("FEW", "FEW_POINTS"):
+        monkeypatch.setattr(f"splatgl.splat.ray_overlap.{name_of}", few)
     splats = replace(SHAPES[name])
     assert (cells_of(splats).groups is None) == (few == 0)
     for view, camera in views(splats).items():
