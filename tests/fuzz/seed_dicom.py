@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 import zipfile
 from collections.abc import Callable
 from functools import partial
@@ -80,6 +81,37 @@ def enhanced(array: np.ndarray, step: float = 3.0) -> Any:
     return data
 
 
+def csa(**entries: tuple[object, ...]) -> bytes:
+    """A CSA header of Siemens, version 2, of numbers and texts."""
+    data = struct.pack("<4s4sII", b"SV10", b"\4\3\2\1", len(entries), 77)
+    for name, values in entries.items():
+        kind = {str: b"SH", int: b"US"}.get(type(values[0]), b"FD")
+        data += struct.pack("<64si4siii", name.encode(), len(values), kind, 4, 6, 77)
+        for n in range(6):
+            text = f"{values[n]}\0".encode() if n < len(values) else b""
+            data += struct.pack("<4i", 0, len(text), 77, 0) + text.ljust(-(-len(text) // 4) * 4, b"\0")
+    return data
+
+
+def mosaic_image(slices: np.ndarray, stated: dict[str, Any], **tags: object) -> Any:
+    """Slices [N, H, W] side by side, as Siemens stores them. stated: "csa", "count" or "matrix", private elements."""
+    count, rows, columns = slices.shape
+    side = int(np.ceil(np.sqrt(count)))
+    tiles = np.zeros((side * side, rows, columns), slices.dtype)
+    tiles[:count] = slices
+    whole = tiles.reshape(side, side, rows, columns).transpose(0, 2, 1, 3).reshape(side * rows, side * columns)
+    data = image(whole, Modality="MR", ImageType=["ORIGINAL", "PRIMARY", "M", "ND", "MOSAIC"], **tags)
+    for name, group, element, kind in (
+        ("csa", 0x29, 0x10, "OB"),
+        ("count", 0x19, 0xA, "US"),
+        ("matrix", 0x51, 0xB, "LO"),
+    ):
+        if name in stated:
+            creator = "SIEMENS CSA HEADER" if name == "csa" else "SIEMENS MR HEADER"
+            data.private_block(group, creator, create=True).add_new(element, kind, stated[name])
+    return data
+
+
 def packed_image(array: np.ndarray, codec: str, **tags: object) -> Any:
     """The same, compressed: by pydicom's own encoders, Pillow, or imagecodecs, whichever has the codec."""
     if codec in CODECS:
@@ -144,5 +176,7 @@ def dicom_seeds(packed: bool, written: Written) -> list[Seed]:
     rgb = np.repeat(CUBE[0][..., None], 3, axis=-1)
     padded = image(CUBE[0].astype(np.int16), PixelPaddingValue=5, RescaleSlope="0.5")
     plain = [image(CUBE[0].astype(np.int16)), enhanced(wide), image(CUBE), image(rgb), padded]
+    header = csa(NumberOfImagesInMosaic=(len(CUBE),), SliceNormalVector=(0.0, 0.0, -1.0))
+    plain += [mosaic_image(CUBE, {"csa": header}), mosaic_image(CUBE, {"count": len(CUBE), "matrix": "9*11"})]
     files = [written("a.dcm", partial(save, data)) for data in plain]
     return [*files, written("a", series), written("a", series), written("a.zip", zipped)]

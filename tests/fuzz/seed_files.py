@@ -133,7 +133,7 @@ def _blocks(data: bytes, size: int = 400) -> tuple[bytes, bytes]:
 
 
 def vtk_cells() -> list[Seed]:
-    """Hexahedra and tetrahedra of points, and AMR of two levels, in text."""
+    """Hexahedra and tetrahedra of points, both as pieces, a curved grid, and AMR of two levels, in text."""
 
     def array(name: str, kind: str, values: np.ndarray, parts: int = 1) -> str:
         words = " ".join(f"{value:g}" for value in values.ravel())
@@ -155,6 +155,16 @@ def vtk_cells() -> list[Seed]:
             f"{array('types', 'UInt8', np.full(len(cells), kind))}</Cells></Piece></UnstructuredGrid></VTKFile>"
         )
         seeds.append(one("a.vtu", text.encode()))
+    pieces = {f"{n}.vtu": seed.files["a.vtu"] for n, seed in enumerate(seeds)}
+    listed = "".join(f'<Piece Source="{name}"/>' for name in pieces)
+    parent = f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{listed}</PUnstructuredGrid></VTKFile>'
+    seeds.append(Seed("a.pvtu", {"a.pvtu": parent.encode(), **pieces}))
+    curved = (
+        '<VTKFile type="StructuredGrid" version="1.0"><StructuredGrid WholeExtent="0 3 0 2 0 2">'
+        f'<Piece Extent="0 3 0 2 0 2"><PointData>{array("v", "Float32", places, 3)}</PointData><Points>'
+        f"{array('Points', 'Float64', places, 3)}</Points></Piece></StructuredGrid></VTKFile>"
+    )
+    seeds.append(one("a.vts", curved.encode()))
     blocks = {}
     for level, (start, count) in enumerate((((0, 0, 0), 4), ((1, 1, 1), 3))):
         step, extent = 1 / 2**level, f"0 {count} 0 {count} 0 {count}"

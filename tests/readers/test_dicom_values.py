@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +14,7 @@ from splatgl.readers.dicom_siemens import CSA, csa_numbers
 from splatgl.splat.presets import default_transfer
 
 pydicom = pytest.importorskip("pydicom")
-from tests.fuzz.seed_dicom import image, save  # noqa: E402
+from tests.fuzz.seed_dicom import csa, image, mosaic_image, save  # noqa: E402
 from tests.helpers.dicom import written  # noqa: E402
 
 PLANE = (np.arange(20).reshape(4, 5) * 7).astype(np.int16)
@@ -149,39 +148,14 @@ def test_looks_of_uptake_and_dose(tmp_path: Path) -> None:
     assert sg.load(written(tmp_path / "ct")).hints == sg.Volume(np.zeros((1, 1, 1))).hints
 
 
-def csa(**entries: tuple[object, ...]) -> bytes:
-    """A CSA header of Siemens, version 2, of numbers and texts."""
-    data = struct.pack("<4s4sII", b"SV10", b"\4\3\2\1", len(entries), 77)
-    for name, values in entries.items():
-        kind = {str: b"SH", int: b"US"}.get(type(values[0]), b"FD")
-        data += struct.pack("<64si4siii", name.encode(), len(values), kind, 4, 6, 77)
-        for n in range(6):
-            text = f"{values[n]}\0".encode() if n < len(values) else b""
-            data += struct.pack("<4i", 0, len(text), 77, 0) + text.ljust(-(-len(text) // 4) * 4, b"\0")
-    return data
-
-
 AXES = np.linalg.qr(np.array([[1.0, 0.2, -0.1], [0.1, 1.0, 0.3], [0.2, -0.1, 1.0]]))[0]
 
 
 def mosaic(path: Path, stated: dict[str, Any], add: int = 0, **tags: object) -> np.ndarray:
-    """Writes a mosaic of five slices [5, 4, 6] and returns them. stated: "csa", "count", "matrix" or "count bytes"."""
+    """Writes a mosaic of five slices [5, 4, 6] and returns them. stated: of `mosaic_image`."""
     slices = np.random.default_rng(3).integers(1, 900, (5, 4, 6)).astype(np.uint16) + np.uint16(add)
-    tiles = np.zeros((9, 4, 6), np.uint16)
-    tiles[:5] = slices
-    data = image(tiles.reshape(3, 3, 4, 6).transpose(0, 2, 1, 3).reshape(12, 18), Modality="MR", **tags)
-    data.ImageType = ["ORIGINAL", "PRIMARY", "M", "ND", "MOSAIC"]
-    data.ImageOrientationPatient = AXES[:, :2].T.ravel().tolist()
-    data.PixelSpacing, data.SliceThickness, data.SpacingBetweenSlices = [2.0, 1.5], 3.0, 3.6
-    for tag, creator, entries in (
-        (0x29, "SIEMENS CSA HEADER", {0x10: ("OB", stated.get("csa"))}),
-        (0x19, "SIEMENS MR HEADER", {0x0A: ("US", stated.get("count"))}),
-        (0x51, "SIEMENS MR HEADER", {0x0B: ("LO", stated.get("matrix"))}),
-    ):
-        for element, (kind, value) in entries.items():
-            if value is not None:
-                data.private_block(tag, creator, create=True).add_new(element, kind, value)
-    save(data, path)
+    tags |= {"ImageOrientationPatient": AXES[:, :2].T.ravel().tolist(), "SpacingBetweenSlices": 3.6}
+    save(mosaic_image(slices, stated, **tags), path)
     return slices
 
 
