@@ -349,10 +349,11 @@ def test_time_series_and_blocks(tmp_path: Path) -> None:
         load(several)
     with pytest.raises(InputError, match="a name inside the header's folder"):
         load(listed(tmp_path / "b.pvd", "Collection", '<DataSet file="../x.vtr"/>'))
-    with pytest.raises(InputError, match=r"x\.vts: expected a file of .*Resample To Image"):
-        load(listed(tmp_path / "c.pvd", "Collection", '<DataSet file="x.vts"/>'))
-    with pytest.raises(InputError, match=r"x\.vtu: expected a file of .*open that file itself"):
-        load(listed(tmp_path / "c.pvd", "Collection", '<DataSet file="x.vtu"/>'))
+    for name in ("x.vts", "x.vtu"):
+        with pytest.raises(InputError, match=rf"{name}: expected a file of .*open that file itself"):
+            load(listed(tmp_path / "c.pvd", "Collection", f'<DataSet file="{name}"/>'))
+    with pytest.raises(InputError, match=r"x\.vtp: expected a file of .*voxelize it"):
+        load(listed(tmp_path / "c.pvd", "Collection", '<DataSet file="x.vtp"/>'))
 
 
 # --- formats that are not read ---------------------------------------------------------------------------------------
