@@ -161,6 +161,7 @@ class Gui:
     def close(self) -> None:
         """Frees Dear ImGui's GPU resources and its context."""
         with current(self.window.screen.ctx):
+            self.panel.gallery.close()
             imgui.backends.opengl3_shutdown()
         implot.destroy_context(self.plots)
         imgui.destroy_context(self.context)

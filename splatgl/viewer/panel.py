@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.colormaps import CORE
-from splatgl.splat.presets import PRESETS, preset
 from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
@@ -23,6 +23,7 @@ from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.popups import Palette, Unsaved
+from splatgl.viewer.preset_gallery import PresetGallery, Shift
 from splatgl.viewer.record_section import draw_record
 from splatgl.viewer.segments_panel import SegmentList
 from splatgl.viewer.state import BLURS, State
@@ -34,6 +35,8 @@ MARGIN = 8.0
 # width of the strip that opens the panel
 STRIP = 18.0
 EXTINCTION = (0.01, 100.0)
+# pixels of a drag over the range of values, or over the gradient of the whole range within a voxel
+STEPS = 300
 # settings with sliders from 0 to 1; those with choices have lists
 STRENGTHS = ("ambient_occlusion", "shadows")
 SECTIONS = {**panel_sections.SECTIONS, "Record": draw_record}
@@ -58,6 +61,7 @@ class Panel:
         self.curve, self.segments = Curve(), SegmentList()
         self.browser, self.widgets = Browser(), CommandWidgets(commands)
         self.palette, self.unsaved = Palette(), Unsaved()
+        self.gallery, self.shift = PresetGallery(), Shift()
         # recent files
         self.recent: tuple[str, ...] = ()
         self.place = (0.0, 0.0, 0.0, 0.0)
@@ -174,11 +178,11 @@ class Panel:
     def _transfer(self, state: State, layer: LayerSplats) -> State:
         """The opacity curve, its presets and colours."""
         stats, style = self.curve.statistics_of(layer.volume), state.style
-        base = _colors(self.curve.draw(style.stated, layer.volume), stats)
-        names = ["(preset)", *PRESETS]
-        changed, chosen = imgui.combo(label_left("preset"), 0, names)
-        if changed and chosen:
-            base = preset(names[chosen], layer.volume)
+        base = self.gallery.draw(style.stated, layer.volume)
+        base = _colors(self.curve.draw(base, layer.volume), stats)
+        low, high = transfer_editor.value_range(stats)
+        base = self.shift.draw(base, high - low)
+        base = _gradient(base, (high - low) / float(np.mean(layer.volume.spacing)) / STEPS)
         return state if base == style.stated else state.edit(base=base, extinction=1.0)
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
@@ -240,7 +244,21 @@ def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
     spread = transfer_editor.value_range(stats)
     changed, low, high = imgui.drag_float_range2(
-        label_left("window"), low, high, (spread[1] - spread[0]) / 300, format="%.4g"
+        label_left("window"), low, high, (spread[1] - spread[0]) / STEPS, format="%.4g"
     )
     imgui.set_item_tooltip("Values that the colours span: drag either end.")
     return replace(transfer, window=(low, high)) if changed and low < high else transfer
+
+
+def _gradient(transfer: Transfer, step: float) -> Transfer:
+    """Gradients that the opacity begins and is whole at; two equal ones keep the gradient out of it. step: by which a
+    pixel of a drag changes them.
+    """
+    nodes = transfer.gradient
+    begin, end = (nodes[0][0], nodes[-1][0]) if nodes else (0.0, 0.0)
+    changed, begin, end = imgui.drag_float_range2(label_left("gradient"), begin, end, step, 0.0, 0.0, "%.4g")
+    imgui.set_item_tooltip("Values per length: less steep parts are clear up to the first, opaque from the second on.")
+    if not changed:
+        return transfer
+    begin = max(begin, 0.0)
+    return replace(transfer, gradient=((begin, 0.0), (end, 1.0)) if end > begin else ())

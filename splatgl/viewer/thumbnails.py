@@ -27,7 +27,7 @@ LIGHT, DARK, CHECK = 0.6, 0.35, 6
 
 def volume_png(volume: Volume) -> bytes | None:
     """PNG of a volume in its default transfer function; None of one that takes long to read."""
-    small = _reduce(volume)
+    small = reduce_volume(volume)
     return None if small is None else _draw(Scene([Layer(small, default_transfer(small))]))
 
 
@@ -35,7 +35,7 @@ def scene_png(scene: Scene) -> bytes | None:
     """PNG of a scene from the front, right and above; None of one that takes long to read."""
     layers = []
     for layer in scene.shown:
-        small = _reduce(layer.volume)
+        small = reduce_volume(layer.volume)
         if small is None:
             return None
         # its opacity is in the transfer function
@@ -64,7 +64,7 @@ def transfer_png(transfer: Transfer) -> bytes:
     return Image(np.concatenate([rgb, np.ones((height, width, 1))], axis=2).astype(np.float32))._repr_png_()
 
 
-def _reduce(volume: Volume) -> Volume | None:
+def reduce_volume(volume: Volume) -> Volume | None:
     """The volume with at most MOST_VOXELS voxels; None if more than MOST_READ would be read."""
     small = min((volume, *volume.coarser), key=lambda level: (level.count > MOST_READ, -level.count))
     if small.count > MOST_READ:

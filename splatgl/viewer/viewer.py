@@ -76,6 +76,10 @@ class Viewer(LiveView):
         level = self._draw()
         self._compare()
         self._show()
+        if level is None and self.panel is not None and not self.dirty:
+            gallery = self.panel.panel.gallery
+            if gallery.render_next(self.renderer, self.state.pose, self.screen.ctx):
+                self.refresh()
         if level is not None and self.painter.frame is not None:
             picture, whole = self.painter.frame.seconds, time.perf_counter() - begun
             self.painter.whole = whole

@@ -106,6 +106,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,
         "dialog": viewer.dialogs.process is not None or bool(viewer.panel and viewer.panel.panel.popup),
+        "pictures": len(viewer.panel.panel.gallery.textures) if viewer.panel else 0,
         "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),
     }
 

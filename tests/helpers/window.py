@@ -99,7 +99,8 @@ class Window:
     def __init__(self, source: Path, folder: Path, environment: dict[str, str] | None = None, **options: Any) -> None:
         """options: those of the viewer; dpi: of the display's text, which is twice as large at 192."""
         dpi = options.pop("dpi", 0)
-        self.server, display = start_display("1280x960" if dpi else "640x480")
+        high = max(480, options.get("size", SIZE)[1])
+        self.server, display = start_display("1280x960" if dpi else f"640x{high}")
         if dpi:
             set_dpi(display, dpi)
         self.environment = {**os.environ, "DISPLAY": display}

@@ -7,12 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from splatgl.data.volume import Volume
+from splatgl.splat.presets import PRESETS, preset
+from splatgl.splat.transfer import Transfer
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
-# places in a window of 600 × 450 pixels: the fields of the extinction and of the threshold, and a list
-EXTINCTION, THRESHOLD, COLORS = (463, 426), (400, 451), (450, 351)
+# places in a window of 600 × 560 pixels: the fields of the extinction and of the threshold, and lists
+EXTINCTION, THRESHOLD, COLORS = (463, 476), (400, 501), (450, 376)
+PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 426)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +24,7 @@ def shared_panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
     folder = tmp_path_factory.mktemp("panel")
     np.save(folder / "blob.npy", blob().samples)
-    window = Window(folder / "blob.npy", folder, size=(600, 480), panel=True)
+    window = Window(folder / "blob.npy", folder, size=(600, 560), panel=True)
     yield window
     window.end()
 
@@ -104,3 +108,32 @@ def test_edits_are_asked_for_before_the_window_closes(panel: Window) -> None:
     panel.key("b")
     assert panel.ask("set", effects=["DISCARD"])["closed"]
     panel.ask("reset")
+
+
+def test_a_shift_moves_points_and_window() -> None:
+    shifted = pytest.importorskip("splatgl.viewer.preset_gallery", exc_type=ImportError).shifted
+    linear = Transfer([(100, 0.0), (300, 0.5)], window=(50, 400))
+    assert (moved := shifted(linear, 20.0)).points == ((120, 0.0), (320, 0.5)) and moved.window == (70, 420)
+    log = shifted(Transfer([(1, 0.0), (100, 0.5)], scale="log"), 1.0)
+    assert log.points == ((2, 0.0), (200, 0.5)) and log.window is None
+    # values of a logarithmic scale stay above 0
+    assert shifted(log, -50.0).points[0][0] > 0
+
+
+@pytest.mark.long
+def test_presets_are_chosen_by_their_pictures(panel: Window) -> None:
+    """The list has a picture of each; a click on one takes it, which undo takes back, as it does a shift."""
+    before = panel.ask("look")
+    pointed(panel, *PRESET)
+    panel.hands("click", 1)
+    assert panel.ask("settle")["dialog"]
+    assert panel.until(lambda told: told["pictures"] == len(PRESETS))["points"] == before["points"]
+    pointed(panel, *FIRST)
+    panel.hands("click", 1)
+    chosen = panel.until(lambda told: not told["dialog"])
+    assert chosen["points"] == [list(point) for point in preset("ct-bone", Volume(blob().samples)).points]
+    pointed(panel, *SHIFT)
+    moved = panel.drag(1, SHIFT, (SHIFT[0] + 30, SHIFT[1]))
+    by = {round(b[0] - a[0], 6) for a, b in zip(chosen["points"], moved["points"], strict=True)}
+    assert len(by) == 1 and by.pop() > 0
+    assert panel.key("ctrl+z")["points"] == chosen["points"] and panel.key("ctrl+z")["points"] == before["points"]

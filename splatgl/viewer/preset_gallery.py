@@ -1,0 +1,148 @@
+"""`PresetGallery`: the presets as pictures of the open volume; `Shift`: moves a transfer function along the values.
+Extra `gui`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from imgui_bundle import imgui
+
+from splatgl.data.volume import Volume
+from splatgl.gl.context import current
+from splatgl.gl.renderer import Renderer
+from splatgl.splat.presets import PRESETS, preset
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.settings import Settings
+from splatgl.splat.transfer import Transfer
+from splatgl.viewer.panel_sections import label_left
+from splatgl.viewer.thumbnails import reduce_volume
+from splatgl.viewer.trackball import Pose
+
+# side of a picture at a content scale of 1, screen units; its pixels; pictures in a row
+SIDE, PIXELS, PER_ROW = 84.0, 96, 3
+EDITED = "(edited)"
+
+
+class PresetGallery:
+    """A list of presets. is_open: whether the list is shown, so that pictures are wanted."""
+
+    def __init__(self) -> None:
+        self.volume: Volume | None = None
+        self.transfers: dict[str, Transfer] = {}
+        self.small: Volume | None = None
+        # names of presets whose pictures are to be drawn, and the textures of those that are
+        self.missing: list[str] = []
+        self.textures: dict[str, Any] = {}
+        self.is_open = False
+
+    def draw(self, transfer: Transfer, volume: Volume) -> Transfer:
+        """The list, with the active preset marked; returns the chosen transfer function."""
+        if volume is not self.volume:
+            self._begin(volume)
+        active = next((name for name, each in self.transfers.items() if each == transfer), EDITED)
+        was_open = self.is_open
+        self.is_open = imgui.begin_combo(label_left("preset"), active, imgui.ComboFlags_.height_largest)
+        imgui.set_item_tooltip("Opacities and colours for a kind of data.")
+        if not self.is_open:
+            return transfer
+        if not was_open:
+            # from the view that is shown now
+            self.missing = list(self.transfers)
+        for number, (name, each) in enumerate(self.transfers.items()):
+            if number % PER_ROW:
+                imgui.same_line()
+            if self._draw_picture(name, name == active):
+                transfer = each
+                imgui.close_current_popup()
+        imgui.end_combo()
+        return transfer
+
+    def _draw_picture(self, name: str, active: bool) -> bool:
+        """A button with the picture of a preset and its name; whether it is clicked."""
+        side = SIDE * imgui.get_style().font_scale_main
+        imgui.begin_group()
+        if active:
+            imgui.push_style_color(imgui.Col_.button, imgui.get_style_color_vec4(imgui.Col_.check_mark))
+        texture = self.textures.get(name)
+        if texture is None:
+            clicked = imgui.button(f"##{name}", (side, side))
+        else:
+            padding = imgui.get_style().frame_padding
+            size = imgui.ImVec2(side - 2 * padding.x, side - 2 * padding.y)
+            clicked = imgui.image_button(f"##{name}", imgui.ImTextureRef(texture.glo), size)
+        if active:
+            imgui.pop_style_color()
+        imgui.set_item_tooltip(PRESETS[name].about)
+        imgui.text(name if imgui.calc_text_size(name).x <= side else f"{name[:11]}…")
+        imgui.end_group()
+        return clicked
+
+    def _begin(self, volume: Volume) -> None:
+        """Starts with another volume."""
+        self.volume, self.small, self.missing = volume, None, []
+        self.transfers = {name: preset(name, volume) for name in PRESETS}
+        self.close()
+
+    def render_next(self, renderer: Renderer, pose: Pose, ctx: Any) -> bool:
+        """Draws the next missing picture while the list is open; whether there was one. ctx: of the window."""
+        if not self.is_open or not self.missing or self.volume is None:
+            return False
+        name = self.missing.pop(0)
+        if self.small is None:
+            self.small = reduce_volume(self.volume) or self.volume
+        unit = self.transfers[name].unit or float(np.mean(self.volume.spacing))
+        scene = Scene([Layer(self.small, replace(self.transfers[name], unit=unit))])
+        settings = Settings(background="black", tolerance=8 / 255)
+        image = renderer.render(scene, pose.resized((PIXELS, PIXELS)).camera, settings, verify_bound=False)
+        with current(ctx):
+            old = self.textures.pop(name, None)
+            self.textures[name] = ctx.texture((PIXELS, PIXELS), 4, np.ascontiguousarray(image.samples8()).tobytes())
+            if old is not None:
+                old.release()
+        return True
+
+    def close(self) -> None:
+        """Frees the pictures. The context of the window must be current."""
+        for texture in self.textures.values():
+            texture.release()
+        self.textures = {}
+
+
+class Shift:
+    """A slider that moves points and window along the values; at rest it stands at 0. before: the transfer function
+    when it was grasped.
+    """
+
+    def __init__(self) -> None:
+        self.before: Transfer | None = None
+        self.value = 0.0
+
+    def draw(self, transfer: Transfer, spread: float) -> Transfer:
+        """The slider; returns the moved transfer function. spread: length of the range of values."""
+        changed, value = imgui.slider_float(label_left("shift"), self.value, -spread / 2, spread / 2, "%.4g")
+        imgui.set_item_tooltip("Moves all points and the colours along the values.")
+        if imgui.is_item_activated():
+            self.before = transfer
+        if changed and self.before is not None:
+            self.value, transfer = value, shifted(self.before, value)
+        if imgui.is_item_deactivated():
+            self.before, self.value = None, 0.0
+        return transfer
+
+
+def shifted(transfer: Transfer, by: float) -> Transfer:
+    """The transfer function with its points and its window moved along the values. On a logarithmic scale they are
+    multiplied by the same factor, which moves the first point by `by`.
+    """
+    first = transfer.points[0][0]
+    if transfer.logarithmic:
+        factor = max(first + by, first * 1e-3) / first
+        points = tuple((value * factor, opacity) for value, opacity in transfer.points)
+        window = tuple(value * factor for value in transfer.window) if transfer.window else None
+    else:
+        points = tuple((value + by, opacity) for value, opacity in transfer.points)
+        window = tuple(value + by for value in transfer.window) if transfer.window else None
+    return replace(transfer, points=points, window=window)
