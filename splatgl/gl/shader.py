@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -128,16 +127,14 @@ def declared_switches(name: str) -> frozenset[str]:
 @lru_cache(maxsize=64)
 def _declared(name: str) -> dict[str, str]:
     """Returns the default of each switch."""
-    return {match[1]: match[2] for _, text in _expand(name, (), set()) if (match := SWITCH.match(text))}
+    return {switch: default for block in _expand(name, (), set()) for switch, default in block.switches.items()}
 
 
 @lru_cache(maxsize=64)
 def _choosing(name: str) -> tuple[str, ...]:
     """Returns the switches by which shader `name` and its includes choose files."""
-    files: set[str] = set()
-    deque(_expand(name, (), files), maxlen=0)
-    named = (match[2] for file in files for text in _read(file) if (match := INCLUDE.match(text)) and match[2])
-    return tuple(sorted({switch for names in named for switch in names.split(" or ")}))
+    named = [block.include[2] or "" for block in _expand(name, (), set()) if block.include]
+    return tuple(sorted({switch for names in named for switch in names.split(" or ") if switch}))
 
 
 @lru_cache(maxsize=256)
@@ -145,36 +142,32 @@ def _expand_all(name: str, choosing: tuple[tuple[str, bool], ...]) -> tuple[str,
     """Returns version, extensions, code and the place of each of its lines. choosing: switches that choose
     files, and whether they are on.
     """
-    lines = list(_expand(name, (), set(), {switch: str(int(on)) for switch, on in choosing}))
-    version = next((match[1] for text in _read(name) if (match := VERSION_LINE.match(text))), VERSION)
-    used = tuple(f"#extension {match[1]} : enable" for _, text in lines if (match := EXTENSION_LINE.match(text)))
-    # drivers cache programs by their text: without comments, a changed comment recompiles nothing
-    code = "\n".join(COMMENT.sub("", text) for _, text in lines)
-    return str(version), used, code, tuple(place for place, _ in lines)
+    blocks = list(_expand(name, (), set(), {switch: str(int(on)) for switch, on in choosing}))
+    version = next((block.version[1] for block in blocks if block.version), str(VERSION))
+    used = tuple(f"#extension {extension} : enable" for block in blocks for extension in block.extensions)
+    code = "\n".join(line for block in blocks for line in block.code)
+    return version, used, code, tuple(place for block in blocks for place in block.places)
 
 
 def _expand(
     name: str, outer: tuple[str, ...], included: set[str], values: Mapping[str, str] | None = None
-) -> Iterator[tuple[str, str]]:
-    """Yields (place, text) of every line; includes each file once. values: of switches; None: includes both twins."""
+) -> Iterator[Block]:
+    """Yields the blocks of a file, each followed by those of what it includes; each file once. values: of switches;
+    None: includes both twins.
+    """
     included.add(name)
-    for place, text, match, constant in _parsed(name):
-        if constant:
-            if constant[1] not in CONSTANTS:
-                raise ShaderError(f"{place}: no such constant: {constant[1]}")
-            yield place, f"#define {constant[1]} {glsl(constant[1])}"
-        elif outer and text.startswith("//") and VERSION_LINE.match(text):
+    for block in _parsed(name):
+        if outer and block.version:
+            place, _ = block.version
             raise ShaderError(f"{place}: a version is declared by the stage that is composed, not by what it includes")
-        elif not match:
-            yield place, text
-        else:
-            for file in _included(place, match, values):
-                if file in (*outer, name):
-                    raise ShaderError(f"{place}: includes {file}, which includes it")
-                if file not in included:
-                    if not (folder() / file).is_file():
-                        raise ShaderError(f"{place}: no such file: {file}")
-                    yield from _expand(file, (*outer, name), included, values)
+        yield block
+        for file in _included(block.end, block.include, values) if block.include else ():
+            if file in (*outer, name):
+                raise ShaderError(f"{block.end}: includes {file}, which includes it")
+            if file not in included:
+                if not (folder() / file).is_file():
+                    raise ShaderError(f"{block.end}: no such file: {file}")
+                yield from _expand(file, (*outer, name), included, values)
 
 
 def _included(place: str, match: re.Match[str], values: Mapping[str, str] | None) -> tuple[str, ...]:
@@ -189,11 +182,45 @@ def _included(place: str, match: re.Match[str], values: Mapping[str, str] | None
     return (match[1] if any(values[switch] != "0" for switch in match[2].split(" or ")) else match[3],)
 
 
+@dataclass
+class Block:
+    """Lines of a file up to an include, or to its end: their places, and their code for the compiler; what they
+    declare, the version with its place; the include, and its place.
+    """
+
+    places: list[str] = field(default_factory=list)
+    code: list[str] = field(default_factory=list)
+    version: tuple[str, str] | None = None
+    extensions: list[str] = field(default_factory=list)
+    switches: dict[str, str] = field(default_factory=dict)
+    include: re.Match[str] | None = None
+    end: str = ""
+
+
 @lru_cache(maxsize=128)
-def _parsed(name: str) -> tuple[tuple[str, str, re.Match[str] | None, re.Match[str] | None], ...]:
-    """Returns the place and the text of each line of a file, with the file or the constant that it names."""
-    lines = enumerate(_read(name), 1)
-    return tuple((f"{name}:{number}", text, INCLUDE.match(text), CONSTANT.match(text)) for number, text in lines)
+def _parsed(name: str) -> list[Block]:
+    """Returns the blocks of a file."""
+    blocks = [Block()]
+    for number, text in enumerate(_read(name), 1):
+        block, place = blocks[-1], f"{name}:{number}"
+        if "#include" in text and (match := INCLUDE.match(text)):
+            block.include, block.end = match, place
+            blocks.append(Block())
+            continue
+        if match := CONSTANT.match(text):
+            if match[1] not in CONSTANTS:
+                raise ShaderError(f"{place}: no such constant: {match[1]}")
+            text = f"#define {match[1]} {glsl(match[1])}"
+        elif match := SWITCH.match(text):
+            block.switches[match[1]] = match[2]
+        elif match := EXTENSION_LINE.match(text):
+            block.extensions.append(match[1])
+        elif match := VERSION_LINE.match(text):
+            block.version = place, match[1]
+        block.places.append(place)
+        # drivers cache programs by their text: without comments, a changed comment recompiles nothing
+        block.code.append(COMMENT.sub("", text) if "//" in text else text)
+    return blocks
 
 
 @lru_cache(maxsize=128)

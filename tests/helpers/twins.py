@@ -101,8 +101,12 @@ def _version(name: str) -> int:
     """The lowest GLSL version of the stages that are or include a file: all that its functions may count on."""
     stages = [path.name for path in shader.folder().iterdir() if path.suffix != ".glsl" and path.name != "twin.vert"]
     expanded = {stage: list(shader._expand(stage, (), set())) for stage in stages}
-    using = [lines for lines in expanded.values() if any(place.startswith(f"{name}:") for place, _ in lines)]
-    versions = [[int(found[1]) for _, text in lines if (found := shader.VERSION_LINE.match(text))] for lines in using]
+    using = [
+        blocks
+        for blocks in expanded.values()
+        if any(place.startswith(f"{name}:") for block in blocks for place in block.places)
+    ]
+    versions = [[int(block.version[1]) for block in blocks if block.version] for blocks in using]
     return min((found[0] if found else shader.VERSION for found in versions), default=shader.VERSION)
 
 
