@@ -56,31 +56,39 @@ class Clusters:
     @classmethod
     def of(cls, splats: Splats) -> Clusters:
         """Groups splats by boxes of 2^SIDE_BITS cells a side; in a cluster they keep their order."""
-        box, rows = splats.cell_x >> SIDE_BITS, np.zeros(len(splats), bool)
-        rows[splats.row_start[:-1]] = True
-        starts = rows.copy()
-        starts[1:] |= box[1:] != box[:-1]
-        # parts of rows
+        x, starts = splats.cell_x, np.ones(len(splats), bool)
+        starts[1:] = x[1:] >> SIDE_BITS != x[:-1] >> SIDE_BITS
+        starts[splats.row_start[:-1]] = True
+        # parts of rows, by box
         start = np.flatnonzero(starts)
-        row = np.cumsum(rows[start]) - 1
-        y, z = splats.row_y[row].astype(np.int64), splats.row_z[row].astype(np.int64)
-        boxes = np.stack([box[start], y >> SIDE_BITS, z >> SIDE_BITS])
-        by_box = np.lexsort(boxes)
-        boxes, y, z, first = boxes[:, by_box], y[by_box], z[by_box], start[by_box]
+        row = np.repeat(np.arange(len(splats.row_y)), np.diff(np.searchsorted(start, splats.row_start)))
+        boxes = np.stack([x[start], splats.row_y[row], splats.row_z[row]]).astype(np.int64) >> SIDE_BITS
+        across, down, _ = np.ptp(boxes, axis=1) + 1
+        box = (boxes[2] * down + boxes[1]) * across + boxes[0]
+        by_box = np.argsort(box, kind="stable")
+        groups = np.concatenate([[0], np.flatnonzero(np.diff(box[by_box])) + 1])
+        first, row = start[by_box], row[by_box]
         length = np.diff(np.append(start, len(splats)))[by_box]
         until = np.cumsum(length)
-        order = np.repeat(first - (until - length), length) + np.arange(len(splats))
-        parts = np.concatenate([[0], np.flatnonzero((np.diff(boxes) != 0).any(axis=0)) + 1])
-        begin = np.append((until - length)[parts], len(splats))
-        across = (y & INSIDE) << SIDE_BITS | (z & INSIDE) << 2 * SIDE_BITS
-        names = order | (np.repeat(across, length) | splats.cell_x[order] & INSIDE) << NAME_BITS
-        # a voxel is between the ends of its part of a row; points may be anywhere
-        points = is_points(splats.records.dtype)
-        ends, groups = ([order], begin[:-1]) if points else ([first, first + length - 1], parts)
-        places = [splats.records["position"][at].T.astype(np.float64) for at in ends]
-        low = np.min([np.minimum.reduceat(place, groups, axis=1) for place in places], axis=0)
-        high = np.max([np.maximum.reduceat(place, groups, axis=1) for place in places], axis=0)
-        return cls(low, high, boxes[:, parts] << SIDE_BITS, begin, names.astype(np.uint32))
+        begin = np.append((until - length)[groups], len(splats))
+        # unsigned numbers wrap around
+        order = np.repeat((first - (until - length)).astype(np.uint32), length)
+        order += np.arange(len(splats), dtype=np.uint32)
+        y, z = splats.row_y[row], splats.row_z[row]
+        cells = (y & INSIDE) << SIDE_BITS | (z & INSIDE) << 2 * SIDE_BITS
+        names = np.repeat(cells.astype(np.uint32) << NAME_BITS, length)
+        names |= np.take((x & INSIDE).astype(np.uint32) << NAME_BITS, order)
+        if is_points(splats.records.dtype):
+            # these may be anywhere in their cells
+            places = splats.records["position"][order].T.astype(np.float64)
+            ends = [extreme.reduceat(places, begin[:-1], axis=1) for extreme in (np.minimum, np.maximum)]
+        else:
+            far = np.stack([x[first + length - 1], y, z])
+            ends = [
+                np.minimum.reduceat(np.stack([x[first], y, z]), groups, axis=1).astype(np.float64),
+                np.maximum.reduceat(far, groups, axis=1).astype(np.float64),
+            ]
+        return cls(*ends, boxes[:, by_box[groups]] << SIDE_BITS, begin, names | order)
 
     def parts(self, clusters: np.ndarray) -> np.ndarray:
         """uint32 [n, 4], of some clusters: begin and end in `names`, and the corner, x and y in one word."""
