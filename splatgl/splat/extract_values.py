@@ -30,7 +30,7 @@ PEAK, PAIR, WAVE = np.float32(0.5), np.float32(0.25), np.float32(1.0)
 # integer types up to this many bytes take their record values from a table
 TABLE_BYTES = 2
 # records filled at a time; planes of a block, its voxels, and its rows at least: with its halo it fits into a cache
-RECORDS, PLANES, BLOCK_VOXELS, LEAST_ROWS = 1 << 16, 16, 1 << 17, 16
+RECORDS, PLANES, BLOCK_VOXELS, LEAST_ROWS = 1 << 14, 16, 1 << 17, 16
 # voxels along a side of the cells of which boxes for the prefilter consist, the share of voxels above which one box
 # holds all, and the cost of two halves, relative to the whole, below which it is halved
 CELL, DENSE, WORTH = 8, 0.4, 0.85
@@ -241,13 +241,19 @@ def _fill(
     """Fills records of the voxels at `places` (z, y, x) of a part whose first voxel lies at `first`."""
     z, y, x = (place[part] for place in places)
     filled = records[part]
-    filled["position"] = np.stack([x + first[2], y + first[1], z + first[0]], axis=1)
-    value = values.c[z - values.start[0], y - values.start[1], x - values.start[2]]
+    for axis, place in enumerate((x, y, z)):
+        np.add(place, first[2 - axis], out=filled["position"][:, axis], casting="unsafe")
+    value = np.take(values.c, _flat(values.c, z, y, x) - _flat(values.c, *values.start))
     # the outermost only contribute beside others: alone they must not be opaque
-    outer = ~values.near[z, y, x]
+    outer = np.flatnonzero(~np.take(values.near, _flat(values.near, z, y, x)))
     value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
     filled["value"] = value
     filled["gradient"] = (world.T @ gradients(values.u, x, y, z, around=values.around).T).T
+
+
+def _flat(a: np.ndarray, z: Any, y: Any, x: Any) -> Any:
+    """Places in a flattened array [D, H, W], which are found faster than by three indices."""
+    return (z * a.shape[1] + y) * a.shape[2] + x
 
 
 def tabulate(samples: np.ndarray, of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -364,7 +370,13 @@ def _inner_mass(shape: tuple[int, ...], weights: np.ndarray) -> Callable[[Sides]
     """The reciprocal of the sum of the weights that lie inside the volume, for each voxel of a block (z, y)."""
     mass = 1 / _smooth(np.ones([min(size, 3) for size in shape], np.float32), weights)
     index = [np.minimum(np.arange(size), 1) + (np.arange(size) == size - 1) * (size > 2) for size in shape]
-    return lambda some: np.asarray(mass[np.ix_(index[0][some[0]], index[1][some[1]], index[2])])
+
+    def of(some: Sides) -> np.ndarray:
+        # within the volume, one row stands for all
+        sides = (side[: 1 if (side == 1).all() else None] for side in (index[0][some[0]], index[1][some[1]]))
+        return np.asarray(mass[np.ix_(*sides, index[2])])
+
+    return of
 
 
 def _smooth(c: np.ndarray, weights: np.ndarray, then: Callable[[Sides, np.ndarray], None] | None = None) -> np.ndarray:
@@ -412,7 +424,7 @@ def _in_blocks(shape: tuple[int, ...], halo: int, work: Callable[[Sides, Sides, 
 
 def _sum_neighbours(a: np.ndarray, axis: int, total: np.ndarray) -> np.ndarray:
     """Sets `total` to the sum of both neighbours along an axis, 0 beyond the ends, and returns it."""
-    a, sums = np.moveaxis(a, axis, 0), np.moveaxis(total, axis, 0)
+    a, sums = a.swapaxes(0, axis), total.swapaxes(0, axis)
     np.add(a[:-2], a[2:], out=sums[1:-1])
     if len(a) > 1:
         sums[0], sums[-1] = a[1], a[-2]
@@ -446,7 +458,7 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray | None, axis: int) -> None:
     """Widens the limits in place for peaks and waves along an axis. gone: missing samples."""
-    a, low, high = (np.moveaxis(array, axis, 0) for array in (u, least, most))
+    a, low, high = (array.swapaxes(0, axis) for array in (u, least, most))
     # difference to the next sample, 0 to missing ones, padded by two on each side
     rise = np.zeros((len(a) + 5, *a.shape[1:]), u.dtype)
     np.subtract(a[1:], a[:-1], out=rise[3:-3])
@@ -469,7 +481,7 @@ def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray 
     # a wave bends everywhere, neighbours included
     wave = np.abs(bend[2:-2])
     if gone is not None:
-        np.copyto(wave, np.float32(1e30), where=np.moveaxis(gone, axis, 0))
+        np.copyto(wave, np.float32(1e30), where=gone.swapaxes(0, axis))
     for along in (0, 0, 1, 2):
         wave = _extreme_filter(np.minimum, wave, along)
     wave *= WAVE
@@ -479,13 +491,13 @@ def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray 
 
 def _extreme_filter(of: np.ufunc, a: np.ndarray, axis: int) -> np.ndarray:
     """Minimum or maximum over a voxel and its two neighbours along an axis."""
-    a = np.moveaxis(a, axis, 0)
+    a = a.swapaxes(0, axis)
     if len(a) < 3:
-        return np.moveaxis(np.repeat(of.reduce(a, axis=0)[None], len(a), axis=0), 0, axis)
+        return np.repeat(of.reduce(a, axis=0)[None], len(a), axis=0).swapaxes(0, axis)
     result, two = np.empty_like(a), of(a[1:], a[:-1])
     of(two[1:], two[:-1], out=result[1:-1])
     result[0], result[-1] = two[0], two[-1]
-    return np.moveaxis(result, 0, axis)
+    return result.swapaxes(0, axis)
 
 
 def select_needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -530,7 +542,7 @@ def gradients(
     the edges. around: maps u [N] to the values of missing neighbours, and to whether u is opaque.
     """
     flat, reach = u.ravel(), order // 2
-    base = (z * u.shape[1] + y) * u.shape[2] + x
+    base = _flat(u, z, y, x)
     center = flat[base].astype(np.float64)
     # components in rows of memory
     gradient, gone = np.zeros((3, len(center))).T, np.zeros((2, len(center), 3), bool)
@@ -542,13 +554,14 @@ def gradients(
         at = {}
         for step in (*range(-reach, 0), *range(1, reach + 1)):
             moved = step if inner else np.clip(index + step, 0, last) - index
-            at[step] = np.take(flat, base + moved * stride).astype(np.float64)
+            at[step] = np.take(flat, base + moved * stride)
             if not inner:
-                at[step][moved != step] = np.nan
+                at[step] = np.where(moved == step, at[step].astype(np.float64), np.nan)
         if inner:
             gradient[:, axis] = _central_difference(at, order)
             if np.isfinite(gradient[:, axis]).all():
                 continue
+            at = {step: value.astype(np.float64) for step, value in at.items()}
         gone[:, :, axis] = ~np.isfinite(at[-1]), ~np.isfinite(at[1])
         alone = filled & gone[:, :, axis].all(axis=0)
         for value in at.values():
@@ -560,9 +573,12 @@ def gradients(
 
 def _central_difference(at: dict[int, np.ndarray], order: int) -> np.ndarray:
     """Differences [N] of order 4 or 2 from values at steps −2 … 2; NaN where a value is."""
-    if order == 2:
-        return (at[1] - at[-1]) / 2
-    return (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / 12
+    difference = np.subtract(at[1], at[-1], dtype=np.float64)
+    if order == 4:
+        difference *= 8
+        difference -= np.subtract(at[2], at[-2], dtype=np.float64)
+    difference /= 12 if order == 4 else 2
+    return difference
 
 
 def _difference(at: dict[int, np.ndarray], center: np.ndarray, order: int) -> np.ndarray:
