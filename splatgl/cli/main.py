@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import atexit
 import errno
+import gc
 import io
 import os
 import shlex
@@ -25,6 +27,9 @@ INTERRUPTED = 130
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command and returns its exit code. Bad input prints one line on standard error."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if argv is None:
+        # the process ends: a last search for garbage would take a tenth of a second
+        atexit.register(gc.freeze)
     for stream in (sys.stdout, sys.stderr):
         # names of files, × and … in any encoding
         if isinstance(stream, io.TextIOWrapper):

@@ -125,8 +125,9 @@ def clip_splats(splats: Splats, planes: tuple[Plane, ...], boxes: bool = False) 
 
 CONDITION = "a condition such as x>0.3, x+y<1.2, z>=30mm, or X,Y,Z:NX,NY,NZ, a point and a normal"
 NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
-TERM = re.compile(rf"([+-]?)({NUMBER})?\*?([xyz])", re.IGNORECASE)
-COMPARED = re.compile(rf"(.+?)(>=?|<=?)([+-]?{NUMBER})([a-zµμ]*)", re.IGNORECASE)
+# compiled where they are used: that takes longer than most modules
+TERM = rf"([+-]?)({NUMBER})?\*?([xyz])"
+COMPARED = rf"(.+?)(>=?|<=?)([+-]?{NUMBER})([a-zµμ]*)"
 # metres; a volume's unit may also have another name, or none
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}
 ANY_UNIT = "units"
@@ -240,8 +241,8 @@ def _parse_condition(text: str, box: Box) -> tuple[float, ...]:
             return (*normal.tolist(), float(normal @ point))
         except ValueError:
             raise expected("clip", CONDITION, repr(text)) from None
-    match = COMPARED.fullmatch(compact)
-    terms = TERM.findall(match[1]) if match else []
+    match = re.fullmatch(COMPARED, compact, re.IGNORECASE)
+    terms = re.findall(TERM, match[1], re.IGNORECASE) if match else []
     if not match or "".join("".join(term) for term in terms) != match[1].replace("*", ""):
         raise expected("clip", CONDITION, repr(text))
     normal = np.zeros(3)
