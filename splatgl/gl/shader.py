@@ -207,16 +207,17 @@ def _parsed(name: str) -> list[Block]:
             block.include, block.end = match, place
             blocks.append(Block())
             continue
-        if match := CONSTANT.match(text):
+        if text.startswith("#constant") and (match := CONSTANT.match(text)):
             if match[1] not in CONSTANTS:
                 raise ShaderError(f"{place}: no such constant: {match[1]}")
             text = f"#define {match[1]} {glsl(match[1])}"
-        elif match := SWITCH.match(text):
-            block.switches[match[1]] = match[2]
-        elif match := EXTENSION_LINE.match(text):
-            block.extensions.append(match[1])
-        elif match := VERSION_LINE.match(text):
-            block.version = place, match[1]
+        elif text.startswith("// "):
+            if match := SWITCH.match(text):
+                block.switches[match[1]] = match[2]
+            elif match := EXTENSION_LINE.match(text):
+                block.extensions.append(match[1])
+            elif match := VERSION_LINE.match(text):
+                block.version = place, match[1]
         block.places.append(place)
         # drivers cache programs by their text: without comments, a changed comment recompiles nothing
         block.code.append(COMMENT.sub("", text) if "//" in text else text)

@@ -13,6 +13,7 @@ from splatgl.reference.renderer import render_windows, render_windows_of
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window
+from splatgl.splat.grid import distinct
 from splatgl.splat.resolve import select_splats, why_classified_before
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
@@ -125,7 +126,7 @@ def _squares(visible: np.ndarray) -> list[Window]:
 
 def _spread_evenly(places: np.ndarray, count: int) -> np.ndarray:
     """At most `count` of the places, at equal steps."""
-    return places[np.unique(((np.arange(count) + 0.5) / count * len(places)).astype(int))]
+    return places[distinct(((np.arange(count) + 0.5) / count * len(places)).astype(int))]
 
 
 def _errors(off: np.ndarray) -> dict[str, float]:

@@ -67,6 +67,7 @@ class Clusters:
         box = (boxes[2] * down + boxes[1]) * across + boxes[0]
         by_box = np.argsort(box, kind="stable")
         groups = np.concatenate([[0], np.flatnonzero(np.diff(box[by_box])) + 1])
+        corner = boxes[:, by_box[groups]] << SIDE_BITS
         first, row = start[by_box], row[by_box]
         length = np.diff(np.append(start, len(splats)))[by_box]
         until = np.cumsum(length)
@@ -80,15 +81,12 @@ class Clusters:
         names |= np.take((x & INSIDE).astype(np.uint32) << NAME_BITS, order)
         if is_points(splats.records.dtype):
             # these may be anywhere in their cells
-            places = splats.records["position"][order].T.astype(np.float64)
-            ends = [extreme.reduceat(places, begin[:-1], axis=1) for extreme in (np.minimum, np.maximum)]
+            places, groups = [splats.records["position"][order].T.astype(np.float64)] * 2, begin[:-1]
         else:
-            far = np.stack([x[first + length - 1], y, z])
-            ends = [
-                np.minimum.reduceat(np.stack([x[first], y, z]), groups, axis=1).astype(np.float64),
-                np.maximum.reduceat(far, groups, axis=1).astype(np.float64),
-            ]
-        return cls(*ends, boxes[:, by_box[groups]] << SIDE_BITS, begin, names | order)
+            places = [np.stack([x[end], y, z]).astype(np.float64) for end in (first, first + length - 1)]
+        low = np.minimum.reduceat(places[0], groups, axis=1)
+        high = np.maximum.reduceat(places[1], groups, axis=1)
+        return cls(low, high, corner, begin, names | order)
 
     def parts(self, clusters: np.ndarray) -> np.ndarray:
         """uint32 [n, 4], of some clusters: begin and end in `names`, and the corner, x and y in one word."""

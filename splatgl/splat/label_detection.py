@@ -15,6 +15,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.readers.common import has_whole_numbers
+from splatgl.splat.grid import distinct
 
 # planes that are read in a row, how often, and how many voxels of them are examined
 THREE, TIMES, PLACES = 3, 8, 1 << 17
@@ -138,7 +139,7 @@ def _whole_triples(volume: Volume) -> list[np.ndarray] | None:
     """Finite values [3, N] of three voxels in a row, along each axis; None unless they are whole numbers."""
     finest = next((level for level in (volume, *volume.coarser) if level.count <= MOST), volume)
     depth, height, width = finest.shape
-    starts = np.unique(np.linspace(0, max(depth - THREE, 0), TIMES if finest.count > PLACES else depth).astype(int))
+    starts = distinct(np.linspace(0, max(depth - THREE, 0), TIMES if finest.count > PLACES else depth).astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(starts) * height * width / PLACES))))
     by_axis: list[list[np.ndarray]] = [[], [], []]
     for start in starts:

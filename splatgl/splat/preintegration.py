@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from splatgl.splat.grid import distinct
 from splatgl.splat.transfer import OPAQUE, Transfer
 
 # largest value of a running integral in whole numbers: differences fit into 32 bits with a sign
@@ -42,10 +43,10 @@ class ClassIntegral:
     def of(cls, transfer: Transfer, low: float, high: float, cells: int) -> ClassIntegral:
         """Integrates a transfer function over at least `cells` cells from low to high, PARTS between two points."""
         place = np.arange(cells + 1) / cells
-        points = np.unique([low, high, *(value for value in transfer.bends if low < value < high)])
+        points = distinct(np.array([low, high, *(value for value in transfer.bends if low < value < high)]))
         part = np.arange(PARTS)[:, None] / PARTS
         between = points[:-1] * (1 - part) + points[1:] * part
-        knots = np.unique(np.concatenate([low * (1 - place) + high * place, between.ravel()]))
+        knots = distinct(np.concatenate([low * (1 - place) + high * place, between.ravel()]))
         start, width = knots[:-1], np.diff(knots)
         # two points within a cell, as a value at a step is on its upper side; exact where it is linear
         opaque = _is_beside_opaque(transfer, start, width, (high - low) / cells)
@@ -107,7 +108,7 @@ def _is_beside_opaque(transfer: Transfer, start: np.ndarray, width: np.ndarray, 
     """
     quarter, half, last = (transfer.opacity(start + share * width) for share in (0.25, 0.5, 0.75))
     ends = np.stack([quarter + (quarter - last) / 2, last + (last - quarter) / 2])
-    tips = np.unique(np.stack([start, start + width])[ends >= OPAQUE - ROUNDING])
+    tips = distinct(np.stack([start, start + width])[ends >= OPAQUE - ROUNDING])
     if not tips.size:
         return np.zeros(len(start), bool)
     after = np.clip(np.searchsorted(tips, start), 0, len(tips) - 1)

@@ -15,6 +15,7 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
 from splatgl.splat.colormaps import labels_of, select_labels
+from splatgl.splat.grid import distinct
 from splatgl.splat.label_detection import LABELS, MASK, kind_of
 from splatgl.splat.settings import Blend
 from splatgl.splat.statistics import Cut, Ground, Statistics, sorted_percentile, statistics
@@ -360,7 +361,7 @@ def label_transfer(volume: Volume, only: Sequence[tuple[int, float]] | None = No
 def _transfer_from_values(volume: Volume) -> Transfer:
     kind = volume.hints.values or kind_of(volume)[0]
     stats = statistics(volume)
-    several = len(np.unique(stats.values)) > 2
+    several = len(distinct(stats.values)) > 2
     # the values of a colour image are no labels, however few there are
     if (kind == LABELS or (kind == MASK and several)) and volume.color is None:
         return label_transfer(volume)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatgl.data.volume import Volume
+from splatgl.splat.grid import distinct
 
 # least number of samples to measure noise
 LEAST = 4096
@@ -218,9 +219,9 @@ def _sample(volume: Volume) -> np.ndarray:
     columns.
     """
     depth, height, width = volume.shape
-    planes = np.unique(np.linspace(0, depth - 1, PLANES).round().astype(int))
+    planes = distinct(np.linspace(0, depth - 1, PLANES).round().astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
-    y, x = (np.unique(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
+    y, x = (distinct(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
     stored = volume.samples.dtype
     kind = stored.newbyteorder("=") if stored.kind in "bui" else np.float64
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
