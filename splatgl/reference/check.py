@@ -106,7 +106,8 @@ def _is_visible(pixels: np.ndarray, settings: Settings) -> np.ndarray:
     """bool [H, W]: which pixels show more than the background."""
     if settings.background is None or BLENDS[settings.blend].unbounded:
         return np.asarray(pixels[..., 3] > 0)
-    return np.asarray((np.abs(pixels[..., :3] - np.array(settings.background)) > UNSEEN).any(axis=-1))
+    off = [np.abs(pixels[..., n] - np.float64(color)) > UNSEEN for n, color in enumerate(settings.background)]
+    return np.asarray(off[0] | off[1] | off[2])
 
 
 def _rows(visible: np.ndarray, count: int) -> list[Window]:
