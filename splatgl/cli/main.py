@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module
+from types import ModuleType
 from typing import NamedTuple, NoReturn
 
 from splatgl import __version__
@@ -30,6 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         # the process ends: a last search for garbage would take a tenth of a second
         atexit.register(gc.freeze)
+        sys.meta_path.insert(0, NibabelAlone)
     for stream in (sys.stdout, sys.stderr):
         # names of files, × and … in any encoding
         if isinstance(stream, io.TextIOWrapper):
@@ -46,6 +48,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         _discard_output()
         return 0
+
+
+class NibabelAlone:
+    """Finds no pydicom while nibabel is imported, which takes a third of the time without it: nibabel needs it for
+    extensions of headers, which no command reads.
+    """
+
+    @staticmethod
+    def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> None:
+        """Raises ImportError for pydicom."""
+        importing = getattr(getattr(sys.modules.get("nibabel"), "__spec__", None), "_initializing", False)
+        if name == "pydicom" and importing:
+            raise ModuleNotFoundError(name, name=name)
 
 
 def _run(arguments: list[str]) -> int:

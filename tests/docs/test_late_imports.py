@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import nibabel
+import numpy as np
 import pytest
 
 from splatgl.cli.main import main
@@ -17,7 +19,7 @@ TELL = """
 import sys
 from splatgl.cli.main import main
 try:
-    code = main(sys.argv[1:])
+    code = main()
 except SystemExit as stop:
     code = stop.code
 print("\\n", code, *sys.modules)
@@ -56,6 +58,15 @@ def test_told_before_imports(command: str, tmp_path: Path) -> None:
     assert (code == "0", len(told.stderr.splitlines())) == ((True, 0) if "--help" in command else (False, 1))
     late = [name for name in imported if name.startswith(tuple(f"{each}." for each in CASES[command]))]
     assert late + sorted({*CASES[command]} & {*imported}) == []
+
+
+def test_imports_of_nifti(tmp_path: Path) -> None:
+    """Neither numpy's masked arrays nor pydicom, which nibabel and `np.unique` import, are needed to read amounts."""
+    path, values = tmp_path / "cloud.nii", np.random.default_rng(1).integers(0, 1000, (6, 5, 4)).astype(np.int16)
+    nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), path)
+    told = subprocess.run([sys.executable, "-c", TELL, "info", path], capture_output=True, text=True, check=True)
+    code, *imported = told.stdout.splitlines()[-1].split()
+    assert code == "0" and "nibabel" in imported and not {"numpy.ma", "pydicom"} & {*imported}
 
 
 def test_help_tells_the_defaults_of_the_window(capsys: pytest.CaptureFixture[str]) -> None:
