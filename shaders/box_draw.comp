@@ -38,7 +38,7 @@ void main() {
     BoxRay ray = box_ray(vec2(pixel) + 0.5);
     vec4 light = CARRIED == 1 ? imageLoad(target, pixel) : vec4(0.0);
     set_column(tile, gl_LocalInvocationIndex);
-    begin_matter(0);
+    begin_matter(0, true);
     float speed = length(ray.direction);
     float offset = PERSPECTIVE == 1 ? 0.0 : dot(ray.start - box_eye, ray.direction) / speed;
     // one loop, with its light: llvmpipe loses lanes of one within it that goes on to the next box that a ray meets

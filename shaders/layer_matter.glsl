@@ -25,12 +25,13 @@ void set_column(uint tile, uint lane) {
     kept_lane = lane;
 }
 
-void begin_matter(int row) {
+// continues: whether an earlier dispatch kept matter of the pixel.
+void begin_matter(int row, bool continues) {
     waiting[row] = vec4(0.0);
     waiting_ends[row] = vec2(0.0);
     moved[row] = 0.0;
     kept[row] = uvec3(0u);
-    if (CARRIED == 0) return;
+    if (CARRIED == 0 || !continues) return;
     uint head = head_of_row(row);
     uvec4 piece = last_piece(head);
     kept[row] = uvec3(kept_heads[head], kept_heads[head + 6u], kept_heads[head + 1u]);
@@ -41,7 +42,6 @@ void begin_matter(int row) {
 
 // Keeps the matter of a pixel that waits, and its list.
 void end_matter(int row) {
-    if (waiting[row].a == 0.0) return;
     uint head = head_of_row(row);
     uvec4 piece = packed_piece(waiting_ends[row], waiting[row], style.brightest);
     kept_heads[head] = kept[row].x;
@@ -56,18 +56,19 @@ void end_matter(int row) {
 }
 
 // Adds matter between two places, in sheets from the first, to what waits, if that is about as dense, or both are thin.
+// What is set under a condition takes longer: only what is stored is.
 void add_matter(int row, vec2 ends, vec4 matter) {
-    if (matter.a < 1e-8) return;
-    vec2 before = waiting_ends[row], lengths = vec2(ends.y - ends.x, before.y - before.x);
-    vec4 difference = abs(matter * lengths.y - waiting[row] * lengths.x) / (lengths.x + lengths.y);
+    vec2 before = waiting_ends[row];
+    vec4 before_matter = waiting[row], both = before_matter + matter;
+    float length_ = ends.y - before.x;
+    vec4 difference = abs(matter - both * ((ends.y - ends.x) / length_));
     float moves = moved[row] + max(max(difference.r, difference.g), max(difference.b, difference.a));
-    bool joins = ends.x <= before.y + ROUNDING && ends.y < before.x + LONGEST_PIECE && moves < uneven;
-    if (waiting[row].a > 0.0 && !joins) {
-        kept[row] = keep_piece(kept[row], room, packed_piece(before, waiting[row], style.brightest));
-        waiting[row] = vec4(0.0);
+    bool holds = matter.a >= 1e-8, waits = before_matter.a > 0.0;
+    bool joins = waits && ends.x <= before.y + ROUNDING && length_ < LONGEST_PIECE && moves < uneven;
+    if (holds && waits && !joins) {
+        kept[row] = keep_piece(kept[row], room, packed_piece(before, before_matter, style.brightest));
     }
-    joins = waiting[row].a > 0.0;
-    waiting_ends[row] = vec2(joins ? before.x : ends.x, ends.y);
-    moved[row] = joins ? moves : 0.0;
-    waiting[row] += matter;
+    waiting[row] = holds ? (joins ? both : matter) : before_matter;
+    waiting_ends[row] = holds ? vec2(joins ? before.x : ends.x, ends.y) : before;
+    moved[row] = holds ? (joins ? moves : 0.0) : moved[row];
 }

@@ -1,7 +1,7 @@
 // Twin of layer_matter.glsl for a volume alone: keeps nothing.
 void set_column(uint tile, uint lane) {}
 
-void begin_matter(int row) {}
+void begin_matter(int row, bool continues) {}
 
 void end_matter(int row) {}
 

@@ -12,8 +12,10 @@ layout(local_size_x = LANES) in;
 #define NOTHING 1e30
 
 layout(rgba32f, binding = 0) uniform writeonly image2D target;
+layout(std430, binding = 2) readonly buffer Lists { uvec2 lists[]; };  // tile, and a bit for each layer with matter there
 uniform ivec2 origin;                // the first tile's first pixel
 uniform ivec2 tiles;                 // along x and y
+uniform float stride;                // pixels of the view from one to the next
 uniform float opaque;                // opacity behind which nothing is composited
 uniform uint band;                   // pixels of a layer in the heads
 uniform mat3 index_from_eye[LAYERS]; // offsets from the eye in units of the frame to index units of each layer
@@ -30,7 +32,7 @@ vec4 matter[LAYERS];
 uvec4 last[LAYERS];
 uint page[LAYERS], at[LAYERS], left[LAYERS];
 
-void set_layer(int n, vec2 pixel, uint head) {
+void set_layer(int n, vec2 pixel, uint head, bool holds) {
     vec3 ray = vec3((pixel - frame.image_center) * frame.pixel_pitch, 1.0);
     offset[n] = -first_sheet[n];
     if (PERSPECTIVE == 1) rate[n] = length(index_from_eye[n] * ray) / thickness[n];
@@ -38,29 +40,13 @@ void set_layer(int n, vec2 pixel, uint head) {
         offset[n] += dot(direction[n], index_from_eye[n] * vec3(ray.xy, 0.0)) / thickness[n];
         rate[n] = dot(direction[n], index_from_eye[n][2]) / thickness[n];
     }
-    page[n] = kept_heads[head];
-    left[n] = kept_heads[head + 1u] + 1u;
-    last[n] = last_piece(head);
-    at[n] = 0u;
-    far[n] = -1.0;
-}
-
-// Takes a layer's next piece.
-void take(int n) {
-    near[n] = far[n] = NOTHING;
-    if (left[n] == 0u || last[n].z == 0u) return;
-    uvec4 words = last[n];
-    if (left[n] > 1u) words = kept_pages[page[n] * uint(PAGE) + at[n]];
-    vec2 ends = (ends_of_piece(words) - offset[n]) / rate[n];
-    near[n] = ends.x;
-    far[n] = max(ends.y, ends.x);
-    matter[n] = matter_of_piece(words, brightest[n]);
-    left[n]--;
-    at[n]++;
-    if (at[n] == uint(PAGE - 1) && left[n] > 1u) {
-        at[n] = 0u;
-        page[n] = kept_pages[(page[n] + 1u) * uint(PAGE) - 1u].x;
+    at[n] = left[n] = 0u;
+    if (holds) {
+        page[n] = kept_heads[head];
+        left[n] = kept_heads[head + 1u] + 1u;
+        last[n] = last_piece(head);
     }
+    far[n] = -1.0;
 }
 
 // written out for each layer: arrays that loops index are in memory, which takes twice as long
@@ -79,13 +65,18 @@ void take(int n) {
 #elif LAYERS == 8
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
 #endif
-#define SET(n) set_layer(n, vec2(pixel) + 0.5, head_of(uint(n), band, kept_pixel(tile, uint(row), lane)));
-#define TAKE(n) if (far[n] < 0.0) take(n); begin = min(begin, near[n]);
+#define SET(n) \
+    set_layer(n, (vec2(pixel) + 0.5) * stride, head_of(uint(n), band, kept_pixel(tile, uint(row), lane)), (holding >> n & 1u) > 0u);
+// the last layer without a piece, and whether there is another
+#define FIND(n) if (far[n] < 0.0) { more = taker >= 0; taker = n; }
+#define CHOOSE(n) if (taker == n) { from = uvec3(page[n], at[n], left[n]); words = last[n]; place = vec2(offset[n], rate[n]); bright = brightest[n]; }
+#define TAKE(n) if (taker == n) { near[n] = span.x; far[n] = span.y; matter[n] = taken; page[n] = from.x; at[n] = from.y; left[n] = from.z; }
+#define BEGIN(n) begin = min(begin, near[n]);
 #define END(n) end = min(end, near[n] > begin ? near[n] : far[n]);
-#define ADD(n) sum += taken(n, begin, end);
+#define ADD(n) sum += part_of(n, begin, end);
 
 // A layer's matter between two places, of which the first is not before its piece.
-vec4 taken(int n, float begin, float end) {
+vec4 part_of(int n, float begin, float end) {
     if (near[n] > begin) return vec4(0.0);
     float share = far[n] > end ? (end - begin) / (far[n] - begin) : 1.0;
     vec4 part = matter[n] * share;
@@ -96,7 +87,7 @@ vec4 taken(int n, float begin, float end) {
 }
 
 void main() {
-    uint tile = gl_WorkGroupID.x, lane = gl_LocalInvocationID.x;
+    uint tile = lists[gl_WorkGroupID.x].x, holding = lists[gl_WorkGroupID.x].y, lane = gl_LocalInvocationID.x;
     ivec2 corner = origin + ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, TILE_ROWS);
     corner += ivec2(lane % uint(COLUMNS), lane / uint(COLUMNS));
     for (int row = 0; row < ROWS; row++) {
@@ -104,8 +95,30 @@ void main() {
         EACH(SET)
         vec4 light = vec4(0.0);
         while (light.a < opaque) {
-            float begin = NOTHING;
+            // a piece at a time: reading one takes as long for all layers, also for those that have one
+            int taker = -1;
+            bool more = false;
+            EACH(FIND)
+            uvec3 from = uvec3(0u);
+            uvec4 words = uvec4(0u);
+            vec2 place = vec2(0.0, 1.0);
+            float bright = 1.0;
+            EACH(CHOOSE)
+            if (from.z > 1u) {
+                words = kept_pages[from.x * uint(PAGE) + from.y];
+                from.y++;
+                if (from.y == uint(PAGE - 1) && from.z > 2u) {
+                    from.xy = uvec2(kept_pages[(from.x + 1u) * uint(PAGE) - 1u].x, 0u);
+                }
+            }
+            vec2 span = (ends_of_piece(words) - place.x) / place.y;
+            span = from.z == 0u || words.z == 0u ? vec2(NOTHING) : vec2(span.x, max(span.y, span.x));
+            vec4 taken = matter_of_piece(words, bright);
+            from.z--;
             EACH(TAKE)
+            if (more) continue;
+            float begin = NOTHING;
+            EACH(BEGIN)
             if (begin >= NOTHING) break;
             // until the next end or beginning
             float end = NOTHING;

@@ -17,7 +17,7 @@ int next_base(uint at, uint end, out uvec4 names) {
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
 #define CLOSE(row) close_sheet(row, current - 1);
 #define KEEP(row) write_pixel(tile, row);
-#define EMPTY(row) begin_matter(row);
+#define EMPTY(row) begin_matter(row, is_continued);
 #define KEEP_MATTER(row) end_matter(row);
 #define END(row) imageStore(target, AT(row), mine.w == 1u && !partial ? shown(light[row]) : light[row]);
 

@@ -48,7 +48,7 @@ void composite_tile(uvec4 mine, uint lane) {
     set_column(tile, lane);
     Ray ray = ray_of(first);
     open_pixel(0);
-    begin_matter(0);
+    begin_matter(0, state == CONTINUED);
     coverage = table_quad(vec3(0.0)).coverage;
     // the nearest open sheet, and how many sheets from it on may hold something
     int current = 0, holding = 0;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -14,9 +15,10 @@ from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import PAGE
 from splatgl.gl.sheet_tiles import BoxTiles, SheetTiles
+from splatgl.gl.spared_tiles import MOST_NEEDED, SingleSamples, single_windows
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import Tables
-from splatgl.gl.tiles import Band
+from splatgl.gl.tiles import LISTS, Band, tile_counts
 from splatgl.splat.culling import Window
 from splatgl.splat.ordering import order_for
 from splatgl.splat.plan import Plan
@@ -47,8 +49,9 @@ class LayerTiles(SheetTiles):
     # uniforms of layer_pages.glsl; first and last page, and number of pieces, of each pixel and layer
     keeping: dict[str, float]
     heads: moderngl.Buffer | None = None
-    # pixels of the next window, by what the latest needed
-    size = FIRST
+    # draws one sample a pixel; None: pixels take all samples. Mask of the tiles of the picture that are drawn; None: all
+    single: SingleSamples | None = None
+    needed: np.ndarray | None = None
     exact = True
 
     def __init__(
@@ -63,6 +66,8 @@ class LayerTiles(SheetTiles):
     ) -> None:
         super().__init__(ctx, programs, splats, whole, tables, near, boxes.card)
         self.boxes = boxes
+        # samples of the next window by the stride, by what the latest needed
+        self.sizes: dict[int, int] = {}
 
     def release(self) -> None:
         """Frees all buffers and textures; they are recreated on demand."""
@@ -79,18 +84,52 @@ class LayerTiles(SheetTiles):
         bind: Callable[[Splats, Plan], None],
         portions: Portions,
     ) -> None:
-        """Composites the layers into `target`, in windows whose matter fits into the pages.
+        """Composites the layers into `target`; where one sample a pixel is enough, only into the target of these.
 
         scratch: target for the light of a single layer; where it is opaque, the layer's matter behind is skipped.
         bind: binds the uniforms and tables of a layer.
         """
+        plan, window, draw = layers[0][1], union([plan.window for _, plan in layers]), partial(self._draw_windows, scratch, layers, bind, portions)
+        self.needed = None
+        if self.single is not None and plan.resolved.allowed and self.limits is None:
+            self.needed = self._draw_single(self.single, plan, window, draw)
+        try:
+            draw(target, window)
+        finally:
+            self.needed = None
+
+    def _draw_single(self, single: SingleSamples, plan: Plan, window: Window, draw: Callable[[Target, Window], None]) -> np.ndarray | None:
+        """Draws one sample a pixel; returns the mask of the tiles of samples that need all, None if most do."""
+        target, (whole, strip) = single.begin(plan), single_windows(window, plan.samples)
+        try:
+            self.stride = plan.samples
+            draw(target, strip)
+            if single.measure(target, plan, strip)[1] > MOST_NEEDED:
+                single.kept = None
+                return None
+            target.clear()
+            draw(target, whole)
+        finally:
+            self.stride = 1
+        return single.measure(target, plan, whole)[0]
+
+    def _draw_windows(
+        self,
+        scratch: Target,
+        layers: Sequence[Drawn],
+        bind: Callable[[Splats, Plan], None],
+        portions: Portions,
+        target: Target,
+        whole: Window,
+    ) -> None:
+        """Composites the layers of a window, in windows whose matter fits into the pages."""
         block = most_block(self.ctx)
         # pages, and pixels whose heads fit into a block
         room, most = min(ROOM, block // (PIECE * PAGE)), min(MOST, (block // 4 - 1) // (HEAD * len(layers)))
-        waiting, least = [union([plan.window for _, plan in layers])], most
+        waiting, least, next_size = [whole], most, self.sizes.get(self.stride, FIRST)
         while waiting:
             window = waiting.pop()
-            height = max(min(self.size, most) // max(window.width, 1) // ROWS, 1) * ROWS
+            height = max(min(next_size, most) // max(window.width, 1) // ROWS, 1) * ROWS
             if height < window.height:
                 window, rest = _rows(window, height)
                 waiting.append(rest)
@@ -100,9 +139,9 @@ class LayerTiles(SheetTiles):
             # what is nearer to the middle of the picture needs more
             size = window.width * window.height
             enough = int(SHARE * size * room / max(used, 1))
-            least, self.size = min(least, enough), min(enough, int(GROWTH * size))
+            least, next_size = min(least, enough), min(enough, int(GROWTH * size))
         # for the next picture
-        self.size = max(least, ROWS * ROWS)
+        self.sizes[self.stride] = max(least, ROWS * ROWS)
 
     def _window(
         self,
@@ -120,21 +159,32 @@ class LayerTiles(SheetTiles):
         window, room = part
         band = self.begin(window)
         pixels = band.closed.size * ROWS * COLUMNS
-        heads, used = self._empty_heads(len(layers), pixels), 0
+        heads, used, holding = self._empty_heads(layers, pixels), 0, np.zeros(band.closed.size, np.uint32)
         for n, (splats, plan) in enumerate(layers):
             bind(splats, plan)
             self.keeping = {"layer": n, "band": pixels, "room": room, "uneven": UNEVEN * plan.resolved.tolerance}
-            scratch.clear()
             if plan.resolved.boxes:
+                scratch.clear()
                 self._draw_boxes(scratch, splats, replace(plan, window=window), portions)
+                begun = True
             else:
                 self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
+                begun = self.begun if self.card is None else True
+            holding |= np.uint32(begun) << n
             used = int(np.frombuffer(heads.read(4), np.uint32)[0])
             if used > room:
                 return used * len(layers) // (n + 1)
         bind(*layers[0])
-        self._over(target, layers, band, pixels)
+        self._over(target, layers, band, holding)
         return used
+
+    def _begin(self, splats: Splats, plan: Plan, window: Window) -> Band:
+        band = super()._begin(splats, plan, window)
+        if self.needed is not None:
+            across, down = tile_counts(window)
+            row, column = window.y // ROWS, window.x // COLUMNS
+            band.closed |= ~self.needed[row : row + down, column : column + across].ravel()
+        return band
 
     def _draw_boxes(self, scratch: Target, splats: Splats, plan: Plan, portions: Portions) -> None:
         """Stores the matter of a layer of boxes in the plan's window."""
@@ -145,24 +195,30 @@ class LayerTiles(SheetTiles):
         finally:
             self.boxes.keeping = None
 
-    def _over(self, target: Target, layers: Sequence[Drawn], band: Band, pixels: int) -> None:
+    def _over(self, target: Target, layers: Sequence[Drawn], band: Band, holding: np.ndarray) -> None:
+        """Composites the tiles of a band. holding: of each tile a bit for each layer that may have matter there."""
         plan = layers[0][1]
         program = self.programs.for_tiles("layers_over.comp", plan.program, {"LAYERS": len(layers)})
         self.bind_target(target)
         self._bind_pieces()
-        set_uniforms(program, band=pixels, opaque=1.0 - plan.hiding.cutoff, **layer_uniforms(layers))
+        set_uniforms(program, band=holding.size * ROWS * COLUMNS, stride=float(self.stride), opaque=1.0 - plan.hiding.cutoff, **layer_uniforms(layers))
         x, y, width, _ = band.window.box
         set_uniforms(program, origin=(x, y), tiles=(-(-width // COLUMNS), -(-band.window.height // ROWS)))
-        program.run(band.closed.size)
+        tiles = np.flatnonzero(holding)
+        lists = np.stack([tiles, holding[tiles]], axis=1).astype(np.uint32)
+        self._buffer(LISTS, max(lists.nbytes, 8)).write(lists)
+        program.run(len(tiles))
         self.ctx.memory_barrier()
 
-    def _empty_heads(self, layers: int, pixels: int) -> moderngl.Buffer:
-        size = 4 * (1 + HEAD * layers * pixels)
+    def _empty_heads(self, layers: Sequence[Drawn], pixels: int) -> moderngl.Buffer:
+        """Returns the heads, without a page; lists are empty where they are not written before they are read."""
+        size = 4 * (1 + HEAD * len(layers) * pixels)
         if self.heads is None or self.heads.size < size:
             if self.heads is not None:
                 self.heads.release()
             self.heads = self.ctx.buffer(reserve=size)
-        clear_buffer(self.heads, size)
+        is_listed = self.card is None and not any(plan.resolved.boxes for _, plan in layers)
+        clear_buffer(self.heads, 4 if is_listed else size)
         return self.heads
 
     def _bind_pieces(self) -> None:

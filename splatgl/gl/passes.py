@@ -66,9 +66,9 @@ class Passes:
         near = self.near = NearSheets(ctx, self.programs, self._whole, self.tables, owned)
         self.single = SingleSamples(ctx, self.programs, self.targets, self._whole)
         self.sheets = SparedTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.card)
-        self.sheets.single = self.single if self.card is None else None
         self.boxes = BoxTiles(ctx, self.programs, self.splats, self._whole, self.card)
         self.layers = LayerTiles(ctx, self.programs, self.splats, self._whole, self.tables, near, self.boxes)
+        self.sheets.single = self.layers.single = self.single if self.card is None else None
         quads = ctx, self.programs, self._whole, self.tables, near, self.frame
         self.sheet_quads, self.layer_quads = SheetQuads(*quads), LayerQuads(*quads)
         self.box_quads = Quads(ctx, self.programs, self.splats)

@@ -120,7 +120,7 @@ class SheetTiles(Tiles):
         if self.limits is not None:
             self.uniforms["depth_unit"] = self.limits.unit / splats.grid.mean_spacing
         if window is not None:
-            self.uniforms["edges"] = window_edges(plan.view, window)
+            self.uniforms["edges"] = window_edges(plan.view, Window(*(self.stride * side for side in window.box)))
         if self._in_rounds(plan):
             return texels
         texels, self.count = self._in_order(texels, len(splats), sheet_span(splats, plan), plan)

@@ -82,6 +82,17 @@ class SingleSamples:
         return program
 
 
+def single_windows(window: Window, k: int) -> tuple[Window, Window]:
+    """Windows, in tiles of one sample a pixel, of the pixels of a window of k × k samples, and of a row of tiles in their
+    middle.
+    """
+    x, y, width, height = window.box
+    end = -(-(x + width) // k), -(-(y + height) // k)
+    (whole,) = bands_of(Window(x // k, y // k, end[0] - x // k, end[1] - y // k), sys.maxsize)
+    middle = whole.y + whole.height // ROWS // 2 * ROWS
+    return whole, Window(whole.x, middle, whole.width, min(ROWS, whole.y + whole.height - middle))
+
+
 class SparedTiles(SheetTiles):
     """Draws sheets in tiles, of which those without edges take one sample a pixel."""
 
@@ -118,14 +129,9 @@ class SparedTiles(SheetTiles):
         """Draws one sample a pixel. Returns bool [rows, columns] of the tiles of samples that need all; None if most
         do: of volumes that are not solid a row of tiles in the middle tells.
         """
-        k, target = plan.samples, single.begin(plan)
-        x, y, width, height = plan.window.box
-        end = -(-(x + width) // k), -(-(y + height) // k)
-        (whole,) = bands_of(Window(x // k, y // k, end[0] - x // k, end[1] - y // k), sys.maxsize)
-        middle = whole.y + whole.height // ROWS // 2 * ROWS
-        strip = Window(whole.x, middle, whole.width, min(ROWS, whole.y + whole.height - middle))
+        target, (whole, strip) = single.begin(plan), single_windows(plan.window, plan.samples)
         try:
-            self.stride = k
+            self.stride = plan.samples
             if plan.hiding.depth_batches == 1:
                 self._draw_bands(target, splats, plan, texels, [strip], portions)
                 if single.measure(target, plan, strip)[1] > MOST_NEEDED:

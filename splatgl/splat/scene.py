@@ -292,7 +292,8 @@ def plan_scene(
         for layer in plans:
             check_layer(layer.resolved, layer.splats.name)
         pairs = [(layer.splats, layer.settings) for layer in plans]
-        lit = with_shared_casters([layer.resolved for layer in plans], pairs)
+        allowed = min(layer.resolved.allowed for layer in plans)
+        lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
         plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
     return ScenePlan(plans, meshes, subject.notes, settings.background)
 
@@ -322,8 +323,10 @@ def common_samples(
     """Layers that composite together, with the same samples a pixel: the most that a layer needs."""
     if settings.antialias != "auto" or len(layers) < 2 or not BLENDS[settings.blend].ordered:
         return list(layers)
-    samples = max(Resolved.of(clip_behind_eye(splats, camera), camera, look).samples for splats, look in layers)
-    return [(splats, replace(look, antialias="supersample", samples=samples)) for splats, look in layers]
+    samples = {Resolved.of(clip_behind_eye(splats, camera), camera, look).samples for splats, look in layers}
+    if len(samples) == 1:
+        return list(layers)
+    return [(splats, replace(look, antialias="supersample", samples=max(samples))) for splats, look in layers]
 
 
 def with_shared_casters(resolved: Sequence[Resolved], layers: Sequence[tuple[Splats, Settings]]) -> list[Resolved]:
