@@ -12,7 +12,7 @@ layout(local_size_x = LANES) in;
 #define NOTHING 1e30
 
 layout(rgba32f, binding = 0) uniform writeonly image2D target;
-layout(std430, binding = 2) readonly buffer Lists { uvec2 lists[]; };  // tile, and a bit for each layer with matter there
+layout(std430, binding = 2) readonly buffer Lists { uvec2 lists[]; };  // tile, and a bit for each layer in it
 uniform ivec2 origin;                // the first tile's first pixel
 uniform ivec2 tiles;                 // along x and y
 uniform float stride;                // pixels of the view from one to the next
@@ -65,12 +65,25 @@ void set_layer(int n, vec2 pixel, uint head, bool holds) {
 #elif LAYERS == 8
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
 #endif
-#define SET(n) \
-    set_layer(n, (vec2(pixel) + 0.5) * stride, head_of(uint(n), band, kept_pixel(tile, uint(row), lane)), (holding >> n & 1u) > 0u);
+#define SET(n) set_layer(n, place, head_of(uint(n), band, kept_pixel(tile, uint(row), lane)), (holding >> n & 1u) > 0u);
 // the last layer without a piece, and whether there is another
 #define FIND(n) if (far[n] < 0.0) { more = taker >= 0; taker = n; }
-#define CHOOSE(n) if (taker == n) { from = uvec3(page[n], at[n], left[n]); words = last[n]; place = vec2(offset[n], rate[n]); bright = brightest[n]; }
-#define TAKE(n) if (taker == n) { near[n] = span.x; far[n] = span.y; matter[n] = taken; page[n] = from.x; at[n] = from.y; left[n] = from.z; }
+#define CHOOSE(n) \
+    if (taker == n) { \
+        from = uvec3(page[n], at[n], left[n]); \
+        words = last[n]; \
+        scale = vec2(offset[n], rate[n]); \
+        bright = brightest[n]; \
+    }
+#define TAKE(n) \
+    if (taker == n) { \
+        near[n] = span.x; \
+        far[n] = span.y; \
+        matter[n] = taken; \
+        page[n] = from.x; \
+        at[n] = from.y; \
+        left[n] = from.z; \
+    }
 #define BEGIN(n) begin = min(begin, near[n]);
 #define END(n) end = min(end, near[n] > begin ? near[n] : far[n]);
 #define ADD(n) sum += part_of(n, begin, end);
@@ -87,11 +100,13 @@ vec4 part_of(int n, float begin, float end) {
 }
 
 void main() {
-    uint tile = lists[gl_WorkGroupID.x].x, holding = lists[gl_WorkGroupID.x].y, lane = gl_LocalInvocationID.x;
+    uint tile = lists[gl_WorkGroupID.x].x, holding = lists[gl_WorkGroupID.x].y;
+    uint lane = gl_LocalInvocationID.x;
     ivec2 corner = origin + ivec2(tile % uint(tiles.x), tile / uint(tiles.x)) * ivec2(COLUMNS, TILE_ROWS);
     corner += ivec2(lane % uint(COLUMNS), lane / uint(COLUMNS));
     for (int row = 0; row < ROWS; row++) {
         ivec2 pixel = corner + ivec2(0, row);
+        vec2 place = (vec2(pixel) + 0.5) * stride;
         EACH(SET)
         vec4 light = vec4(0.0);
         while (light.a < opaque) {
@@ -101,7 +116,7 @@ void main() {
             EACH(FIND)
             uvec3 from = uvec3(0u);
             uvec4 words = uvec4(0u);
-            vec2 place = vec2(0.0, 1.0);
+            vec2 scale = vec2(0.0, 1.0);
             float bright = 1.0;
             EACH(CHOOSE)
             if (from.z > 1u) {
@@ -111,10 +126,10 @@ void main() {
                     from.xy = uvec2(kept_pages[(from.x + 1u) * uint(PAGE) - 1u].x, 0u);
                 }
             }
-            vec2 span = (ends_of_piece(words) - place.x) / place.y;
+            vec2 span = (ends_of_piece(words) - scale.x) / scale.y;
             span = from.z == 0u || words.z == 0u ? vec2(NOTHING) : vec2(span.x, max(span.y, span.x));
             vec4 taken = matter_of_piece(words, bright);
-            from.z--;
+            from.z -= min(from.z, 1u);
             EACH(TAKE)
             if (more) continue;
             float begin = NOTHING;

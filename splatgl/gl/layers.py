@@ -49,8 +49,9 @@ class LayerTiles(SheetTiles):
     # uniforms of layer_pages.glsl; first and last page, and number of pieces, of each pixel and layer
     keeping: dict[str, float]
     heads: moderngl.Buffer | None = None
-    # draws one sample a pixel; None: pixels take all samples. Mask of the tiles of the picture that are drawn; None: all
+    # draws one sample a pixel; None: all pixels take all samples
     single: SingleSamples | None = None
+    # mask of the tiles of the picture that are drawn; None: all
     needed: np.ndarray | None = None
     exact = True
 
@@ -89,7 +90,8 @@ class LayerTiles(SheetTiles):
         scratch: target for the light of a single layer; where it is opaque, the layer's matter behind is skipped.
         bind: binds the uniforms and tables of a layer.
         """
-        plan, window, draw = layers[0][1], union([plan.window for _, plan in layers]), partial(self._draw_windows, scratch, layers, bind, portions)
+        plan, window = layers[0][1], union([plan.window for _, plan in layers])
+        draw = partial(self._draw_windows, scratch, layers, bind, portions)
         self.needed = None
         if self.single is not None and plan.resolved.allowed and self.limits is None:
             self.needed = self._draw_single(self.single, plan, window, draw)
@@ -98,7 +100,9 @@ class LayerTiles(SheetTiles):
         finally:
             self.needed = None
 
-    def _draw_single(self, single: SingleSamples, plan: Plan, window: Window, draw: Callable[[Target, Window], None]) -> np.ndarray | None:
+    def _draw_single(
+        self, single: SingleSamples, plan: Plan, window: Window, draw: Callable[[Target, Window], None]
+    ) -> np.ndarray | None:
         """Draws one sample a pixel; returns the mask of the tiles of samples that need all, None if most do."""
         target, (whole, strip) = single.begin(plan), single_windows(window, plan.samples)
         try:
@@ -166,11 +170,11 @@ class LayerTiles(SheetTiles):
             if plan.resolved.boxes:
                 scratch.clear()
                 self._draw_boxes(scratch, splats, replace(plan, window=window), portions)
-                begun = True
+                begun = np.ones(holding.size, bool)
             else:
                 self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
-                begun = self.begun if self.card is None else True
-            holding |= np.uint32(begun) << n
+                begun = self.begun if self.card is None else np.ones(holding.size, bool)
+            holding |= begun.astype(np.uint32) << n
             used = int(np.frombuffer(heads.read(4), np.uint32)[0])
             if used > room:
                 return used * len(layers) // (n + 1)
@@ -201,7 +205,13 @@ class LayerTiles(SheetTiles):
         program = self.programs.for_tiles("layers_over.comp", plan.program, {"LAYERS": len(layers)})
         self.bind_target(target)
         self._bind_pieces()
-        set_uniforms(program, band=holding.size * ROWS * COLUMNS, stride=float(self.stride), opaque=1.0 - plan.hiding.cutoff, **layer_uniforms(layers))
+        set_uniforms(
+            program,
+            band=holding.size * ROWS * COLUMNS,
+            stride=float(self.stride),
+            opaque=1.0 - plan.hiding.cutoff,
+            **layer_uniforms(layers),
+        )
         x, y, width, _ = band.window.box
         set_uniforms(program, origin=(x, y), tiles=(-(-width // COLUMNS), -(-band.window.height // ROWS)))
         tiles = np.flatnonzero(holding)

@@ -119,6 +119,8 @@ class Passes:
             splats = visible_boxes(clip_behind_eye(splats, plan.resolved.camera), plan.resolved)
         target = self.targets.get(role, plan.view.size, plan.target)
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
+        # of a cancelled picture
+        self.single.kept = None
         card = self.card if plan.program.technique == "tiles" and batches is None else None
         while True:
             target.clear()
@@ -135,6 +137,7 @@ class Passes:
         plan = layers[0][1]
         target, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ("draw", "layer"))
         target.clear()
+        self.single.kept = None
         visible = [
             (visible_boxes(clip_behind_eye(splats, plan.resolved.camera), plan.resolved), plan)
             for splats, plan in layers
@@ -159,6 +162,7 @@ class Passes:
         visible = [layer for layer in visible if len(layer[0])]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)
+        self.single.kept = None
         try:
             for limits, light in self.surfaces.peeled(meshes, camera, unit, lit, plan.program.look.light.plain):
                 self._set_limits(limits)

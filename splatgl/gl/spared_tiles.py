@@ -83,7 +83,7 @@ class SingleSamples:
 
 
 def single_windows(window: Window, k: int) -> tuple[Window, Window]:
-    """Windows, in tiles of one sample a pixel, of the pixels of a window of k × k samples, and of a row of tiles in their
+    """Returns the pixels of a window of k × k samples, in whole tiles of one sample a pixel; and a row of tiles in their
     middle.
     """
     x, y, width, height = window.box

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.gl import layers as layers_in_tiles
 from splatgl.gl import spared_tiles, tiles
 from splatgl.gl.context import current
 from splatgl.gl.spared_tiles import SingleSamples
@@ -77,6 +78,40 @@ def test_cancelled_pictures_leave_no_trace(
         with pytest.raises(sg.Interrupted):
             renderer.render(ball, camera, interrupted=partial(next, answers), verify_bound=False)
         assert (renderer.render(ball, camera, verify_bound=False).pixels == right).all()
+
+
+def test_cancelled_pictures_are_no_part_of_others(
+    renderer: sg.Renderer, ball: sg.Splats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a cancelled picture of one sample a pixel, nothing is in one of all samples where that is empty."""
+    monkeypatch.setattr(spared_tiles, "MOST_NEEDED", 1.0)
+    near, far = (sg.Camera.orbit(each, 30, 20, size=(72, 72)) for each in (ball, sg.scenes.ball(7)))
+    right = renderer.render(ball, near, ALL, verify_bound=False).pixels
+    asked: list[bool] = []
+    renderer.render(ball, far, interrupted=lambda: asked.append(False) or False, verify_bound=False)
+    answers = iter([False] * (len(asked) - 1) + [True])
+    with pytest.raises(sg.Interrupted):
+        renderer.render(ball, far, interrupted=partial(next, answers), verify_bound=False)
+    assert (renderer.render(ball, near, ALL, verify_bound=False).pixels == right).all()
+
+
+def test_layers_spare_samples_as_volumes_do(
+    renderer: sg.Renderer, ball: sg.Splats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By less than the tolerance, a fifth of what one sample a pixel is off; also where matter is drawn in parts."""
+    volume = sg.scenes.ball(6)
+    look = sg.Transfer([(0, 0), (0.3, 0.02), (0.7, 0.02), (0.75, 1), (1, 1)], shading=True)
+    layers = [sg.Layer(replace(volume, origin=(place, 0, 0)), look) for place in (0, 7)]
+    scene, camera = sg.Scene(layers), sg.Camera.orbit(ball, 30, 20, size=(72, 72))
+    found, right = (renderer.render(scene, camera, each).pixels for each in (sg.Settings(), ALL))
+    one = renderer.render(scene, camera, ALL.but(samples=1)).pixels
+    tolerance = sg.Settings().tolerance
+    assert np.abs(one - right).max() > 5 * tolerance
+    assert np.abs(found - right).max() < tolerance
+    if renderer.passes.layers.single is not None:
+        assert (found == one).all(axis=2)[right[..., 3] > 0].mean() > 0.25
+        monkeypatch.setattr(layers_in_tiles, "ROOM", 1500)
+        assert np.array_equal(renderer.render(scene, camera).pixels, found)
 
 
 def test_no_flicker(renderer: sg.Renderer, ball: sg.Splats) -> None:

@@ -47,7 +47,7 @@ PLUMBING = {
     *("between", "is_single"),
     # quads on a card, which tests/gl/test_shapes.py compares
     *("filtered", "give_place", "quad_place"),
-    *("set_column", "begin_matter", "set_layer", "take", "keep_piece", "boxed", "within_depths"),
+    *("set_column", "begin_matter", "set_layer", "keep_piece", "boxed", "within_depths"),
 }
 # Python names of functions that GLSL names otherwise
 OTHER_NAMES = {
