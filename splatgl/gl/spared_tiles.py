@@ -83,8 +83,8 @@ class SingleSamples:
 
 
 def single_windows(window: Window, k: int) -> tuple[Window, Window]:
-    """Returns the pixels of a window of k × k samples, in whole tiles of one sample a pixel; and a row of tiles in their
-    middle.
+    """Returns the pixels of a window of k × k samples, in whole tiles of one sample a pixel; and a row of tiles in the
+    middle of these.
     """
     x, y, width, height = window.box
     end = -(-(x + width) // k), -(-(y + height) // k)
