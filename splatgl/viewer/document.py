@@ -390,10 +390,10 @@ class Document:
         """Whether all splats that can be drawn are extracted."""
         return set(self.extracted) >= set(STRIDES[self.exceeds_budget :])
 
-    def extract(self, stride: int, progress: Progress | None = None) -> None:
-        """Extracts the splats of all visible layers at a stride."""
+    def extract(self, stride: int, progress: Callable[[LayerSplats], Progress] | None = None) -> None:
+        """Extracts the splats of all visible layers at a stride. progress: of a layer, called before its extraction."""
         for layer in self.drawn_layers:
-            layer.shell(stride, progress)
+            layer.shell(stride, progress and progress(layer))
 
     def with_styles(
         self, styles: Sequence[LayerStyle], mesh_files: Sequence[MeshFile], settings: Settings, moving: bool = False

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, TypeVar
 
+import numpy as np
+
 from splatgl.errors import USER_ERRORS, error_text
+from splatgl.splat.extract import Progress
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.document import Document
+from splatgl.viewer.document import Document, LayerSplats
 
 # most voxels of a stride that is extracted while a transfer function is edited: some 0.1 s
 QUICK = 1 << 19
@@ -117,7 +120,9 @@ class Jobs:
 
 
 class Extractor:
-    """Extracts missing splats of a document. share: finished part of the stride that is being extracted."""
+    """Extracts missing splats of a document. share: of all voxels that are being extracted, those
+    that are done.
+    """
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.jobs = Jobs(wake)
@@ -157,20 +162,28 @@ class Extractor:
         return [done for done in self.jobs.collect() if not isinstance(done.error, Cancelled)]
 
     def _extract(self, document: Document, strides: list[int]) -> None:
-        for stride in strides:
-            if stride == 1 and document.exceeds_budget:
-                return
-            self.share = 0.0
+        strides = [stride for stride in strides if stride > 1 or not document.exceeds_budget]
+        counts = [layer.volumes[STRIDES.index(stride)].count for stride in strides for layer in document.drawn_layers]
+        begins = iter(np.cumsum([0, *counts]) / max(sum(counts), 1))
+        end = float(next(begins))
+
+        def of_layer(_: LayerSplats) -> Progress:
+            nonlocal end
+            begin, end = end, float(next(begins))
+            self.share = begin
 
             def progress(parts: Iterator[T], count: int) -> Iterator[T]:
                 for number, part in enumerate(parts):
                     if not _same_layers(self.wanted, document):
                         raise Cancelled
-                    self.share = number / max(count, 1)
+                    self.share = begin + (end - begin) * number / max(count, 1)
                     yield part
 
+            return progress
+
+        for stride in strides:
             try:
-                document.extract(stride, progress)
+                document.extract(stride, of_layer)
             except USER_ERRORS as error:
                 self.failed, self.why = document, error_text(error)
                 raise

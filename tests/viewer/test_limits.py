@@ -20,7 +20,7 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.commands import Copy
-from splatgl.viewer.document import Document
+from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.jobs import Done, Extractor, Kind
 from splatgl.viewer.reference_view import Reference
@@ -166,6 +166,24 @@ def test_another_picture_is_not_called_refined(document: Document) -> None:
     assert not stale(viewer)
     extractor.failed = document
     assert stale(viewer)
+
+
+def test_progress_of_layers_is_of_all_their_voxels(document: Document, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where each volume is extracted in one part."""
+    document = Document.open(replace(document.scene, layers=(document.scene,)))
+    extractor, found = Extractor(lambda: None), list[float]()
+    shell = LayerSplats.shell
+
+    def noted(layer: LayerSplats, *args: Any) -> sg.Splats:
+        found.append(extractor.share)
+        return shell(layer, *args)
+
+    monkeypatch.setattr(LayerSplats, "shell", noted)
+    extractor.wanted = document
+    extractor._extract(document, [4, 2])
+    counts = [layer.volumes[STRIDES.index(stride)].count for stride in (4, 2) for layer in document.drawn_layers]
+    assert len(counts) == 4
+    assert np.allclose(found, np.cumsum([0, *counts])[:-1] / sum(counts))
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators give back by themselves, or never")
