@@ -104,6 +104,8 @@ make_venv() { # keeps an environment that works, whoever made it
     fi
     say "making a virtual environment in $venv"
     "$python" -m venv --clear "$venv"
+    # those that Python 3.11 and 3.12 come with take twice as long to find versions
+    pip_install "pip>=25" || say "pip: the newest could not be installed; going on with $("$venv/bin/python" -m pip -V)"
 }
 
 install_package() { # level

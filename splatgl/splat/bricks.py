@@ -332,15 +332,17 @@ def estimate_need(bricks: Bricks, pixels: int, enough: int) -> Need:
     all_splats = Need(volume.count, volume.count, other + EACH * volume.count, WAITING * layer, pixels, held)
     if all_splats.bytes <= enough and volume.count <= MOST_KEPT:
         return all_splats
-    low = spread_places(np.maximum(size - PROBE_SIDE, 0), PROBES)
-    # a small volume yields the same place several times
+    # boxes that hold more voxels than the volume give way to it
+    side, count = (PROBE_SIDE, PROBES) if volume.count > PROBES * PROBE_SIDE**3 else (int(size.max()), 1)
+    low = spread_places(np.maximum(size - side, 0), count)
+    # a thin volume yields the same place several times
     low, same = np.unique(low, axis=0, return_inverse=True)
-    probes = Bricks(volume, bricks.post, low, np.minimum(low + PROBE_SIDE, size))
+    probes = Bricks(volume, bricks.post, low, np.minimum(low + side, size))
     voxels = (probes.high - low).prod(axis=1)[same.ravel()]
     shares = np.array([len(probes.records(n)) for n in range(len(low))])[same.ravel()] / voxels
     share = float(np.average(shares, weights=voxels))
     # if no box holds a splat, as many as all boxes miss with a probability of 1/20
-    most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(PROBES), MISSED / float(voxels.sum())), 1.0)
+    most = min(max(share + ERRORS * float(shares.std()) / np.sqrt(count), MISSED / float(voxels.sum())), 1.0)
     splats, many = (int(np.ceil(part * volume.count)) for part in (share, most))
     return Need(splats, many, other + EACH * many, int(WAITING * share * layer), pixels, held)
 

@@ -66,7 +66,7 @@ def assert_right(name: str, pixels: np.ndarray, subject: Subject = SUBJECT) -> N
 COMPARED = [*(name for name in SETTINGS if name not in BLURRED), *SCENES, "bricks", "bricks, mip", "bricks inside"]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [*COMPARED, "parts", "parts, mip"])
 def test_pictures_are_those_of_float64(renderer: sg.Renderer, name: str) -> None:
     assert_right(name, PICTURES[name](SUBJECT, renderer, name))
@@ -81,7 +81,7 @@ def test_quads_draw_them_too(renderer: sg.Renderer, name: str) -> None:
     assert_right(name, image.pixels)
 
 
-@pytest.mark.parametrize("name", ["layers inside", "meshes, layers"])
+@pytest.mark.parametrize("name", ["layers inside", pytest.param("meshes, layers", marks=pytest.mark.long)])
 def test_bands_and_slabs_make_no_difference(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Slots are reused from slab to slab; a band has its own."""
     subject, camera, settings = SUBJECT.scene(name)
@@ -112,7 +112,7 @@ def test_bands_of_sheets_make_no_difference(renderer: sg.Renderer, monkeypatch: 
     np.testing.assert_allclose(renderer.render(subject, camera, settings).pixels, whole, atol=2e-5)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["bricks", "bricks, mip", "parts", "parts, mip"])
 def test_quads_draw_bricks(renderer: sg.Renderer, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(renderer, "tiles", None)

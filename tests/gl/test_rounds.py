@@ -138,7 +138,8 @@ def test_bounds_of_clusters_hold_what_their_splats_reach(kind: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "names"),
     [
-        ("voxels", ("close", "far")),
+        ("voxels", ("close",)),
+        pytest.param("voxels", ("far",), marks=pytest.mark.long),
         pytest.param("values", ("fitted", "on a voxel"), marks=pytest.mark.long),
         pytest.param("sheared", ("fitted",), marks=pytest.mark.long),
         pytest.param("points", ("on a voxel", "parallel, close"), marks=pytest.mark.long),
@@ -162,17 +163,17 @@ def test_rounds_draw_what_all_splats_draw(
 
 
 @pytest.mark.compute
+@pytest.mark.parametrize("name", ["close", pytest.param("on a voxel", marks=pytest.mark.long)])
 def test_rounds_are_the_float64_picture(
-    processor: sg.Renderer, many_rounds: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+    processor: sg.Renderer, many_rounds: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     monkeypatch.setattr(clustering, "LEAST", 40)
     splats = cloud("voxels", 8)
-    for name in ("close", "on a voxel"):
-        camera, settings = cameras(splats)[name].resized((12, 9)), WHOLE.but(occlusion="auto", tolerance=1e-6)
-        found = processor.render(splats, camera, settings, verify_bound=False).pixels
-        right = sg.reference.render(splats, camera, settings).pixels
-        assert right[..., 3].max() > 0.1 and np.abs(found - right).max() < 4e-6, name
-    assert len(many_rounds) > 6
+    camera, settings = cameras(splats)[name].resized((12, 9)), WHOLE.but(occlusion="auto")
+    found = processor.render(splats, camera, settings, verify_bound=False).pixels
+    right = sg.reference.render(splats, camera, settings).pixels
+    assert right[..., 3].max() > 0.1 and np.abs(found - right).max() < 2e-5
+    assert len(many_rounds) > 3
 
 
 def wall() -> sg.Splats:

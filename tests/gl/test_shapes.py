@@ -145,7 +145,7 @@ KINDS: dict[str, Callable[[], Draw]] = {
 }
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_shapes_draw_the_same(
     kind: str, processor: sg.Renderer, card: sg.Renderer, monkeypatch: pytest.MonkeyPatch

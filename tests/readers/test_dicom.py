@@ -163,7 +163,7 @@ def test_render_a_folder(study: Path, tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("option", ["--layer", "--labels", "--mask"])
+@pytest.mark.parametrize("option", ["--mask", "--layer", "--labels"])
 def test_notes_of_what_lies_beside_a_volume(
     option: str, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

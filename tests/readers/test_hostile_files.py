@@ -37,8 +37,6 @@ fuzz.SECONDS = SECONDS
 
 
 VOLUMES = [name for name in good.SEEDS if name not in ("scene", "transfer")]
-# a good file of these takes half a second
-SLOW = ("afni", "par-rec")
 
 
 def examples(most: int) -> settings:
@@ -54,9 +52,7 @@ MANY = examples(24)
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize(
-    "reader", [pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in VOLUMES]
-)
+@pytest.mark.parametrize("reader", VOLUMES)
 @MANY
 @given(index=st.integers(0, 2**32 - 1))
 def test_mutated_files_load_or_are_refused(tmp_path: Path, reader: str, index: int) -> None:

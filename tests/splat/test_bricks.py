@@ -290,10 +290,15 @@ def test_an_interrupted_picture_leaves_nothing(renderer: sg.Renderer, rng: np.ra
 
 
 def test_estimates(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of splats within a third, from some bricks; without reading where even the most fits."""
+    """All splats of a volume no larger than the boxes, those of a larger one within a third; without reading where
+    even the most fits.
+    """
     volume = sg.Volume(noise(rng, (40, 40, 40)))
     bricks = in_bricks(volume, RAMP, ALL, 8)
     kept = len(sg.extract(volume, RAMP, classification="post"))
+    whole = bricking.estimate_need(bricks, 100, 0)
+    assert whole.splats == whole.most == kept
+    monkeypatch.setattr(bricking, "PROBE_SIDE", 9)
     # boxes that differ leave an estimate unsure
     half = sg.Volume(np.where(np.arange(40)[:, None, None] < 20, volume.samples, np.float32(0)))
     unsure = bricking.estimate_need(in_bricks(half, RAMP, ALL, 8), 100, 0)

@@ -196,6 +196,7 @@ def test_batches_draw_the_same_where_a_tile_is_two_subgroups() -> None:
     assert done.returncode == 0 and "2 passed" in done.stdout, done.stdout[-2000:]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("points", [RAMP.points, [(0.4, 0), (0.45, 0.5), (0.5, 0)], [(0.4, 0.3), (0.5, 0)]], ids=str)
 @pytest.mark.compute
 def test_transparent_sheets_are_passed_over(
@@ -364,7 +365,8 @@ def test_steep_and_constant_transfer_functions(renderer: sg.Renderer, points: li
 @pytest.mark.few(1)
 @pytest.mark.parametrize("width", [3.0, 1.0, 1e-2, 1e-6])
 @pytest.mark.parametrize("view", ["along", "oblique"])
-def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float) -> None:
+@pytest.mark.parametrize("steps", [1, 3])
+def test_no_spike_is_passed_over(renderer: sg.Renderer, steps: int, view: str, width: float) -> None:
     """Values rise by 1 per voxel: however narrow a spike is, and wherever it lies between two sheets, a ray that
     crosses it gathers its area over the slope of the values along the ray, to two per cent.
     """
@@ -379,11 +381,10 @@ def test_no_spike_is_passed_over(renderer: sg.Renderer, view: str, width: float)
         at = (np.arange(20000) + 0.5) / 20000
         area = transfer.extinction(0.6 * at, width).mean() * 2 * width
         splats = sg.extract(sg.Volume(z), transfer, classification="post")
-        for steps in (1, 3):
-            alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
-            assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.015, (middle, steps)
-            (right,) = render_windows(splats, camera, EXACT.but(steps=steps), [Window(3, 3, 3, 3)])
-            assert np.abs(alpha - right[..., 3]).max() < 1e-5
+        alpha = renderer.render(splats, camera, EXACT.but(steps=steps)).pixels[3:6, 3:6, 3]
+        assert np.abs(alpha + np.expm1(-area / slope)).max() < 0.015, middle
+        (right,) = render_windows(splats, camera, EXACT.but(steps=steps), [Window(3, 3, 3, 3)])
+        assert np.abs(alpha - right[..., 3]).max() < 1e-5
 
 
 @pytest.mark.long
@@ -499,7 +500,7 @@ def test_what_extraction_refuses(renderer: sg.Renderer) -> None:
         renderer.render(matter(), eyes(matter())["fitted"], sg.Settings(motion="exact"), moves)
 
 
-@pytest.mark.few(1)
+@pytest.mark.long
 def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", cells().astype(np.float32))
@@ -511,7 +512,6 @@ def test_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert post[..., 3].max() > 0.5 and np.abs(post - splats).max() > 0.05 and np.abs(sheets - splats).max() > 1e-3
 
 
-@pytest.mark.few(1)
 def test_another_transfer_function_uploads_no_records(renderer: sg.Renderer) -> None:
     splats = matter()
     assert splats.post is not None
