@@ -17,7 +17,7 @@ from splatgl.data.arrays import ArrayOptions
 from splatgl.options import declared, names_of
 from splatgl.readers.options import LoadOptions
 from splatgl.scene.api import SCENE, TRANSFER
-from splatgl.scene.draw import DrawOptions
+from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.scene.meshes import VECTORS, Vectors
 from splatgl.scene.mixing import MIXING
 from splatgl.scene.scene_file import SceneFile
@@ -85,11 +85,16 @@ def compose() -> str:
         "SettingsKeywords": ("Fields of `Settings`.", hints_of(Settings)),
         "LoadKeywords": ("Fields of `LoadOptions`.", hints_of(LoadOptions)),
         "ArrayKeywords": ("Options of `Volume.of`.", array_hints()),
-        "RenderKeywords": ("Options of `render`, `show` and `depth_map`.", render_hints()),
     }
     lines = [line for name, (about, hints) in classes.items() for line in write_class(name, about, hints)]
-    frames = {**hints_of(Timeline), "fps": "float | None", "bits": "Literal[8, 16]", "resume": "bool"}
-    lines += write_class("AnimateKeywords", "Options of `animate`.", frames, "RenderKeywords")
+    # an animation may show several time points
+    common = render_hints()
+    one = {"time": common.pop("time")}
+    lines += write_class("PictureKeywords", "Options of all pictures.", common)
+    lines += write_class("RenderKeywords", "Options of `render`, `show` and `depth_map`.", one, "PictureKeywords")
+    frames = {"time": f"slice | {one['time']}", **hints_of(Timeline), **hints_of(WorkerOptions)}
+    frames |= {"fps": "float | None", "bits": "Literal[8, 16]", "resume": "bool"}
+    lines += write_class("AnimateKeywords", "Options of `animate`.", frames, "PictureKeywords")
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(TARGET), "-"]
     text = HEAD + "\n".join(lines) + "\n"
     return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout

@@ -81,8 +81,8 @@ class ArrayKeywords(TypedDict, total=False):
     values: str | None
 
 
-class RenderKeywords(TypedDict, total=False):
-    """Options of `render`, `show` and `depth_map`."""
+class PictureKeywords(TypedDict, total=False):
+    """Options of all pictures."""
 
     size: int | str | Numbers
     azimuth: float | None
@@ -146,7 +146,6 @@ class RenderKeywords(TypedDict, total=False):
     header_offset: int
     array: str | int | None
     channel: int | str | None
-    time: int | None
     level: int | None
     series: str | int | None
     well: str | None
@@ -161,9 +160,16 @@ class RenderKeywords(TypedDict, total=False):
     name: str | None
 
 
-class AnimateKeywords(RenderKeywords, total=False):
+class RenderKeywords(PictureKeywords, total=False):
+    """Options of `render`, `show` and `depth_map`."""
+
+    time: int | None
+
+
+class AnimateKeywords(PictureKeywords, total=False):
     """Options of `animate`."""
 
+    time: slice | int | None
     frames: int | None
     only: tuple[int, int] | None
     turntable: float | None
@@ -172,6 +178,9 @@ class AnimateKeywords(RenderKeywords, total=False):
     keyframes: str | Mapping[str, Any] | None
     hold: int
     flow: float | None
+    workers: int | None
+    scheduler: str | None
+    devices: Sequence[int]
     fps: float | None
     bits: Literal[8, 16]
     resume: bool

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from splatgl.animation.animation import Animation, Frames, Timeline
+from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
 from splatgl.animation.movie import need, volumes, write_movie
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import check_source
-from splatgl.options import is_number, non_default
+from splatgl.options import is_number, names_of, non_default
 from splatgl.scene.api import is_scene, is_splats, scene_of
+from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.scene.scene_file import TRACK, SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -38,13 +39,14 @@ def animate(
     """Draws frames or a movie with the defaults of `splatgl animate`; returns the files: one movie, or the frames.
 
     x: as of `render`, not splats, scenes or plotters; or a list: a series in time, as are the files of a pattern, and
-    the time points of a file. output: frames/{frame:04d}.png or .npy, or a name that ends in .mp4, .webm or .gif.
-    transfer, settings: as of `render`.
+    the time points of a file, or some of them: time=slice(0, 20, 2). output: frames/{frame:04d}.png or .npy, or a name
+    that ends in .mp4, .webm or .gif. transfer, settings: as of `render`.
     options: those of `render`, and frames (their number), turntable (total angle in degrees, 360 by default), spin
     (degrees a frame), axis, keyframes (a file or its table), hold (frames for each volume of a series), flow, only (the
-    first and the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist); they replace those of a
-    scene file. Without a background PNGs and movies have the default one. Raises InputError as `render`, and for
-    options that do not go together.
+    first and the last frame to draw), fps, bits (8 or 16), resume (keep frames that exist), workers (processes of this
+    machine that draw) or scheduler (the address of Dask's), devices (their numbers); they replace those of a scene
+    file. Without a background PNGs and movies have the default one. Raises InputError as `render`, and for options that
+    do not go together.
 
     ```python
     sg.animate("head.nii.gz", "turn.gif", frames=8, size=64)
@@ -56,7 +58,8 @@ def animate(
     if "camera" in options:
         raise expected("animate", "a view", "a camera", "name its azimuth, elevation and zoom, or eye and look_at")
     given: dict[str, Any] = {name: options[name] for name in OWN if name in options}  # type: ignore[literal-required]
-    rest = {name: value for name, value in options.items() if name not in given}
+    by = WorkerOptions(**{name: given.pop(name) for name in names_of(WorkerOptions) if name in given})
+    rest = {name: value for name, value in options.items() if name not in OWN and not isinstance(value, slice)}
     fps, bits, resume = (given.pop(name, usual) for name, usual in (("fps", None), ("bits", 8), ("resume", False)))
     if bits not in (8, 16):
         raise expected("bits", "8 or 16", repr(bits))
@@ -64,17 +67,10 @@ def animate(
     scenes = [scene_of(item, transfer, None, settings, rest)[0] for item in items]
     timeline, fps = timeline_of(scenes[0], Timeline(**given), fps)
     has_default = "background" not in scenes[0].settings.given and Path(output).suffix.lower() != ".npy"
-    scenes = [replace(scene, auto_background=has_default) for scene in scenes]
+    scenes = [with_blur(replace(scene, auto_background=has_default), options.get("shutter")) for scene in scenes]
     scenes = [each for scene in scenes for each in ([scene] if scene.held is not None else volumes(scene, ()))]
     animation = Animation.of(scenes, timeline, options.get("time"), bits, True)
-
-    def draw(frames: Frames, todo: Sequence[int]) -> None:
-        from splatgl.scene.shared_renderer import shared_renderer
-
-        with shared_renderer() as renderer:
-            animation.draw(renderer, frames, todo, True)
-
-    frames, _ = write_animation(animation, str(output), draw, fps, resume)
+    frames, _ = write_animation(animation, str(output), by, DrawOptions(is_shared=True), fps, resume, True)
     return [frames.movie] if frames.movie else [frames.path(n) for n in animation.numbers]
 
 
@@ -95,14 +91,27 @@ def timeline_of(scene: SceneFile, given: Timeline, fps: float | None) -> tuple[T
 # options that say how the camera or the volume moves
 MOTIONS = {"turntable", "spin", "keyframes"}
 # options of `animate` that are not those of `render`
-OWN = (*(item.name for item in fields(Timeline)), "fps", "bits", "resume")
+OWN = (*(item.name for item in fields(Timeline)), *names_of(WorkerOptions), "fps", "bits", "resume")
+
+
+def with_blur(scene: SceneFile, shutter: float | None) -> SceneFile:
+    """The scene, whose frames are blurred if a shutter is asked for, the default one, too."""
+    if shutter is None or scene.settings.motion != "auto":
+        return scene
+    return replace(scene, settings=scene.settings.but(motion="moments"))
 
 
 def write_animation(
-    animation: Animation, output: str, draw: Callable[[Frames, Sequence[int]], None], fps: float | None, resume: bool
+    animation: Animation,
+    output: str,
+    by: WorkerOptions,
+    how: DrawOptions,
+    fps: float | None,
+    resume: bool,
+    quiet: bool,
 ) -> tuple[Frames, int]:
-    """Draws the frames and joins them to a movie; returns their paths, and how many existed. draw: draws some frames.
-    fps: None: the default. resume: frames that exist are kept.
+    """Draws the frames and joins them to a movie; returns their paths, and how many existed. how: the renderer, unless
+    workers draw. fps: None: the default. resume: frames that exist are kept.
     """
     frames, wanted = Frames.at(output, animation.mark), animation.numbers
     if frames.movie:
@@ -112,8 +121,12 @@ def write_animation(
         check_source(frames.path(n), *sources)
     frames.sweep(wanted)
     todo = [n for n in wanted if not (resume and frames.done(n))]
-    if todo:
-        draw(frames, todo)
+    if todo and by.are_used:
+        with by.connected(None if quiet else print) as client:
+            draw_frames(client, animation, frames, todo, by.drawing, quiet)
+    elif todo:
+        with how.renderer() as renderer:
+            animation.draw(renderer, frames, todo, quiet)
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK
         write_movie(frames.movie, [frames.path(n) for n in wanted], fps or _default_fps(animation), ground)

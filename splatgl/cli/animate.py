@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
-from splatgl.animation.api import FPS, SHORTEST, check_fps, timeline_of, write_animation
+from splatgl.animation.animation import Animation, Timeline
+from splatgl.animation.api import FPS, SHORTEST, check_fps, timeline_of, with_blur, write_animation
 from splatgl.animation.movie import volumes
 from splatgl.cli.options import (
     add_drawing,
     add_options,
     add_source,
-    add_workers,
-    drawing_of,
     for_output,
     group_of,
     record_of,
     scene_from,
-    uses_workers,
 )
 from splatgl.options import Group
-from splatgl.scene.draw import DrawOptions
+from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.splat.settings import Settings
 
 
@@ -46,34 +41,21 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample (default 8)"
     )
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
-    add_workers(parser)
+    add_options(parser, WorkerOptions)
     add_drawing(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Renders the requested frames that do not exist yet; returns 0."""
-    timeline, on_workers = record_of(args, Timeline), uses_workers(args)
+    timeline, by = record_of(args, Timeline), record_of(args, WorkerOptions)
     check_fps(args.fps, "--fps")
     scene = scene_from(args)
-    if args.shutter is not None and scene.settings.motion == "auto":
-        # the default shutter, too, asks for blur
-        scene = replace(scene, settings=scene.settings.but(motion="moments"))
     timeline, fps = timeline_of(scene, timeline, args.fps)
-    scenes = volumes(for_output(scene, Path(args.output)), args.more)
+    scenes = volumes(for_output(with_blur(scene, args.shutter), Path(args.output)), args.more)
     animation = Animation.of(scenes, timeline, args.time, args.bits, args.quiet)
-
-    def draw(frames: Frames, todo: Sequence[int]) -> None:
-        if not on_workers:
-            with record_of(args, DrawOptions).renderer() as renderer:
-                animation.draw(renderer, frames, todo, args.quiet)
-            return
-        from splatgl.distributed.cluster import connected
-
-        with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
-            draw_frames(client, animation, frames, todo, drawing_of(args), args.quiet)
-
-    frames, existing = write_animation(animation, args.output, draw, fps, args.resume)
+    how = record_of(args, DrawOptions)
+    frames, existing = write_animation(animation, args.output, by, how, fps, args.resume, args.quiet)
     if not args.quiet:
         wanted = animation.numbers
         resumed = f", {existing} of them existed" if existing else ""

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from splatgl.data.image import Image
-    from splatgl.distributed.worker import Drawing
 
     Record = TypeVar("Record", bound=DataclassInstance)
 
@@ -174,38 +173,3 @@ def _refuse_many(args: argparse.Namespace) -> None:
     pattern = any(sign in source for sign in "*?[") and not is_address(source)
     if pattern and not hasattr(args, "more") and not Path(source).exists():
         raise expected(source, "one file", "a pattern", "splatgl animate draws a series")
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of worker processes."""
-    group = group_of(parser, Group.WORKERS)
-    group.add_argument("--workers", type=int, metavar="N", help="draw in N processes of this machine")
-    group.add_argument("--scheduler", metavar="ADDRESS", help="draw with the workers of a Dask scheduler, tcp://…:8786")
-    group.add_argument("--devices", type=_devices, metavar="N,…", help="EGL devices of the workers, in turn")
-
-
-def uses_workers(args: argparse.Namespace) -> bool:
-    """Whether workers draw. Raises InputError for options that exclude each other."""
-    if args.workers is not None and args.scheduler is not None:
-        raise expected("--workers", "either it or --scheduler", "both")
-    if args.devices and args.device is not None:
-        raise expected("--devices", "either it or --device", "both")
-    has_workers = args.workers is not None or args.scheduler is not None
-    if args.devices and not has_workers:
-        raise expected("--devices", "--workers or --scheduler beside it", "neither")
-    return has_workers
-
-
-def drawing_of(args: argparse.Namespace) -> Drawing:
-    """OpenGL options of the workers."""
-    from splatgl.distributed.worker import Drawing
-
-    devices = args.devices or (() if args.device is None else (args.device,))
-    return Drawing(args.backend, tuple(devices), args.gpu)
-
-
-def _devices(text: str) -> tuple[int, ...]:
-    numbers = text.split(",")
-    if not all(number.isdecimal() for number in numbers):
-        raise argparse.ArgumentTypeError(f"expected numbers separated by commas, got {text!r}")
-    return tuple(map(int, numbers))

@@ -17,13 +17,10 @@ from splatgl.cli.options import (
     add_drawing,
     add_options,
     add_source,
-    add_workers,
-    drawing_of,
     for_output,
     group_of,
     record_of,
     scene_from,
-    uses_workers,
 )
 from splatgl.cli.output import summary
 from splatgl.data.image import MAPS, SAVED, Image, save_map
@@ -31,7 +28,7 @@ from splatgl.data.image_files import require_library
 from splatgl.errors import expected
 from splatgl.fileio import check_output, check_source
 from splatgl.options import Group, declared, names_of
-from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, depths, draw, finish, progress_bar
+from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, WorkerOptions, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -40,7 +37,6 @@ from splatgl.splat.settings import BLENDS
 if TYPE_CHECKING:
     from splatgl.comparison.pictures import Picture
     from splatgl.data.color import Color
-    from splatgl.distributed.worker import Drawing
 
 
 def depth_at(text: str) -> float | str:
@@ -102,7 +98,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     number = parser._option_string_actions["--field"]
     number.nargs, number.const = "?", CHECK
     number.help = f"{number.help}; without a number: {declared(DrawOptions)['check_field'].help}"
-    add_workers(parser)
+    add_options(parser, WorkerOptions)
     add_drawing(parser)
     parser.set_defaults(run=run)
 
@@ -111,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
     args.check_field = args.field is CHECK or None
     args.field = None if args.check_field else args.field
-    on_workers, file, how = uses_workers(args), scene_from(args), record_of(args, DrawOptions)
+    by, file, how = record_of(args, WorkerOptions), scene_from(args), record_of(args, DrawOptions)
     output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
     _check_outputs(args, output, file.files)
     if args.ref is not None:
@@ -120,15 +116,12 @@ def run(args: argparse.Namespace) -> int:
         file = replace(file, annotate=())
     reference = _reference(args.ref, output) if args.ref else None
     file = for_output(file, output, reference.image if reference and args.background is None else None)
-    scene = OpenScene.read(file, args.quiet, is_alone=on_workers)
+    scene = OpenScene.read(file, args.quiet, is_alone=by.are_used)
     if args.depth is not None:
         write_depths(scene, args.depth, args.depth_at)
         if args.output is None and reference is None:
             return 0
-    if on_workers:
-        image = finish(_draw_on_workers(scene, how, drawing_of(args), args.workers, args.scheduler), scene)
-    else:
-        image = draw(scene, how)
+    image = finish(_draw_on_workers(scene, how, by), scene) if by.are_used else draw(scene, how)
     settings = scene.file.settings
     behind = settings.background if BLENDS[settings.blend].unbounded else None
     status = 0 if reference is None else _compare(image, reference, output, behind, args.quiet)
@@ -168,11 +161,8 @@ def _compare(image: Image, reference: Picture, output: Path, background: Color |
     return SAME if verdict.same else DIFFERENT
 
 
-def _draw_on_workers(
-    scene: OpenScene, how: DrawOptions, drawing: Drawing, workers: int | None, scheduler: str | None
-) -> Image:
+def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Image:
     """Draws the picture in parts on workers of Dask."""
-    from splatgl.distributed.cluster import connected
     from splatgl.distributed.render import Job, draw_parts
     from splatgl.splat.opaque_bounds import Opaque
 
@@ -190,9 +180,9 @@ def _draw_on_workers(
         if value:
             raise expected(name, "none, with --workers or --scheduler", value)
     camera = file.view.camera(scene.volume, Opaque(scene.volume, scene.transfer))
-    job = Job(uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, drawing, camera, how.memory)
+    job = Job(uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, by.drawing, camera, how.memory)
     notify = None if scene.is_quiet else print
-    with connected(workers, scheduler, notify) as client, progress_bar("part", scene.is_quiet) as progress:
+    with by.connected(notify) as client, progress_bar("part", scene.is_quiet) as progress:
         image = draw_parts(client, job, None, progress, how.check is None)
     if not image.info["splats"]:
         raise scene.nothing_visible()

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl import __version__
-from splatgl.cli.options import add_backend, add_workers, drawing_of, uses_workers
+from splatgl.cli.options import add_backend, add_options, record_of
 from splatgl.comparison.metrics import require_flip
 from splatgl.data.scenes import FORMULAS
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import InputError, expected
+from splatgl.scene.draw import WorkerOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
 from splatgl.splat.splats import Splats
@@ -61,7 +62,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resume", action="store_true", help="continue with the results in DIR")
     parser.add_argument("--list", action="store_true", help="list the methods, and draw nothing")
     parser.add_argument("--quiet", action="store_true", help="no progress bar and no summary")
-    add_workers(parser)
+    add_options(parser, WorkerOptions)
     add_backend(parser)
     parser.set_defaults(run=run)
 
@@ -71,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         print(list_methods())
         return 0
-    uses_workers(args)
+    record_of(args, WorkerOptions)
     level = _level(args)
     known = {*methods(), *AXES}
     for name in args.only:
@@ -110,7 +111,7 @@ def _measure(args: argparse.Namespace, level: Level, sources: list[str], folder:
         if not args.resume:
             _delete_truths(folder / TRUTHS_FOLDER)
         task = Task(level, tuple(args.only), args.peers, _has_flip(), folder / TRUTHS_FOLDER)
-        if uses_workers(args):
+        if record_of(args, WorkerOptions).are_used:
             _prepare(args, renderer, sources, scenes, task)
         try:
             with _progress(task.steps(len(scenes)), args.quiet) as tick:
@@ -130,10 +131,9 @@ def _prepare(
     args: argparse.Namespace, renderer: Renderer, sources: list[str], scenes: list[Subject], task: Task
 ) -> None:
     """Computes truths on workers, which end before timing starts."""
-    from splatgl.distributed.cluster import connected
-
-    with connected(args.workers, args.scheduler, None if args.quiet else print) as client:
-        count = prepare(client, renderer, sources, scenes, task, drawing_of(args))
+    by = record_of(args, WorkerOptions)
+    with by.connected(None if args.quiet else print) as client:
+        count = prepare(client, renderer, sources, scenes, task, by.drawing)
     if not args.quiet:
         print(f"{count} truths by workers; this process measures times afterwards")
 

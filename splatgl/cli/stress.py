@@ -7,10 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatgl.cli.options import add_workers, drawing_of, uses_workers
+from splatgl.cli.options import add_options, record_of
 from splatgl.errors import expected
 from splatgl.fileio import check_folder, check_output, write_file
 from splatgl.platforms import CHOICES
+from splatgl.scene.draw import WorkerOptions
 from splatgl.studies.stress import CASES, run_case
 from splatgl.studies.stress.case import Bench, Case, Check, Result
 from splatgl.studies.stress.report import PAGES, about, as_csv, as_json, as_markdown, heading, line, lines, verdict
@@ -38,7 +39,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--backend", default="auto", metavar="NAME", help=f"{CHOICES} (default auto)")
     parser.add_argument("--device", type=int, metavar="N", help="number of the EGL device, from 0")
     parser.set_defaults(gpu=False)
-    add_workers(parser)
+    add_options(parser, WorkerOptions)
     parser.set_defaults(run=run)
 
 
@@ -51,8 +52,8 @@ def run(args: argparse.Namespace) -> int:
     chosen = [_case(name) for name in args.case] if args.case else list(CASES.values())
     explained = _case(args.explain) if args.explain else None
     format_line = lines if args.case and len(chosen) <= FEW else line
-    if uses_workers(args) and not explained:
-        results, drawn_by = _on_workers(args, chosen, format_line)
+    if (by := record_of(args, WorkerOptions)).are_used and not explained:
+        results, drawn_by = _on_workers(by, chosen, format_line)
     else:
         from splatgl.gl.renderer import Renderer
 
@@ -76,18 +77,18 @@ def _renderer_name(renderer: Renderer) -> str:
 
 
 def _on_workers(
-    args: argparse.Namespace, chosen: list[Case], format_line: Callable[[Result], str]
+    by: WorkerOptions, chosen: list[Case], format_line: Callable[[Result], str]
 ) -> tuple[list[Result], str]:
     """(results in the order of the cases, name of the renderer); prints each result when it is ready."""
-    from splatgl.distributed.cluster import connected, spread
+    from splatgl.distributed.cluster import spread
 
     results, drawn_by = dict[str, Result](), ""
-    with connected(args.workers, args.scheduler) as client:
-        items = ((case.name, (case.name, drawing_of(args))) for case in chosen)
-        for name, (by, checks, pictures, bad, seconds) in spread(client, _case_on_worker, items):
-            if by != drawn_by:
-                drawn_by = by
-                print(f"{by}\n{heading()}")
+    with by.connected() as client:
+        items = ((case.name, (case.name, by.drawing)) for case in chosen)
+        for name, (name_there, checks, pictures, bad, seconds) in spread(client, _case_on_worker, items):
+            if name_there != drawn_by:
+                drawn_by = name_there
+                print(f"{drawn_by}\n{heading()}")
             results[name] = Result(CASES[name], checks, pictures, bad, seconds)
             print(format_line(results[name]), flush=True)
     return [results[case.name] for case in chosen], drawn_by

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -16,12 +16,15 @@ from splatgl.annotations.annotate import check_time
 from splatgl.data.image import Image
 from splatgl.errors import InputError, expected
 from splatgl.fileio import budget, format_bytes, parse_bytes
-from splatgl.options import Group, Kind, declared, option
+from splatgl.options import Group, Kind, check_options, declared, option
 from splatgl.platforms import BACKENDS
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
 from splatgl.splat.settings import BLENDS, Settings
 
 if TYPE_CHECKING:
+    from distributed import Client
+
+    from splatgl.distributed.worker import Drawing
     from splatgl.gl.renderer import Renderer
     from splatgl.splat.camera import Camera
     from splatgl.splat.scene import Scene
@@ -113,6 +116,61 @@ class DrawOptions:
         for name in UNSUPPORTED[kind]:
             if getattr(self, name):
                 raise expected(declared(DrawOptions)[name].flag or f"--{name}", need, got, fix)
+
+
+_whole = Kind.whole(0)
+_DEVICES = Kind(
+    "whole numbers",
+    lambda value: tuple(map(_whole.check, value)),
+    lambda text: tuple(_whole.check(int(part)) for part in text.split(",")),
+    "N,…",
+    hint="Sequence[int]",
+)
+
+
+@dataclass(frozen=True)
+class WorkerOptions:
+    """Processes that draw, of this machine or of a scheduler of Dask. backend, device, gpu: their OpenGL."""
+
+    workers: int | None = option(None, Kind.whole(1, 1024), "draw in N processes of this machine", group=Group.WORKERS)
+    scheduler: str | None = option(
+        None,
+        Kind.instance("an address", str, metavar="ADDRESS"),
+        "draw with the workers of a Dask scheduler, tcp://…:8786",
+        group=Group.WORKERS,
+    )
+    devices: Sequence[int] = option((), _DEVICES, "EGL devices of the workers, in turn", group=Group.WORKERS)
+    backend: str = "auto"
+    device: int | None = None
+    gpu: bool = False
+
+    def __post_init__(self) -> None:
+        check_options(self, "--")
+        if self.workers is not None and self.scheduler is not None:
+            raise expected("--workers", "either it or --scheduler", "both")
+        if self.devices and self.device is not None:
+            raise expected("--devices", "either it or --device", "both")
+        if self.devices and not self.are_used:
+            raise expected("--devices", "--workers or --scheduler beside it", "neither")
+
+    @property
+    def are_used(self) -> bool:
+        """Whether workers draw."""
+        return self.workers is not None or self.scheduler is not None
+
+    @property
+    def drawing(self) -> Drawing:
+        """OpenGL options of the workers."""
+        from splatgl.distributed.worker import Drawing
+
+        devices = self.devices or (() if self.device is None else (self.device,))
+        return Drawing(self.backend, tuple(devices), self.gpu)
+
+    def connected(self, tell: Callable[[str], None] | None = print) -> AbstractContextManager[Client]:
+        """A client of the workers; tell: as of `distributed.connected`."""
+        from splatgl.distributed.cluster import connected
+
+        return connected(self.workers, self.scheduler, tell)
 
 
 # options that pictures of layers, in bricks, and on workers do not support

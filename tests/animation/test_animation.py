@@ -81,6 +81,13 @@ def test_in_python_frames_are_those_of_the_command(here: Path) -> None:
         found = sg.animate(x, f"{number}/{{frame}}.png", **options)
         assert [str(path) for path in found] == [f"{number}/{n}.png" for n in range(8)]
         assert all((pixels(path) == pixels(f"a/{path.name}")).all() for path in found)
+    Path("t.nrrd").write_bytes(
+        b"NRRD0004\ntype: uint8\ndimension: 4\nsizes: 16 10 12 4\nkinds: domain domain domain time\nencoding: raw\n\n"
+        + b"".join(np.load(path).tobytes() for path in series)
+    )
+    assert animate("t.nrrd", "-o", "s/{frame}.png", "--time", "1:4:2") == 0
+    assert len(sg.animate("t.nrrd", "p/{frame}.png", time=slice(1, 4, 2), size=24)) == 2
+    assert all((pixels(f"s/{n}.png") == pixels(f"p/{n}.png")).all() for n in range(2))
     assert sg.animate("ball.npy", "b.gif", "surface", frames=3, only=(1, 2), fps=5, size=24) == [Path("b.gif")]
     with Pillow.open("b.gif") as movie:
         assert (getattr(movie, "n_frames", 1), movie.info["duration"]) == (2, 200)
@@ -96,6 +103,9 @@ def test_in_python_frames_are_those_of_the_command(here: Path) -> None:
         ("ball.npy", {"bits": 12}, "bits: expected 8 or 16, got 12"),
         ("ball.npy", {"fps": 0}, "fps: expected a number from 0.01 to 1000, got 0"),
         ("ball.npy", {"turntabel": 3}, "got turntabel"),
+        ("ball.npy", {"time": slice(0, 2)}, "--time: expected a file of several time points, got 1"),
+        ("ball.npy", {"workers": 0}, "--workers: expected a whole number from 1 to 1024, got 0"),
+        ("ball.npy", {"devices": (0, 1)}, "--devices: expected --workers or --scheduler beside it, got neither"),
     ],
     ids=str,
 )

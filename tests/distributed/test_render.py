@@ -230,9 +230,12 @@ def test_animations_with_a_scheduler(client: Any, saved: Path, tmp_path: Path, o
     before = (tmp_path / "b" / "1.npy").stat().st_mtime_ns
     resumed = ["--resume", "--scheduler", address]
     assert main([*asked, "-o", str(tmp_path / "b" / "{frame}.npy"), *resumed]) == 0
+    if not options:
+        sg.animate(saved, tmp_path / "c" / "{frame}.npy", frames=4, size=32, only=(2, 2), scheduler=address)
     first, second = frames(tmp_path / "a"), frames(tmp_path / "b")
     assert len(second) == 4 and all(np.array_equal(*both) for both in zip(first, second, strict=True))
     assert (tmp_path / "b" / "1.npy").stat().st_mtime_ns == before
+    assert options or np.array_equal(frames(tmp_path / "c")[0], first[2])
 
 
 @pytest.mark.long

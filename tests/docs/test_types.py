@@ -40,9 +40,11 @@ sg.animate("a.nii", "a.gif", turntabel=90)  # wrong
 sg.animate("a.nii", "a.gif", frames="many")  # wrong
 sg.animate("a.nii", "a.gif", blend="mipp")  # wrong
 sg.animate("a.nii", "a.gif", azimut=3).pop().stem  # wrong
+sg.render("a.nii", time=slice(3))  # wrong
 number: int = sg.show(volume)  # wrong
 sg.presets()["mri"].uper()  # wrong
 sg.animate(["a.nii", volume], "a.mp4", "mri", frames=60, spin=3.0, only=(0, 9), fps=25, axis=(0, 0, 1))[0].stem
+sg.animate("a.nii", "a.gif", time=slice(0, 9, 2), workers=2, devices=(0, 1), scheduler=None)
 sg.animate(volume, "f/{frame}.png", bits=16, resume=True, keyframes="k.toml", blend="mip", hold=3, size=64)
 picture = sg.show(volume)
 if isinstance(picture, sg.Image):
