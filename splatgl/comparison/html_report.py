@@ -183,12 +183,24 @@ def html_page(title: str, css: str, parts: Iterable[str]) -> str:
     )
 
 
+# most columns that fit on narrow pages
+FEW_COLUMNS = 5
+
+
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], classes: Iterable[str], kind: str = "") -> str:
-    """A table of text. classes: of its rows, "" for none; kind: its class."""
+    """A table of text. classes: of its rows, "" for none; kind: its class. Cells of many columns name theirs, so that
+    style sheets can put them below each other on narrow pages.
+    """
+    names = [f' data-head="{escape(cell)}"' if len(head) > FEW_COLUMNS else "" for cell in head]
+    kind = f"{kind} many".strip() if len(head) > FEW_COLUMNS else kind
+    opening = f'<table class="{kind}">' if kind else "<table>"
     lines = [f"<tr>{''.join(f'<th>{escape(cell)}' for cell in head)}"]
     for cells, name in zip(rows, classes, strict=True):
-        lines.append(f"<tr{name and f' class={name}'}>{''.join(f'<td>{escape(cell)}' for cell in cells)}")
-    return f"<table{kind and f' class={kind}'}>{''.join(lines)}</table>"
+        # a number is not parted from its unit
+        texts = [escape(cell).replace(" %", "\xa0%").replace(" ms", "\xa0ms") for cell in cells]
+        shown = "".join(f"<td{own}>{text}" for own, text in zip(names, texts, strict=True))
+        lines.append(f"<tr{name and f' class={name}'}>{shown}")
+    return f"{opening}{''.join(lines)}</table>"
 
 
 # what the page shows of a case, in the order of the keys 1 to 5, and what moves its handle

@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.comparison import html_report
-from splatgl.comparison.html_report import build_case
+from splatgl.comparison.html_report import build_case, html_table
 from splatgl.comparison.verdict import Pair, judge
 
 # more than LARGEST in both directions, and no multiple of what becomes one pixel
@@ -82,3 +82,13 @@ def test_the_frame_is_around_the_box() -> None:
     left, top, width, height = (float(n) for n in re.findall(r"([\d.]+)%", frame))
     assert (left, top) == pytest.approx((100 * 500 / WIDTH, 50), abs=1e-3)
     assert (width, height) == pytest.approx((100 / WIDTH, 100 / HEIGHT), abs=1e-3)
+
+
+def test_tables_of_many_columns_name_them_for_narrow_pages() -> None:
+    """On narrow pages their cells stand below each other; a number is not parted from its unit."""
+    head = ["method", "time", "error", "a", "b", ""]
+    wide = html_table(head, [["x", "3 ms", "4 %", "", "<", "z"]], [""])
+    narrow = html_table(head[:2], [["x", "3 ms"]], [""])
+    assert '<table class="many">' in wide and '<td data-head="time">3\xa0ms<td data-head="error">4\xa0%' in wide
+    assert '<td data-head="b">&lt;<td data-head="">z' in wide
+    assert narrow == "<table><tr><th>method<th>time<tr><td>x<td>3\xa0ms</table>"
