@@ -210,11 +210,13 @@ def vtk_job(path: Path, scene: OpenScene, size: int, output: Path) -> dict[str, 
     }
 
 
-def seconds(command: Sequence[str]) -> tuple[float, float]:
-    """Processor seconds of all threads, and wall seconds, of a command; Python caches bytecode, as installed."""
+def seconds(command: Sequence[str], **options: Any) -> tuple[float, float]:
+    """Processor seconds of all threads, and wall seconds, of a command; Python caches bytecode, as installed. options:
+    of subprocess.run.
+    """
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True, env=environment)
+    subprocess.run(command, **{"check": True, "capture_output": True, "env": environment, **options})
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime, wall
 
