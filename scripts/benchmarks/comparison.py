@@ -3,9 +3,9 @@
     .venv/bin/python scripts/benchmarks/comparison.py [--node FOLDER] [--pairs N] [--rounds N] [--size N]
 
 FOLDER is where `npm install pixelmatch pngjs odiff-bin reg-cli @playwright/test` was run; without it those are left
-out, as are Python's tools that are not installed: pytest-regressions, and Matplotlib's comparison, which pytest-mpl
-uses. Pairs are PNGs of the terrain: of equal bytes, or with another rectangle each. Tools take turns; seconds are those
-of all processes, starts of programs included, divided by the pairs: the median of the rounds.
+out, as are Python's that are not installed: pytest-regressions, and Matplotlib's comparison, which pytest-mpl uses.
+Pairs are PNGs of the terrain: of equal bytes, or with another rectangle each. Tools take turns; seconds are those of
+all processes, starts of programs included, divided by the pairs: the median of the rounds.
 """
 
 from __future__ import annotations
