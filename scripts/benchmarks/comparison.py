@@ -2,7 +2,7 @@
 
     .venv/bin/python scripts/benchmarks/comparison.py [--node FOLDER] [--pairs N] [--rounds N] [--size N]
 
-FOLDER is where `npm install pixelmatch pngjs odiff-bin reg-cli @playwright/test` was run; without it those are left
+FOLDER is where `npm install pixelmatch pngjs odiff-bin @playwright/test` was run; without it those are left
 out, as are Python's that are not installed: pytest-regressions, and Matplotlib's comparison, which pytest-mpl uses.
 Pairs are PNGs of the terrain: of equal bytes, or with another rectangle each. Tools take turns; seconds are those of
 all processes, starts of programs included, divided by the pairs: the median of the rounds.
@@ -23,7 +23,7 @@ from whole_commands import seconds
 
 import splatgl as sg
 
-# what reads the folders new and old; splatgl, reg-cli and the test runners write a report or the differences, too
+# what reads the folders new and old; splatgl and the test runners write a report or the differences, too
 PIXELMATCH = """
 const { readdirSync, readFileSync } = require("fs"), { PNG } = require("pngjs")
 import("pixelmatch").then(({ default: match }) => {
@@ -91,6 +91,7 @@ def make_pairs(folder: Path, count: int, size: int) -> None:
 def commands(node: Path | None) -> Iterator[tuple[str, Sequence[str]]]:
     """The tools that are here, by name, with what runs them in a folder of pairs."""
     python, pytest = sys.executable, [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:napari"]
+    yield "splatgl compare", [python, "-m", "splatgl", "compare", "new", "old"]
     yield "splatgl compare --report", [python, "-m", "splatgl", "compare", "new", "old", "--report", "r.html"]
     yield "pytest, splatgl", [*pytest, "test_own.py", "-o", "splatgl=baselines = 'base'", "--splatgl-report", "report"]
     for name, library, command in (
@@ -103,7 +104,6 @@ def commands(node: Path | None) -> Iterator[tuple[str, Sequence[str]]]:
         modules = node / "node_modules"
         yield "pixelmatch", ["node", "-e", PIXELMATCH]
         yield "odiff", ["node", "-e", ODIFF]
-        yield "reg-cli", ["node", str(modules / "reg-cli/dist/cli.js"), "new", "old", "reg", "-R", "reg.html"]
         yield "Playwright", ["node", str(modules / "@playwright/test/cli.js"), "test"]
 
 

@@ -439,7 +439,11 @@ def test_sliders_of_five_axes_pick_a_volume() -> None:
 def test_colours_are_as_dense_as_they_are_bright() -> None:
     data = np.zeros((8, 10, 12, 3), np.uint8)
     data[2:6, 3:7, 4:8] = (0, 200, 40)
-    image = draw.picture(viewer(Image(data, rgb=True, ndim=3), center=MIDDLE))
+    for rendering in ("mip", "translucent"):
+        layer = Image(data, rgb=True, ndim=3, rendering=rendering)
+        image = draw.picture(viewer(layer, center=MIDDLE))
+        # what is bright is solid
+        assert shade_of(image)[1] > 140, rendering
     assert image.info["notes"] == () and shade_of(image)[1] > 4 * shade_of(image)[2] > 4 * shade_of(image)[0]
     assert shade_of(image, (3, 3)) == (0, 0, 0)
 

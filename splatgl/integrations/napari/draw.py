@@ -411,12 +411,14 @@ def _layer_transfer(layer: LayerSnapshot, volume: Volume, viewer: Snapshot) -> T
     """Transfer function of an image layer by the look's preset or napari's rendering, without its opacity."""
     if viewer.look.preset:
         return preset(viewer.look.preset, volume)
-    if layer.rgb:
-        return _blend_transfer(layer, volume, "composite")
     rendering = layer.rendering
     blend = RENDERINGS.get(rendering, "composite")
     transfer = _blend_transfer(layer, volume, blend)
     values, colors = _palette(layer)
+    if layer.rgb and blend == "composite":
+        # bright voxels are solid, and dim ones hide little; alpha is that of a voxel
+        shares = np.minimum(colors[:, 3] if layer.data.shape[-1] == 4 else colors[:, 3] ** 2, SOLID)
+        return replace(transfer, points=opacity_nodes(values, shares), unit=float(np.mean(volume.spacing)))
     low, high = float(values[0]), float(values[-1])
     margin = CUTOFF * (high - low)
     if rendering == "iso":
