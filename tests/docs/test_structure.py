@@ -48,6 +48,7 @@ LONG_FILES: dict[str, str] = {}
 SHORT_FILE = 80
 SHORT_FILES = {
     "__main__.py": "python -m splatgl",
+    "cli/animate.py": "cli/main.py: COMMANDS",
     "cli/figure.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
     "distributed/worker_preload.py": "Dask's option preload",
