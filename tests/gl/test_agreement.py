@@ -95,7 +95,7 @@ def test_no_splat_is_near_the_depth_where_widening_begins() -> None:
     assert 0 < widening(column, GridView.of(column.grid, far, kernel("crawfis-max")))[1] <= 1
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["rgba32f", "rgba16f", "rgba8"])
 @pytest.mark.parametrize("opacity", [1e-7, 0.003, 0.05])
 def test_faint_pictures_keep_their_bound(renderer: sg.Renderer, target: str, opacity: float) -> None:

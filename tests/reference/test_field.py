@@ -243,7 +243,7 @@ def test_values_stay_within_the_samples_around_them(name: str, rng: np.random.Ge
     )
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("blend", ["mip", "minip", "mean", "composite", "xray"])
 def test_where_all_samples_are_transparent_nothing_is_drawn(renderer: sg.Renderer, blend: str) -> None:
     """0 beside a padded plane and holes of −1000: without limits a fifth of the picture has an alpha of up to 0.9."""

@@ -47,7 +47,7 @@ def closed_form(meshes: list[sg.Mesh]) -> np.ndarray:
     return light
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("opacities", [[1.0], [0.4], [0.4, 0.3, 1.0], [0.0, 0.5]])
 @pytest.mark.parametrize("depth", [7.0, 9.37])
 def test_discs_in_fog(opacities: list[float], depth: float, renderer: sg.Renderer) -> None:
