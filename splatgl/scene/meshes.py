@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class MeshFile:
     """A mesh of a scene. color: #rrggbb, a CSS name, or a colour map for its values; "": the file's colour. radius: of
     lines, world units, or None. array: name of the values, "": the file's first array; window: of these values. clip:
-    whether the scene's planes clip the mesh. visible: whether it is drawn.
+    whether the scene's planes clip the mesh. visible: whether it is drawn. title: its name in lists; "": the file's.
     """
 
     file: str = field(metadata={"option": Option(Kind.instance("the name of a file", str))})
@@ -38,6 +38,7 @@ class MeshFile:
     window: tuple[float, float] | None = option(None, Kind.interval())
     clip: bool = option(False, Kind.flag())
     visible: bool = option(True, Kind.flag())
+    title: str = option("", Kind.instance("a name", str))
     held: Mesh | None = None
 
     def __post_init__(self) -> None:
@@ -64,7 +65,7 @@ class MeshFile:
     @property
     def name(self) -> str:
         """Name of the mesh in messages and lists."""
-        return Path(self.file).name
+        return self.title or Path(self.file).name
 
     @property
     def linear(self) -> tuple[float, float, float] | None:

@@ -9,10 +9,10 @@ annotate = ["scale", "title=A"] # as --annotate
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
 [animation]                     # turntable, spin, axis, frames, hold, fps | ease, path, [[animation.keyframe]]
-[[mesh]]                        # file, color, opacity, radius, visible
+[[mesh]]                        # file, title, color, opacity, radius, visible
 [vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
 surfaces = 0.5                  # segmentations as surfaces, with this strength of smoothing
-[[layer]]                       # volume, threshold, opacity, visible, clip, crop, mask, surfaces, [layer.load], …
+[[layer]]                       # volume, title, threshold, opacity, visible, clip, crop, mask, surfaces, …
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ TRACK = ("ease", "path", "keyframe")
 ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
-PLAIN = ("threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces")
+PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces")
 
 
 def read_channel_color(text: str) -> tuple[str, str]:
@@ -148,8 +148,8 @@ class SceneFile:
     """Description of a picture: files and options. A layer whose clip, mask or surfaces is None takes the scene's.
 
     volume: a built-in scene, file or address, or the name of the volume `held` in memory. layers: further volumes;
-    their views and settings are ignored. annotate: names as for --annotate. animation: how movies move, by the keys
-    ANIMATION.
+    their views and settings are ignored. title: its name in lists; "": the file's. annotate: names as for --annotate.
+    animation: how movies move, by the keys ANIMATION.
     auto_background: whether pictures have the background that suits their transfer function.
     """
 
@@ -163,6 +163,7 @@ class SceneFile:
     )
     opacity: float = option(1.0, Kind.number("a factor from 0 to 1", 0, 1))
     visible: bool = option(True, Kind.flag())
+    title: str = option("", Kind.instance("a name", str))
     clip: tuple[Any, ...] | None = option(
         None,
         Kind("conditions", _clip, metavar="CONDITION", hint="str | Sequence[Any]"),

@@ -57,8 +57,22 @@ class Copy(Enum):
 
 
 @dataclass(frozen=True)
+class CopyText:
+    """Copies a text to the clipboard."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Open:
     """Opens files; without paths, the dialog that asks for them."""
+
+    paths: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Add:
+    """Adds files to the picture, as layers and meshes; without paths, the dialog that asks for them."""
 
     paths: tuple[str, ...] = ()
 
@@ -71,7 +85,7 @@ class OpenOption:
     value: str
 
 
-Effect = Request | Copy | Open | OpenOption
+Effect = Request | Copy | CopyText | Open | Add | OpenOption
 Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 
@@ -434,6 +448,7 @@ def _view_command(view: str, key: str) -> Command:
 MENUS: dict[str, tuple[Command, ...]] = {
     "File": (
         Command("open", "open files", ("ctrl+o",), _request(Open())),
+        Command("add-layer", "add a volume, segmentation or mesh", ("ctrl+shift+o",), _request(Add())),
         Command("save-as", "save the scene or the picture as", ("ctrl+s",), _request(Request.SAVE_AS)),
         Command("screenshot", "save the picture (PNG)", ("s", "f12"), _request(Request.SAVE_PICTURE)),
         Command("save", "save the floats (NPY) and the scene", ("shift+s",), _request(Request.SAVE_SCENE)),
@@ -563,5 +578,5 @@ MOUSE = (
     ("shift, ctrl+left drag", "pan, roll"),
     ("wheel, right drag", "zoom to the cursor"),
     ("double click", "turn about the point under the cursor"),
-    ("drop a file", "open it; several: a series; a mesh: add it"),
+    ("drop a file", "open it, add it, or play a series"),
 )

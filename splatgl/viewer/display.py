@@ -24,11 +24,12 @@ from splatgl.viewer.jobs import Extractor, Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.overlays import Overlays
+from splatgl.viewer.questions import ask_for_files, tell_error
 from splatgl.viewer.recorder import Recorder
 from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.remembered import Arrangement, Recent
 from splatgl.viewer.slice_views import SliceTool, column_width
-from splatgl.viewer.state import THEMES, History, State, changed_fields
+from splatgl.viewer.state import THEMES, History, State, changed_fields, stated_transfers
 from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width
 from splatgl.viewer.window import Window
 
@@ -108,7 +109,7 @@ class Display:
         # the view that was fitted to the document
         self.home = self.state.pose
         # transfer functions as opened: a file that changes keeps edited ones
-        self.bases = [style.base for style in document.styles]
+        self.bases = stated_transfers(document.styles)
         self.files = files or Files(Jobs(wake), (), None, self.now())
         self.files.jobs.wake = wake
         self.files.refine(document)
@@ -213,9 +214,20 @@ class Display:
             self.touch()
 
     def drop(self, paths: Sequence[str]) -> None:
-        """Opens the files; the current document stays until they are loaded."""
+        """Asks what to do with dropped files; opens them where only that is possible, or nothing can ask."""
+        is_scene = any(path.endswith(".toml") for path in paths)
+        if self.panel is None or self.document.is_loading or is_scene:
+            self.open(paths, self.document.is_loading)
+        elif paths:
+            self.panel.panel.questions.ask(ask_for_files(paths))
+            self.refresh()
+
+    def open(self, paths: Sequence[str], are_alone: bool = True) -> None:
+        """Opens the files; the current document stays until they are loaded. are_alone: whether meshes alone replace
+        it, too; else they are added.
+        """
         if paths:
-            self.files.open(paths, self.state.settings, self.document.is_loading)
+            self.files.open(paths, self.state.settings, are_alone)
             self.touch()
 
     def raw(self, kind: str, *values: Any) -> bool:
@@ -234,6 +246,14 @@ class Display:
         self.state = replace(self.state, message=message)
         self.last_error = (topic, message) if topic else self.last_error
         self.refresh()
+
+    def tell_error(self, message: str, topic: str = "") -> None:
+        """Shows an error in a box until it is closed; without the panel, as a message."""
+        if self.panel is None:
+            self.say(message, topic)
+        else:
+            self.panel.panel.questions.ask(tell_error(message))
+            self.refresh()
 
     def clear_message(self, topic: str) -> None:
         """Clears the message of a topic."""

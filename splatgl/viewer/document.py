@@ -247,7 +247,7 @@ class ExtractedScene(Scene):
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """The open scene. layers: at least one; styles: of each layer.
+    """The open scene. layers: at least one; styles: of each layer. others: layers that no style names, by number.
 
     mesh_files: meshes of the scene; read: the data of meshes, by `source_key`; lines: meshes of vectors, always shown.
     is_loading: whether nothing is read yet. Raises InputError for more than MOST_LAYERS visible layers.
@@ -259,6 +259,7 @@ class Document:
     mesh_files: tuple[MeshFile, ...] = ()
     read: Mapping[MeshFile, Mesh] = field(default_factory=dict)
     lines: tuple[Mesh, ...] = ()
+    others: Mapping[int, LayerSplats] = field(default_factory=dict)
     is_loading: bool = False
     scenes: dict[object, ExtractedScene] = field(default_factory=dict, init=False, repr=False)
 
@@ -296,11 +297,9 @@ class Document:
         Movie.of(scene.animation, volume)
         pairs = _channels(scene, volume, scene.settings, None, folds_opacity=not is_layered(scene, volume))
         for source in scene.layers:
-            other = (replace(source, mask=scene.mask) if source.mask is None else source).open()
-            print_notes(other, quiet, has_times=True, layer=source.volume)
-            clip = None if source.clip is None and not source.crop else source.cut(other).settings.clip
-            pairs += _channels(source, other, scene.settings, clip)
-        layers, styles = zip(*pairs, strict=True)
+            pairs += read_layer(source, scene, quiet)
+        layers = tuple(layer for layer, _ in pairs)
+        styles = tuple(replace(style, number=number) for number, (_, style) in enumerate(pairs))
         files = tuple(surfaces_of(scene))
         return cls(scene, layers, styles, files, read_meshes(files), tuple(scene.vectors.meshes(volume)))
 
@@ -314,7 +313,28 @@ class Document:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the layers."""
-        return tuple(layer.name for layer in self.layers)
+        return tuple(style.title or layer.name for layer, style in zip(self.layers, self.styles, strict=True))
+
+    @property
+    def pool(self) -> dict[int, LayerSplats]:
+        """All layers, also those that were removed, by the numbers that styles name."""
+        return {**self.others, **dict(zip((style.number for style in self.styles), self.layers, strict=True))}
+
+    @property
+    def file_numbers(self) -> set[int]:
+        """The numbers of the layers that the scene file has."""
+        return {number for number in self.pool if number >= 0}
+
+    def with_layers(self, layers: Sequence[LayerSplats]) -> tuple[Document, list[int]]:
+        """The document with more layers, which are drawn once styles name their numbers; and these numbers."""
+        start = min(0, *self.pool)
+        added = {start - 1 - place: layer for place, layer in enumerate(layers)}
+        return replace(self, others={**self.others, **added}), list(added)
+
+    def with_additions(self, shown: Document) -> Document:
+        """The document, which is read anew, with the layers and meshes that were added to the visible one."""
+        added = {number: layer for number, layer in shown.pool.items() if number < 0}
+        return replace(self, others={**added, **self.others}).with_meshes({**shown.read, **self.read})
 
     @property
     def is_layered(self) -> bool:
@@ -402,14 +422,16 @@ class Document:
 
         moving: whether the picture is motion-blurred.
         """
+        pool = self.pool
         # a scene that changed on disk may have other layers
-        styles = (*styles, *self.styles[len(styles) :])[: len(self.layers)]
-        shown = replace(self, styles=styles, mesh_files=tuple(mesh_files))
+        styles = tuple(style for style in styles if style.number in pool) or self.styles
+        layers, named = tuple(pool[style.number] for style in styles), {style.number for style in styles}
+        others = {number: layer for number, layer in pool.items() if number not in named}
+        shown = replace(self, layers=layers, styles=styles, others=others, mesh_files=tuple(mesh_files))
         if shown.is_layered:
             # blurred pictures of layers are means of sharp ones
             settings, moving = settings.but(motion="off"), False
-        pairs = zip(self.layers, styles, strict=True)
-        layers = tuple(layer.for_style(style, settings, moving) for layer, style in pairs)
+        layers = tuple(layer.for_style(style, settings, moving) for layer, style in zip(layers, styles, strict=True))
         if (layers, styles, shown.mesh_files) == (self.layers, self.styles, self.mesh_files):
             return self
         return replace(shown, layers=layers)
@@ -504,7 +526,7 @@ def _fov(camera: Camera) -> float:
 
 def source_key(file: MeshFile) -> MeshFile:
     """Key of the data of a mesh, whatever its style."""
-    return replace(file, color="", opacity=1.0, visible=True)
+    return replace(file, color="", opacity=1.0, visible=True, title="")
 
 
 def read_meshes(files: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
@@ -523,6 +545,14 @@ def _no_splats(splats: Splats) -> Splats:
     return splats.part(np.zeros(len(splats), bool))
 
 
+def read_layer(source: SceneFile, scene: SceneFile, quiet: bool = False) -> list[tuple[LayerSplats, LayerStyle]]:
+    """Layers and styles of a file that is laid over a scene, one for each channel. Raises InputError as its reader."""
+    volume = (replace(source, mask=scene.mask) if source.mask is None else source).open()
+    print_notes(volume, quiet, has_times=True, layer=source.volume)
+    clip = None if source.clip is None and not source.crop else source.cut(volume).settings.clip
+    return _channels(source, volume, scene.settings, clip)
+
+
 def _channels(
     source: SceneFile, volume: Volume, settings: Settings, clip: tuple[Plane, ...] | None, folds_opacity: bool = False
 ) -> list[tuple[LayerSplats, LayerStyle]]:
@@ -536,7 +566,7 @@ def _channels(
             scene = replace(scene, load={**source.load, "channel": _channel(source.load.get("channel"), number)})
             # the first has what is known of the file: its view and time points
             samples = samples if number else replace(volume, channels=())
-        name = channel.volume.name or source.volume
+        name = source.title * (len(volume.channels) < 2) or channel.volume.name or source.volume
         opacity = 1.0 if folds_opacity else source.opacity
         style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
         style = style_with_segments(style, channel.volume, "only_labels" in source.transfer)

@@ -77,7 +77,7 @@ class Browser:
         for name in self.files:
             if imgui.selectable(legible(name), name == self.name, twice)[0]:
                 self.name = name
-                if self.kind == OPEN and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+                if self.kind != SAVE and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                     self._choose(name)
 
     def _foot(self) -> None:
@@ -95,11 +95,11 @@ class Browser:
         if changed:
             self._go(self.folder)
         there = bool(self.name) and os.path.exists(self.folder / self.name)
-        word = "open" if self.kind == OPEN else "replace it" if there else "save"
+        word = self.kind if self.kind != SAVE else "replace it" if there else "save"
         # the enter key replaces no existing file
         if (imgui.button(word) or (entered and word != "replace it")) and self.name:
             self._choose(self.name)
-        if self.kind == OPEN:
+        if self.kind != SAVE:
             imgui.same_line()
             if imgui.button("open this folder"):
                 self._choose("")
@@ -110,7 +110,7 @@ class Browser:
 
     def _choose(self, name: str) -> None:
         path = self.folder / name
-        if name and self.kind == OPEN and os.path.isdir(path):
+        if name and self.kind != SAVE and os.path.isdir(path):
             self._go(path)
             return
         if self.kind == SAVE:

@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.readers import FORMATS
+from splatgl.scene.meshes import ALONE
 
 if TYPE_CHECKING:
     from splatgl.viewer.file_browser import Browser
 
 # programs that show the dialog of a desktop of X or Wayland
 HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
-OPEN, SAVE = "open", "save-as"
+OPEN, ADD, SAVE = "open", "add", "save-as"
 TITLES = {OPEN: "Open a volume or a scene", SAVE: "Save: .toml a scene, .png a picture, .npy floats, .mp4 a movie"}
+TITLES[ADD] = "Add a volume, a segmentation or a mesh"
 
 
 def has_native() -> bool:
@@ -27,7 +29,7 @@ def has_native() -> bool:
 def suffixes() -> tuple[str, ...]:
     """The suffixes of files that can be opened."""
     known = (suffix for form in FORMATS if "file" in form.kinds for suffix in form.suffixes)
-    return tuple(dict.fromkeys((".toml", *known)))
+    return tuple(dict.fromkeys((".toml", *known, *ALONE)))
 
 
 class Dialogs:
@@ -38,7 +40,7 @@ class Dialogs:
         self.kind = ""
 
     def open(self, kind: str, folder: Path, name: str, browser: Callable[[], Browser]) -> None:
-        """Opens a dialog, OPEN or SAVE. name: the proposed one; browser: returns that of the panel."""
+        """Opens a dialog, a key of TITLES. name: the proposed one; browser: returns that of the panel."""
         if self.process is None:
             self.kind = kind
             if has_native():

@@ -28,7 +28,7 @@ class Kind(Enum):
     RELOAD = auto()
     REFINE = auto()
     TIME_POINT = auto()
-    MESHES = auto()
+    ADD = auto()
     EXTRACT = auto()
     SLICE = auto()
     REFERENCE = auto()

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from splatgl.animation.movie import by_numbers, time_points
 from splatgl.data.mesh import Mesh
@@ -16,11 +16,12 @@ from splatgl.readers import list_volumes, load
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.scene import MOST_LAYERS
 from splatgl.splat.settings import Settings
-from splatgl.viewer.document import Document, read_meshes, source_key
+from splatgl.viewer.document import Document, LayerSplats, read_layer, read_meshes, source_key
 from splatgl.viewer.file_watch import Watch, watched_files
 from splatgl.viewer.jobs import Jobs, Kind
-from splatgl.viewer.state import FileOption
+from splatgl.viewer.state import FileOption, LayerStyle
 
 if TYPE_CHECKING:
     from splatgl.viewer.state import State
@@ -50,6 +51,17 @@ def open_document(scene: SceneFile) -> tuple[Document, tuple[FileOption, ...]]:
             *(other for other in others if other.option != error.option),
         )
     return document, _file_options(scene, document)
+
+
+def _read_first(source: SceneFile, scene: SceneFile) -> list[tuple[LayerSplats, LayerStyle]]:
+    """The layers of a file over a scene. Where one of several volumes must be chosen, the first is."""
+    try:
+        return read_layer(source, scene)
+    except Choice as error:
+        values = _values_of(source.volume, error)
+        if error.option not in CHOOSING or not values or error.option in source.load:
+            raise
+        return _read_first(replace(source, load={**source.load, error.option: values[0][0]}), scene)
 
 
 def _file_options(scene: SceneFile, document: Document) -> tuple[FileOption, ...]:
@@ -135,18 +147,30 @@ class TimePoint:
 
 
 @dataclass(frozen=True, eq=False)
-class MeshesRead:
-    """Meshes that are added to the document. read: their data, by `source_key`."""
+class Added:
+    """Layers and meshes that are added to the document. read: data of the meshes, by `source_key`."""
 
+    parts: tuple[tuple[LayerSplats, LayerStyle], ...]
     files: tuple[MeshFile, ...]
     read: dict[MeshFile, Mesh]
 
-    def added_to(self, state: State) -> State:
-        """The state with these meshes; a file that is dropped again replaces its earlier mesh."""
-        names = ", ".join(file.name for file in self.files)
+    def added_to(self, state: State, document: Document) -> tuple[State, Document]:
+        """The state and the document with these; a mesh that is added again replaces its earlier one. Layers beyond
+        MOST_LAYERS are hidden.
+        """
+        document, numbers = document.with_layers([layer for layer, _ in self.parts])
+        names = ", ".join([*(layer.name for layer, _ in self.parts), *(file.name for file in self.files)])
+        message = f"{names}: added to the picture; ctrl+z takes it away"
+        styles = list(state.styles)
+        for number, (_, style) in zip(numbers, self.parts, strict=True):
+            has_room = sum(other.is_shown for other in styles) < MOST_LAYERS
+            if not has_room:
+                message = f"{names}: added, but not all shown: a picture has {MOST_LAYERS} layers at most"
+            styles.append(replace(style, number=number, visible=style.visible and has_room))
         kept = [file for file in state.mesh_files if source_key(file) not in self.read]
-        message = f"{names} lies in the picture; ctrl+z takes it away"
-        return replace(state, mesh_files=(*kept, *self.files), message=message)
+        selected = len(state.styles) if self.parts else state.selected
+        changes: dict[str, Any] = {"styles": tuple(styles), "mesh_files": (*kept, *self.files), "selected": selected}
+        return replace(state, **changes, message=message), document.with_meshes(self.read)
 
 
 Loaded = Opened | Reloaded | TimePoint
@@ -189,8 +213,7 @@ class Files:
         meshes = [MeshFile(path) for path in paths if is_mesh(path)]
         volumes = sorted((path for path in paths if not is_mesh(path)), key=by_numbers)
         if meshes and not (volumes or empty):
-            name = f"reading {Path(meshes[0].file).name}"
-            self._read(Kind.MESHES, name, lambda: MeshesRead(tuple(meshes), read_meshes(meshes)), name)
+            self.add(paths, SceneFile(paths[0], settings=settings))
             return
         path, added = (volumes[0], tuple(meshes)) if volumes else (meshes[0].file, tuple(meshes[1:]))
 
@@ -205,6 +228,17 @@ class Files:
             return replace(_opened(scene, times), reopen=reopen, path=path, watch=watch)
 
         self._open(Path(path).name, read)
+
+    def add(self, paths: Sequence[str], scene: SceneFile) -> None:
+        """Reads volumes and meshes that are added to the document of a scene."""
+        meshes = tuple(MeshFile(path) for path in paths if is_mesh(path))
+
+        def read() -> Added:
+            parts = [part for path in paths if not is_mesh(path) for part in _read_first(SceneFile(path), scene)]
+            return Added(tuple(parts), meshes, read_meshes(meshes))
+
+        name = f"reading {Path(paths[0]).name}"
+        self._read(Kind.ADD, name, read, name)
 
     def open_option(self, scene: SceneFile, option: str, value: str) -> None:
         """Opens another array or channel of the file of a scene."""
@@ -272,7 +306,7 @@ class Files:
         self.opening = name
         self._read(Kind.OPEN, f"opening {name}", work)
 
-    def _read(self, kind: Kind, name: str, work: Callable[[], Loaded | MeshesRead], key: str = "") -> None:
+    def _read(self, kind: Kind, name: str, work: Callable[[], Loaded | Added], key: str = "") -> None:
         self.begun = time.monotonic()
         self.jobs.submit(kind, name, work, key)
 

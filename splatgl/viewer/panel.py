@@ -21,8 +21,9 @@ from splatgl.viewer.commands import HIGHEST, Command, why_not, with_threshold
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
+from splatgl.viewer.layers_panel import draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
-from splatgl.viewer.popups import Palette, Unsaved
+from splatgl.viewer.popups import Palette, Questions
 from splatgl.viewer.preset_gallery import PresetGallery, Shift
 from splatgl.viewer.record_section import draw_record
 from splatgl.viewer.segments_panel import SegmentList
@@ -60,7 +61,7 @@ class Panel:
         self.has_strip = has_strip
         self.curve, self.segments = Curve(), SegmentList()
         self.browser, self.widgets = Browser(), CommandWidgets(commands)
-        self.palette, self.unsaved = Palette(), Unsaved()
+        self.palette, self.questions = Palette(), Questions()
         self.gallery, self.shift = PresetGallery(), Shift()
         # recent files
         self.recent: tuple[str, ...] = ()
@@ -86,9 +87,10 @@ class Panel:
             state = self._draw_strip(state, document, room)
         else:
             self.place = (0.0, 0.0, 0.0, 0.0)
+        self.questions.draw(self.widgets, room)
+        state = self.palette.draw(state, document, self.widgets, room)
         self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
-        self.unsaved.draw(self.widgets, room)
-        return self.palette.draw(state, document, self.widgets, room)
+        return state
 
     def _draw(
         self, state: State, document: Document, frame: Frame | None, room: tuple[int, int], docked: bool
@@ -111,10 +113,11 @@ class Panel:
             panel_sections.draw_file_options(state, document, self.widgets)
             opened = imgui.TreeNodeFlags_.default_open
             if document.is_layered and imgui.collapsing_header("Layers", opened):
-                state = panel_sections.draw_layers(state, document)
-            edited = document.layers[state.selected]
+                state = draw_layers(state, document, self.widgets)
+            # a layer that was just added may not be there yet
+            edited = document.pool.get(state.style.number, document.layers[0])
             title = "Segments" if state.style.base.labels else "Transfer function"
-            title += f" of {plain(edited.name)}" if len(state.styles) > 1 else ""
+            title += f" of {plain(state.style.title or edited.name)}" if len(state.styles) > 1 else ""
             # a mesh alone has none
             if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"{title}###curve", opened):
                 state = self._look(state, document, edited)
@@ -186,7 +189,7 @@ class Panel:
         return state if base == style.stated else state.edit(base=base, extinction=1.0)
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
-        volume = document.layers[state.selected].volume
+        volume = document.pool.get(state.style.number, document.layers[0]).volume
         stats = self.curve.statistics_of(volume)
         depth, height, width = volume.shape
         imgui.text(f"{width} x {height} x {depth} voxels, {volume.samples.dtype}")

@@ -14,9 +14,7 @@ from splatgl.annotations.text import legible, plain
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.volume import Volume
 from splatgl.gl.screen import GROUNDS
-from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.splat.clipping import Plane
-from splatgl.splat.colormaps import colormap
 from splatgl.viewer.clip_tool import set_cuts
 from splatgl.viewer.commands import (
     ALONG,
@@ -34,7 +32,7 @@ from splatgl.viewer.commands import (
 from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import background_of, plane_color
 from splatgl.viewer.recorder import Recording
-from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, LayerStyle, Ruler, State
+from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, Ruler, State
 
 # share of the panel's width that labels at the left of widgets take
 LABELS = 0.3
@@ -104,6 +102,8 @@ def draw_files(state: State, document: Document, widgets: CommandWidgets, recent
     """Buttons of file dialogs, and the recent files, paths."""
     tip = "A volume or a scene; several files are a time series"
     state = widgets.button("open", "open...", state, document, tip)
+    imgui.same_line()
+    state = widgets.button("add-layer", "add...", state, document)
     imgui.same_line()
     tip = "A scene, a picture or its floats, by the name's ending"
     state = widgets.button("save-as", "save as...", state, document, tip)
@@ -199,60 +199,8 @@ def _more(state: State, document: Document) -> State:
     return state
 
 
-# shares of the panel's width
-NAME, OPACITY = 0.42, 0.26
-# digits of a step of opacity
-DIGITS = 3
-
-
-def draw_layers(state: State, document: Document) -> State:
-    """The section's controls; returns the edited state."""
-    for number, style in enumerate(state.styles[: len(document.layers)]):
-        # a mesh alone has an empty volume
-        if not is_mesh(document.layers[number].scene.volume):
-            imgui.push_id(number)
-            state = _layer(state, document, number, style)
-            imgui.pop_id()
-    for number, file in enumerate(state.mesh_files):
-        imgui.push_id(f"mesh {number}")
-        changed = _mesh(document, file)
-        if changed != file:
-            files = (*state.mesh_files[:number], changed, *state.mesh_files[number + 1 :])
-            state = replace(state, mesh_files=files)
-        imgui.pop_id()
-    return state
-
-
-def _layer(state: State, document: Document, number: int, style: LayerStyle) -> State:
-    """Visibility, name and opacity of a layer, and its colour if it has a single one."""
-    _, visible = imgui.checkbox("##seen", style.visible)
-    imgui.set_item_tooltip("Whether it is drawn.")
-    imgui.same_line()
-    room = imgui.get_content_region_avail().x
-    if imgui.selectable(plain(document.names[number]), state.selected == number, size=(room * NAME, 0.0))[0]:
-        state = replace(state, selected=number)
-    imgui.set_item_tooltip("Select it: the transfer function below, and the keys, edit the selected layer.")
-    edited = replace(style, visible=visible, opacity=pick_opacity(style.opacity, room))
-    # for others, the colour map is chosen below
-    if style.base.colormap.startswith("#"):
-        color = pick_color(tuple(map(float, colormap(style.base.colormap)[-1])))
-        edited = edited if color is None else replace(edited, base=replace(style.base, colormap=color))
-    return state if edited == style else state.with_style(number, edited)
-
-
-def _mesh(document: Document, mesh: MeshFile) -> MeshFile:
-    _, visible = imgui.checkbox("##seen", mesh.visible)
-    imgui.set_item_tooltip("Whether it is drawn.")
-    imgui.same_line()
-    room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
-    imgui.text(plain(mesh.name))
-    opacity = pick_opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
-    data = document.mesh(mesh)
-    uniform = data is not None and data.colors is None and data.values is None
-    linear = mesh.linear or (data.color if data is not None and uniform else None)
-    # a mesh with colours of vertices or values shows grey until a colour is chosen
-    color = pick_color((0.5, 0.5, 0.5) if linear is None else tuple(map(float, linear)))
-    return replace(mesh, visible=visible, opacity=opacity, color=mesh.color if color is None else color)
+# share of the panel's width that a slider of opacity takes beside a name, and digits of its step
+OPACITY, DIGITS = 0.26, 3
 
 
 def pick_opacity(opacity: float, room: float, left: float = 0.0) -> float:

@@ -1,4 +1,4 @@
-"""`Palette`, which finds commands by their words, and `Unsaved`, which asks before edits are lost. Extra `gui`."""
+"""`Palette`, which finds commands by their words, and `Questions`, which wait for an answer. Extra `gui`."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from collections.abc import Iterable
 
 from imgui_bundle import imgui
 
-from splatgl.viewer.commands import Command, Request
+from splatgl.annotations.text import plain
+from splatgl.viewer.commands import Command, CopyText
 from splatgl.viewer.document import Document
 from splatgl.viewer.panel_sections import CommandWidgets
+from splatgl.viewer.questions import Question
 from splatgl.viewer.state import State
 
 # width of the palette in screen units at a content scale of 1, its distance from the top as a share of the height, and
 # the most commands that it lists
 WIDTH, TOP, MOST = 440.0, 0.1, 14
-PALETTE, UNSAVED = "###palette", "Edits are not saved###unsaved"
+PALETTE, QUESTION = "###palette", "###question"
 
 
 class Palette:
@@ -69,27 +71,42 @@ def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
     return sorted(found, key=lambda command: not command.title.lower().startswith(text.lower()))
 
 
-class Unsaved:
-    """Asks whether edits are saved before the window closes."""
+class Questions:
+    """Shows questions one after another, each until it is answered or closed by Escape."""
 
     def __init__(self) -> None:
-        self.opening = False
+        self.waiting: list[Question] = []
+        self.is_open = False
+
+    def ask(self, question: Question) -> None:
+        """Shows a question from the next frame on, unless it waits already."""
+        self.waiting += [question] * (question not in self.waiting)
 
     def draw(self, widgets: CommandWidgets, room: tuple[int, int]) -> None:
-        """Draws the question, if it is asked; the answer becomes an effect. room: as of `Palette.draw`."""
-        if self.opening:
-            imgui.open_popup(UNSAVED)
-            self.opening = False
-        imgui.set_next_window_pos((room[0] / 2, room[1] / 2), imgui.Cond_.always, (0.5, 0.5))
-        flags = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings
-        if not imgui.begin_popup_modal(UNSAVED, None, flags)[0]:
+        """Draws the question, if one is asked; the answer becomes an effect. room: as of `Palette.draw`."""
+        if self.is_open and not imgui.is_popup_open(QUESTION):
+            # Escape closed it
+            self.waiting, self.is_open = self.waiting[1:], False
+        if not self.waiting:
             return
-        imgui.text("Save the changes as a scene before the window closes?")
-        answers = {"save and quit": Request.SAVE_AND_QUIT, "discard": Request.DISCARD, "cancel": None}
-        for text, request in answers.items():
+        question = self.waiting[0]
+        if not self.is_open:
+            imgui.open_popup(QUESTION)
+            self.is_open = True
+        wide = min(WIDTH * imgui.get_style().font_scale_main, room[0] - 16.0)
+        imgui.set_next_window_pos((room[0] / 2, room[1] / 2), imgui.Cond_.always, (0.5, 0.5))
+        imgui.set_next_window_size((wide, 0.0))
+        flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
+        if not imgui.begin_popup_modal(f"{question.title}{QUESTION}", None, flags)[0]:
+            return
+        imgui.text_wrapped(plain(question.text))
+        for text, effect in question.answers:
             if imgui.button(text):
-                imgui.close_current_popup()
-                widgets.effects += [request] if request else []
+                # a text is copied before it is closed
+                if not isinstance(effect, CopyText):
+                    imgui.close_current_popup()
+                    self.waiting, self.is_open = self.waiting[1:], False
+                widgets.effects += [effect] if effect else []
             imgui.same_line()
         imgui.new_line()
         imgui.end_popup()

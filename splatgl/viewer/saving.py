@@ -94,15 +94,16 @@ def scene_of(state: State, document: Document) -> SceneFile:
     """The scene equivalent to the window's state."""
     # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.moving
-    first = document.with_styles(state.styles, state.mesh_files, settings).layers[0]
-    if settings.classification == "post" and not first.is_post_classified:
+    shown = document.with_styles(state.styles, state.mesh_files, settings)
+    if settings.classification == "post" and not shown.layers[0].is_post_classified:
         settings = settings.but(classification="pre")
-    pairs = zip(document.layers, state.styles, strict=False)
+    pairs = zip(shown.layers, shown.styles, strict=True)
     first_scene, *others = [_layer_scene(layer, style) for layer, style in pairs]
     meshes = tuple(file for file in state.mesh_files if file != MeshFile(document.scene.volume))
     # a window that is too small shows no annotations
     annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
-    look = {name: getattr(first_scene, name) for name in ("load", "transfer", "threshold", "opacity", "visible")}
+    names = ("title", "load", "transfer", "threshold", "opacity", "visible")
+    look = {name: getattr(first_scene, name) for name in names}
     scene = replace(document.scene, **look, layers=tuple(others), meshes=meshes)
     if state.movie != Movie.of(scene.animation, document.volume):
         scene = replace(scene, animation=state.movie.table(document, state.times))
@@ -120,13 +121,14 @@ def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
     scene, shown = layer.scene, layer.stand_in
     load = scene.load if shown is None or shown.level is None else {**scene.load, "level": shown.level}
     look: dict[str, Any] = {"threshold": style.threshold, "opacity": style.opacity, "visible": style.visible}
-    return replace(scene, load=load, transfer=style.table, **look)
+    return replace(scene, title=style.title or scene.title, load=load, transfer=style.table, **look)
 
 
 def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     """The image that `splatgl render` makes of a scene of this document, drawn by the window's renderer."""
     transfer = scene.transfer_for(document.volume)
-    styles = [_style(part, layer) for part, layer in zip((scene, *scene.layers), document.layers, strict=False)]
+    parts = zip((scene, *scene.layers), document.layers, document.styles, strict=True)
+    styles = [replace(_style(part, layer), number=style.number) for part, layer, style in parts]
     document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
     subject, settings = document.subject_at(1, scene.settings)
     image = draw(subject, scene.view.camera(document.volume, subject), settings)
@@ -146,7 +148,7 @@ def save_picture(state: State, document: Document, draw: Draw, folder: Path, add
 def _save_picture(state: State, document: Document, draw: Draw, target: Path, add: Add) -> str:
     if document.exceeds_budget:
         raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
-    scene = scene_of(state, document)
+    scene, document = scene_of(state, document), document.with_styles(state.styles, state.mesh_files, state.settings)
     background = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     add(render_scene(scene, document, draw)).save(target, background=background)
     return f"saved {target.name}"
@@ -155,6 +157,7 @@ def _save_picture(state: State, document: Document, draw: Draw, target: Path, ad
 def save_scene(state: State, document: Document, draw: Draw, folder: Path) -> str:
     """Writes the next free scene-NNN.toml and the float image beside it; returns the message to show."""
     target, scene = free_path(folder, "scene", ".toml"), scene_of(state, document)
+    document = document.with_styles(state.styles, state.mesh_files, state.settings)
     if not document.exceeds_budget:
         render_scene(scene, document, draw).save(target.with_suffix(".npy"))
     write_file(target, scene.to_toml(target.parent).encode())
@@ -217,7 +220,7 @@ def try_save(save: Callable[[], str]) -> tuple[str, bool]:
 
 def source_files(document: Document, times: Sequence[SceneFile] = ()) -> list[str]:
     """The files that a document, and its series, were read from."""
-    scenes = (document.scene, *(layer.scene for layer in document.layers), *times)
+    scenes = (document.scene, *(layer.scene for layer in document.pool.values()), *times)
     return [
         *(file for scene in scenes for file in scene.files),
         *(mesh.file for mesh in document.mesh_files if mesh.held is None),

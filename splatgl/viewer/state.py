@@ -150,7 +150,8 @@ class Ruler:
 @dataclass(frozen=True)
 class LayerStyle:
     """Appearance of a layer. base: transfer function; extinction: a factor on it; opacity: a factor on its opacities.
-    threshold: as of `extract`. hidden: numbers of segments that are not drawn.
+    threshold: as of `extract`. hidden: numbers of segments that are not drawn. number: of the layer in its document,
+    negative for layers that were added. title: its name in lists; "": the layer's.
     """
 
     base: Transfer
@@ -159,6 +160,8 @@ class LayerStyle:
     opacity: float = 1.0
     visible: bool = True
     hidden: frozenset[int] = frozenset()
+    number: int = 0
+    title: str = ""
 
     @property
     def is_shown(self) -> bool:
@@ -192,6 +195,11 @@ class LayerStyle:
     def with_unit(self, unit: float | None) -> LayerStyle:
         """The style with opacities per this length, if the transfer function states none."""
         return self if unit is None or self.base.unit is not None else replace(self, base=replace(self.base, unit=unit))
+
+
+def stated_transfers(styles: Sequence[LayerStyle]) -> dict[int, Transfer]:
+    """Transfer functions of the layers of a file, by their numbers, without those of added layers."""
+    return {style.number: style.stated for style in styles if style.number >= 0}
 
 
 def scale_opacity(opacity: float, factor: float) -> float:
@@ -315,13 +323,15 @@ class State:
         """The state with another style of a layer."""
         return replace(self, styles=(*self.styles[:number], style, *self.styles[number + 1 :]))
 
-    def with_bases(self, document: Document) -> State:
+    def with_bases(self, document: Document, has_same_layers: bool) -> State:
         """The state with the transfer functions of a document that is read again; other edits are kept."""
-        styles = document.styles
-        if len(styles) != len(self.styles):
-            return replace(self, styles=styles, selected=0)
-        pairs = zip(self.styles, styles, strict=True)
-        return replace(self, styles=tuple(replace(style, base=other.base) for style, other in pairs))
+        if not has_same_layers:
+            added = tuple(style for style in self.styles if style.number < 0)
+            return replace(self, styles=(*document.styles, *added), selected=0)
+        bases = {style.number: style.base for style in document.styles}
+        return replace(
+            self, styles=tuple(replace(style, base=bases.get(style.number, style.base)) for style in self.styles)
+        )
 
     def opened(self, document: Document) -> State:
         """State for another document with its own view and settings; display options are kept."""

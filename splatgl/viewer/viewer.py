@@ -15,14 +15,15 @@ import numpy as np
 from splatgl.animation.animation import MOVIES
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
+from splatgl.viewer import questions
 from splatgl.viewer.adaptive_quality import REST, STEP
-from splatgl.viewer.commands import Copy, Effect, Open, OpenOption, Request
+from splatgl.viewer.commands import Add, Copy, CopyText, Effect, Open, OpenOption, Request
 from splatgl.viewer.display import EXTRACTING, OPENING, READING
 from splatgl.viewer.document import Document
-from splatgl.viewer.file_dialogs import OPEN, SAVE
+from splatgl.viewer.file_dialogs import ADD, OPEN, SAVE
 from splatgl.viewer.jobs import Done, Kind
 from splatgl.viewer.live_view import LiveView
-from splatgl.viewer.loading import Loaded, MeshesRead, Opened, Reloaded, TimePoint
+from splatgl.viewer.loading import Added, Loaded, Opened, Reloaded, TimePoint
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.recorder import movie_command, movie_scene
 from splatgl.viewer.saving import (
@@ -35,6 +36,7 @@ from splatgl.viewer.saving import (
     save_scene,
     try_save,
 )
+from splatgl.viewer.state import stated_transfers
 from splatgl.viewer.trackball import up_direction
 
 # automatic rotation in degrees per second
@@ -150,8 +152,8 @@ class Viewer(LiveView):
         for effect in effects:
             self._perform_one(effect)
         chosen = self.dialogs.take(self.panel and self.panel.panel.browser)
-        if chosen and self.dialogs.kind == OPEN:
-            self.drop(chosen)
+        if chosen and self.dialogs.kind != SAVE:
+            self._perform_one((Open if self.dialogs.kind == OPEN else Add)(tuple(chosen)))
         elif chosen and Path(chosen[0]).suffix.lower() in MOVIES:
             self._record(Path(chosen[0]))
         elif chosen:
@@ -184,11 +186,16 @@ class Viewer(LiveView):
             case Copy():
                 self.window.copy(copy_text(effect, self.state, self.document))
                 self.say(f"{effect.value} copied: it draws this picture")
-            case Open(()):
+            case CopyText(text):
+                self.window.copy(text)
+            case Open(()) | Add(()):
                 source = Path(self.document.scene.volume)
-                self._open_dialog(OPEN, source.parent if source.exists() else Path(), "")
+                kind = OPEN if isinstance(effect, Open) else ADD
+                self._open_dialog(kind, source.parent if source.exists() else Path(), "")
             case Open(paths):
-                self.drop(paths)
+                self.open(paths)
+            case Add(paths):
+                self.files.add(paths, self.document.scene)
             case OpenOption(option, value):
                 state = self.state
                 scene = replace(self.document.scene, settings=state.settings, annotate=state.annotate)
@@ -234,10 +241,11 @@ class Viewer(LiveView):
         self.say(f"saving {name}")
         self._show()
         message, done = try_save(save)
-        self.state = replace(self.state, message=message)
-        if done and is_scene:
+        self.say(message if done else "")
+        if not done:
+            self.tell_error(message)
+        elif is_scene:
             self.history.mark_saved(self.state)
-        self.refresh()
 
     def _composed(self, image: Image) -> Image:
         """The picture with the ruler and the slices of the window. Raises InputError for unreadable slices."""
@@ -287,7 +295,7 @@ class Viewer(LiveView):
         elif self.panel is None:
             self.say(UNSAVED)
         else:
-            self.panel.panel.unsaved.opening = True
+            self.panel.panel.questions.ask(questions.UNSAVED)
             self.refresh()
 
     # --- results of worker threads ----------------------------------------------------------------------------------
@@ -310,10 +318,11 @@ class Viewer(LiveView):
             self._apply_error(done.kind, done.error)
             return
         match done.value:
-            case MeshesRead():
+            case Added():
                 self.history.note(self.state)
-                self._take(self.document.with_meshes(done.value.read))
-                self.state = done.value.added_to(self.state)
+                self.state, document = done.value.added_to(self.state, self.document)
+                self._take(document)
+                self.files.refine(document.with_styles(self.state.styles, self.state.mesh_files, self.state.settings))
                 self.touch()
             case Reloaded() if done.value.is_outdated(self.document):
                 pass
@@ -329,7 +338,8 @@ class Viewer(LiveView):
     def _apply_error(self, kind: Kind, error: BaseException) -> None:
         if not isinstance(error, USER_ERRORS):
             raise error
-        self.say(error_text(error), TOPICS.get(kind, READING))
+        tell = self.say if kind in (Kind.EXTRACT, Kind.RELOAD) else self.tell_error
+        tell(error_text(error), TOPICS.get(kind, READING))
         if self.document.is_loading:
             self.failed, self.closed = error, True
         elif kind is Kind.TIME_POINT:
@@ -351,8 +361,7 @@ class Viewer(LiveView):
                 self.files.follow(loaded)
             self._begin(loaded)
         else:
-            # with meshes that were added meanwhile
-            document = document.with_meshes({**shown.read, **document.read})
+            document = document.with_additions(shown)
             if isinstance(loaded, TimePoint):
                 self.files.time = loaded.number
             elif not loaded.is_finer:
@@ -360,10 +369,10 @@ class Viewer(LiveView):
             is_reloaded = isinstance(loaded, Reloaded)
             if is_reloaded and document.scene != shown.scene:
                 self._begin(Opened(document))
-            elif is_reloaded and self.bases == [style.stated for style in self.state.styles]:
+            elif is_reloaded and self.bases == stated_transfers(self.state.styles):
                 self._rebase(document)
                 self.state = replace(self.state, message="")
-            elif len(document.styles) != len(self.state.styles):
+            elif document.file_numbers != shown.file_numbers:
                 self._rebase(document)
         self._take(document)
         self.files.refine(document)
@@ -375,7 +384,7 @@ class Viewer(LiveView):
         self.files.times, self.files.time = opened.times, 0
         changes: dict[str, Any] = {"times": len(opened.times), "file_options": opened.options, "message": opened.note}
         self.state = replace(self.state.opened(document), **changes)
-        self.home, self.bases = self.state.pose, [style.base for style in document.styles]
+        self.home, self.bases = self.state.pose, stated_transfers(document.styles)
         if opened.is_option and np.array_equal(document.volume.corners, self.document.volume.corners):
             self.state = replace(self.state, pose=before)
         self.history.begin(self.state)
@@ -384,9 +393,10 @@ class Viewer(LiveView):
 
     def _rebase(self, document: Document) -> None:
         """Takes the transfer functions of a document; drops the history if it has other layers."""
-        edited, count = self.history.has_unsaved_edits(self.state), len(self.state.styles)
-        self.state, self.bases = self.state.with_bases(document), [style.base for style in document.styles]
-        if len(document.styles) != count:
+        edited = self.history.has_unsaved_edits(self.state)
+        is_same = document.file_numbers == self.document.file_numbers
+        self.state, self.bases = self.state.with_bases(document, is_same), stated_transfers(document.styles)
+        if not is_same:
             self.history.forget(self.state)
         if not edited:
             self.history.mark_saved(self.state)

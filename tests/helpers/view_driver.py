@@ -67,6 +67,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "beyond": state.show_zk,
         "threshold": state.style.threshold,
         "hidden": sorted(state.style.hidden),
+        "layers": viewer.document.with_styles(state.styles, state.mesh_files, state.settings).names,
         "extinction": state.style.extinction,
         "eye": camera.eye.tolist(),
         "axes": camera.eye_from_world.tolist(),
@@ -238,7 +239,7 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
         np.save(ask["path"], viewer.shot())
     elif what == "reset":
         document, scene = viewer.document, viewer.document.scene
-        styles = [LayerStyle(base, scene.threshold) for base in viewer.bases]
+        styles = [LayerStyle(base, scene.threshold, number=number) for number, base in viewer.bases.items()]
         document = document.with_styles(styles, document.mesh_files, scene.settings)
         viewer.state = viewer.state.opened(document)
         viewer.state = type(viewer.state).of(document, viewer.view.size)

@@ -20,9 +20,9 @@ from splatgl.viewer.commands import Request
 from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document, read_meshes
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
-from splatgl.viewer.loading import Files, Loaded, MeshesRead, Opened, Reloaded, TimePoint, open_document
+from splatgl.viewer.loading import Added, Files, Loaded, Opened, Reloaded, TimePoint, open_document
 from splatgl.viewer.remembered import Recent
-from splatgl.viewer.state import History, State
+from splatgl.viewer.state import History, State, stated_transfers
 from splatgl.viewer.viewer import Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
@@ -54,7 +54,7 @@ class WithoutWindow(Viewer):
         self.coming, self.effects = None, []
         self.said: list[Any] = []
         self.freed: list[State] = []
-        self.bases = [style.base for style in document.styles]
+        self.bases = stated_transfers(document.styles)
         self.options, self.recent, self.panel = Options(), Recent(), None
         self.extractor, self.refiner = Extractor(lambda: None), Refiner(document.counts, 100, 0.033)
         self.window: Any = SimpleNamespace(size=SIZE, scale=1.0, closing=False)
@@ -86,7 +86,7 @@ def test_what_waits_is_replaced_by_its_kind_alone(folder: Path) -> None:
     ] and found.opening == "b.npy"
     gate.set()
     done = all_done(found)
-    assert [each.error for each in done] == [None] * 3 and isinstance(done[2].value, MeshesRead)
+    assert [each.error for each in done] == [None] * 3 and isinstance(done[2].value, Added)
     for each in done:
         found.finish(each.kind)
     assert found.opening == ""
@@ -103,7 +103,7 @@ def test_meshes_stay_with_what_is_read_meanwhile(folder: Path) -> None:
         Reloaded(Document.open(SceneFile(str(folder / "a.npy")))),
     ):
         viewer = WithoutWindow(document, files())
-        viewer.apply(Done(Kind.MESHES, "reading m.off", MeshesRead((mesh,), read_meshes([mesh]))))
+        viewer.apply(Done(Kind.ADD, "reading m.off", Added((), (mesh,), read_meshes([mesh]))))
         assert not document.meshes
         viewer.apply(Done(Kind.RELOAD, "reading", news))
         assert viewer.document is not document and viewer.state.mesh_files == (mesh,)

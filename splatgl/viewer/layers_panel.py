@@ -1,0 +1,139 @@
+"""The panel's list of layers and meshes: what is drawn, and in which order, name, opacity and colour. Extra `gui`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from imgui_bundle import imgui
+
+from splatgl.annotations.text import plain
+from splatgl.scene.meshes import MeshFile, is_mesh
+from splatgl.splat.colormaps import colormap
+from splatgl.splat.scene import MOST_LAYERS
+from splatgl.viewer.document import Document
+from splatgl.viewer.panel_sections import CommandWidgets, label_left, pick_color, pick_opacity
+from splatgl.viewer.state import LayerStyle, State
+
+# share of the panel's width that names take, and width of the menu of a row at a content scale of 1
+NAME, MENU = 0.4, 220.0
+UP, DOWN, REMOVE = "move up", "move down", "remove"
+FIRST = "The first layer gives the picture its axes, grid and slices: it can be hidden, and stays first."
+
+T = TypeVar("T", LayerStyle, MeshFile)
+
+
+def draw_layers(state: State, document: Document, widgets: CommandWidgets) -> State:
+    """The section's controls; returns the edited state."""
+    before = state
+    for number, style in enumerate(state.styles):
+        layer = document.pool.get(style.number)
+        # a mesh alone has an empty volume
+        if layer is not None and not is_mesh(layer.scene.volume):
+            imgui.push_id(number)
+            state = _draw_layer(state, number, style, style.title or layer.name)
+            imgui.pop_id()
+    for number, file in enumerate(state.mesh_files):
+        imgui.push_id(f"mesh {number}")
+        state = _draw_mesh(state, document, number, file)
+        imgui.pop_id()
+    if sum(style.is_shown for style in state.styles) > MOST_LAYERS:
+        return replace(before, message=f"a picture has {MOST_LAYERS} layers at most: hide another one first")
+    return widgets.button("add-layer", "add...", state, document)
+
+
+def moved(entries: Sequence[T], number: int, action: str) -> tuple[T, ...]:
+    """The entries without one, or with one exchanged with its neighbour; as they are where it has none."""
+    kept = list(entries)
+    if action == REMOVE:
+        del kept[number]
+    else:
+        other = number + (1 if action == DOWN else -1)
+        if 0 <= other < len(kept):
+            kept[number], kept[other] = kept[other], kept[number]
+    return tuple(kept)
+
+
+def move_layer(state: State, number: int, action: str) -> State:
+    """The state with a layer moved or removed; the first one stays where it is."""
+    if number == 0 or (number == 1 and action == UP):
+        return replace(state, message=FIRST)
+    styles = moved(state.styles, number, action)
+    places = {style.number: place for place, style in enumerate(styles)}
+    # the same layer stays selected, or the one above a removed one
+    selected = places.get(state.style.number, number - 1)
+    return replace(state, styles=styles, selected=selected, message="")
+
+
+def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> State:
+    """Visibility, name and opacity of a layer, its colour if it has a single one, and its menu."""
+    _, visible = imgui.checkbox("##seen", style.visible)
+    imgui.set_item_tooltip("Whether it is drawn.")
+    imgui.same_line()
+    room = imgui.get_content_region_avail().x
+    imgui.push_style_color(imgui.Col_.header, imgui.get_style_color_vec4(imgui.Col_.button_hovered))
+    imgui.align_text_to_frame_padding()
+    if imgui.selectable(plain(name), state.selected == number, size=(room * NAME, 0.0))[0]:
+        state = replace(state, selected=number)
+    imgui.pop_style_color()
+    imgui.set_item_tooltip(f"{plain(name)}: a click selects it. Its curve or segments below, and keys, edit it.")
+    edited = replace(style, visible=visible, opacity=pick_opacity(style.opacity, room))
+    # for others, the colour map is chosen below
+    if style.base.colormap.startswith("#"):
+        color = pick_color(tuple(map(float, colormap(style.base.colormap)[-1])))
+        edited = edited if color is None else replace(edited, base=replace(style.base, colormap=color))
+    title, action = _draw_menu(style.title, name, number > 0)
+    edited = replace(edited, title=title)
+    state = state if edited == style else state.with_style(number, edited)
+    return move_layer(state, number, action) if action else state
+
+
+def _draw_mesh(state: State, document: Document, number: int, mesh: MeshFile) -> State:
+    _, visible = imgui.checkbox("##seen", mesh.visible)
+    imgui.set_item_tooltip("Whether it is drawn.")
+    imgui.same_line()
+    room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
+    imgui.align_text_to_frame_padding()
+    imgui.text(plain(mesh.name))
+    imgui.set_item_tooltip(plain(mesh.name))
+    opacity = pick_opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
+    data = document.mesh(mesh)
+    uniform = data is not None and data.colors is None and data.values is None
+    linear = mesh.linear or (data.color if data is not None and uniform else None)
+    # a mesh with colours of vertices or values shows grey until a colour is chosen
+    color = pick_color((0.5, 0.5, 0.5) if linear is None else tuple(map(float, linear)))
+    title, action = _draw_menu(mesh.title, mesh.name, True)
+    changes: dict[str, Any] = {"visible": visible, "opacity": opacity, "title": title}
+    edited = replace(mesh, **changes, color=mesh.color if color is None else color)
+    files = state.mesh_files
+    if edited != mesh:
+        files = (*files[:number], edited, *files[number + 1 :])
+    files = moved(files, number, action) if action else files
+    return state if files == state.mesh_files else replace(state, mesh_files=files)
+
+
+def _draw_menu(title: str, name: str, is_movable: bool) -> tuple[str, str]:
+    """A button that opens the menu of a row. Returns the chosen title, and what is chosen besides; "" for nothing.
+    is_movable: whether it can be moved and removed.
+    """
+    imgui.same_line()
+    wide = imgui.calc_text_size("...").x + 2 * imgui.get_style().frame_padding.x
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(imgui.get_content_region_avail().x - wide, 0.0))
+    if imgui.small_button("..."):
+        imgui.open_popup("##menu")
+    imgui.set_item_tooltip("Rename, move or remove it.")
+    imgui.set_next_window_size((MENU * imgui.get_style().font_scale_main, 0.0))
+    action = ""
+    if imgui.begin_popup("##menu"):
+        changed, typed = imgui.input_text_with_hint(label_left("name"), plain(name), title)
+        title = typed if changed else title
+        imgui.begin_disabled(not is_movable)
+        for choice in (UP, DOWN, REMOVE):
+            if imgui.selectable(choice, False)[0]:
+                action = choice
+        imgui.end_disabled()
+        if not is_movable:
+            imgui.text_wrapped(FIRST)
+        imgui.end_popup()
+    return title, action
