@@ -266,7 +266,7 @@ def _threshold(factor: float) -> Run:
         threshold = state.style.threshold * factor
         threshold = max(threshold, LOWEST) if factor > 1 else threshold
         threshold = 0.0 if threshold < LOWEST * 0.999 else min(threshold, HIGHEST)
-        return with_threshold(replace(state, message=f"threshold {threshold:.4g}"), threshold)
+        return with_threshold(replace(state, message=f"least opacity {threshold:.4g}: threshold of voxels"), threshold)
 
     return change
 

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from splatgl.data.volume import Volume
 from splatgl.splat.plan import Plan
+from splatgl.splat.statistics import Statistics
 from splatgl.viewer.adaptive_quality import FULL, Level
 from splatgl.viewer.document import Document
 from splatgl.viewer.reference_view import Difference
@@ -69,6 +73,40 @@ def full_lines(state: State, document: Document, frame: Frame | None, busy: str 
         "",
         *frame.plan.explain().splitlines(),
     )
+
+
+# names of types of samples
+KINDS = {"b": "truth values", "i": "whole numbers", "u": "whole numbers", "f": "decimal numbers"}
+
+
+def describe_volume(volume: Volume, stats: Statistics, segments: int) -> str:
+    """Sentences on the voxels and values of a volume. segments: their number, 0 for amounts."""
+    size = " x ".join(map(str, reversed(volume.shape)))
+    steps = tuple(f"{step:.4g}" for step in volume.spacing)
+    apart = " x ".join(steps if len(set(steps)) > 1 else steps[:1])
+    kind = np.dtype(volume.samples.dtype)
+    text = f"{size} voxels, {apart} {volume.unit}".rstrip() + f" apart, {8 * kind.itemsize}-bit {KINDS[kind.kind]}."
+    if segments:
+        return f"{text} They number {segments:,} segment{'s' * (segments > 1)}."
+    if not len(stats.values):
+        return f"{text} No value is finite."
+    ends = [
+        f"{number:.4g}" for number in (stats.percentile(25), stats.percentile(75), stats.values[0], stats.values[-1])
+    ]
+    unit = f" {volume.value_unit}".rstrip()
+    return f"{text} Values: half from {ends[0]} to {ends[1]}{unit}, all from {ends[2]} to {ends[3]}{unit}."
+
+
+def describe_picture(document: Document, frame: Frame | None) -> str:
+    """Sentences on what the picture shows, how long it took, and how exact it is."""
+    if frame is None or document.is_loading:
+        return "No picture yet."
+    if not frame.full:
+        return f"A picture in motion, coarser than at rest, in {frame.seconds:.2g} s."
+    layers, bound = document.drawn_layers, frame.info.get("error_bound")
+    share = sum(len(layer.finest) for layer in layers) / max(sum(layer.volume.count for layer in layers), 1)
+    exact = f", and is right to {bound:.2g} of full brightness" if isinstance(bound, float) else ""
+    return f"{100 * share:.2g} % of the voxels have an opacity. The picture took {frame.seconds:.2g} s{exact}."
 
 
 def progress_text(frame: Frame | None) -> str:

@@ -127,6 +127,9 @@ class Panel:
             for title, names in SETTINGS.items():
                 if imgui.collapsing_header(title):
                     state = _settings(state, document, names)
+                    if title == "Advanced":
+                        for line in hud.full_lines(state, document, frame, None)[1:]:
+                            imgui.text_wrapped(plain(line))
             if imgui.collapsing_header("Statistics"):
                 self._statistics(state, document, frame)
         self._end()
@@ -173,9 +176,9 @@ class Panel:
         if has_segments:
             return state
         changed, threshold = imgui.slider_float(
-            label_left("from opacity"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
+            label_left("least opacity"), state.style.threshold, 0.0, HIGHEST, "%.4f", logarithmic
         )
-        imgui.set_item_tooltip("Voxels of less opacity are not drawn (--threshold).")
+        imgui.set_item_tooltip("Voxels up to this opacity are not drawn (--threshold).")
         return with_threshold(state, min(max(threshold, 0.0), HIGHEST)) if changed else state
 
     def _transfer(self, state: State, layer: LayerSplats) -> State:
@@ -190,14 +193,9 @@ class Panel:
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
         volume = document.pool.get(state.style.number, document.layers[0]).volume
-        stats = self.curve.statistics_of(volume)
-        depth, height, width = volume.shape
-        imgui.text(f"{width} x {height} x {depth} voxels, {volume.samples.dtype}")
-        if len(stats.values):
-            low, high = stats.values[0], stats.values[-1]
-            imgui.text(f"values {low:.5g} to {high:.5g}, median {stats.percentile(50):.5g}")
-        for line in hud.full_lines(state, document, frame, None)[1:]:
-            imgui.text_wrapped(plain(line))
+        text = hud.describe_volume(volume, self.curve.statistics_of(volume), len(state.style.base.labels))
+        for sentences in (text, hud.describe_picture(document, frame)):
+            imgui.text_wrapped(plain(sentences))
 
 
 def _time(state: State) -> State:

@@ -6,14 +6,18 @@ import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from splatgl.annotations.text import FONT, Text, _fit_block
+from splatgl.data.volume import Volume
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
-from splatgl.viewer import loading
+from splatgl.splat.statistics import statistics
+from splatgl.viewer import hud, loading
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
@@ -215,3 +219,22 @@ def test_everything_is_twice_as_large_at_a_scale_of_two(folder: Path) -> None:
         assert np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.7
     small.end()
     large.end()
+
+
+def test_statistics_are_sentences() -> None:
+    samples = np.arange(240, dtype=np.int16).reshape(4, 6, 10)
+    volume = Volume(samples, spacing=(1.0, 1.0, 2.5), unit="mm", value_unit="HU")
+    assert hud.describe_volume(volume, statistics(volume), 0) == (
+        "10 x 6 x 4 voxels, 1 x 1 x 2.5 mm apart, 16-bit whole numbers. "
+        "Values: half from 59.75 to 179.2 HU, all from 0 to 239 HU."
+    )
+    assert hud.describe_volume(volume, statistics(volume), 3).endswith("whole numbers. They number 3 segments.")
+    empty = Volume(np.full((2, 2, 2), np.nan, np.float32))
+    assert hud.describe_volume(empty, statistics(empty), 0).endswith("32-bit decimal numbers. No value is finite.")
+    document = Document.open(SceneFile("tunnel"))
+    assert hud.describe_picture(document, None) == "No picture yet."
+    full: Any = SimpleNamespace(full=True, seconds=0.041, info={"error_bound": 0.0031})
+    words = "% of the voxels have an opacity. The picture took 0.041 s, and is right to 0.0031 of full brightness."
+    assert words in hud.describe_picture(document, full)
+    moving: Any = SimpleNamespace(full=False, seconds=0.02)
+    assert hud.describe_picture(document, moving) == "A picture in motion, coarser than at rest, in 0.02 s."
