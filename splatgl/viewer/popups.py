@@ -72,7 +72,9 @@ def find_commands(text: str, commands: Iterable[Command]) -> list[Command]:
 
 
 class Questions:
-    """Shows questions one after another, each until it is answered or closed by Escape."""
+    """Shows questions one after another, each until it is answered, by Enter with the first answer, or closed by
+    Escape.
+    """
 
     def __init__(self) -> None:
         self.waiting: list[Question] = []
@@ -100,8 +102,9 @@ class Questions:
         if not imgui.begin_popup_modal(f"{question.title}{QUESTION}", None, flags)[0]:
             return
         imgui.text_wrapped(plain(question.text))
-        for text, effect in question.answers:
-            if imgui.button(text):
+        is_entered = imgui.is_key_pressed(imgui.Key.enter, repeat=False) and not imgui.is_window_appearing()
+        for number, (text, effect) in enumerate(question.answers):
+            if imgui.button(text) or (is_entered and number == 0):
                 # a text is copied before it is closed
                 if not isinstance(effect, CopyText):
                     imgui.close_current_popup()

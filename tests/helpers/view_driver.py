@@ -66,6 +66,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         **{name: getattr(state, name) for name in names},
         "beyond": state.show_zk,
         "threshold": state.style.threshold,
+        "asked": [question.text for question in viewer.panel.panel.questions.waiting] if viewer.panel else [],
         "hidden": sorted(state.style.hidden),
         "layers": viewer.document.with_styles(state.styles, state.mesh_files, state.settings).names,
         "extinction": state.style.extinction,

@@ -150,14 +150,17 @@ class Window:
         """The X server's number of the window."""
         return shown(self.environment, self.process.pid)
 
-    def drop(self, *paths: Path) -> Told:
-        """Files dragged onto the window; returns the state when all is at rest."""
+    def drop(self, *paths: Path, is_answered: bool = True) -> Told:
+        """Files dragged onto the window; returns the state when all is at rest. is_answered: whether Enter answers the
+        question what to do with them, if the window has a panel that asks.
+        """
         command = [sys.executable, str(DRAG_SOURCE), self.identity, *map(str, paths)]
         source = subprocess.Popen(command, env=self.environment)
         while source.poll() is None:
             self.ask("look")
         assert source.returncode == 0
-        return self.ask("settle")
+        told = self.ask("settle")
+        return self.key("enter") if is_answered and told["dialog"] else told
 
     def shot(self) -> np.ndarray:
         """uint8 [H, W, 3]: what the window holds."""

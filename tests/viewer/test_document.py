@@ -327,10 +327,10 @@ def test_the_window_shows_what_is_saved(window: Window, folder: Path) -> None:
     window.ask("settle")
     assert np.abs(window.shot().astype(int) - before)[:300, :300].max() <= 1
     # a dropped mesh is added to what is shown; a damaged one is told until that is closed
-    window.drop(folder / "ball.ply")
+    window.drop(folder / "ball.ply", is_answered=False)
     added = click(window, 196, 250)
     assert "ball.ply: added" in added["message"] and added["source"] == whole["source"]
-    window.drop(folder / "cut.ply")
+    window.drop(folder / "cut.ply", is_answered=False)
     assert click(window, 196, 250)["dialog"] and not window.key("escape")["dialog"]
     window.drag(1, (100, 90), (140, 70))
     scene = window.key("shift+s")["message"].split()[-1]

@@ -177,17 +177,17 @@ def test_a_dropped_file_is_added(folder: Path) -> None:
     """The question waits for an answer, undo takes the layer away, and an error stays until it is closed."""
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
     window = Window(folder / "blob.npy", folder, size=(600, 450), panel=True)
-    assert window.drop(folder / "seg.nrrd")["dialog"]
+    assert window.drop(folder / "seg.nrrd", is_answered=False)["dialog"]
     told = window.key("escape")
     assert not told["dialog"] and told["layers"] == ["blob"]
-    window.drop(folder / "seg.nrrd")
+    window.drop(folder / "seg.nrrd", is_answered=False)
     pointed(window, 176, 245)
     window.hands("click", 1)
     assert window.ask("settle")["layers"] == ["blob", "seg"]
     assert window.key("ctrl+z")["layers"] == ["blob"]
     # an error stays until it is closed
     (folder / "bad.npy").write_bytes(b"\x93NUMPY not quite")
-    window.drop(folder / "bad.npy")
-    window.hands("click", 1)
-    assert window.ask("settle")["dialog"] and window.key("b")["dialog"] and not window.key("escape")["dialog"]
+    assert (
+        window.drop(folder / "bad.npy")["dialog"] and window.key("b")["dialog"] and not window.key("escape")["dialog"]
+    )
     window.end(notes=1)

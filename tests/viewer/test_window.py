@@ -158,6 +158,7 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "ground": lambda before, after: (before["ground"], after["ground"]) == ("black", "white"),
     "help": toggles("help"),
     "open": lambda before, after: told_of_dialog(after),
+    "add-layer": lambda before, after: told_of_dialog(after),
     "save-as": lambda before, after: told_of_dialog(after),
     "turn-left": turned((0, 1), 1),
     "turn-right": turned((0, 1), -1),
@@ -507,11 +508,15 @@ def test_dropped_files(window: Window, folder: Path) -> None:
     after = window.drop(folder / "other ä %41.npy")
     assert after["source"].endswith("other ä %41.npy") and after["splats"] != first and after["full"]
     shown = window.shot()
-    after = window.drop(folder / "bad.npy")
-    assert "bad.npy" in after["message"] and after["source"].endswith("other ä %41.npy")
-    # the same picture but for the words below, of several lines where the path is long
-    assert np.array_equal(window.shot()[:20], shown[:20]) and not np.array_equal(window.shot(), shown)
-    assert "got nothing of that name" in window.drop(folder / "nothing.npy")["message"]
+    for name, words in (("bad.npy", "bad.npy"), ("nothing.npy", "got nothing of that name")):
+        after = window.drop(folder / name)
+        assert words in "".join([after["message"], *after["asked"]]) and after["source"].endswith("other ä %41.npy")
+        assert not np.array_equal(window.shot(), shown)
+        # a window that has a panel tells it in a box
+        told = window.key("escape") if after["asked"] else after
+        assert not told["asked"]
+        # the same picture but for the words below, of several lines where the path is long
+        assert np.array_equal(window.shot()[:20], shown[:20])
     assert window.drop(folder / "blob.npy")["splats"] == first
 
 
