@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, TypeAlias
@@ -12,7 +12,10 @@ import numpy as np
 
 from splatgl.annotations.text import load_font, plain
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Triple, Volume
+from splatgl.errors import error_prefix, expected
+from splatgl.fileio import toml_value
+from splatgl.options import Kind, check_options, declared, non_default, option, refuse_unknown
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 
@@ -334,6 +337,13 @@ def split_into_dashes(segments: np.ndarray, dash: float, gap: float) -> np.ndarr
     return np.concatenate([start + unit * from_[:, None], start + unit * to[:, None]], axis=1)
 
 
+def _points(value: Any) -> tuple[Triple, ...]:
+    points = tuple(Kind.numbers(3, "X,Y,Z").check(point) for point in value)
+    if len(points) not in (2, 3):
+        raise ValueError
+    return points
+
+
 @dataclass(frozen=True)
 class Scale:
     """A colour map, the values at its ends, and the name of the quantity."""
@@ -350,11 +360,37 @@ class Scale:
         return tuple(dict.fromkeys(cls(mesh.colormap, *mesh.ranged, mesh.quantity or mesh.name) for mesh in visible))
 
 
+@dataclass(frozen=True)
+class Measure:
+    """The distance between two points, or the angle at the second of three; points: world units."""
+
+    points: tuple[Triple, ...] = option(
+        (), Kind("two points, or three of an angle, each of three finite numbers", _points)
+    )
+    name: str = option("", Kind.instance("a text", str))
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @classmethod
+    def of_table(cls, what: str, table: Any) -> Measure:
+        """The entry of a table of a scene file. Raises InputError for unknown keys and bad values."""
+        if not isinstance(table, Mapping) or "points" not in table:
+            raise expected(what, "a table with the key points", repr(table)[:80])
+        refuse_unknown(what, table, declared(cls))
+        with error_prefix(what):
+            return cls(**table)
+
+    def lines(self) -> list[str]:
+        """Lines of the table of a scene file."""
+        return ["", "[[measure]]", *(f"{key} = {toml_value(key, value)}" for key, value in non_default(self).items())]
+
+
 @dataclass(frozen=True, eq=False)
 class Subject:
     """Volume described by annotations. corners [8, 3]: of the box, world units; center [3]. colored: whether voxels
     have colours. value_name: title of a colour bar, the quantity (else the volume's name) and its unit. scales: of
-    meshes. empty: whether voxels show nothing, as below a lone mesh.
+    meshes. empty: whether voxels show nothing, as below a lone mesh. measures: distances and angles.
     """
 
     corners: np.ndarray
@@ -366,6 +402,7 @@ class Subject:
     value_name: str = ""
     scales: tuple[Scale, ...] = ()
     empty: bool = False
+    measures: tuple[Measure, ...] = ()
 
     @classmethod
     def of(cls, volume: Volume) -> Subject:

@@ -140,7 +140,7 @@ class OpenScene:
     def annotated_subject(self) -> Subject:
         """Box, unit, frame and scales of the volume and the meshes, for annotations."""
         scales, is_empty = Scale.of(self.scene.meshes), is_mesh(self.file.volume)
-        return replace(Subject.of(self.volume), scales=scales, empty=is_empty)
+        return replace(Subject.of(self.volume), scales=scales, empty=is_empty, measures=self.file.measures)
 
     @property
     def has_matter(self) -> bool:

@@ -10,6 +10,7 @@ annotate = ["scale", "title=A"] # as --annotate
 [settings]                      # as Settings
 [animation]                     # turntable, spin, axis, frames, hold, fps | ease, path, [[animation.keyframe]]
 [[mesh]]                        # file, title, color, opacity, radius, visible
+[[measure]]                     # points: two, or three of an angle; name; annotate = ["measures"] draws them
 [vectors]                       # show ("magnitude", "direction"), streamlines, arrows, colormap
 surfaces = 0.5                  # segmentations as surfaces, with this strength of smoothing
 [[layer]]                       # volume, title, threshold, opacity, visible, clip, crop, mask, surfaces, …
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatgl.annotations.annotate import check, parse_annotations
+from splatgl.annotations.canvas import Measure
 from splatgl.data.color import srgb_of_name
 from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
@@ -57,7 +59,7 @@ if TYPE_CHECKING:
 # types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
     **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors", "animation")},
-    **{name: list for name in ("layer", "mesh", "annotate")},
+    **{name: list for name in ("layer", "mesh", "measure", "annotate")},
     "volume": str,
 }
 # keys of a transfer function for channels: pairs of a channel and a colour, or a window
@@ -221,6 +223,7 @@ class SceneFile:
     )
     vectors: Vectors = field(default_factory=Vectors)
     animation: Mapping[str, Any] = field(default_factory=dict)
+    measures: tuple[Measure, ...] = ()
     held: Volume | None = None
     auto_background: bool = False
 
@@ -259,8 +262,10 @@ class SceneFile:
             vectors = Vectors(**vector_keys)
         animation = table.get("animation", {})
         refuse_unknown(f"{path} [animation]", animation, ANIMATION)
+        rows = enumerate(table.get("measure", []), 1)
+        measures = tuple(Measure.of_table(f"{path} [[measure]] {place}", row) for place, row in rows)
         parts = {"layers": tuple(layers), "meshes": tuple(meshes), "vectors": vectors, "animation": animation}
-        scene = replace(scene, view=view, settings=settings, **parts)
+        scene = replace(scene, view=view, settings=settings, measures=measures, **parts)
         return scene.with_paths(lambda file: str(path.parent / file))
 
     @classmethod
@@ -368,6 +373,8 @@ class SceneFile:
             lines += ["", "[[layer]]", *layer._lines("layer.", {})]
         for mesh in scene.meshes:
             lines += mesh.lines()
+        for measure in scene.measures:
+            lines += measure.lines()
         return "\n".join(lines) + "\n"
 
     def _lines(self, prefix: str, extra_tables: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -362,11 +362,18 @@ def _probe(state: State, document: Document) -> State:
 
 
 def _measure(state: State, document: Document) -> State:
-    if state.ruler.active:
-        return replace(state, ruler=Ruler(state.ruler.points))
-    if state.ruler.points:
+    return _measuring(state, is_angle=False)
+
+
+def _angle(state: State, document: Document) -> State:
+    return _measuring(state, is_angle=True)
+
+
+def _measuring(state: State, is_angle: bool) -> State:
+    """The state in which clicks measure, or no longer do."""
+    if state.ruler.active and state.ruler.angle == is_angle:
         return replace(state, ruler=Ruler())
-    return replace(state, ruler=Ruler(active=True), message=FIRST_POINT)
+    return replace(state, ruler=Ruler(active=True, angle=is_angle), message=FIRST_POINT)
 
 
 def _slices(state: State, document: Document) -> State:
@@ -394,7 +401,11 @@ def _time(step: int) -> Run:
 
 
 def _play(state: State, document: Document) -> State:
-    return replace(state, playing=not state.playing) if state.times > 1 else replace(state, message=ONE_TIME)
+    if state.times < 2:
+        return replace(state, message=ONE_TIME)
+    # at its end, a series begins again
+    ended = not state.playing and not state.repeats and state.time == state.times - 1
+    return replace(state, playing=not state.playing, time=0 if ended else state.time)
 
 
 def _keyframe(state: State, document: Document) -> State:
@@ -554,6 +565,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
     "Tools": (
         Command("probe", "the value under the cursor", ("y",), _probe),
         Command("measure", "distance between two clicked points", ("e",), _measure),
+        Command("angle", "angle between three clicked points", (), _angle),
         Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
         Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors),
         Command("play", "play a time series, or stop", ("enter",), _play),

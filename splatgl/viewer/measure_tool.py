@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatgl.annotations.scale_bar import length_text
+from splatgl.annotations.canvas import Measure
+from splatgl.annotations.measures import measure_text
 from splatgl.errors import InputError
 from splatgl.reference.pick import Picked, pick
 from splatgl.splat.camera import Camera
@@ -16,13 +17,13 @@ from splatgl.splat.view import eye_from_index
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.document import Document
 from splatgl.viewer.segments import segment_name
-from splatgl.viewer.state import Ruler, State
+from splatgl.viewer.state import State
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 
 # blends that show the largest value along the ray
 LARGEST = ("mip",)
 FIRST_POINT = "click on the first point; a drag turns the view"
-SECOND_POINT = "click on the second point"
+CORNER, NEXT_POINT = "click on the corner of the angle", "click on the last point"
 
 
 def under_cursor(state: State, document: Document, place: Place) -> Picked | None:
@@ -63,19 +64,17 @@ def _nothing(document: Document) -> str:
 
 
 def add_ruler_point(state: State, document: Document, place: Place) -> State:
-    """The state with one more point of the ruler."""
+    """The state with one more point of the ruler, or the measure that it completes."""
     pick = under_cursor(state, document, place)
     if pick is None:
         return replace(state, message=f"{_nothing(document)} to measure from")
-    ruler = state.ruler.with_point(pick.place)
-    length = distance_text(ruler, document)
-    return replace(state, ruler=ruler, message=f"distance {length}" if length else SECOND_POINT)
-
-
-def distance_text(ruler: Ruler, document: Document) -> str:
-    """The length of the ruler with its unit; "" until there are two points."""
-    length = ruler.length
-    return "" if length is None else length_text(float(f"{length:.4g}"), document.volume.unit)
+    ruler = replace(state.ruler, points=(*state.ruler.points, pick.place))
+    if ruler.missing > 0:
+        return replace(state, ruler=ruler, message=NEXT_POINT if ruler.missing == 1 or not ruler.angle else CORNER)
+    measure = Measure(ruler.points)
+    text = f"{'angle' if ruler.angle else 'distance'} {measure_text(measure, document.volume.unit)}"
+    state = replace(state, ruler=replace(ruler, points=()), message=text)
+    return state.with_measures((*state.measures, measure))
 
 
 # largest distance of splats from the ray, voxels; the optical depth at which the ray ends

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from splatgl.annotations.annotate import LEAST_SIDE
-from splatgl.annotations.canvas import BLACK, WHITE, Color, Subject
+from splatgl.annotations.canvas import BLACK, WHITE, Color, Measure, Subject
 from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.text import label, place_label
 from splatgl.data.volume import Volume
@@ -16,7 +17,7 @@ from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.clip_tool import box_edges, handles, outline
-from splatgl.viewer.measure_tool import describe_pick, distance_text, under_cursor
+from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.slice_views import clip_strokes, slice_outlines
 from splatgl.viewer.state import Cuts, Ruler
 from splatgl.viewer.tool import Place, View
@@ -35,7 +36,7 @@ GAP = 16
 
 @dataclass(frozen=True, eq=False)
 class AnnotationInputs:
-    """Inputs of annotations. blend: of the picture; ground: its background, linear RGB."""
+    """Inputs of annotations. blend: of the picture; ground: its background, linear RGB; measures: of the scene."""
 
     names: tuple[str, ...]
     volume: Volume
@@ -43,6 +44,7 @@ class AnnotationInputs:
     camera: Camera
     blend: str
     ground: Color
+    measures: tuple[Measure, ...] = ()
 
 
 class Legend:
@@ -60,11 +62,12 @@ class Legend:
         if not scenery.names or min(camera.size) < LEAST_SIDE:
             return ()
         view = camera.eye.tobytes(), camera.eye_from_world.tobytes(), camera.extent, camera.perspective
-        key = scenery.names, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *view
+        look = scenery.names, scenery.volume, scenery.transfer, scenery.blend, scenery.ground, camera.size, *view
+        key: tuple[object, ...] = *look, *scenery.measures
         if key != self.key:
-            subject = self._subject(scenery.volume)
-            look = scenery.transfer, camera, scenery.names, scenery.ground, scenery.blend
-            self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *look))
+            subject = replace(self._subject(scenery.volume), measures=scenery.measures)
+            inputs = scenery.transfer, camera, scenery.names, scenery.ground, scenery.blend
+            self.key, self.latest = key, crop_sprites(self.overlay.draw(subject, *inputs))
         return self.latest
 
     def _subject(self, volume: Volume) -> Subject:
@@ -120,9 +123,9 @@ class Overlays:
         """All marks: annotations, handles, ruler, the value under the cursor (None: hidden), and those of slices."""
         camera, scale = state.pose.camera, view.scale
         inputs = state.styles[0].transfer, camera, state.settings.blend, background_of(state)
-        legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *inputs))
+        legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *inputs, state.measures))
         strokes = handle_strokes(state.cuts, document.volume, camera, scale)
-        lines, labels = ruler_marks(state.ruler, document, camera, scale)
+        lines, labels = ruler_marks(state.ruler, camera, scale), list[Sprite]()
         if state.probe and cursor is not None:
             labels += _value_label(state, document, cursor, scale)
         if not slices:
@@ -132,21 +135,12 @@ class Overlays:
         return Marks((*legend, *labels, *slices.sprites), (*visible, *slices.strokes))
 
 
-def ruler_marks(ruler: Ruler, document: Document, camera: Camera, scale: float) -> tuple[list[Stroke], list[Sprite]]:
-    """The line between the points of the ruler, dots at its ends, and its length."""
-    places = project(camera, np.array(ruler.points).reshape(-1, 3))
-    dots = [(float(x), float(y)) for x, y in places if np.isfinite(x)]
-    strokes = [Stroke(dot, dot, RULER, TIP * scale, scale) for dot in dots]
-    if len(ruler.points) < 2:
-        return strokes, []
-    line = project_segment(camera, *map(np.array, ruler.points))
-    if line is None:
-        return strokes, []
-    text = label((distance_text(ruler, document),), scale)
-    # beside the right end, outside the line
-    end = max(line)
-    place = place_label(end, (text.shape[1], text.shape[0]), camera.size, TIP * scale)
-    return [Stroke(*line, RULER, LINE * scale, scale), *strokes], [Sprite(text, place)]
+def ruler_marks(ruler: Ruler, camera: Camera, scale: float) -> list[Stroke]:
+    """Dots at the points that are picked, and lines between them."""
+    points = np.array(ruler.points).reshape(-1, 3)
+    dots = [(float(x), float(y)) for x, y in project(camera, points) if np.isfinite(x)]
+    strokes = _lines(camera, list(pairwise(points)), RULER, LINE * scale)
+    return [*strokes, *(Stroke(dot, dot, RULER, TIP * scale, scale) for dot in dots)]
 
 
 def _value_label(state: State, document: Document, cursor: Place, scale: float) -> list[Sprite]:

@@ -107,7 +107,7 @@ class Panel:
         if shown:
             state = panel_sections.draw_menus(state, document, self.widgets)
             if state.times > 1:
-                state = _time(state)
+                state = _time(state, document, self.widgets)
             if imgui.collapsing_header("Files"):
                 state = panel_sections.draw_files(state, document, self.widgets, self.recent)
             panel_sections.draw_file_options(state, document, self.widgets)
@@ -198,13 +198,27 @@ class Panel:
             imgui.text_wrapped(plain(sentences))
 
 
-def _time(state: State) -> State:
-    """Slider and switch of a time series."""
-    changed, time = imgui.slider_int(label_left("time"), state.time, 0, state.times - 1)
+# lowest and highest time points a second
+PACES = (0.1, 60.0)
+
+
+def _time(state: State, document: Document, widgets: CommandWidgets) -> State:
+    """Slider of a time series, with the file's own times, and what plays it."""
+    step = document.volume.time_step
+    form = f"%d of {state.times - 1}" + (f": {state.time * step:.6g} s" if step else "")
+    changed, time = imgui.slider_int(label_left("time"), state.time, 0, state.times - 1, form)
     if changed:
         state = replace(state, time=min(max(time, 0), state.times - 1), playing=False)
-    changed, playing = imgui.checkbox("play", state.playing)
-    return replace(state, playing=playing) if changed else state
+    for name, label in (("earlier", "<"), ("play", "stop" if state.playing else "play"), ("later", ">")):
+        state = widgets.button(name, f"{label}##{name}", state, document)
+        imgui.same_line()
+    _, repeats = imgui.checkbox("loop", state.repeats)
+    imgui.same_line()
+    imgui.set_next_item_width(-1.0)
+    changed, pace = imgui.drag_float("##pace", state.pace, 0.05, *PACES, "%.3g a second")
+    imgui.set_item_tooltip("Time points a second while it plays: drag, or ctrl+click. Slow pictures take longer.")
+    pace = float(f"{min(max(pace, PACES[0]), PACES[1]):.3g}") if changed else state.pace
+    return state if (repeats, pace) == (state.repeats, state.pace) else replace(state, repeats=repeats, pace=pace)
 
 
 def _settings(state: State, document: Document, names: Iterable[str]) -> State:

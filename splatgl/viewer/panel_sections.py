@@ -10,6 +10,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.annotate import ANNOTATIONS
+from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import legible, plain
 from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.data.volume import Volume
@@ -32,7 +33,7 @@ from splatgl.viewer.commands import (
 from splatgl.viewer.document import Document
 from splatgl.viewer.overlays import background_of, plane_color
 from splatgl.viewer.recorder import Recording
-from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, Ruler, State
+from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, State
 
 # share of the panel's width that labels at the left of widgets take
 LABELS = 0.3
@@ -266,11 +267,7 @@ def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
         if imgui.checkbox(name, name in state.annotate)[0]:
             state = replace(state, annotate=toggle_name(state.annotate, name))
         imgui.set_item_tooltip(f"{rows[name].about[:-1]} ({rows[name].key}).")
-    state = widgets.checkbox("probe", "value under the cursor", state.probe, state, document)
-    imgui.same_line()
-    changed, measuring = imgui.checkbox("distance", state.ruler.active or bool(state.ruler.points))
-    widgets.describe("measure")
-    return replace(state, ruler=Ruler(active=measuring)) if changed else state
+    return widgets.checkbox("probe", "value under the cursor", state.probe, state, document)
 
 
 def _ground(state: State) -> State:
@@ -301,4 +298,29 @@ def _flow(names: Sequence[str], per_row: int) -> Iterator[str]:
         yield name
 
 
-SECTIONS = {"View": draw_view, "Slices": draw_slices, "Clipping": draw_clipping}
+def draw_measures(state: State, document: Document, widgets: CommandWidgets) -> State:
+    """The section's controls; returns the edited state."""
+    for name, is_angle in (("measure", False), ("angle", True)):
+        on = state.ruler.active and state.ruler.angle == is_angle
+        state = widgets.checkbox(name, "angle" if is_angle else "distance", on, state, document)
+        imgui.same_line()
+    imgui.text_disabled("click on points")
+    measures, style, room = list(state.measures), imgui.get_style(), imgui.get_content_region_avail().x
+    for number, measure in enumerate(state.measures):
+        imgui.push_id(number)
+        imgui.set_next_item_width(room * 0.4)
+        changed, name = imgui.input_text_with_hint("##name", "name", measure.name)
+        measures[number] = replace(measure, name=name) if changed else measure
+        imgui.same_line()
+        imgui.text(plain(measure_text(replace(measure, name=""), document.volume.unit)))
+        # the button ends with the widgets above
+        imgui.same_line(style.window_padding.x + room - imgui.calc_text_size("remove").x - 2 * style.frame_padding.x)
+        removed = imgui.button("remove")
+        imgui.pop_id()
+        if removed:
+            del measures[number]
+            break
+    return state if tuple(measures) == state.measures else state.with_measures(tuple(measures))
+
+
+SECTIONS = {"View": draw_view, "Slices": draw_slices, "Clipping": draw_clipping, "Measures": draw_measures}

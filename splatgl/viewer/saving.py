@@ -29,7 +29,6 @@ from splatgl.splat.splats import Splats
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.movie_track import Movie
-from splatgl.viewer.overlays import ruler_marks
 from splatgl.viewer.slice_views import slice_outlines
 from splatgl.viewer.state import LayerStyle, State
 
@@ -40,10 +39,9 @@ RIM = 0.6
 def compose_screenshot(
     image: Image, state: State, document: Document, scale: float, slices: np.ndarray | None
 ) -> Image:
-    """The picture with ruler and slices, as the window shows them. slices: uint8 [H, w, 3], sRGB; None: hidden."""
+    """The picture with slices and their lines, as in the window. slices: uint8 [H, w, 3], sRGB; None: hidden."""
     camera = state.pose.camera
-    lines, labels = ruler_marks(state.ruler, document, camera, scale)
-    image = draw_marks(image, (*lines, *slice_outlines(state.slices, document.volume, camera, scale)), labels)
+    image = draw_marks(image, slice_outlines(state.slices, document.volume, camera, scale), ())
     return image if slices is None else append_slices(image, slices)
 
 
@@ -104,7 +102,7 @@ def scene_of(state: State, document: Document) -> SceneFile:
     annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
     names = ("title", "load", "transfer", "threshold", "opacity", "visible")
     look = {name: getattr(first_scene, name) for name in names}
-    scene = replace(document.scene, **look, layers=tuple(others), meshes=meshes)
+    scene = replace(document.scene, **look, layers=tuple(others), meshes=meshes, measures=state.measures)
     if state.movie != Movie.of(scene.animation, document.volume):
         scene = replace(scene, animation=state.movie.table(document, state.times))
     return replace(scene, view=state.pose.view(), settings=settings, annotate=annotate)

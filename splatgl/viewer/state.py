@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatgl.annotations.annotate import default_names
-from splatgl.annotations.canvas import Subject
+from splatgl.annotations.canvas import Measure, Subject
 from splatgl.data.volume import Triple, Volume
 from splatgl.scene.meshes import MeshFile
 from splatgl.splat.clipping import MOST_CLIPS, Plane, check_planes, index_plane
@@ -132,19 +132,18 @@ def default_annotations(document: Document) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Ruler:
-    """points: picked points, world units, at most two. active: whether clicks pick points."""
+    """points: picked for the next measure, world units. active: whether clicks pick points. angle: whether angles are
+    measured, else distances.
+    """
 
     points: tuple[Triple, ...] = ()
     active: bool = False
+    angle: bool = False
 
     @property
-    def length(self) -> float | None:
-        """World length between both points; None until there are two."""
-        return float(np.linalg.norm(np.subtract(*self.points))) if len(self.points) == 2 else None
-
-    def with_point(self, point: Triple) -> Ruler:
-        """The ruler with one more point; a third point starts again."""
-        return replace(self, points=(*(self.points if len(self.points) < 2 else ()), point))
+    def missing(self) -> int:
+        """Number of points to pick."""
+        return (3 if self.angle else 2) - len(self.points)
 
 
 @dataclass(frozen=True)
@@ -240,6 +239,8 @@ class Slices:
         return self.at(np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin)).tolist(), volume)
 
 
+# the annotation of distances and angles
+MEASURES = "measures"
 COMPARE = ("off", "split", "difference")
 # amounts of text over the picture
 HUDS = ("short", "full", "off")
@@ -254,12 +255,12 @@ class State:
     """pose, settings: camera and rendering options.
 
     styles: appearance of each layer; selected: the layer that the keys and the panel edit. mesh_files: meshes of the
-    scene. cuts: box and planes, which `settings` has too. annotate: annotations of the picture, as of a scene.
-    blur: motion blur while the view rotates. show_zk: the plane at z_k. hud: of HUDS. message: shown until the next
-    key. time: number of the time point of a series of `times`; playing: whether it advances by itself. turntable:
-    whether a drag turns about a fixed axis. probe: whether the value under the cursor is shown. ruler: measured
-    distance. slices: beside the picture. file_options: arrays and channels that the file offers. theme: of THEMES.
-    movie: what is recorded; preview: plays it.
+    scene. cuts: box and planes, which `settings` has too. annotate: annotations of the picture, as of a scene. blur:
+    motion blur while the view rotates. show_zk: the plane at z_k. hud: of HUDS. message: shown until the next key.
+    time: number of the time point of a series of `times`; playing: whether it advances by itself, by `pace` time points
+    a second, and `repeats`. turntable: whether a drag turns about a fixed axis. probe: whether the value under the
+    cursor is shown. ruler: measures points; measures: of the scene. slices: beside the picture. file_options: arrays
+    and channels that the file offers. theme: of THEMES. movie: what is recorded; preview: plays it.
     """
 
     pose: Pose
@@ -280,6 +281,8 @@ class State:
     time: int = 0
     times: int = 0
     playing: bool = False
+    pace: float = 10.0
+    repeats: bool = True
     message: str = ""
     turntable: bool = False
     fullscreen: bool = False
@@ -289,6 +292,7 @@ class State:
     file_options: tuple[FileOption, ...] = ()
     theme: str = THEMES[0]
     movie: Movie = field(default_factory=Movie)
+    measures: tuple[Measure, ...] = ()
     preview: Preview | None = None
 
     @classmethod
@@ -297,8 +301,9 @@ class State:
         settings = document.scene.settings
         cuts, annotate = Cuts.of(settings.clip, document.volume), default_annotations(document)
         files = document.mesh_files
-        movie = Movie.of(document.scene.animation, document.volume)
-        return cls(document.home(size), settings, document.styles, 0, files, cuts, annotate, movie=movie)
+        scene, volume = document.scene, document.volume
+        extras: dict[str, Any] = {"movie": Movie.of(scene.animation, volume), "measures": scene.measures}
+        return cls(document.home(size), settings, document.styles, 0, files, cuts, annotate, **extras)
 
     @property
     def gliding(self) -> bool:
@@ -314,6 +319,11 @@ class State:
     def style(self) -> LayerStyle:
         """The style of the selected layer."""
         return self.styles[self.selected]
+
+    def with_measures(self, measures: tuple[Measure, ...]) -> State:
+        """The state with other measures, which the picture shows."""
+        names = tuple(name for name in self.annotate if name != MEASURES)
+        return replace(self, measures=measures, annotate=(*names, *[MEASURES] * bool(measures)))
 
     def edit(self, **changes: Any) -> State:
         """The state with changed fields of the style of the selected layer."""
@@ -336,9 +346,29 @@ class State:
     def opened(self, document: Document) -> State:
         """State for another document with its own view and settings; display options are kept."""
         fresh = State.of(document, self.pose.camera.size)
-        kept = ("hud", "help", "panel", "ground", "turning", "blur", "turntable", "fullscreen", "probe", "theme")
+        kept = (
+            "pace",
+            "repeats",
+            "hud",
+            "help",
+            "panel",
+            "ground",
+            "turning",
+            "blur",
+            "turntable",
+            "fullscreen",
+            "probe",
+            "theme",
+        )
         slices = replace(self.slices, place=fresh.slices.place)
         return replace(fresh, slices=slices, **{name: getattr(self, name) for name in kept})
+
+
+def played(state: State) -> State:
+    """The state with the next time point; a series that does not repeat stops at its last."""
+    if state.time + 1 < state.times or state.repeats:
+        return replace(state, time=(state.time + 1) % max(state.times, 1))
+    return replace(state, playing=False)
 
 
 def changed_fields(a: State, b: State) -> set[str]:
@@ -347,11 +377,25 @@ def changed_fields(a: State, b: State) -> set[str]:
 
 
 # fields that an undo keeps: open parts of the window, and what plays
-PASSING = {"message", "help", "hud", "panel", "turning", "time", "times", "playing", "fullscreen", "probe", "slices"}
-PASSING |= {"file_options", "theme"}
-PASSING |= {"file_options", "preview"}
+PASSING = {
+    "message",
+    "help",
+    "hud",
+    "panel",
+    "turning",
+    "time",
+    "times",
+    "playing",
+    "pace",
+    "repeats",
+    "fullscreen",
+    "probe",
+    "slices",
+}
+PASSING |= {"pace", "repeats", "file_options", "theme"}
+PASSING |= {"pace", "repeats", "file_options", "preview"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
-EDITS = {"settings", "styles", "mesh_files", "annotate", "movie"}
+EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures"}
 # largest number of steps
 MAX_STEPS = 200
 

@@ -36,13 +36,11 @@ from splatgl.viewer.saving import (
     save_scene,
     try_save,
 )
-from splatgl.viewer.state import stated_transfers
+from splatgl.viewer.state import played, stated_transfers
 from splatgl.viewer.trackball import up_direction
 
 # automatic rotation in degrees per second
 SPEED = 30.0
-# minimum seconds between the time points of a series that plays
-PLAYED = 0.1
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
 UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
@@ -106,7 +104,7 @@ class Viewer(LiveView):
         if self.state.gliding:
             return max(0.0, self.ticked + STEP - self.now())
         if self.state.playing and self.files.times and not self.files.jobs.busy:
-            return max(0.0, self.played + PLAYED - self.now())
+            return max(0.0, self.played + 1 / self.state.pace - self.now())
         moment = self._moment()
         due = self.refiner.patience(self.wanted(), moment)
         if not moment.whole:
@@ -125,8 +123,8 @@ class Viewer(LiveView):
             state = state.preview.show(state, now - self.ticked)
             self.touched = now
         shown = self.files.time == state.time and not self.files.jobs.busy and not self.dirty
-        if state.playing and self.files.times and shown and now - self.played >= PLAYED:
-            state = replace(state, time=(state.time + 1) % len(self.files.times))
+        if state.playing and self.files.times and shown and now - self.played >= 1 / state.pace:
+            state = played(state)
             self.played = now
         self.state, self.ticked = state, now
         progressed, message = self.recorder.look()

@@ -83,6 +83,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "turntable": state.turntable,
         "probe": state.probe,
         "ruler": asdict(state.ruler),
+        "measures": [asdict(measure) for measure in state.measures],
         "slices": asdict(state.slices),
         "panes": [asdict(pane) for pane in viewer.slices.panes(state, viewer.document, viewer.view)],
         "fullscreen": viewer.window.before is not None,

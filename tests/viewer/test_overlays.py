@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.annotations.measures import measure_text
 from splatgl.annotations.text import label, place_label
 from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
+from splatgl.errors import InputError
+from splatgl.gl.screen import Sprite
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import TURN, angles, name_of
+from splatgl.viewer.commands import TURN, Copy, angles, name_of
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import add_ruler_point, describe_pick, under_cursor
 from splatgl.viewer.overlays import RULER, TIP, AnnotationInputs, Legend, crop_sprites, ruler_marks
-from splatgl.viewer.saving import draw_marks, save_picture, save_scene
-from splatgl.viewer.state import Ruler, State
+from splatgl.viewer.saving import copy_text, draw_marks, save_picture, save_scene
+from splatgl.viewer.state import EDITS, History, Ruler, State, changed_fields, played
 from splatgl.viewer.trackball import Mouse, Pose, project, up_direction
 from tests.helpers.commands import acted
 
@@ -69,29 +72,82 @@ def test_clouds_of_points_have_no_value_there(tmp_path: Path) -> None:
     assert add_ruler_point(state, document, (80, 60)).message == "points: no value or place here to measure from"
 
 
-def test_a_distance_is_that_of_its_points(document: Document) -> None:
-    state = acted(along_x(document), "measure", document)
-    for place in ((50.5, 60.5), (110.5, 60.5)):
+def measured(state: State, name: str, document: Document, *places: tuple[float, float]) -> State:
+    state = acted(state, name, document)
+    for place in places:
         state = add_ruler_point(state, document, place)
+    return state
+
+
+def test_measures_are_those_of_their_points(document: Document) -> None:
+    """One after the other, until the key ends it; undone, and hidden once all are removed."""
+    state = measured(along_x(document), "measure", document, (50.5, 60.5), (110.5, 60.5))
     # 60 pixels of a tenth of a voxel
-    assert state.ruler.length == pytest.approx(6.0, abs=0.01) and "distance 6" in state.message
-    strokes, labels = ruler_marks(state.ruler, document, state.pose.camera, 1.0)
-    assert np.allclose(sorted([strokes[0].start, strokes[0].stop]), [(50.5, 60.5), (110.5, 60.5)], atol=1e-6)
-    assert labels[0].place[0] > 110 and labels[0].pixels[..., :3].max() == 255
-    # a third point begins anew; the key ends, then removes it
-    assert len(add_ruler_point(state, document, (80.5, 50.5)).ruler.points) == 1
-    ended = acted(state, "measure", document)
-    assert not ended.ruler.active and ended.ruler.length
-    assert acted(ended, "measure", document).ruler == Ruler()
+    assert measure_text(state.measures[0], "mm") == "6 mm" and state.message == "distance 6"
+    assert state.ruler.active and not state.ruler.points and state.annotate[-1] == "measures"
+    begun = add_ruler_point(state, document, (80.5, 50.5))
+    strokes = ruler_marks(begun.ruler, state.pose.camera, 1.0)
+    assert len(begun.ruler.points) == 1 and np.allclose(strokes[0].start, (80.5, 50.5), atol=1e-6)
+    state = measured(begun, "angle", document, (50.5, 60.5), (80.5, 60.5), (110.5, 90.5))
+    assert state.message == "angle 135°" and len(state.measures) == 2
+    assert not acted(state, "angle", document).ruler.active
+    assert "measures" not in state.with_measures(()).annotate
+    history = History(begun)
+    history.note(state)
+    assert history.undo(state).measures == begun.measures
+    assert changed_fields(state, begun) & EDITS
+
+
+def test_measures_are_saved_with_the_scene_and_drawn(
+    document: Document, renderer: sg.Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The saved picture has them, and so has that of the scene file and of the copied one, bit for bit."""
+    state = measured(along_x(document), "angle", document, (50.5, 60.5), (80.5, 60.5), (110.5, 90.5))
+    state = measured(state, "measure", document, (60.5, 30.5), (110.5, 30.5))
+    state = replace(
+        state.with_measures((state.measures[0], replace(state.measures[1], name="wall"))), annotate=("measures",)
+    )
+    monkeypatch.chdir(tmp_path)
+    save_picture(state, document, renderer.render, tmp_path)
+    copied = tmp_path / "copied.toml"
+    copied.write_text(copy_text(Copy.SCENE, state, document))
+    assert SceneFile.from_toml(copied).measures == state.measures
+    assert State.of(Document.open(SceneFile.from_toml(copied)), SIZE).measures == state.measures
+    assert main(["render", str(copied), "-o", "again.png", "--backend", "egl", "--quiet"]) == 0
+    shown, again = (sg.Image.load(tmp_path / name) for name in ("picture-001.png", "again.png"))
+    assert np.array_equal(shown.pixels, again.pixels) and shown.info["annotated"] == ["measures"]
+    assert not shown.info["not_annotated"]
+    save_picture(state.with_measures(()), document, renderer.render, tmp_path)
+    marked = np.abs(shown.pixels - sg.Image.load(tmp_path / "picture-002.png").pixels).max(axis=2) > 0.1
+    # on the lines, and not beside them
+    assert all(marked[y, x] for x, y in ((65, 60), (95, 75), (85, 30))) and not marked[110:].any()
+    for text in (
+        "points = [[0, 0, 0]]",
+        "point = 3",
+        'points = [[0, 0, "a"], [1, 1, 1]]',
+        "points = [[0,0,0],[1,1,1]]\nname = 3",
+    ):
+        copied.write_text(f'volume = "block.npy"\n[[measure]]\n{text}\n')
+        with pytest.raises(InputError, match=r"\[\[measure\]\] 1"):
+            SceneFile.from_toml(copied)
+
+
+def test_a_series_plays_once_or_again(document: Document) -> None:
+    state = replace(along_x(document), times=3, time=2, playing=True)
+    assert played(state).time == 0 and played(state).playing
+    ended = played(replace(state, repeats=False))
+    assert ended.time == 2 and not ended.playing and acted(ended, "play", document).time == 0
+    assert played(replace(state, time=0, repeats=False)).time == 1
 
 
 @pytest.mark.parametrize("blend", ["composite", "xray"])
-def test_a_distance_is_saved(document: Document, blend: str) -> None:
-    """Line, dots and length, where the window shows them, as light as there."""
+def test_marks_are_saved(document: Document, blend: str) -> None:
+    """Line, dots and text, where the window shows them, as light as there."""
     state = along_x(document)
     # through the middle of pixels, of a tenth of a voxel
     points = tuple((8.0, 7.45 - 3 * side, 7.45) for side in (-1, 1))
-    strokes, labels = ruler_marks(Ruler(points), document, state.pose.camera, 1.0)
+    strokes, text = ruler_marks(Ruler(points), state.pose.camera, 1.0), label(("6 mm",), 1.0)
+    labels = [Sprite(text, place_label((100.0, 80.0), (text.shape[1], text.shape[0]), SIZE, 3.0))]
     picture = sg.Image(np.full((SIZE[1], SIZE[0], 4), 0.1, np.float32), {"blend": blend})
     picture.pixels[0, 0] = 0.25
     found = draw_marks(picture, strokes, labels).pixels

@@ -298,6 +298,16 @@ def test_right_zooms(window: Window) -> None:
     assert np.subtract(after["eye"], before["eye"]) @ direction(before) > 0.5
 
 
+def test_clicks_measure(window: Window) -> None:
+    """Two clicks a distance, which the picture shows, as do the next two; ctrl+z takes it back."""
+    window.key("e")
+    window.hands("mousemove", 100, 90, "click", 1, "mousemove", 140, 90, "click", 1)
+    told = window.ask("settle")
+    assert [len(each["points"]) for each in told["measures"]] == [2] and told["message"].startswith("distance")
+    assert told["ruler"]["active"] and not told["ruler"]["points"] and "measures" in told["annotate"]
+    assert not window.key("ctrl+z")["measures"]
+
+
 @pytest.mark.long
 def test_double_click_sets_the_pivot(window: Window) -> None:
     before = window.ask("double", within=PATIENCE)
