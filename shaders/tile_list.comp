@@ -37,8 +37,13 @@ Placed placed(uint n) {
     extent.height /= stride;
     extent.width /= stride;
     ivec2 rows = rows_of(it.y, extent.height);
-    ivec2 span = span_of(it.xy, extent, rows.x);
-    return Placed(it.xy, extent, ivec2(span.x, rows.x), rows, span);
+    return Placed(it.xy, extent, ivec2(0, rows.x), rows, ivec2(0));
+}
+
+// Sets the tiles along the current row, and goes to the first.
+void begin_row(inout Placed it) {
+    it.span = span_of(it.center, it.extent, it.tile.y);
+    it.tile.x = it.span.x;
 }
 
 void main() {
@@ -48,10 +53,10 @@ void main() {
     uint n = run * length_ + done[run].x;
     uint end = min((run + 1u) * length_, count);
     Placed it = placed(n);
-    if (done[run].y == 1u) {
-        it.tile = ivec2(done[run].zw);
-        it.span = span_of(it.center, it.extent, it.tile.y);
-    }
+    bool resumed = done[run].y == 1u;
+    if (resumed) it.tile.y = int(done[run].w);
+    begin_row(it);
+    if (resumed) it.tile.x = int(done[run].z);
     // one loop over splats and their tiles: SIMD lanes do not wait for another lane's large splat
     for (uint turn = 0u; n < end && turn < budget; turn++) {
         bool touched = it.tile.x <= it.span.y && it.tile.y <= it.rows.y;
@@ -64,14 +69,14 @@ void main() {
         }
         cursors[slot] = place + uint(touched);
         it.tile.x++;
-        if (it.tile.x > it.span.y) {
+        // one evaluation of the next row, of this splat or of the next: masked code takes its time in any case
+        if (it.tile.x > it.span.y || it.tile.y > it.rows.y) {
             it.tile.y++;
-            it.span = span_of(it.center, it.extent, it.tile.y);
-            it.tile.x = it.span.x;
-        }
-        if (it.tile.y > it.rows.y) {
-            n++;
-            it = placed(n);
+            if (it.tile.y > it.rows.y) {
+                n++;
+                it = placed(n);
+            }
+            begin_row(it);
         }
     }
     done[run] = uvec4(n - run * length_, it.tile != ivec2(it.span.x, it.rows.x), it.tile);
