@@ -62,12 +62,8 @@ void main() {
         bool touched = it.tile.x <= it.span.y && it.tile.y <= it.rows.y;
         // non-touching splats write to a dummy slot, which avoids divergence
         uint slot = column + (touched ? uint(it.tile.y * tiles.x + it.tile.x) : nobody);
-        uint place = cursors[slot];
-        if (COUNTING == 0) {
-            listed[min(place, unread)] = n;
-            touched = touched && place != NOWHERE;
-        }
-        cursors[slot] = place + uint(touched);
+        uint place = atomicAdd(cursors[slot], 1u);
+        if (COUNTING == 0) listed[min(place, unread)] = n;
         it.tile.x++;
         // one evaluation of the next row, of this splat or of the next: masked code takes its time in any case
         if (it.tile.x > it.span.y || it.tile.y > it.rows.y) {

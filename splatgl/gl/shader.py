@@ -247,7 +247,7 @@ PAGE = 9
 # states of a tile on a card: the next dispatch continues it; light passes it no more
 CONTINUED, CLOSED = 1, 2
 # cursor of a terminated tile
-NOWHERE = 0xFFFFFFFF
+NOWHERE = 0x80000000
 
 CONSTANTS: dict[str, float | np.uint32] = {
     "ABREAST": np.uint32(ABREAST),
