@@ -1,17 +1,22 @@
 // Composites the sheets of a tile on a processor: each invocation draws a column of pixels, whose sheets end together.
-// The four entries of a list around one, and its first sheet.
+// Four entries of a list from one on, beyond its end the first again, and its first sheet.
 int next_base(uint at, uint end, out uvec4 names) {
     at = min(at, end - 1u);
-    names = texelFetch(list, listed_at(at), 0);
-    uint n = names[at & 3u];
-    ivec2 texel = texel_of(n);
+    uvec4 low = LIST_TEXEL(listed_at(at)), high = LIST_TEXEL(listed_at(at + 4u));
+    bool one = (at & 1u) > 0u, two = (at & 2u) > 0u;
+    uvec4 from = one ? uvec4(low.yzw, high.x) : low;
+    uvec2 then = one ? high.yz : high.xy;
+    names = two ? uvec4(from.zw, then) : from;
+    for (uint i = 1u; i < 4u; i++) names[i] = at + i < end ? names[i] : names.x;
+    ivec2 texel = texel_of(names.x);
     return sheet_base(uintBitsToFloat(PACKED == 1 ? TEXEL(shapes, texel).w : texelFetch(matters, texel, 0).w));
 }
 
 #define EACH(what) what(0) what(1) what(2) what(3) what(4) what(5) what(6) what(7)
 #define AT(row) (corner + ivec2(0, row))
 #define BEGIN(row) ray[row] = ray_of(center_of(row)); open_pixel(row);
-#define RESUME(row) light[row] = imageLoad(target, AT(row)); read_pixel(tile, row);
+#define LIGHT_UP_TO(row) light[row] = imageLoad(target, AT(row));
+#define RESUME(row) read_pixel(tile, row);
 #define ADD(row) add_four(row, four, ray[row], weights);
 #define TAKE(row) if (take_sheet(row, current)) seen = true;
 #define SPAN(row) span = vec2(min(span.x, ends[row].x), max(span.y, ends[row].y));
@@ -30,6 +35,16 @@ bool any_column(bool so) {
 #endif
 }
 
+float least_opacity() {
+    return min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
+               min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
+}
+
+// Whether light passes any pixel of the subgroup.
+bool any_open() {
+    return !IN_ORDER || any_column(least_opacity() <= opaque);
+}
+
 void composite_tile(uvec4 mine, uint lane) {
     uint tile = mine.x, at = mine.y, end = mine.z;
     bool is_continued = mine.w > 1u;
@@ -45,6 +60,9 @@ void composite_tile(uvec4 mine, uint lane) {
     int current = 0, holding = 0;
     bool begun = false;
     if (CARRIED == 1 && is_continued) {
+        EACH(LIGHT_UP_TO)
+        // of opaque ones, nothing is kept
+        if (!any_open()) return;
         EACH(RESUME)
         read_column(tile, current, holding, begun);
     }
@@ -72,17 +90,13 @@ void composite_tile(uvec4 mine, uint lane) {
             do {
                 // the sheets around the eye may have no list
                 if (NEAR == 1 && at >= end) break;
-                // in the list's order; beyond its end the first repeats, without weight
-                uint group = at & ~3u;
-                Joined four[4] = Joined[4](read_splat(names.x), read_splat(group + 1u < end ? names.y : names.x),
-                                           read_splat(group + 2u < end ? names.z : names.x),
-                                           read_splat(group + 3u < end ? names.w : names.x));
+                Joined four[4] = Joined[4](read_splat(names.x), read_splat(names.y), read_splat(names.z),
+                                           read_splat(names.w));
                 vec4 weights[4];
                 uint passed = at;
                 for (uint i = 0u; i < 4u; i++) {
-                    uint n = group + i;
                     // in turn: rounding where the list was sorted may have put one before its sheet
-                    bool now = n == passed && n < end && sheet_base(four[i].last) <= current;
+                    bool now = at + i == passed && at + i < end && sheet_base(four[i].last) <= current;
                     weights[i] = now ? sheet_weights(four[i].last - float(current)) : vec4(0.0);
                     passed += uint(now);
                 }
@@ -109,15 +123,14 @@ void composite_tile(uvec4 mine, uint lane) {
             break;
         }
         if (!IN_ORDER) continue;
-        least = min(min(min(light[0].a, light[1].a), min(light[2].a, light[3].a)),
-                    min(min(light[4].a, light[5].a), min(light[6].a, light[7].a)));
+        least = least_opacity();
         if (!any_column(least <= opaque)) break;
     }
     EACH(KEEP_MATTER)
     EACH(END)
     if (least <= opaque) open[tile] = 1u;
-    // of all columns, as those that have ended go on with the others
-    if (CARRIED == 1 && mine.w == 0u) {
+    // of all columns, as those behind the box go on with the others
+    if (CARRIED == 1 && mine.w == 0u && any_open()) {
         EACH(KEEP)
         write_column(tile, current, holding);
     }

@@ -16,6 +16,10 @@ uniform float stride;
 #if CARD == 0 && LAYERED == 0
 #define CLASS_TEXEL(at) imageLoad(class_table, at)
 layout(rgba32ui, binding = 3) readonly uniform uimage2D class_table;
+#define LIST_TEXEL(at) imageLoad(fours, at)
+layout(rgba32ui, binding = 4) readonly uniform uimage2D fours;
+#else
+#define LIST_TEXEL(at) texelFetch(list, at, 0)
 #endif
 #include "sheet_composite.glsl"
 

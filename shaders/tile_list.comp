@@ -13,7 +13,7 @@ layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and 
 // per run: splats done; whether the next has begun, and the tile that it has come to
 layout(std430, binding = 1) buffer Done { uvec4 done[]; };
 layout(std430, binding = 6) writeonly buffer Listed { uint listed[]; };
-uniform usampler2D bounds;
+layout(rgba32ui, binding = 0) readonly uniform uimage2D bounds;  // read in half the instructions of a texel
 
 uniform uint count;
 uniform uint length_;  // of a run
@@ -31,7 +31,7 @@ struct Placed {
 };
 
 Placed placed(uint n) {
-    vec4 it = uintBitsToFloat(texelFetch(bounds, texel_of(n), 0));
+    vec4 it = uintBitsToFloat(imageLoad(bounds, texel_of(n)));
     Extent extent = unpacked_extent(it.zw);
     it.xy /= stride;
     extent.height /= stride;

@@ -40,8 +40,9 @@ from splatgl.splat.splats import Splats
 from splatgl.splat.technique import COLUMNS, ROWS, batch_starts
 from splatgl.splat.view import GridView
 
-# image unit of the classification table; binding of the open sheets, and mark of a list whose tile has stored ones
-CLASS_IMAGE, RINGS, CONTINUES = 3, 5, np.uint32(2)
+# image units of the classification table and of the list; binding of the open sheets, and mark of a list whose tile has
+# stored ones
+CLASS_IMAGE, LIST_IMAGE, RINGS, CONTINUES = 3, 4, 5, np.uint32(2)
 # floats per pixel of the open sheets, see open_sheets.glsl; bytes of a tile, a multiple of every device's alignment
 RING = 36
 RING_BYTES = RING * ROWS * COLUMNS * 4
@@ -268,6 +269,7 @@ class SheetTiles(Tiles):
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
         if self.placed.list is not None:
             self.placed.list.use(LIST_UNIT)
+            self.placed.list.bind_to_image(LIST_IMAGE, read=True, write=False)
         self.begun[lists[:, 0]] = True
         self.bind_target(target)
         while len(lists):

@@ -37,8 +37,8 @@ ROUNDS = 60_000
 MOST_TILES, ENTRIES = 65_535, 2**20
 # texture units of the placed splats, the list, and the records with their order
 PLACED_UNIT, LIST_UNIT, RECORDS_UNIT = 8, 5, 5
-# bindings of storage buffers, and the image unit of the target, before those of heads and shapes
-CURSORS, DONE, LISTS, OPEN, BLOCKS, LISTED_BUFFER, IMAGE = 0, 1, 2, 3, 4, 6, 0
+# bindings of storage buffers; image units of the target, before those of heads and shapes, and of what is listed
+CURSORS, DONE, LISTS, OPEN, BLOCKS, LISTED_BUFFER, IMAGE, BOUNDS = 0, 1, 2, 3, 4, 6, 0, 0
 # textures of placed splats, see tiles.glsl; a program uses the first three to seven, see `_textures`
 PLACED = ("bounds", "heads", "shapes", "matters", "bends", "cubics", "mixeds")
 
@@ -315,6 +315,7 @@ class Tiles:
     def _run(self, plan: Plan, count: int, switches: dict[str, bool], unread: int = 0) -> None:
         """Lists all splats, with at most ROUNDS iterations per dispatch. unread: a list entry that is never read."""
         program = self._program("tile_list.comp", plan, switches)
+        self.placed.textures[0].bind_to_image(BOUNDS, read=True, write=False)
         runs = GROUPS * self.programs.shape.lanes
         length = -(-count // runs)
         set_uniforms(program, count=count, length_=length, budget=ROUNDS, unread=unread)
