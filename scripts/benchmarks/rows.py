@@ -11,14 +11,14 @@ from typing import Any
 import splatgl as sg
 
 
-def tell(found: Iterable[Any], path: Path | None) -> None:
-    """Prints each row; then, given a path, writes a CSV file with a column per field and one for GL_RENDERER."""
+def tell(found: Iterable[Any], path: Path | None) -> list[Any]:
+    """Prints and returns the rows; given a path, also writes them as CSV, with a column for GL_RENDERER."""
     rows = []
     for row in found:
         print(row, flush=True)
         rows.append(row)
     if path is None:
-        return
+        return rows
     with sg.Renderer() as renderer:
         name = renderer.info.renderer
     told = [{**asdict(row), "renderer": name} for row in rows]
@@ -26,3 +26,4 @@ def tell(found: Iterable[Any], path: Path | None) -> None:
         writer = csv.DictWriter(file, list(told[0]) if told else [])
         writer.writeheader()
         writer.writerows(told)
+    return rows
