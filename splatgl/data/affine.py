@@ -96,6 +96,8 @@ class Lattice:
 
     def volume(self, samples: Any, what: str, **more: Any) -> Volume:
         """The volume of samples [z, y, x] on this grid. what: the grid's name in messages; more: fields of `Volume`."""
+        # an impossible grid is refused before its planes are made
+        spacing_and_direction(self.matrix, what)
         resampled, notes = self.resampled(samples), list(self.notes)
         if resampled is not samples:
             notes[0] += f"; {self._describe_error(samples, resampled)}"

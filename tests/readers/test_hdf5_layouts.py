@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from splatgl import InputError, load
+from splatgl.data import affine
+from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.readers import hdf5_parts, list_volumes
 from splatgl.readers.chunked import Chunked
 from splatgl.readers.contents import identify
@@ -335,3 +337,13 @@ def test_hdf5_is_known_by_its_mark_also_behind_a_user_block(tmp_path: Path) -> N
     (tmp_path / "a.hdf").write_bytes(b"\x0e\x03\x13\x01" + bytes(100))
     with pytest.raises(InputError, match="expected HDF5, as the name says, got HDF4; convert it with h4toh5"):
         load(tmp_path / "a.hdf")
+
+
+def test_an_impossible_grid_is_refused_before_it_is_resampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damaged coordinate made hundreds of thousands of planes, which took six seconds."""
+    places = (np.array([0.0, 1e72, 3e75]), np.arange(4.0), np.arange(5.0))
+    axes = [Coordinate.of(name, each, {"units": "m"}) for name, each in zip("zyx", places, strict=True)]
+    grid = make_lattice(axes)
+    monkeypatch.setattr(affine, "interpolate_planes", lambda *_: pytest.fail("resampled"))
+    with pytest.raises(InputError, match="coordinates: expected three finite numbers"):
+        grid.volume(np.zeros((3, 4, 5), np.float32), "coordinates")
