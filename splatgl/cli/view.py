@@ -27,7 +27,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--frame-time", type=float, default=TARGET * 1e3, metavar="MS", help="while moving (default 33)")
     group.add_argument("--ground", type=_ground, metavar="black|white|checks", help="background of the window")
     group.add_argument("--no-panel", action="store_true", help="do not show the panel (extra gui)")
-    add_drawing(parser, "window", "that of the latest window, first 1024x768")
+    add_drawing(parser, "window", "the latest's")
     parser.set_defaults(run=run)
 
 
