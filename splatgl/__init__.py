@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from splatgl.animation.api import animate as animate
     from splatgl.annotations.annotate import annotated as annotated
     from splatgl.comparison.compare import compare as compare
+    from splatgl.comparison.settings import judge as judge
     from splatgl.data import scenes as scenes
     from splatgl.data.image import Image as Image
     from splatgl.data.mesh import Mesh as Mesh
@@ -85,6 +86,7 @@ _PUBLIC = {
     "streamlines": "splatgl.splat.vector_field",
     "check": "splatgl.reference.check",
     "compare": "splatgl.comparison.compare",
+    "judge": "splatgl.comparison.settings",
     "depth_map": "splatgl.scene.api",
     "default_transfer": "splatgl.splat.presets",
     "extract": "splatgl.splat.extract",

@@ -12,7 +12,8 @@ import numpy as np
 
 from splatgl.comparison.compare import ALIGNMENTS
 from splatgl.comparison.pictures import read_mask
-from splatgl.comparison.verdict import NOISE, Criteria, Tolerance
+from splatgl.comparison.verdict import NOISE, Criteria, Pair, Tolerance, Verdict
+from splatgl.data.image import Image
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, parse_table
 from splatgl.options import refuse_unknown
@@ -164,3 +165,21 @@ def read_limit(name: str, value: Any) -> float:
     if isinstance(value, bool) or not 0 <= number < math.inf:
         raise expected(name, "a number from 0, or a fraction such as 2/255", repr(value))
     return number
+
+
+def judge(a: Image, b: Image, **settings: Any) -> Verdict:
+    """Returns the verdict of `splatgl compare` on the image `a` against the reference `b`: whether they are the same,
+    the metrics with their limits, and what kind of difference there is.
+
+    settings: those of [tool.splatgl.compare], such as noise="driver", max_rmse=0.01, ignore=["0,0,20,10"] (left, top,
+    width, height), mask="mask.png", antialiased=False, align="center" for images of other sizes. Without limits only
+    8-bit rounding may differ. Raises InputError for unknown names and bad values.
+
+    ```python
+    new, old = (sg.render(sg.scenes.ball(12), zoom=zoom, size=64) for zoom in (1.0, 1.1))
+    print(sg.judge(new, old, noise="driver"))
+    ```
+    """
+    refuse_unknown("judge", settings, [name.replace("-", "_") for name in KEYS if name not in PROJECT])
+    criteria = Settings().but(settings).criteria()
+    return Pair.of(a, b, criteria).judge(criteria)

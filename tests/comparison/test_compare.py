@@ -223,3 +223,23 @@ def test_text_that_is_no_record_is_no_provenance(tmp_path: Path) -> None:
     text.add_text("splatgl", "[1, 2]")
     Pillow.new("RGB", (2, 2)).save(tmp_path / "a.png", pnginfo=text)
     assert sg.Image.load(tmp_path / "a.png").info == {}
+
+
+def test_python_judges_as_the_command_does() -> None:
+    """Noise of drivers, what is ignored, and other sizes; settings of a project alone are refused."""
+    right = np.zeros((40, 60, 3), np.uint8)
+    right[10:30, 10:50] = 120
+    noisy = right.copy()
+    noisy[12:28:5, 12:48:9] += 1
+    other = right.copy()
+    other[:6, :8] = 255
+    pictures = [sg.Image.from_samples(each) for each in (right, noisy, other, right[:, :50])]
+    same, changed = (sg.judge(pictures[1], pictures[0], noise=noise) for noise in ("driver", "none"))
+    assert same.same and not changed.same and str(same).startswith("image")
+    assert not sg.judge(pictures[2], pictures[0], noise="driver").same
+    assert sg.judge(pictures[2], pictures[0], ignore=["0,0,8,6"]).same
+    narrow = sg.judge(pictures[3], pictures[0], align="center")
+    assert not narrow.same and narrow.sizes == "size 50×40, expected 60×40" and "50×40" in str(narrow)
+    for wrong in ({"report": "x.html"}, {"nois": "driver"}, {"noise": "much"}, {"max_rmse": -1}):
+        with pytest.raises(sg.InputError, match=next(iter(wrong))):
+            sg.judge(pictures[0], pictures[0], **wrong)
