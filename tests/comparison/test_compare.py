@@ -230,16 +230,16 @@ def test_python_judges_as_the_command_does() -> None:
     right = np.zeros((40, 60, 3), np.uint8)
     right[10:30, 10:50] = 120
     noisy = right.copy()
-    noisy[12:28:5, 12:48:9] += 1
+    noisy[12:28:8, 12:48:9] += 3
     other = right.copy()
     other[:6, :8] = 255
     pictures = [sg.Image.from_samples(each) for each in (right, noisy, other, right[:, :50])]
     same, changed = (sg.judge(pictures[1], pictures[0], noise=noise) for noise in ("driver", "none"))
-    assert same.same and not changed.same and str(same).startswith("image")
+    assert same.same and not changed.same and "same" in str(same)
     assert not sg.judge(pictures[2], pictures[0], noise="driver").same
     assert sg.judge(pictures[2], pictures[0], ignore=["0,0,8,6"]).same
     narrow = sg.judge(pictures[3], pictures[0], align="center")
     assert not narrow.same and narrow.sizes == "size 50×40, expected 60×40" and "50×40" in str(narrow)
     for wrong in ({"report": "x.html"}, {"nois": "driver"}, {"noise": "much"}, {"max_rmse": -1}):
-        with pytest.raises(sg.InputError, match=next(iter(wrong))):
+        with pytest.raises(sg.InputError, match=next(iter(wrong)).replace("_", "[-_]")):
             sg.judge(pictures[0], pictures[0], **wrong)
