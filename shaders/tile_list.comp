@@ -6,10 +6,10 @@
 layout(local_size_x = LANES) in;
 #define VARYING
 #define FLAT
-#constant NOWHERE  // the cursor of a tile that light passes no more
 #include "tiles.glsl"
 
-layout(std430, binding = 0) buffer Cursors { uint cursors[]; };  // per run and tile: the count, or the next position
+// per run and tile: the count, or the next position, which lies beyond all entries where light passes the tile no more
+layout(std430, binding = 0) buffer Cursors { uint cursors[]; };
 // per run: splats done; whether the next has begun, and the tile that it has come to
 layout(std430, binding = 1) buffer Done { uvec4 done[]; };
 layout(std430, binding = 6) writeonly buffer Listed { uint listed[]; };
