@@ -124,7 +124,7 @@ class Passes:
         card = self.card if plan.program.technique == "tiles" and batches is None else None
         while True:
             target.clear()
-            if len(splats):
+            if len(splats) and not plan.window.is_empty:
                 self._draw_splats(target, splats, plan, portions, batches)
             if batches is not None and batches.shell is not None:
                 return target.read(plan.window)
@@ -143,8 +143,10 @@ class Passes:
             for splats, plan in layers
         ]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
-        self._layers_by(plan).composite(target, scratch, visible, self._bind, portions)
-        return self._read(target, replace(plan, window=union([plan.window for _, plan in layers])))
+        window = union([plan.window for _, plan in layers])
+        if not window.is_empty:
+            self._layers_by(plan).composite(target, scratch, visible, self._bind, portions)
+        return self._read(target, replace(plan, window=window))
 
     def draw_surfaces(
         self,
@@ -159,7 +161,7 @@ class Passes:
         target, part, scratch = (self.targets.get(role, plan.view.size, plan.target) for role in ROLES)
         target.clear()
         visible = [(visible_boxes(clip_behind_eye(splats, camera), plan.resolved), plan) for splats, plan in layers]
-        visible = [layer for layer in visible if len(layer[0])]
+        visible = [layer for layer in visible if len(layer[0]) and not layer[1].window.is_empty]
         portions = Portions(self.ctx, interrupted, plan.view.size[0] * plan.view.size[1])
         self._bind(first, plan)
         self.single.kept = None

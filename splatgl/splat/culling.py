@@ -199,6 +199,11 @@ class Window:
         """(x, y, width, height) in pixels."""
         return self.x, self.y, self.width, self.height
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether it has no pixels."""
+        return self.width <= 0 or self.height <= 0
+
 
 @dataclass(frozen=True)
 class ScreenBounds:

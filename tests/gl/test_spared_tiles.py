@@ -125,3 +125,19 @@ def test_no_flicker(renderer: sg.Renderer, ball: sg.Splats) -> None:
     ]
     jumps = [np.abs(np.diff(turns, 2, axis=0)) for turns in pictures]
     assert (jumps[0] - jumps[1]).max() < 0.5 * sg.Settings().tolerance
+
+
+@pytest.mark.parametrize("away", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_nothing_is_drawn_of_what_lies_beside_the_picture(
+    renderer: sg.Renderer, ball: sg.Splats, away: tuple[int, int]
+) -> None:
+    """On each side; also layers and a mesh, whose windows of pixels are empty as well."""
+    volume = sg.scenes.ball(6)
+    side = np.ptp(volume.corners, axis=0).max()
+    target = volume.corners.mean(axis=0) + 2 * side * np.array([away[0], 0, away[1]])
+    camera = sg.Camera.look_at(target - [0, 2 * side, 0], target, (0, 0, 1), fov=20.0, size=(24, 24))
+    layer = sg.Layer(volume, sg.Transfer([(0.3, 0), (0.7, 1)]))
+    mesh = sg.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]]))
+    for what in (ball, sg.Scene([layer, layer]), sg.Scene([layer], meshes=[mesh])):
+        for blend in ("composite", "mip") if what is ball else ("composite",):
+            assert not renderer.render(what, camera, sg.Settings(blend=blend)).pixels.any()
