@@ -24,7 +24,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
-from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Ruler, State
+from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Pinned, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
 
@@ -112,12 +112,12 @@ def _request(effect: Effect) -> Run:
     return lambda state, document: (state, effect)
 
 
-def _toggle(name: str) -> Run:
-    def toggle(state: State, document: Document) -> State:
-        changes: dict[str, Any] = {name: not getattr(state, name)}
+def _rotate(name: str, values: Sequence[Any] = (False, True)) -> Run:
+    def rotate(state: State, document: Document) -> State:
+        changes: dict[str, Any] = {name: _next(values, getattr(state, name))}
         return replace(state, **changes)
 
-    return toggle
+    return rotate
 
 
 def _next(values: Sequence[Any], value: str) -> Any:
@@ -429,12 +429,13 @@ def _compare(state: State, document: Document) -> State:
     return replace(state, compare=_next(COMPARE, state.compare), turning=False)
 
 
-def _hud(state: State, document: Document) -> State:
-    return replace(state, hud=_next(HUDS, state.hud))
-
-
-def _theme(state: State, document: Document) -> State:
-    return replace(state, theme=_next(THEMES, state.theme))
+def _pin(state: State, document: Document) -> State:
+    if state.pinned is not None:
+        return replace(state, pinned=None)
+    if not document.is_complete:
+        return replace(state, message="this picture is still being refined: pin it then")
+    message = "this picture stays at the right: edit it, open another file or go to another time at the left"
+    return replace(state, pinned=Pinned(document, state.settings), compare="off", turning=False, message=message)
 
 
 def _close(state: State, document: Document) -> State | tuple[State, Effect]:
@@ -515,13 +516,14 @@ MENUS: dict[str, tuple[Command, ...]] = {
             _move(lambda pose, up: pose.tipped(ROLL)),
             "roll to the left, right",
         ),
-        Command("turn", "turn on its own, or stop", ("space",), _toggle("turning")),
+        Command("turn", "turn on its own, or stop", ("space",), _rotate("turning")),
         Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
         Command("ground", "another background", ("n",), _ground),
-        Command("fullscreen", "fullscreen", ("f11", "f"), _toggle("fullscreen")),
-        Command("panel", "show or hide the panel", ("tab",), _toggle("panel")),
-        Command("theme", "dark or light panel", (), _theme),
-        Command("hud", "what is drawn and how: short, full, or off", ("i",), _hud),
+        Command("pin", "keep this picture beside the next, or not", ("ctrl+d",), _pin),
+        Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
+        Command("panel", "show or hide the panel", ("tab",), _rotate("panel")),
+        Command("theme", "dark or light panel", (), _rotate("theme", THEMES)),
+        Command("hud", "what is drawn and how: short, full, or off", ("i",), _rotate("hud", HUDS)),
     ),
     "Picture": (
         Command("blend", "next blend mode", ("b",), _cycle("blend")),
@@ -580,7 +582,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
     ),
     "Help": (
         Command("palette", "find a command", ("ctrl+p",), _request(Request.PALETTE)),
-        Command("help", "all keys", ("?", "f1"), _toggle("help")),
+        Command("help", "all keys", ("?", "f1"), _rotate("help")),
         Command("close", "close what is open; stop what goes on", ("escape",), _close),
     ),
 }

@@ -118,6 +118,8 @@ class Display:
         self.trim = IdleTrim(self.ticked)
         # whether the next request to quit is obeyed although edits are lost
         self.warned = False
+        # pixels from the left picture to the one that the mouse is in
+        self.right_edge = 0
         # topic and message of the latest error; why the latest picture was not drawn
         self.last_error, self.reject_reason = ("", ""), ""
 
@@ -132,7 +134,13 @@ class Display:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Pixels of the picture: the window without the panel and the slices."""
+        """Pixels of the picture; there are two while another is pinned beside it."""
+        width, height = self.shown_size
+        return max(width // (1 + (self.state.beside is not None)), 1), height
+
+    @property
+    def shown_size(self) -> tuple[int, int]:
+        """Pixels of all pictures: the window without the panel and the slices."""
         width, height = self.view.size
         return max(width - column_width((width, height), self.state.slices.shown), 1), height
 
@@ -157,7 +165,8 @@ class Display:
 
     def wanted(self) -> tuple[object, ...]:
         """Key of a frame: all its inputs, as values or immutable objects."""
-        return self.state.pose, self.state.settings, self.document, self.state.show_zk and self.state.compare == "off"
+        state = self.state
+        return state.pose, state.settings, self.document, state.show_zk and state.compare == "off", state.beside
 
     def now(self) -> float:
         """Monotonic clock in seconds."""
@@ -198,9 +207,18 @@ class Display:
         """Passes a mouse event to the tools; any but a move ends a preview."""
         if event != "move":
             self.state = stop_preview(self.state)
+        pointer = self._linked(pointer)
         self.update(self.input.handle(event, pointer, self.state, self.document, self.view))
         if event == "move" and self.state.probe and not self.input.is_dragging:
             self.refresh()
+
+    def _linked(self, pointer: Pointer) -> Pointer:
+        """The same place in the left picture, of one in the right picture; a drag stays where it began."""
+        width, (x, y) = self.size[0], pointer.place
+        if not self.input.is_dragging:
+            is_right = self.state.beside is not None and width <= x < self.shown_size[0]
+            self.right_edge = width if is_right else 0
+        return replace(pointer, place=(x - self.right_edge, y))
 
     def resize(self, size: tuple[int, int]) -> None:
         """Fits the view to a window of `size` in pixels; a minimised one keeps its last size."""

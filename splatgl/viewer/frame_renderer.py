@@ -18,7 +18,7 @@ from splatgl.splat.culling import FAITHFUL, eye_is_outside
 from splatgl.splat.motion import Motion
 from splatgl.splat.plan import Plan
 from splatgl.splat.resolve import has_streaks
-from splatgl.splat.settings import BLENDS
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, as_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, Level
@@ -27,7 +27,7 @@ from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.hud import Frame
 from splatgl.viewer.key_bindings import help_rows
 from splatgl.viewer.reference_view import Difference, Reference, resize_bilinear
-from splatgl.viewer.state import State
+from splatgl.viewer.state import Pinned, State
 from splatgl.viewer.trackball import Pose
 
 # linear light: splats beyond z_k are blended towards TINT by SHARE; splats at the plane get the colour PLANE
@@ -99,6 +99,8 @@ CALM = 0.25
 # motion blur: longest blurred motion, seconds, and most moments per picture: a slow picture would otherwise blur a
 # longer path by more moments, and become slower still
 BLURRED, MOMENTS = 0.1, 8
+# line between two pictures, sRGB with alpha
+EDGE = (128, 128, 128, 255)
 # pixels per character of a message line, at a content scale of 1
 LETTER = 7.5
 # largest width of the text, as a share of the window
@@ -128,6 +130,8 @@ class FrameRenderer:
         self.fresh = False
         self.brightest = 1.0
         self.overlay: Overlay | None = None
+        # of the pinned picture
+        self.overlay_beside: Overlay | None = None
         # lines of text, and their corner
         self.words: tuple[str, ...] = ()
         self.corner = "top left"
@@ -169,6 +173,7 @@ class FrameRenderer:
         pixels = image.pixels
         if tint and first.is_post_classified:
             pixels = tint_light(pixels, render(splats_before(splats, camera, z_k)).pixels)
+        pinned = None if state.beside is None else self._draw_pinned(state.beside, camera, level, ask)
         seconds = time.perf_counter() - started
 
         subject = (state.pose, state.settings, document, state.show_zk)
@@ -176,13 +181,25 @@ class FrameRenderer:
         self.fresh, self.stand_in = replaces, self.pixels if replaces and subject == self.subject else None
         self.subject, self.pose, self.pixels, self.begun = subject, state.pose, pixels, started
         self.brightest = float(self.pixels.max()) or 1.0
-        self.screen.put("picture", self.pixels)
+        if pinned is None:
+            self.screen.put("picture", self.pixels)
+        else:
+            # the screen scales the light of both as that of this picture
+            factor = np.float32(1.0 / _scale(state.settings, self.pixels))
+            self.screen.put("picture", np.hstack([self.pixels, pinned * factor]))
         beyond = partial(share_beyond, first.sample, state.pose.camera, z_k)
         hidden = len(first.at(level.stride)) - len(splats)
         drawn_by = self.renderer.plan(splats, camera, settings, motion)
         blurred = "motion" in image.info
         self.frame = Frame(image.info, seconds, level, drawn_by, beyond, hidden, blurred, whole=self.whole)
         return self.frame
+
+    def _draw_pinned(self, pinned: Pinned, camera: Camera, level: Level, interrupted: Ask | None) -> np.ndarray:
+        """Pixels of what is pinned, at a level, without motion blur; an X-ray relative to its brightest."""
+        settings = level.settings(pinned.settings.but(motion="off", classification="auto"))
+        matter, settings = pinned.document.subject_at(level.stride, settings)
+        image = self.renderer.render(matter, camera, settings, verify_bound=False, interrupted=interrupted)
+        return image.pixels * np.float32(_scale(settings, image.pixels))
 
     def write(self, state: State, document: Document, scale: float, busy: str | None, note: str) -> bool:
         """Redraws the overlay if its text changed; True if so. note: text about the reference.
@@ -206,10 +223,12 @@ class FrameRenderer:
             if not moving and state.hud == "short":
                 self.corner = self._free(Text(self.words), state, scale)
         wanted = self._overlay(state, document, scale, note)
-        if wanted == self.overlay:
+        pinned = None if state.beside is None else replace(wanted, texts=(Text((state.beside.name,)),), paths=())
+        if (wanted, pinned) == (self.overlay, self.overlay_beside):
             return False
-        self.overlay = wanted
-        self.screen.put("overlay", draw_overlay(wanted))
+        self.overlay, self.overlay_beside = wanted, pinned
+        drawn = draw_overlay(wanted)
+        self.screen.put("overlay", drawn if pinned is None else np.hstack([drawn, _with_edge(draw_overlay(pinned))]))
         return True
 
     def _free(self, text: Text, state: State, scale: float) -> str:
@@ -229,8 +248,9 @@ class FrameRenderer:
         """Current display mode; uploads the reference if there is one."""
         xray = BLENDS[state.settings.blend].unbounded
         background = None if xray else state.settings.background
-        scale = 1.0 / self.brightest if xray else 1.0
-        written = self.overlay is not None and bool(self.overlay.texts or self.overlay.paths)
+        scale = _scale(state.settings, self.pixels)
+        overlay = self.overlay
+        written = overlay is not None and bool(overlay.texts or overlay.paths or self.overlay_beside)
         plain = ScreenStyle(state.ground, scale, overlay=written, background=background)
         right = reference.image
         if right is None or state.compare == "off" or right.pixels.shape != self.pixels.shape:
@@ -302,6 +322,18 @@ def _visible_splats(state: State, layer: LayerSplats, level: Level, chosen: Plan
     if level == FULL:
         fits = fits and not chosen.program.seen.antialias and state.settings.tolerance > FAITHFUL
     return shell if fits else layer.at(level.stride)
+
+
+def _scale(settings: Settings, pixels: np.ndarray) -> float:
+    """Factor of the light on the screen: an X-ray is shown relative to its brightest pixel."""
+    return 1.0 / (float(pixels.max()) or 1.0) if BLENDS[settings.blend].unbounded else 1.0
+
+
+def _with_edge(overlay: np.ndarray) -> np.ndarray:
+    """An overlay with a line along its left edge."""
+    overlay = overlay.copy()
+    overlay[:, :1] = EDGE
+    return overlay
 
 
 def _wrap(text: str, width: int) -> list[str]:

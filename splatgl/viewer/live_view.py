@@ -142,7 +142,7 @@ class LiveView(Display):
         """Draws the window's content into its back buffer."""
         if self.state.panel and self.panel is None:
             self._open_panel()
-        self.screen.draw(self.size, self.painter.look(self.state, self.reference))
+        self.screen.draw(self._drawn_size, self.painter.look(self.state, self.reference))
         self.screen.mark(self.window.size, self._marks())
         if self.panel is not None and not self.state.help:
             before, panel = self.state, self.panel.panel
@@ -154,6 +154,12 @@ class LiveView(Display):
                 self.touch()
             if self.panel.waiting:
                 self.refresh()
+
+    @property
+    def _drawn_size(self) -> tuple[int, int]:
+        """Pixels of the picture, and of the one beside it."""
+        width, height = self.size
+        return width * (1 + (self.state.beside is not None)), height
 
     def _marks(self) -> Marks:
         slices = self.slices.marks(self.state, self.document, self.view)

@@ -251,6 +251,19 @@ BLURS: tuple[Motions, ...] = ("off", "moments", *MOTIONS)
 
 
 @dataclass(frozen=True, eq=False)
+class Pinned:
+    """A document, and the settings that it is drawn with, which stay beside what is edited."""
+
+    document: Document
+    settings: Settings
+
+    @property
+    def name(self) -> str:
+        """Text over its picture."""
+        return f"pinned: {self.document.volume.name or self.document.scene.volume}"
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """pose, settings: camera and rendering options.
 
@@ -260,7 +273,8 @@ class State:
     time: number of the time point of a series of `times`; playing: whether it advances by itself, by `pace` time points
     a second, and `repeats`. turntable: whether a drag turns about a fixed axis. probe: whether the value under the
     cursor is shown. ruler: measures points; measures: of the scene. slices: beside the picture. file_options: arrays
-    and channels that the file offers. theme: of THEMES. movie: what is recorded; preview: plays it.
+    and channels that the file offers. theme: of THEMES. movie: what is recorded; preview: plays it. pinned: is drawn at
+    the right, from the same place.
     """
 
     pose: Pose
@@ -291,6 +305,7 @@ class State:
     slices: Slices = field(default_factory=Slices)
     file_options: tuple[FileOption, ...] = ()
     theme: str = THEMES[0]
+    pinned: Pinned | None = None
     movie: Movie = field(default_factory=Movie)
     measures: tuple[Measure, ...] = ()
     preview: Preview | None = None
@@ -309,6 +324,11 @@ class State:
     def gliding(self) -> bool:
         """Whether the view moves by itself."""
         return self.turning or self.preview is not None
+
+    @property
+    def beside(self) -> Pinned | None:
+        """What is drawn at the right; the reference takes its place."""
+        return self.pinned if self.compare == "off" else None
 
     @property
     def moving(self) -> Settings:
@@ -359,6 +379,7 @@ class State:
             "fullscreen",
             "probe",
             "theme",
+            "pinned",
         )
         slices = replace(self.slices, place=fresh.slices.place)
         return replace(fresh, slices=slices, **{name: getattr(self, name) for name in kept})
@@ -392,7 +413,7 @@ PASSING = {
     "probe",
     "slices",
 }
-PASSING |= {"pace", "repeats", "file_options", "theme"}
+PASSING |= {"pace", "repeats", "file_options", "theme", "pinned"}
 PASSING |= {"pace", "repeats", "file_options", "preview"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
 EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures"}

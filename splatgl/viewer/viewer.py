@@ -250,9 +250,9 @@ class Viewer(LiveView):
         slices = None
         if self.slices.panes(self.state, self.document, self.view):
             marks = self.slices.complete_marks(self.state, self.document, self.view)
-            self.screen.draw(self.size, self.painter.look(self.state, self.reference))
+            self.screen.draw(self._drawn_size, self.painter.look(self.state, self.reference))
             self.screen.mark(self.window.size, marks)
-            slices = np.asarray(self.screen.read(self.window.size)[:, self.size[0] : self.view.size[0]])
+            slices = np.asarray(self.screen.read(self.window.size)[:, self.shown_size[0] : self.view.size[0]])
             # the next frame has the panel again
             self.refresh()
         return compose_screenshot(image, self.state, self.document, self.window.scale, slices)

@@ -220,7 +220,7 @@ def test_remapping(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"turn": "b"}, "key b: expected one action, got turn and blend"),
-        ({"spin": "x"}, "bindings: expected actions open, save-as"),
+        ({"spin": "x"}, "bindings: expected actions open, add-layer"),
         ({"turn": "hyper+x"}, "bindings: turn: expected a key, got 'hyper"),
         ({"turn": "xy"}, "bindings: turn: expected a key"),
         ({"turn": 3}, "bindings: turn: expected a key or a list of keys, got 3"),

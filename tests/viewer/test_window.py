@@ -178,6 +178,7 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "slice-colors": lambda before, after: after["slices"]["colored"] and after["slices"]["shown"],
     "light": lambda before, after: (before["settings"]["light"], after["settings"]["light"]) == ("head", "matte"),
     "fullscreen": lambda before, after: after["fullscreen"] and after["size"] == [640, 480],
+    "pin": lambda before, after: after["size"][0] == before["size"][0] // 2,
     "handles": lambda before, after: after["cuts"]["shown"] != before["cuts"]["shown"],
     "cuts": lambda before, after: "nothing is cut" in after["message"],
     "plane": lambda before, after: len(after["settings"]["clip"]) == 1 and after["cuts"]["shown"],

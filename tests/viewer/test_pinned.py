@@ -1,0 +1,67 @@
+"""A picture that is kept beside the one that is edited, from the same place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatgl.scene.scene_file import SceneFile
+from splatgl.viewer.commands import COMMANDS
+from splatgl.viewer.document import Document
+from splatgl.viewer.state import History, State
+from tests.helpers.blobs import blob
+from tests.helpers.window import MISSING, Window
+
+(PIN,) = (command for command in COMMANDS if command.id == "pin")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("pinned") / "blob.npy"
+    np.save(path, blob().samples)
+    return path
+
+
+def test_what_is_pinned_stays(file: Path) -> None:
+    """Through edits, undo and other files, until it is unpinned; the reference takes its place."""
+    document = Document.open(SceneFile(str(file)))
+    state = State.of(document, (32, 24))
+    early, _ = PIN(state, document)
+    assert early.pinned is None and "refined" in early.message
+    for stride in (4, 2, 1):
+        document.extract(stride)
+    pinned, _ = PIN(state, document)
+    assert pinned.beside is not None and pinned.beside.document is document
+    history = History(pinned)
+    edited = pinned.edit(extinction=3.0)
+    history.note(edited)
+    assert history.undo(edited).beside is pinned.beside
+    assert edited.opened(document).beside is pinned.beside
+    assert replace(edited, compare="split").beside is None
+    assert PIN(edited, document)[0].pinned is None
+
+
+@pytest.mark.long
+@pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
+def test_both_pictures_turn_and_one_is_edited(file: Path) -> None:
+    window = Window(file, file.parent, size=(480, 240))
+    window.key("ctrl+d")
+    # the next key hides the message; without texts and axes
+    window.key("h")
+    left, right = np.s_[80:160, 80:160], np.s_[80:160, 320:400]
+    first = window.shot().astype(int)
+    assert np.abs(first[left] - first[right]).max() <= 1 and first[left].max() > 100
+    before = window.ask("settle")
+    after = window.drag(1, (360, 120), (400, 100))
+    assert not np.allclose(after["eye"], before["eye"]) and after["size"] == [240, 240]
+    turned = window.shot().astype(int)
+    assert all(np.abs(turned[part] - first[part]).max() > 5 for part in (left, right))
+    window.key("b")
+    edited = window.shot().astype(int)
+    assert np.array_equal(edited[right], turned[right]) and np.abs(edited[left] - turned[left]).max() > 5
+    window.key("ctrl+d")
+    assert np.abs(window.shot()[right].astype(int) - turned[right]).max() > 5
+    window.end()
