@@ -59,7 +59,7 @@ def test_another_system(tmp_path: Path, elsewhere: dict[str, str], system: str) 
     samples = np.random.default_rng(3).random((4, 5, 6), np.float32)
     np.save(tmp_path / "v.npy", samples)
     with h5py.File(tmp_path / "v.h5", "w") as file:
-        file["v"] = samples
+        file["samples"] = samples
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "XDG_CACHE_HOME", "XDG_STATE_HOME", "LOCALAPPDATA"):
         elsewhere.pop(name, None)
     text = run(elsewhere | mesa, "-m", "tests.helpers.other_system", system, str(tmp_path))
@@ -131,7 +131,7 @@ def test_a_file_is_drawn(tmp_path: Path, elsewhere: dict[str, str]) -> None:
     h5py = pytest.importorskip("h5py")
     samples = np.random.default_rng(3).random((4, 5, 6), np.float32)
     with h5py.File(tmp_path / "v.h5", "w") as file:
-        file["v"] = samples
+        file["samples"] = samples
     np.save(tmp_path / "v.npy", samples)
     # the test's own: that they are gone
     run(elsewhere, "-c", "import os, sys; assert not hasattr(os, 'sysconf') and sys.modules['resource'] is None")
