@@ -207,15 +207,15 @@ class Display:
         """Passes a mouse event to the tools; any but a move ends a preview."""
         if event != "move":
             self.state = stop_preview(self.state)
-        pointer = self._linked(pointer)
+        pointer = self._linked(event, pointer)
         self.update(self.input.handle(event, pointer, self.state, self.document, self.view))
         if event == "move" and self.state.probe and not self.input.is_dragging:
             self.refresh()
 
-    def _linked(self, pointer: Pointer) -> Pointer:
+    def _linked(self, event: MouseEvent, pointer: Pointer) -> Pointer:
         """The same place in the left picture, of one in the right picture; a drag stays where it began."""
         width, (x, y) = self.size[0], pointer.place
-        if not self.input.is_dragging:
+        if event == "press" or not (event == "release" or self.window.held):
             is_right = self.state.beside is not None and width <= x < self.shown_size[0]
             self.right_edge = width if is_right else 0
         return replace(pointer, place=(x - self.right_edge, y))
