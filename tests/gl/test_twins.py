@@ -36,11 +36,11 @@ PLUMBING = {
     *("any_open", "least_opacity", "begin_row"),
     *("center_of", "take_plane", "is_plane", "planes", "set_mask_ray", "mask_above", "mask_part", "mask_face"),
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "add_matter", "end_matter"),
-    *("head_of_row", "last_piece", "taken"),
+    *("head_of_row", "last_piece", "part_of"),
     *("first_pixel", "read_texels", "joined", "stage_splat", "staged_splat", "wait_for_all", "is_opaque", "is_behind"),
     *("composite_tile", "add_batch", "entry", "held_sums", "cell_of"),
     # layers by quads, which tests/scene/test_layers.py compares with those by tiles
-    *("boxed_piece", "packed_pair", "set_range", "signs_of", "unpacked_pair"),
+    *("boxed_piece", "packed_pair", "set_range", "signs_of", "take", "unpacked_pair"),
     # lists on a card, which tests/gl/test_card_lists.py compares
     *("begin_state", "blocks_of", "count_pairs", "first_sheet_of", "scan_group", "scanned_before", "set_entries"),
     *("set_state", "splat_of", "tile_number", "tiles_of"),
