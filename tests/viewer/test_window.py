@@ -16,9 +16,11 @@ import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.comparison.image_regression import ImageRegression
 from splatgl.data.color import linear_from_srgb
+from splatgl.splat.bricks import bricks_of, estimate_need
 from splatgl.splat.settings import choices
 from splatgl.viewer import transfer_editor
 from splatgl.viewer.commands import COMMANDS
+from splatgl.viewer.stand_in import PIXELS
 from tests.helpers.blobs import blob
 from tests.helpers.window import (
     DRAG_SOURCE,
@@ -781,7 +783,12 @@ def test_a_volume_larger_than_memory(folder: Path, monkeypatch: pytest.MonkeyPat
     """Every so many voxels at once, then as small means as fit, in the same view; another file is not replaced."""
     samples = blob(64).samples
     np.save(folder / "large.npy", samples)
-    window = Window(folder / "large.npy", folder, free=947 << 20)
+    volume = sg.load(folder / "large.npy")
+    bricks = bricks_of(volume, sg.default_transfer(volume), sg.Settings())
+    assert bricks is not None
+    # a byte less than all voxels need
+    free = estimate_need(bricks, PIXELS, 0).bytes - 1
+    window = Window(folder / "large.npy", folder, free=free)
     told = window.until(lambda told: any("means of" in line for line in told["hud lines"]))
     assert any("means of 2^3 voxels: smaller ones need more than" in line for line in told["hud lines"])
     assert told["splats"] < samples.size / 7
