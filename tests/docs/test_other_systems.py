@@ -59,7 +59,7 @@ def test_another_system(tmp_path: Path, elsewhere: dict[str, str], system: str) 
     samples = np.random.default_rng(3).random((4, 5, 6), np.float32)
     np.save(tmp_path / "v.npy", samples)
     with h5py.File(tmp_path / "v.h5", "w") as file:
-        file["samples"] = samples
+        file["v"] = samples
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "XDG_CACHE_HOME", "XDG_STATE_HOME", "LOCALAPPDATA"):
         elsewhere.pop(name, None)
     text = run(elsewhere | mesa, "-m", "tests.helpers.other_system", system, str(tmp_path))
