@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import ctypes.util
 import json
@@ -66,6 +67,8 @@ def start_display(screen: str = "640x480") -> tuple[subprocess.Popen[bytes], str
     # what clients leave behind stays
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{screen}x24", "-nolisten", "tcp", "-noreset"]
     server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+    # a failed test ends nothing
+    atexit.register(server.kill)
     os.close(write)
     with os.fdopen(read) as pipe:
         number = pipe.readline().strip()
@@ -109,6 +112,7 @@ class Window:
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         of_viewer = {**self.environment, **(environment or {})}
         self.process = subprocess.Popen(command, env=of_viewer, text=True, **pipes)  # type: ignore[call-overload]
+        atexit.register(self.process.kill)
         self.state = self._read()
         self.folder = folder
 
