@@ -140,6 +140,8 @@ class Volume:
         for name, array in (("color", self.color), ("vectors", self.vectors)):
             if array is not None and array.shape != (*samples.shape, 3):
                 raise expected(name, f"shape {(*samples.shape, 3)}", array.shape)
+        if self.color is not None and self.color.dtype != np.uint8:
+            raise expected("color", "uint8, sRGB", self.color.dtype)
         if self.frame not in (None, "LPS", "RAS"):
             raise expected("frame", "LPS, RAS or None", repr(self.frame))
         object.__setattr__(self, "samples", samples)

@@ -283,7 +283,7 @@ def presets() -> dict[str, str]:
 def preset(name: str, volume: Volume) -> Transfer:
     """Transfer function of a preset for a volume's values. Raises InputError for an unknown name."""
     chosen = preset_named(name)
-    return _build_transfer(chosen, statistics(volume))
+    return build_transfer(chosen, statistics(volume))
 
 
 def is_preset(name: str) -> bool:
@@ -366,8 +366,8 @@ def _transfer_from_values(volume: Volume) -> Transfer:
     if (kind == LABELS or (kind == MASK and several)) and volume.color is None:
         return label_transfer(volume)
     if kind == MASK and not stats.constant:
-        return replace(_build_transfer(PRESETS["terrain"], stats), colormap="ivory")
-    return _build_transfer(PRESETS[_choose_preset(volume, stats)], stats)
+        return replace(build_transfer(PRESETS["terrain"], stats), colormap="ivory")
+    return build_transfer(PRESETS[_choose_preset(volume, stats)], stats)
 
 
 def _choose_preset(volume: Volume, stats: Statistics) -> str:
@@ -404,7 +404,8 @@ def _is_smooth(volume: Volume, empty: float) -> bool:
     return bool(some.any()) and float(np.median(bend[some])) < SMOOTH * float(np.median(slope[some]))
 
 
-def _build_transfer(chosen: Preset, stats: Statistics) -> Transfer:
+def build_transfer(chosen: Preset, stats: Statistics) -> Transfer:
+    """Transfer function of a preset for the statistics of a volume's values."""
     if stats.constant:
         value = float(stats.values[0]) if len(stats.values) else 0.0
         look = Look(((value, SOLID if len(stats.values) else 0.0),))

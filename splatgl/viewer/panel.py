@@ -24,7 +24,7 @@ from splatgl.viewer.hud import Frame
 from splatgl.viewer.layers_panel import draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.popups import Palette, Questions
-from splatgl.viewer.preset_gallery import PresetGallery, Shift
+from splatgl.viewer.preset_gallery import PresetGallery, Shift, with_gradient
 from splatgl.viewer.record_section import draw_record
 from splatgl.viewer.segments_panel import SegmentList
 from splatgl.viewer.state import BLURS, State
@@ -184,7 +184,7 @@ class Panel:
     def _transfer(self, state: State, layer: LayerSplats) -> State:
         """The opacity curve, its presets and colours."""
         stats, style = self.curve.statistics_of(layer.volume), state.style
-        base = self.gallery.draw(style.stated, layer.volume)
+        base = self.gallery.draw(style.stated, layer.volume, stats)
         base = _colors(self.curve.draw(base, layer.volume), stats)
         low, high = transfer_editor.value_range(stats)
         base = self.shift.draw(base, high - low)
@@ -273,7 +273,4 @@ def _gradient(transfer: Transfer, step: float) -> Transfer:
     begin, end = (nodes[0][0], nodes[-1][0]) if nodes else (0.0, 0.0)
     changed, begin, end = imgui.drag_float_range2(label_left("gradient"), begin, end, step, 0.0, 0.0, "%.4g")
     imgui.set_item_tooltip("Values per length: less steep parts are clear up to the first, opaque from the second on.")
-    if not changed:
-        return transfer
-    begin = max(begin, 0.0)
-    return replace(transfer, gradient=((begin, 0.0), (end, 1.0)) if end > begin else ())
+    return with_gradient(transfer, max(begin, 0.0), end) if changed else transfer

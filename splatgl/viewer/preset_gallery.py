@@ -13,12 +13,14 @@ from imgui_bundle import imgui
 from splatgl.data.volume import Volume
 from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
-from splatgl.splat.presets import PRESETS, preset
+from splatgl.splat.presets import PRESETS, build_transfer
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
+from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.panel_sections import label_left
-from splatgl.viewer.thumbnails import reduce_volume
+from splatgl.viewer.stand_in import subsample
+from splatgl.viewer.thumbnails import MOST_VOXELS, reduce_volume
 from splatgl.viewer.trackball import Pose
 
 # side of a picture at a content scale of 1, screen units; its pixels; pictures in a row
@@ -38,10 +40,10 @@ class PresetGallery:
         self.textures: dict[str, Any] = {}
         self.is_open = False
 
-    def draw(self, transfer: Transfer, volume: Volume) -> Transfer:
-        """The list, with the active preset marked; returns the chosen transfer function."""
+    def draw(self, transfer: Transfer, volume: Volume, stats: Statistics) -> Transfer:
+        """The list, with the active preset marked; returns the chosen transfer function. stats: of the volume."""
         if volume is not self.volume:
-            self._begin(volume)
+            self._begin(volume, stats)
         active = next((name for name, each in self.transfers.items() if each == transfer), EDITED)
         was_open = self.is_open
         self.is_open = imgui.begin_combo(label_left("preset"), active, imgui.ComboFlags_.height_largest)
@@ -80,10 +82,10 @@ class PresetGallery:
         imgui.end_group()
         return clicked
 
-    def _begin(self, volume: Volume) -> None:
+    def _begin(self, volume: Volume, stats: Statistics) -> None:
         """Starts with another volume."""
         self.volume, self.small, self.missing = volume, None, []
-        self.transfers = {name: preset(name, volume) for name in PRESETS}
+        self.transfers = {name: build_transfer(each, stats) for name, each in PRESETS.items()}
         self.close()
 
     def render_next(self, renderer: Renderer, pose: Pose, ctx: Any) -> bool:
@@ -92,7 +94,9 @@ class PresetGallery:
             return False
         name = self.missing.pop(0)
         if self.small is None:
-            self.small = reduce_volume(self.volume) or self.volume
+            # of a volume that takes long to halve, every so many voxels
+            step = int(np.ceil((self.volume.count / MOST_VOXELS) ** (1 / 3)))
+            self.small = reduce_volume(self.volume) or subsample(self.volume, step)
         unit = self.transfers[name].unit or float(np.mean(self.volume.spacing))
         scene = Scene([Layer(self.small, replace(self.transfers[name], unit=unit))])
         settings = Settings(background="black", tolerance=8 / 255)
@@ -146,3 +150,17 @@ def shifted(transfer: Transfer, by: float) -> Transfer:
         points = tuple((value + by, opacity) for value, opacity in transfer.points)
         window = tuple(value + by for value in transfer.window) if transfer.window else None
     return replace(transfer, points=points, window=window)
+
+
+def with_gradient(transfer: Transfer, begin: float, end: float) -> Transfer:
+    """The transfer function with its weights of gradients between two of them, in their form, a ramp by default; with
+    none where the second is not above the first.
+    """
+    if end <= begin:
+        return replace(transfer, gradient=())
+    nodes = transfer.gradient or ((0.0, 0.0), (1.0, 1.0))
+    first, length = nodes[0][0], nodes[-1][0] - nodes[0][0]
+    if length == 0:
+        nodes, first, length = ((0.0, 0.0), (1.0, 1.0)), 0.0, 1.0
+    share = (end - begin) / length
+    return replace(transfer, gradient=tuple((begin + (at - first) * share, weight) for at, weight in nodes))

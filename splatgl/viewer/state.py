@@ -327,7 +327,7 @@ class State:
 
     @property
     def beside(self) -> Pinned | None:
-        """What is drawn at the right; the reference takes its place."""
+        """Returns the pinned document, unless the reference takes its place."""
         return self.pinned if self.compare == "off" else None
 
     @property

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from splatgl.data.volume import Volume
 from splatgl.splat.presets import PRESETS, preset
+from splatgl.splat.statistics import statistics
 from splatgl.splat.transfer import Transfer
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
@@ -118,6 +120,22 @@ def test_a_shift_moves_points_and_window() -> None:
     assert log.points == ((2, 0.0), (200, 0.5)) and log.window is None
     # values of a logarithmic scale stay above 0
     assert shifted(log, -50.0).points[0][0] > 0
+
+
+def test_gradients_keep_their_form_and_presets_are_those_of_the_volume(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A curve of several nodes is stretched; statistics of the volume are taken once for all presets."""
+    module = pytest.importorskip("splatgl.viewer.preset_gallery", exc_type=ImportError)
+    plain = Transfer([(0, 0.0), (1, 0.5)])
+    assert module.with_gradient(plain, 1.0, 3.0).gradient == ((1, 0), (3, 1))
+    curve = replace(plain, gradient=((0, 0.2), (1, 0.7), (4, 0.4)))
+    assert module.with_gradient(curve, 2.0, 10.0).gradient == ((2, 0.2), (4, 0.7), (10, 0.4))
+    assert module.with_gradient(curve, 2.0, 2.0).gradient == ()
+    volume = Volume(blob().samples)
+    stats, right = statistics(volume), {name: preset(name, volume) for name in PRESETS}
+    monkeypatch.setattr("splatgl.splat.presets.statistics", None)
+    gallery = module.PresetGallery()
+    gallery._begin(volume, stats)
+    assert gallery.transfers == right
 
 
 @pytest.mark.long
