@@ -322,3 +322,9 @@ def test_no_library_is_imported_for_another_ones_array() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "set()"
+
+
+def test_colours_are_bytes() -> None:
+    """Other numbers are no places in the table of sRGB."""
+    with pytest.raises(sg.InputError, match="color: expected uint8"):
+        sg.Volume(np.zeros((2, 2, 2), np.float32), color=np.zeros((2, 2, 2, 3), np.float32))
