@@ -312,7 +312,7 @@ FORMATS = (
     Format("VTK cells", (".vtu", ".vts"), "vtk_cells.read", ("array", "channel"), ("XML",)),
     Format("VTK pieces of cells", (".pvtu", ".pvts"), "vtk_cells.read", ("array", "channel", "anywhere"), ("XML",)),
     Format("VTK AMR", (".vthb", ".vth"), "vtk_cells.read_amr", ("array", "channel", "anywhere"), ("XML",)),
-    Format("VTK collection", (".pvd", ".vtm"), "vtk_xml.read_series", ("array", "channel", "anywhere"), ("XML",)),
+    Format("VTK collection", (".pvd", ".vtm"), "vtk_collection.read", ("array", "channel", "anywhere"), ("XML",)),
     Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",), ("?",)),
     Format(
         "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")
