@@ -1,4 +1,4 @@
-"""Folders and patterns (FOLDER/NAME*.tif) with one picture per slice: TIFF, PNG, BMP and JPEG.
+"""Folders and patterns (FOLDER/NAME*.tif) with one picture per slice: TIFF, PNG, BMP, JPEG, JPEG 2000 and JPEG XL.
 
 Slices are in the order of the numbers in their names. Numbers behind c, ch, channel, w or t, tp, time count channels
 and time points. Large stacks are read in parts, a slice at a time.
@@ -18,21 +18,31 @@ import numpy as np
 
 from splatgl.data.color import luma
 from splatgl.data.volume import Volume
-from splatgl.errors import expected
+from splatgl.errors import expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
 from splatgl.readers.channels import Channel, ChannelSet
 from splatgl.readers.chunked import Chunked, OneFile
 from splatgl.readers.common import decoder_errors
+from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff import Grid, logged_errors, open_tiff, stated_grid
 from splatgl.readers.tiff_images import find_pixels
-from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
+from splatgl.readers.tiff_validation import (
+    check_before_decoding,
+    check_chain,
+    check_ome,
+    check_page,
+    jpeg_xl_size,
+)
 from splatgl.readers.vtk_xml import parse_xml
 
 # formats of slices by ending
 KINDS = {".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
+KINDS |= {".jp2": "JPEG 2000", ".j2k": "JPEG 2000", ".jxl": "JPEG XL"}
+# decoders of imagecodecs that read these, and what tells their size
+_DECODERS = {"JPEG 2000": ("jpeg2k_decode", picture_size), "JPEG XL": ("jpegxl_decode", jpeg_xl_size)}
 # words before numbers of channels and of time points
 _CHANNELS, _TIMES = ("c", "ch", "chan", "channel", "w"), ("t", "tp", "time", "timepoint")
 _NUMBERS, _WORD = re.compile(r"\d+(?:\.\d+)*"), re.compile(r"([a-z]*)[^a-z]*$")
@@ -170,8 +180,8 @@ def _read_stack(files: Sequence[Path], first: np.ndarray) -> Volume:
     return Volume(luma(color), color=color)
 
 
-def _check_same(file: Path, shape: Shape, dtype: np.dtype, first_file: Path, first: np.ndarray) -> None:
-    if tuple(shape) != first.shape or dtype != first.dtype:
+def _check_same(file: Path, shape: Shape, dtype: np.dtype | None, first_file: Path, first: np.ndarray) -> None:
+    if tuple(shape) != first.shape or dtype not in (None, first.dtype):
         this = f"{first.shape[1]}×{first.shape[0]} {first.dtype}, as {first_file.name}"
         raise expected(file.name, this, f"{shape[1]}×{shape[0]} {dtype}", "move it elsewhere")
 
@@ -201,17 +211,42 @@ class _Planes(OneFile):
 
 def _read_plane(file: Path) -> np.ndarray:
     """The samples [H, W] or [H, W, channels] of a picture."""
-    if KINDS[file.suffix.lower()] != "TIFF":
+    kind = KINDS[file.suffix.lower()]
+    if kind in _DECODERS:
+        return _decode_plane(file, kind)
+    if kind != "TIFF":
         return open_picture(file, 1)
     return _with_page(file, lambda page: np.asarray(page.asarray()))
 
 
-def _describe_plane(file: Path) -> tuple[Shape, np.dtype]:
-    """Shape and type of a picture, by its header where that tells them."""
+def _decode_plane(file: Path, kind: str) -> np.ndarray:
+    """The samples of a picture that imagecodecs decodes."""
+    imagecodecs = import_extra("imagecodecs", kind, "imagecodecs", "readers")
+    data = file.read_bytes()
+    # decoders hold up to four samples of 16 bits, twice
+    require_memory(byte_count((*_stated_size(file, data), 16), np.dtype(np.uint8)), len(data))
+    with decoder_errors(f"{kind} ({file.name})"):
+        return np.asarray(getattr(imagecodecs, _DECODERS[kind][0])(data))
+
+
+def _stated_size(file: Path, data: bytes) -> Shape:
+    """(rows, columns) in the header of a picture that imagecodecs decodes."""
+    kind = KINDS[file.suffix.lower()]
+    with decoder_errors(f"{kind} ({file.name})"):
+        size, tiles = _DECODERS[kind][1](data)
+        if not size or tiles > MOST_TILES:
+            raise expected(file.name, f"a picture of {kind}", "another header", "the file is damaged")
+        return size
+
+
+def _describe_plane(file: Path) -> tuple[Shape, np.dtype | None]:
+    """Shape and type of a picture, by its header where that tells them; no type where only decoding tells it."""
     if KINDS[file.suffix.lower()] == "TIFF":
         return _with_page(file, lambda page: (page.shape, np.dtype(page.dtype)))
     from PIL import Image
 
+    if KINDS[file.suffix.lower()] in _DECODERS:
+        return _stated_size(file, file.read_bytes()), None
     with decoder_errors(f"a picture ({file.name})"), Image.open(file, formats=PICTURES) as picture:
         mode = {"L": np.uint8, "I;16": np.uint16, "1": np.bool_}.get(picture.mode)
         if mode is not None:
@@ -249,6 +284,8 @@ def _find_grid(file: Path) -> tuple[Grid, list[str]]:
             # a single slice of ImageJ's states no distance
             notes = [f"slices are as far apart as pixels are wide: {hint.split(': ')[1]}"] * flat
             return ((x, y, x if flat else z), unit), notes
+    elif KINDS[file.suffix.lower()] in _DECODERS:
+        dpi = (0.0, 0.0)
     else:
         from PIL import Image
 

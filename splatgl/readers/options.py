@@ -33,6 +33,7 @@ CONVERTERS = {
     ),
     **dict.fromkeys((".vtp", ".pvtp", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
     **dict.fromkeys((".e57", ".xyz", ".pts"), "save the points as .las or .ply, such as with CloudCompare"),
+    **dict.fromkeys((".jp2", ".j2k", ".jxl"), "a picture is one slice; open the folder of all slices"),
     ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".ali": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".vdb": "save a dense array with numpy.save, in the order [z, y, x]",
@@ -312,7 +313,9 @@ FORMATS = (
     Format("VTK cells", (".vtu", ".vts"), "vtk_cells.read", ("array", "channel"), ("XML",)),
     Format("VTK pieces of cells", (".pvtu", ".pvts"), "vtk_cells.read", ("array", "channel", "anywhere"), ("XML",)),
     Format("VTK AMR", (".vthb", ".vth"), "vtk_cells.read_amr", ("array", "channel", "anywhere"), ("XML",)),
-    Format("VTK collection", (".pvd", ".vtm"), "vtk_collection.read", ("array", "channel", "anywhere"), ("XML",)),
+    Format(
+        "VTK collection", (".pvd", ".vtm"), "vtk_collection.read", ("array", "channel", "time", "anywhere"), ("XML",)
+    ),
     Format("MRC", (".mrc", ".map", ".rec", ".ccp4"), "mrc.read", ("array",), ("?",)),
     Format(
         "MRC, compressed", (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2"), "mrc.read", ("array",), ("gzip", "bzip2")

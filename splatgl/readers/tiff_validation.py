@@ -190,7 +190,7 @@ def _xr_size(data: bytes) -> Size:
     return ((found.get(0xBC81, 0), found.get(0xBC80, 0)) if found.keys() <= _XR_TAGS else ()), 1
 
 
-def _xl_size(data: bytes) -> Size:
+def jpeg_xl_size(data: bytes) -> Size:
     """The size in the header of a JPEG XL codestream, bare or in the first box of its container (18181-1 annex D)."""
     place = data.find(b"jxlc") + 4 if data[:4] == b"\0\0\0\x0c" else 0
     if data[place : place + 2] != b"\xff\x0a":
@@ -229,7 +229,7 @@ _SIZES: dict[int, Callable[[bytes], Size]] = {
     **dict.fromkeys((7, 33003, 33004, 33005, 33007, 34712, 34892), picture_size),
     **dict.fromkeys((22610, 34934), _xr_size),
     **dict.fromkeys((34927, 50001), _webp_size),
-    **dict.fromkeys((50002, 52546), _xl_size),
+    **dict.fromkeys((50002, 52546), jpeg_xl_size),
     34933: _png_size,
 }
 _CLEAR, _END = 256, 257

@@ -12,20 +12,24 @@ from xml.etree.ElementTree import Element
 
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.readers import vtk_xml
+from splatgl.readers import vtk_cells, vtk_xml
+from splatgl.readers.channels import ChannelSet
 from splatgl.readers.common import find_data_file
 from splatgl.readers.options import LoadOptions, converter
 from splatgl.readers.vtk_xml import parse_numbers, parse_vtk
 
-_GRIDS = {
+_READERS = {
     ".vti": vtk_xml.read,
     ".vtr": vtk_xml.read,
     ".pvti": vtk_xml.read_parallel,
     ".pvtr": vtk_xml.read_parallel,
+    **dict.fromkeys((".vtu", ".vts", ".pvtu", ".pvts"), vtk_cells.read),
 }
 
 # most names in a message
 _MOST_LISTED = 8
+# the number of a time step or block, and an array in it
+_NUMBERED = re.compile("[0-9]{1,9}(/|$)")
 # the name of a time step or block, and the name of its file
 Entry = tuple[str, str]
 
@@ -33,26 +37,37 @@ Entry = tuple[str, str]
 def read(path: Path, options: LoadOptions) -> Volume:
     """The volume of one time step of a .pvd file, or of one block of a .vtm file.
 
-    `array` is the number of the step or block, or a block's name; an array in it follows a slash: 3/density.
+    `time` is the number of the step, `array` that of the block, or its name. An array in it follows a slash: 3/density;
+    steps may be given so, too.
     """
     file = parse_vtk(path, ("Collection", "vtkMultiBlockDataSet"))
-    steps = file.kind == "Collection"
+    is_series = file.kind == "Collection"
     owner = file.root.find(file.kind)
-    entries = [] if owner is None else _list_steps(owner) if steps else _list_blocks(owner)
-    name, array = _select_entry(entries, options, "time steps" if steps else "blocks")
-    return _read_entry(path, name, replace(options, array=array), collections=steps)
+    entries = [] if owner is None else _list_steps(owner) if is_series else _list_blocks(owner)
+    what = "time steps" if is_series else "blocks"
+    if not entries:
+        raise expected(what, "one or more", "none")
+    by_time = is_series and (options.time is not None or not _NUMBERED.match(str(options.array)))
+    if by_time:
+        _, name = entries[min(options.time or 0, len(entries) - 1)]
+        array = options.array
+    else:
+        name, array = _select_entry(entries, options, what)
+    one = replace(options, array=array, time=None)
+    times = ChannelSet(times=len(entries) if by_time else 1)
+    return times.volume(replace(options, channel=None), lambda _: _read_entry(path, name, one, is_series))
 
 
 def _read_entry(path: Path, name: str, options: LoadOptions, collections: bool) -> Volume:
     """The volume in a file that `path` names. collections: whether the file may be a collection of blocks."""
     suffix = Path(name).suffix.lower()
-    if suffix not in _GRIDS and not (suffix == ".vtm" and collections):
-        raise expected(name, f"a file of {', '.join(_GRIDS)}", repr(suffix), converter(name) or "open that file itself")
+    if suffix not in _READERS and not (suffix == ".vtm" and collections):
+        raise expected(name, f"a file of {', '.join(_READERS)}", repr(suffix), converter(name))
     file = find_data_file(path, name, options.anywhere)
     if suffix == ".vtm":
         parse_vtk(file, ("vtkMultiBlockDataSet",))
         return read(file, options)
-    return _GRIDS[suffix](file, options)
+    return _READERS[suffix](file, options)
 
 
 def _list_steps(owner: Element) -> list[Entry]:
@@ -68,19 +83,17 @@ def _list_steps(owner: Element) -> list[Entry]:
 def _list_blocks(owner: Element) -> list[Entry]:
     """The blocks that are grids, by name; all blocks if none is a grid."""
     blocks = [(node.get("name", ""), node.get("file", "")) for node in owner.iter("DataSet")]
-    return [entry for entry in blocks if Path(entry[1]).suffix.lower() in _GRIDS] or blocks
+    return [entry for entry in blocks if Path(entry[1]).suffix.lower() in _READERS] or blocks
 
 
-def _select_entry(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str, str | None]:
+def _select_entry(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str, str | int | None]:
     """The requested file, and the array in it."""
     listed = ", ".join(f"{n} ({name})" if name else f"{n}" for n, (name, _) in enumerate(entries[:_MOST_LISTED]))
     listed += ", …" if len(entries) > _MOST_LISTED else ""
-    if not entries:
-        raise expected(what, "one or more", "none")
     requested = None if options.array is None else str(options.array)
     if requested is not None:
         head, _, rest = requested.partition("/")
-        if re.fullmatch("[0-9]{1,9}", head):
+        if _NUMBERED.match(requested):
             if int(head) >= len(entries):
                 raise expected("array", f"one of the {what} {listed}", repr(requested))
             return entries[int(head)][1], rest or None

@@ -15,6 +15,7 @@ from tests.fuzz.seed_files import CUBE
 from tests.fuzz.seed_pictures import PICTURES, lsm_file, write_compressed, write_fax
 
 tifffile = pytest.importorskip("tifffile")
+imagecodecs = pytest.importorskip("imagecodecs")
 
 
 def slices(folder: Path, name: str = "s_{}.tif", samples: np.ndarray = CUBE, first: int = 8, **options: Any) -> Path:
@@ -26,6 +27,9 @@ def slices(folder: Path, name: str = "s_{}.tif", samples: np.ndarray = CUBE, fir
         path = folder / name.format(n)
         if path.suffix == ".tif":
             tifffile.imwrite(path, plane, **options)
+        elif path.suffix in (".jp2", ".jxl"):
+            encode = {".jp2": imagecodecs.jpeg2k_encode, ".jxl": imagecodecs.jpegxl_encode}[path.suffix]
+            path.write_bytes(encode(plane, level=0 if path.suffix == ".jp2" else None, **options))
         else:
             Image.fromarray(plane).save(path, **options)
     return folder
@@ -40,6 +44,8 @@ def slices(folder: Path, name: str = "s_{}.tif", samples: np.ndarray = CUBE, fir
         ("s{}.png", CUBE.astype(np.uint16) * 300),
         ("s{}.bmp", CUBE),
         ("s{}.png", CUBE > 90),
+        ("s{}.jp2", CUBE.astype(np.uint16) * 300),
+        ("s{}.jxl", CUBE),
     ],
 )
 def test_slices_whole_and_in_parts(

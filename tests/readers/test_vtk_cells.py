@@ -87,6 +87,15 @@ def test_unstructured_grids(tmp_path: Path, kind: str, mode: str) -> None:
         assert number.samples[index] == at
 
 
+def test_cells_in_a_time_series(tmp_path: Path) -> None:
+    save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("hexahedra"))
+    steps = "".join(f'<DataSet timestep="{n}" file="a.vtu"/>' for n in range(2))
+    (tmp_path / "a.pvd").write_text(f'<VTKFile type="Collection"><Collection>{steps}</Collection></VTKFile>')
+    series, alone = load(tmp_path / "a.pvd", time=1, array="wave"), load(tmp_path / "a.vtu", array="wave")
+    assert series.times == 2 and series.spacing == alone.spacing
+    np.testing.assert_array_equal(series.samples, alone.samples)
+
+
 def curved() -> Any:
     """A bent block of 6 × 3 × 4 points with a linear field, flow along it, and numbers of cells."""
     from vtk.util.numpy_support import numpy_to_vtk
