@@ -36,7 +36,7 @@ STARTS = {
     b"GRIB": "GRIB",
     b"ZISRAWFILE": "CZI",
     b"\xda\xce\xbe\x0a": "ND2",
-    b"\0\0\0\x0cjP  ": "ND2",
+    b"\0\0\0\x0cjP  ": "JPEG 2000",
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "a compound file",
     b"LASF": "LAS",
     b"ply\n": "PLY",
@@ -72,8 +72,8 @@ _MRC_MODES, _MGH_TYPES = (0, 1, 2, 3, 4, 6, 7, 12, 16, 101), (0, 1, 3, 4)
 # kinds of packed data that are damaged or too short to tell more, and of others
 PACKINGS = ("gzip", "bzip2", "ZIP")
 OTHER_GZIP, OTHER_BZIP2 = "gzipped data of another kind", "bzip2 data of another kind"
-# kinds of packed data that only a name tells apart
-UNKNOWN = (*PACKINGS, OTHER_GZIP, OTHER_BZIP2)
+# kinds that only a name tells apart: of packed data, and of JPEG 2000, which ND2 before version 2 is
+UNKNOWN = (*PACKINGS, OTHER_GZIP, OTHER_BZIP2, "JPEG 2000")
 # advice for kinds that are not read
 FIXES = {
     "MATLAB's format before 7.3": "save it in MATLAB with save(..., '-v7.3')",
@@ -83,6 +83,7 @@ FIXES = {
     "GRIB": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     "a page of HTML": "download the file itself",
     "a pointer of Git LFS": "fetch the file with: git lfs pull",
+    "JPEG 2000": "a picture is one slice; open the folder of all slices",
     "VTK PolyData": "surfaces are not drawn; voxelize it",
     **dict.fromkeys(("gzip", OTHER_GZIP, "bzip2", OTHER_BZIP2, "xz", "7-Zip", "RAR", "ZIP"), "unpack it"),
 }

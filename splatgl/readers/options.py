@@ -33,7 +33,7 @@ CONVERTERS = {
     ),
     **dict.fromkeys((".vtp", ".pvtp", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
     **dict.fromkeys((".e57", ".xyz", ".pts"), "save the points as .las or .ply, such as with CloudCompare"),
-    **dict.fromkeys((".jp2", ".j2k", ".jxl"), "a picture is one slice; open the folder of all slices"),
+    **dict.fromkeys((".j2k", ".jxl"), "a picture is one slice; open the folder of all slices"),
     ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".ali": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".vdb": "save a dense array with numpy.save, in the order [z, y, x]",
@@ -333,7 +333,7 @@ FORMATS = (
     ),
     Format("CZI", (".czi",), "czi.read", _MICROSCOPE, lists="czi.list_images"),
     Format("LIF", (".lif",), "lif.read", _MICROSCOPE, lists="lif.list_images"),
-    Format("ND2", (".nd2",), "nd2.read", _MICROSCOPE, lists="nd2.list_images"),
+    Format("ND2", (".nd2",), "nd2.read", _MICROSCOPE, ("JPEG 2000",), lists="nd2.list_images"),
     Format("OIB", (".oib", ".oif"), "olympus.read", _MICROSCOPE, ("?", "a compound file"), lists="olympus.list_images"),
     Format(
         "Zarr",

@@ -89,6 +89,7 @@ OTHER = {
     "a.mha": (b"%PDF-1.7", "expected MetaImage, as the name says, got PDF"),
     "a.mgz": (b"hello", "got text that begins with 'hello'"),
     "a.vti": (b'<VTKFile type="PolyData">', "got VTK PolyData; surfaces are not drawn"),
+    "a.jp2": (b"\0\0\0\x0cjP  \r\n", "got JPEG 2000; a picture is one slice"),
     "scan": (b"Rar!", "expected one that is read, got RAR; unpack it"),
 }
 
