@@ -29,7 +29,7 @@ from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.preintegration import ValueClassifier
-from splatgl.splat.resolve import may_show_interior, why_per_splat
+from splatgl.splat.resolve import reach_outside, why_per_splat
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.sheets import NearField, Sheets, near_box
 from splatgl.splat.splats import MOST_KEPT, Splats, record_type
@@ -63,8 +63,8 @@ class Bricks:
     """A volume in boxes of voxels. low, high int64 [B, 3]: brick b holds the voxels low ≤ (x, y, z) < high.
 
     found: number of splats of each extracted brick. gaps: number of missing samples beside them, known once a brick is
-    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out. threads: that
-    extract bricks. batch: least number of splats drawn together.
+    read. shell: range of sheets whose splats are drawn; None: all. hidden: voxels that are left out. interiors:
+    those that were searched, by reach. threads: that extract bricks. batch: least number of splats drawn together.
     """
 
     volume: Volume
@@ -75,6 +75,7 @@ class Bricks:
     gaps: dict[int, int] = field(default_factory=dict)
     shell: Shell | None = None
     hidden: HiddenInterior | None = None
+    interiors: dict[int, HiddenInterior | None] = field(default_factory=dict)
     threads: int = 1
     batch: int = BATCH
 
@@ -117,12 +118,12 @@ class Bricks:
 
     def without_hidden(self, camera: Camera, settings: Settings) -> Bricks:
         """The bricks without voxels inside matter from which the picture gets no light."""
-        return self if may_show_interior(self.whole, settings, camera) else replace(self, hidden=self._interior)
-
-    @cached_property
-    def _interior(self) -> HiddenInterior | None:
-        few = self.volume.count <= MOST_SEARCHED
-        return HiddenInterior.of(self.volume, self.post, self.whole.unit) if few else None
+        reach = reach_outside(self.whole, settings, camera)
+        if not reach or self.volume.count > MOST_SEARCHED:
+            return self
+        if reach not in self.interiors:
+            self.interiors[reach] = HiddenInterior.of(self.volume, self.post, self.whole.unit, reach)
+        return replace(self, hidden=self.interiors[reach])
 
     def _extract_ahead(
         self, order: list[int], sheets: Sheets, view: GridView, is_visible: IsVisible

@@ -18,7 +18,7 @@ from splatgl.data.volume import Slab, Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.extract_values import extract_post, gradients
 from splatgl.splat.grid import Grid
-from splatgl.splat.hidden_interior import HiddenInterior
+from splatgl.splat.hidden_interior import REACH, HiddenInterior
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
 from splatgl.splat.preintegration import (
@@ -60,7 +60,7 @@ class Source:
     """Volume and transfer function of splats, to extract other splats from them when a picture needs these.
 
     many: whether there would be more than MOST_KEPT values, hidden ones included. made: extracted splats by
-    classification and kernel.
+    classification, kernel and reach.
     """
 
     volume: Volume
@@ -68,19 +68,24 @@ class Source:
     threshold: float
     slab: int | None = None
     many: bool = False
-    made: dict[tuple[str, str], Splats] = field(default_factory=dict)
+    made: dict[tuple[str, str, int], Splats] = field(default_factory=dict)
 
     @property
     def only_pre(self) -> str | None:
         """Reason why only classification before reconstruction is possible; None if both kinds are."""
         return why_only_pre(self.volume, self.transfer, self.threshold)
 
-    def splats(self, classification: str, kernel: str) -> Splats:
-        """Extracts splats once for each classification and kernel."""
-        key = classification, kernel
+    def splats(self, classification: str, kernel: str, reach: int = 0) -> Splats:
+        """Extracts splats once for each classification, kernel and reach; reach: see `_extract_visible`, 0: of all
+        voxels, hidden ones included.
+        """
+        key = classification, kernel, reach
         if key not in self.made:
-            self.made[key] = extract(
-                self.volume, self.transfer, self.threshold, self.slab, classification=classification, kernel=kernel
+            how = self.volume, self.transfer, self.threshold, self.slab
+            self.made[key] = (
+                _extract_visible(*how, kernel=kernel, reach=reach)
+                if reach
+                else extract(*how, classification=classification, kernel=kernel)
             )
         return self.made[key]
 
@@ -138,26 +143,61 @@ def extract(
     unit = transfer.unit or spacing
     if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
-    depth, height, width = volume.shape
-    planes = slab or max(1, SLAB_VOXELS // (height * width))
-    why, hidden = why_only_pre(volume, transfer, threshold), None
-    if classification == "pre" or (classification == "auto" and why):
-        splats = extract_pre(volume, transfer, threshold, planes, progress)
-    elif why:
+    why = why_only_pre(volume, transfer, threshold)
+    if classification == "auto" and not why:
+        return _extract_visible(volume, transfer, threshold, slab, progress, kernel)
+    if classification in ("auto", "pre"):
+        splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress)
+        source = Source(volume, transfer, threshold, slab) if classification == "auto" else None
+        return replace(splats, frame=volume.frame, source=source)
+    if why:
         raise InputError(f"{volume.name or 'volume'}: only classification pre is possible, because of {why}")
-    else:
-        post = ValueClassifier.of(transfer, kernel, (width, height, depth), classification == "post-all")
-        hidden = HiddenInterior.of(volume, post, unit) if classification == "auto" else None
-        post = replace(post, lean=classification == "post-lean", hollow=hidden is not None)
-        inside = hidden.inside if hidden else None
-        splats = extract_post(volume, post, kernel_named(kernel), planes * height * width, progress, inside)
-    splats = replace(splats, frame=volume.frame)
-    if classification != "auto":
-        return splats
-    many = splats.post is not None and len(splats) + (hidden.count if hidden else 0) > MOST_KEPT
+    post = ValueClassifier.of(transfer, kernel, volume.shape[::-1], classification == "post-all")
+    post = replace(post, lean=classification == "post-lean")
+    return replace(_extract_values(volume, post, slab, progress), frame=volume.frame)
+
+
+def _extract_visible(
+    volume: Volume,
+    transfer: Transfer,
+    threshold: float,
+    slab: int | None,
+    progress: Progress | None = None,
+    kernel: str = POST_KERNEL,
+    reach: int = REACH,
+) -> Splats:
+    """Extracts the values of a volume without hidden interiors; colours of all voxels if there are more than MOST_KEPT.
+
+    reach: voxels that the kernels of pictures reach.
+    """
+    post = ValueClassifier.of(transfer, kernel, volume.shape[::-1])
+    hidden = HiddenInterior.of(volume, post, transfer.unit or Grid.of(volume).mean_spacing, reach)
+    post = replace(post, hollow=reach if hidden else 0)
+    splats = _extract_values(volume, post, slab, progress, hidden)
+    many = len(splats) + (hidden.count if hidden else 0) > MOST_KEPT
     if many and len(splats) > MOST_KEPT:
-        splats = replace(extract_pre(volume, transfer, threshold, planes, progress), frame=volume.frame)
-    return replace(splats, source=Source(volume, transfer, threshold, slab, many))
+        splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress)
+    return replace(splats, frame=volume.frame, source=Source(volume, transfer, threshold, slab, many))
+
+
+def _extract_values(
+    volume: Volume,
+    post: ValueClassifier,
+    slab: int | None,
+    progress: Progress | None,
+    hidden: HiddenInterior | None = None,
+) -> Splats:
+    """Splats of the values that `post` wants, without a hidden interior."""
+    _, height, width = volume.shape
+    inside = hidden.inside if hidden else None
+    return extract_post(
+        volume, post, kernel_named(post.kernel), _planes(volume, slab) * height * width, progress, inside
+    )
+
+
+def _planes(volume: Volume, slab: int | None) -> int:
+    """Planes to read at a time."""
+    return slab or max(1, SLAB_VOXELS // (volume.shape[1] * volume.shape[2]))
 
 
 def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:

@@ -142,8 +142,8 @@ class ValueClassifier:
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
     kept [n, 2]: intervals of values around which voxels were kept. lean: without the voxels that only the rims of
     kernels need. faced: gradients at the volume's ends assume transparent neighbours, which lights the end faces; not
-    if gradients weight opacity, which would make the end faces visible. hollow: without hidden interiors, see
-    hidden_interior.py.
+    if gradients weight opacity, which would make the end faces visible. hollow: voxels that the kernels of pictures may
+    reach for which hidden interiors are left out, 0: none are, see hidden_interior.py.
     """
 
     transfer: Transfer
@@ -154,7 +154,7 @@ class ValueClassifier:
     kept: np.ndarray
     lean: bool = False
     faced: bool = True
-    hollow: bool = False
+    hollow: int = 0
 
     @classmethod
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> ValueClassifier:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.clipping import Clip, clip_splats
 from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
-from splatgl.splat.hidden_interior import LIGHT, TOLERANCE
+from splatgl.splat.hidden_interior import LIGHT, REACH, TOLERANCE
 from splatgl.splat.kernels import BOX, Kernel, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
@@ -418,35 +419,45 @@ def _classified(splats: Splats, settings: Settings, moving: bool, camera: Camera
         serves = how == "pre" or (how == "post" and source.many and settings.classification == "auto")
     else:
         serves = how != "pre" and post.kernel == kernel and (how == "post" or post.every)
-    if serves and post is not None and post.hollow and may_show_interior(splats, settings, camera):
-        serves = False
-        if source.many and settings.classification == "auto":
-            how, kernel = "pre", ""
+    if serves and post is not None and post.hollow:
+        reach = reach_outside(splats, settings, camera)
+        if 0 < reach <= post.hollow:
+            return splats
+        if settings.classification != "auto":
+            return source.splats(how, kernel)
+        return source.splats("pre", "") if source.many and not reach else source.splats(how, kernel, reach)
     return splats if serves else source.splats(how, kernel)
 
 
+# most voxels in the width of a pixel for which hidden interiors are found
+MOST_WIDER = 64.0
 # distance of the eye from splats, in voxels, up to which sheets are planes around it, which reach behind the eye
 AROUND_EYE = 8.0
 
 
-def may_show_interior(splats: Splats, settings: Settings, camera: Camera | None) -> bool:
-    """Whether a picture may show, or light by, matter that hollow splats lack; see hidden_interior.py."""
+def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> int:
+    """Voxels, a power of two, that kernels reach in a picture from outside; 0 if it may show, or light by, matter that
+    hollow splats lack; see hidden_interior.py.
+    """
     cut = settings.clip or settings.ambient_occlusion > 0 or settings.shadows > 0
     exact = settings.occlusion == "off" or settings.tolerance < TOLERANCE
     if camera is None or cut or exact or not BLENDS[settings.blend].ordered or not len(splats):
-        return True
+        return 0
     depths = depth_range(splats, camera)
     if camera.perspective:
         eye = splats.grid.index_from_world(camera.eye)
         if np.linalg.norm(eye - np.clip(eye, *splats.index_bounds)) < AROUND_EYE:
-            return True
+            return 0
     elif depths[0] < 0:
-        return True
-    # wider voxels reach further into the matter
+        return 0
+    if settings.antialias == "off":
+        return REACH
+    # kernels are as much wider as a pixel is wider than a voxel
     smallest = splats.grid.smallest_spacing
     samples = _samples(settings, float(camera.pixel_pitch(depths[1])) / smallest, camera.size, [])
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-    return settings.antialias != "off" and depths[1] >= fine.z_k(smallest)
+    wider = max(float(depths[1]) / fine.z_k(smallest), 1.0)
+    return REACH * 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
 
 
 def why_classified_before(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> str | None:
