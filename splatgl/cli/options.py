@@ -43,7 +43,7 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
     group_of(parser, Group.TRANSFER).add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
     add_options(parser, Transfer)
     add_options(parser, SceneFile, "threshold")
-    add_options(parser, TransferChoice, "only_labels")
+    add_options(parser, TransferChoice, "only_labels", "name_of")
 
 
 def add_backend(parser: argparse.ArgumentParser, default: str = "auto") -> None:

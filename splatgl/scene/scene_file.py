@@ -37,7 +37,7 @@ from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
 from splatgl.scene.view import ViewOptions, orient_flat_stack
-from splatgl.splat.colormaps import base_name
+from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, mark_kind
 from splatgl.splat.presets import (
     default_transfer,
@@ -91,6 +91,14 @@ def read_channel_window(text: str) -> tuple[str, tuple[float, float]]:
     return name, (low, high)
 
 
+def read_label_name(text: str) -> tuple[int, str]:
+    """Returns the number and name of NUMBER=NAME. Raises ValueError for other text."""
+    number, _, name = text.partition("=")
+    if not name.strip():
+        raise ValueError
+    return int(number), name.strip()
+
+
 def read_labels(text: str) -> tuple[tuple[int, float], ...]:
     """Returns labels and opacity factors from N or N:A, separated by commas; () for "all". Raises ValueError."""
     pairs = [part.partition(":") for part in text.split(",")] if text != "all" else []
@@ -113,6 +121,13 @@ class TransferChoice:
         Kind("labels N or N:A", tuple, read_labels, "N[:A],N…", written="labels N or N:A, separated by commas, or all"),
         "labels of a segmentation to show, or all. A: a factor of their opacity",
         group=Group.TRANSFER,
+    )
+    name_of: tuple[tuple[int, str], ...] = option(
+        (),
+        Kind("a whole number and a name", tuple, read_label_name, "NUMBER=NAME"),
+        "name of a segment, instead of the file's, by the number of its voxels (repeatable)",
+        group=Group.TRANSFER,
+        repeat=True,
     )
     color_of: tuple[tuple[str, str], ...] = option(
         (),
@@ -322,7 +337,7 @@ class SceneFile:
         transfer = {name: options[name] for name in names_of(TransferChoice, Transfer) if name in options}
         reading = {**self.load, **{name: options[name] for name in declared(LoadOptions) if name in options}}
         if "labels" in options:
-            chosen = {"only_labels": transfer.pop("only_labels", ())}
+            chosen = {name: transfer.pop(name, ()) for name in ("only_labels", "name_of")}
             layers = (*layers, replace(self._find_labels(options["labels"], reading), transfer=chosen))
         meshes = (*self.meshes, *map(MeshFile.of, _several(scene_options.pop("meshes", ()))))
         if options.get("clip_meshes"):
@@ -433,7 +448,7 @@ class SceneFile:
     def _prepare(self, volume: Volume) -> Volume:
         """Returns the volume with vectors and masks; a flat stack is seen along z, unless the view sets eye or up."""
         volume, view = self._mask(self.vectors.values(volume)), self.view
-        volume = self._with_kind(volume)
+        volume = self._with_names(self._with_kind(volume))
         if view.eye is not None or view.up is not None:
             return volume
         return orient_flat_stack(volume, has_note=view.azimuth is None and view.elevation is None)
@@ -449,6 +464,28 @@ class SceneFile:
         if self.transfer.keys() & AMOUNT_KEYS and volume.labels is None:
             return replace(marked.of_values("amounts") if marked.labels is not None else marked, notes=volume.notes)
         return marked
+
+    def _with_names(self, volume: Volume) -> Volume:
+        """Returns the volume with the names that the transfer function gives its segments. Raises InputError for other
+        numbers.
+        """
+        pairs = self.transfer.get("name_of", ())
+        try:
+            names = {int(number): str(name) for number, name in pairs}
+        except (TypeError, ValueError):
+            raise expected("name_of", "a number and a name for each segment", repr(pairs)[:80]) from None
+        if not names:
+            return volume
+        known = {label.number for part in volume.channels or (volume,) for label in labels_of(part)}
+        if names.keys() - known:
+            some = f"{', '.join(map(str, sorted(known)[:20]))}{', …' * (len(known) > 20)}"
+            raise expected("name_of", f"some of {some}", min(names.keys() - known))
+
+        def with_names(part: Volume) -> Volume:
+            labels = (replace(label, name=names.get(label.number, label.name)) for label in labels_of(part))
+            return replace(part, labels=tuple(labels))
+
+        return replace(with_names(volume), channels=tuple(map(with_names, volume.channels)))
 
     def cut(self, volume: Volume) -> SceneFile:
         """Returns the scene with the planes of `clip` and `crop` in its settings and a view fitted to the crop. Raises
@@ -485,7 +522,7 @@ class SceneFile:
         if self.vectors.has_lines and not self.transfer.keys() & {"preset", "points", "only_labels"}:
             faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
             return faint.transfer_for(volume)
-        keys = {key: value for key, value in self.transfer.items() if key not in CHANNEL_KEYS}
+        keys = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
         name = keys.pop("preset", None)
         if "only_labels" in keys:
             refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))

@@ -569,7 +569,7 @@ def _channels(
         name = source.title * (len(volume.channels) < 2) or channel.volume.name or source.volume
         opacity = 1.0 if folds_opacity else source.opacity
         style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
-        style = style_with_segments(style, channel.volume, "only_labels" in source.transfer)
+        style = style_with_segments(style, channel.volume, source.transfer)
         layer = LayerSplats.of_volume(name, scene, samples, style.stated, clip)
         pairs.append((layer, style.with_unit(layer.transfer.unit)))
     return pairs

@@ -48,10 +48,10 @@ def describe_pick(pick: Picked | None, document: Document) -> tuple[str, ...]:
     if pick.mesh is not None:
         return (pick.name or "mesh", f"at {place}{' ' + unit if unit else ''}")
     index = ", ".join(f"{number:.0f}" for number in pick.index)
-    segment = segment_name(document.drawn_layers[pick.layer].volume, pick.value)
-    title = [style.title for style in document.styles if style.is_shown][pick.layer]
+    style = [style for style in document.styles if style.is_shown][pick.layer]
+    segment = segment_name(style, document.drawn_layers[pick.layer].volume, pick.value)
     return (
-        f"{title or pick.name or 'value'}: {pick.value:.6g}{', ' * bool(segment)}{segment}",
+        f"{style.title or pick.name or 'value'}: {pick.value:.6g}{', ' * bool(segment)}{segment}",
         f"at {place}{' ' + unit if unit else ''}",
         f"voxel {index}",
     )

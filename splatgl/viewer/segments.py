@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -27,15 +28,16 @@ class Segment:
     opacity: float
 
 
-def style_with_segments(style: LayerStyle, volume: Volume, is_chosen: bool) -> LayerStyle:
-    """The style with all segments of a volume; those that its transfer function leaves out or makes clear are hidden,
-    with the opacity to show them in. is_chosen: whether the segments were chosen, so that the volume has others.
+def style_with_segments(style: LayerStyle, volume: Volume, transfer: Mapping[str, Any]) -> LayerStyle:
+    """The style with all segments of a volume, and their names; those that its transfer function leaves out or makes
+    clear are hidden, with the opacity to show them in. transfer: options of the transfer function.
     """
     stated = style.base.labels
     if not stated:
         return style
     drawn = {number: (number, color, opacity) for number, color, opacity in stated if opacity > 0}
-    table = volume.labels or (labels_of(volume) if is_chosen else ())
+    # others than the chosen ones
+    table = volume.labels or (labels_of(volume) if "only_labels" in transfer else ())
     known = {label.number: replace(label, hidden=False, opacity=label.opacity or 1.0) for label in table}
     # numbers of a scene's own that the volume's table has not
     known |= {number: Label(number, color=color) for number, color, _ in stated if number not in known}
@@ -46,13 +48,18 @@ def style_with_segments(style: LayerStyle, volume: Volume, is_chosen: bool) -> L
     }
     labels = tuple((looks | drawn).values())
     base = replace(style.base, labels=labels) if set(labels) != set(stated) else style.base
-    return replace(style, base=base, hidden=frozenset(looks.keys() - drawn.keys()))
+    names = tuple((int(number), str(name)) for number, name in transfer.get("name_of", ()) if int(number) in looks)
+    return replace(style, base=base, hidden=frozenset(looks.keys() - drawn.keys()), names=names)
 
 
 @lru_cache(maxsize=8)
-def list_segments(labels: tuple[tuple[int, str, float], ...], table: tuple[Label, ...] | None) -> tuple[Segment, ...]:
-    """The segments of a transfer function's labels. table: names of the volume's segments."""
-    names = {label.number: label.name for label in table or ()}
+def list_segments(
+    labels: tuple[tuple[int, str, float], ...],
+    table: tuple[Label, ...] | None,
+    chosen: tuple[tuple[int, str], ...] = (),
+) -> tuple[Segment, ...]:
+    """The segments of a transfer function's labels. table: names of the volume's segments; chosen: names instead."""
+    names = {**{label.number: label.name for label in table or ()}, **dict(chosen)}
     return tuple(
         Segment(number, names.get(number) or f"segment {number}", color, opacity) for number, color, opacity in labels
     )
@@ -70,9 +77,16 @@ def find_segments(text: str, segments: tuple[Segment, ...]) -> tuple[Segment, ..
     )
 
 
-def segment_name(volume: Volume, value: float) -> str:
-    """The name of the segment that a value numbers; "" if it has none."""
-    return next((label.name for label in volume.labels or () if label.number == value), "")
+def segment_name(style: LayerStyle, volume: Volume, value: float) -> str:
+    """The name of the segment that a value of a layer numbers; "" if it has none."""
+    names = (*style.names, *((label.number, label.name) for label in volume.labels or ()))
+    return next((name for number, name in names if number == value), "")
+
+
+def with_name(style: LayerStyle, number: int, name: str) -> LayerStyle:
+    """The style with another name of a segment; "": the file's."""
+    names = {**dict(style.names), number: name.strip()}
+    return replace(style, names=tuple((number, name) for number, name in sorted(names.items()) if name))
 
 
 def with_look(style: LayerStyle, number: int, color: str, opacity: float) -> LayerStyle:

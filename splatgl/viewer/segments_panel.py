@@ -10,20 +10,22 @@ from imgui_bundle import imgui
 from splatgl.annotations.text import plain
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.viewer.document import Document, LayerSplats
-from splatgl.viewer.panel_sections import pick_color, pick_opacity
+from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity
 from splatgl.viewer.segments import (
     Segment,
     find_segments,
     list_segments,
     segment_corners,
     with_look,
+    with_name,
     with_only,
     with_shown,
 )
 from splatgl.viewer.state import LayerStyle, State
 
-# rows that are visible at a time, and the share of the panel's width that names take
-ROWS, NAME = 10, 0.4
+# rows that are visible at a time, share of the panel's width that names take, and width of the field of a name at a
+# content scale of 1
+ROWS, NAME, MENU = 10, 0.4, 240.0
 
 
 class SegmentList:
@@ -35,7 +37,8 @@ class SegmentList:
     def draw(self, state: State, document: Document, layer: LayerSplats) -> State:
         """The list and its search; returns the edited state."""
         style = state.style
-        segments = find_segments(self.typed, list_segments(tuple(style.base.labels), layer.volume.labels))
+        listed = list_segments(tuple(style.base.labels), layer.volume.labels, style.names)
+        segments = find_segments(self.typed, listed)
         imgui.set_next_item_width(-1.0)
         _, self.typed = imgui.input_text_with_hint("##find", "find by name or number", self.typed)
         which = "found" if self.typed.strip() else "all"
@@ -75,7 +78,10 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     imgui.same_line()
     imgui.align_text_to_frame_padding()
     clicked = imgui.selectable(plain(segment.name), False, size=(room * NAME, 0.0))[0]
-    imgui.set_item_tooltip(f"{plain(segment.name)}, number {number}: a click centres it, and fits the view to it.")
+    imgui.set_item_tooltip(
+        f"{plain(segment.name)}, number {number}: a click centres it and fits the view to it, a right click renames it."
+    )
+    style = _rename(style, segment)
     opacity = pick_opacity(segment.opacity, room * 0.75)
     if color is not None or opacity != segment.opacity:
         style = with_look(style, number, color or segment.color, opacity)
@@ -85,6 +91,23 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     imgui.set_item_tooltip("Shows it, and hides all others.")
     imgui.pop_id()
     return style, clicked
+
+
+def _rename(style: LayerStyle, segment: Segment) -> LayerStyle:
+    """Field of a segment's name, which a right click on the last widget opens. Returns the edited style."""
+    imgui.set_next_window_size((MENU * imgui.get_style().font_scale_main, 0.0))
+    if not imgui.begin_popup_context_item("##rename"):
+        return style
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()
+    flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
+    entered, typed = imgui.input_text(label_left("name"), segment.name, flags)
+    if entered or imgui.is_item_deactivated_after_edit():
+        style = with_name(style, segment.number, typed)
+    if entered:
+        imgui.close_current_popup()
+    imgui.end_popup()
+    return style
 
 
 def _show_whole(state: State, document: Document, layer: LayerSplats, segment: Segment) -> State:

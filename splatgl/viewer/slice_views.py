@@ -171,8 +171,10 @@ def grey_pixels(values: np.ndarray, window: tuple[float, float], logarithmic: bo
 
 
 def colored_pixels(values: np.ndarray, transfer: Transfer) -> np.ndarray:
-    """Pixels uint8 [H, W, 4] in the colours of the transfer function."""
-    if transfer.labels or transfer.logarithmic:
+    """Pixels uint8 [H, W, 4] in the colours of the transfer function; hidden segments are black."""
+    if transfer.labels:
+        linear = transfer.color(values) * (transfer.opacity(values) > 0)[..., None]
+    elif transfer.logarithmic:
         linear = transfer.color(values)
     else:
         low, high = window_of(transfer)
@@ -285,7 +287,7 @@ class SliceTool(Tool):
             strokes += _cross(pane, index, volume, scale)
         if isinstance(volume.samples, np.ndarray):
             sample = volume.samples[index[::-1]]
-            value = f"{sample:.6g} {segment_name(volume, sample) or volume.value_unit}".rstrip()
+            value = f"{sample:.6g} {segment_name(state.styles[0], volume, sample) or volume.value_unit}".rstrip()
             corner = left + GAP * scale, view.size[1] - GAP * scale
             sprites.append(_label_at(value, corner, (0.0, 1.0), scale))
         return Marks(tuple(sprites), tuple(strokes))

@@ -150,7 +150,8 @@ class Ruler:
 class LayerStyle:
     """Appearance of a layer. base: transfer function; extinction: a factor on it; opacity: a factor on its opacities.
     threshold: as of `extract`. hidden: numbers of segments that are not drawn. number: of the layer in its document,
-    negative for layers that were added. title: its name in lists; "": the layer's.
+    negative for layers that were added. title: its name in lists; "": the layer's. names: of segments, by their
+    numbers, instead of the file's.
     """
 
     base: Transfer
@@ -161,6 +162,7 @@ class LayerStyle:
     hidden: frozenset[int] = frozenset()
     number: int = 0
     title: str = ""
+    names: tuple[tuple[int, str], ...] = ()
 
     @property
     def is_shown(self) -> bool:
@@ -189,7 +191,8 @@ class LayerStyle:
     def table(self) -> dict[str, Any]:
         """The transfer function as a table of a scene file."""
         stated = self.stated
-        return {f.name: getattr(stated, f.name) for f in fields(Transfer) if getattr(stated, f.name) is not None}
+        table = {f.name: getattr(stated, f.name) for f in fields(Transfer) if getattr(stated, f.name) is not None}
+        return {**table, "name_of": self.names} if self.names else table
 
     def with_unit(self, unit: float | None) -> LayerStyle:
         """The style with opacities per this length, if the transfer function states none."""

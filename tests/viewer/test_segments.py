@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +12,22 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.data.volume import Label
+from splatgl.errors import InputError
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
-from splatgl.viewer.saving import save_scene
-from splatgl.viewer.segments import find_segments, list_segments, segment_corners, with_look, with_only, with_shown
+from splatgl.viewer.saving import save_scene, scene_of
+from splatgl.viewer.segments import (
+    find_segments,
+    list_segments,
+    segment_corners,
+    segment_name,
+    with_look,
+    with_name,
+    with_only,
+    with_shown,
+)
+from splatgl.viewer.slice_views import colored_pixels
 from splatgl.viewer.state import History, State
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, pointed
@@ -101,6 +113,49 @@ def test_looks_are_edited_and_undone(document: Document, state: State) -> None:
     assert back.styles == state.styles
 
 
+def test_segments_are_renamed_and_saved(document: Document, state: State, folder: Path, tmp_path: Path) -> None:
+    """In the list, under the cursor and in the scene file, which other commands read, too; "" is the file's name."""
+    history = History(state)
+    renamed = state.with_style(0, with_name(with_name(state.style, 2, " Left kidney, after "), 3, "Cyst"))
+    history.note(renamed)
+    rows = list_segments(tuple(renamed.style.base.labels), document.volume.labels, renamed.style.names)
+    assert [row.name for row in rows] == ["Liver", "Left kidney, after", "Cyst"]
+    assert (
+        segment_name(renamed.style, document.volume, 3.0) == "Cyst"
+        and segment_name(state.style, document.volume, 9) == ""
+    )
+    assert with_name(renamed.style, 3, "").names == ((2, "Left kidney, after"),)
+    assert history.undo(renamed).styles == state.styles and history.has_unsaved_edits(renamed)
+    (tmp_path / "scene.toml").write_text(scene_of(renamed, document).to_toml(tmp_path))
+    again = Document.open(SceneFile.from_toml(tmp_path / "scene.toml"))
+    assert again.styles[0].names == renamed.style.names
+    assert [label.name for label in again.volume.labels or ()] == ["Liver", "Left kidney, after", "Cyst"]
+    assert scene_of(State.of(again, SIZE), again).transfer["name_of"] == renamed.style.names
+
+
+def test_names_of_segments_are_given_and_checked(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the command line, too; a volume without a table keeps its other segments."""
+    np.save(tmp_path / "seg.npy", numbers())
+    bare = SceneFile(str(tmp_path / "seg.npy"), load={"values": "labels"}, transfer={"name_of": [[3, "Cyst"]]})
+    assert [(label.number, label.name) for label in bare.open().labels or ()] == [(1, ""), (2, ""), (3, "Cyst")]
+    picture = str(tmp_path / "out.png")
+    for name, message in (("7=Cyst", "--name-of: expected some of 1, 2, 3, got 7"), ("Cyst", "expected NUMBER=NAME")):
+        with pytest.raises(SystemExit) if "=" not in name else nullcontext():
+            assert main(["render", str(folder / "seg.nrrd"), "--name-of", name, "-o", picture]) == 2
+        assert message in capsys.readouterr().err
+    scene = SceneFile(str(folder / "seg.nrrd"), transfer={"name_of": 5})
+    with pytest.raises(InputError, match="a number and a name for each segment"):
+        scene.open()
+
+
+def test_hidden_segments_are_black_in_slices(state: State) -> None:
+    values = np.array([[0, 1, 2, 3]])
+    shown = colored_pixels(values, with_only(state.style, 2).stated)[0, :, :3].tolist()
+    assert shown == [[0, 0, 0], [0, 0, 0], [20, 90, 220], [0, 0, 0]]
+
+
 def test_values_alone_have_no_segments() -> None:
     document = Document.open(SceneFile("tunnel"))
     state = State.of(document, SIZE)
@@ -162,4 +217,10 @@ def test_the_list_hides_and_centres(folder: Path) -> None:
     told = window.ask("settle")
     assert not np.allclose(told["eye"], before["eye"]) and told["axes"] == before["axes"]
     assert window.key("ctrl+z")["eye"] == before["eye"] and window.key("ctrl+z")["hidden"] == [3]
+    # a right click opens the field of a name
+    window.hands("click", 3)
+    assert window.ask("settle")["dialog"]
+    window.hands("type", "Cyst")
+    assert window.key("enter")["names"] == [[2, "Cyst"]]
+    assert window.key("ctrl+z")["names"] == []
     window.end()
