@@ -196,7 +196,7 @@ class FrameRenderer:
 
     def _draw_pinned(self, pinned: Pinned, camera: Camera, level: Level, interrupted: Ask | None) -> np.ndarray:
         """Pixels of what is pinned, at a level, without motion blur; an X-ray relative to its brightest."""
-        settings = level.settings(pinned.settings.but(motion="off", classification="auto"))
+        settings = level.settings(pinned.still)
         matter, settings = pinned.document.subject_at(level.stride, settings)
         image = self.renderer.render(matter, camera, settings, verify_bound=False, interrupted=interrupted)
         return image.pixels * np.float32(_scale(settings, image.pixels))

@@ -28,20 +28,28 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.frame_renderer import EDGE
 from splatgl.viewer.movie_track import Movie
 from splatgl.viewer.slice_views import slice_outlines
-from splatgl.viewer.state import LayerStyle, State
+from splatgl.viewer.state import LayerStyle, Pinned, State
 
 # opacity of the rim around lines, as on the screen
 RIM = 0.6
 
+Draw = Callable[[Splats | Scene, Camera, Settings], Image]
+Add = Callable[[Image], Image]
+
 
 def compose_screenshot(
-    image: Image, state: State, document: Document, scale: float, slices: np.ndarray | None
+    image: Image, state: State, document: Document, draw: Draw, scale: float, slices: np.ndarray | None
 ) -> Image:
-    """The picture with slices and their lines, as in the window. slices: uint8 [H, w, 3], sRGB; None: hidden."""
+    """The picture with the pinned one, slices and their lines, as in the window. slices: uint8 [H, w, 3], sRGB; None:
+    hidden.
+    """
     camera = state.pose.camera
     image = draw_marks(image, slice_outlines(state.slices, document.volume, camera, scale), ())
+    if state.beside is not None:
+        image = append_pinned(image, draw_pinned(state.beside, camera, draw))
     return image if slices is None else append_slices(image, slices)
 
 
@@ -68,6 +76,21 @@ def linear_opacity(alpha: np.ndarray | float) -> np.ndarray:
     return np.asarray(1 - linear_from_srgb(1 - np.asarray(alpha)), np.float32)
 
 
+def draw_pinned(pinned: Pinned, camera: Camera, draw: Draw) -> Image:
+    """The picture of what is pinned, without annotations."""
+    matter, settings = pinned.document.with_current_splats().subject_at(1, pinned.still)
+    return draw(matter, camera, settings)
+
+
+def append_pinned(image: Image, right: Image) -> Image:
+    """A picture with another one of its height at its right, as on the screen: an X-ray relative to its brightest
+    pixel, and a line between both.
+    """
+    pixels = right.pixels / _white(right)
+    pixels[:, 0] = *linear_from_srgb(np.array(EDGE[:3]) / 255), 1.0
+    return Image(np.concatenate([image.pixels, _white(image) * pixels], axis=1), image.info)
+
+
 def append_slices(image: Image, slices: np.ndarray) -> Image:
     """A picture with the slices at its right, uint8 [H, w, 3], sRGB."""
     height = image.pixels.shape[0]
@@ -83,8 +106,6 @@ def _white(image: Image) -> np.float32:
     return np.float32((float(image.pixels.max()) or 1.0) if image.info["blend"] == "xray" else 1.0)
 
 
-Draw = Callable[[Splats | Scene, Camera, Settings], Image]
-Add = Callable[[Image], Image]
 RENDERED = "splatgl render draws it, as large as it is"
 
 

@@ -261,6 +261,11 @@ class Pinned:
     settings: Settings
 
     @property
+    def still(self) -> Settings:
+        """The settings of its sharp picture."""
+        return self.settings.but(motion="off", classification="auto")
+
+    @property
     def name(self) -> str:
         """Text over its picture."""
         return f"pinned: {self.document.volume.name or self.document.scene.volume}"
@@ -424,19 +429,24 @@ EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures"}
 MAX_STEPS = 200
 
 
+def _as_step(state: State) -> State:
+    """The state without documents that an undo leaves alone: they would live as long as the step."""
+    return replace(state, pinned=None, preview=None)
+
+
 class History:
     """Undo history of states. One step holds all changes between two moments of rest."""
 
     def __init__(self, state: State) -> None:
         self.past: list[State] = []
         self.future: list[State] = []
-        self.now = self.saved = state
+        self.now = self.saved = _as_step(state)
 
     def note(self, state: State) -> None:
         """Records a state at rest, if it differs from the last one."""
         if changed_fields(state, self.now) - PASSING:
             self.past = [*self.past[-MAX_STEPS + 1 :], self.now]
-            self.future, self.now = [], state
+            self.future, self.now = [], _as_step(state)
 
     def undo(self, state: State) -> State:
         """The state before; the same one if there is none."""
@@ -456,8 +466,9 @@ class History:
 
     def _at(self, step: State, state: State, message: str) -> State:
         kept = {name: getattr(state, name) for name in PASSING}
-        self.now = replace(step, **{**kept, "message": message, "pose": step.pose.resized(state.pose.camera.size)})
-        return self.now
+        shown = replace(step, **{**kept, "message": message, "pose": step.pose.resized(state.pose.camera.size)})
+        self.now = _as_step(shown)
+        return shown
 
     def resize(self, before: Pose, pose: Pose) -> None:
         """Changes the size of the latest view, which is not a step."""
@@ -467,15 +478,15 @@ class History:
     def begin(self, state: State) -> None:
         """Starts again with the state of another document, which is saved."""
         self.forget(state)
-        self.saved = state
+        self.saved = self.now
 
     def forget(self, state: State) -> None:
         """Drops all steps: layers or channels of other files cannot be restored."""
-        self.past, self.future, self.now = [], [], state
+        self.past, self.future, self.now = [], [], _as_step(state)
 
     def mark_saved(self, state: State) -> None:
         """Records that the edits of a state are saved."""
-        self.saved = state
+        self.saved = _as_step(state)
 
     def has_unsaved_edits(self, state: State) -> bool:
         """Whether closing the window would lose edits."""

@@ -246,7 +246,7 @@ class Viewer(LiveView):
             self.history.mark_saved(self.state)
 
     def _composed(self, image: Image) -> Image:
-        """The picture with the ruler and the slices of the window. Raises InputError for unreadable slices."""
+        """The picture with the slices of the window and the one beside it. Raises InputError for unreadable slices."""
         slices = None
         if self.slices.panes(self.state, self.document, self.view):
             marks = self.slices.complete_marks(self.state, self.document, self.view)
@@ -255,7 +255,7 @@ class Viewer(LiveView):
             slices = np.asarray(self.screen.read(self.window.size)[:, self.shown_size[0] : self.view.size[0]])
             # the next frame has the panel again
             self.refresh()
-        return compose_screenshot(image, self.state, self.document, self.window.scale, slices)
+        return compose_screenshot(image, self.state, self.document, self.renderer.render, self.window.scale, slices)
 
     def _open_dialog(self, kind: str, folder: Path, name: str) -> None:
         if find_spec("imgui_bundle"):

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import splatgl as sg
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
-from splatgl.viewer.state import History, State
+from splatgl.viewer.saving import compose_screenshot, save_picture
+from splatgl.viewer.state import History, Pinned, State
 from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window
 
@@ -39,9 +41,31 @@ def test_what_is_pinned_stays(file: Path) -> None:
     edited = pinned.edit(extinction=3.0)
     history.note(edited)
     assert history.undo(edited).beside is pinned.beside
+    # and is freed once it is unpinned, whatever the steps
+    assert not any(step.pinned for step in (*history.past, *history.future, history.now))
     assert edited.opened(document).beside is pinned.beside
     assert replace(edited, compare="split").beside is None
     assert PIN(edited, document)[0].pinned is None
+
+
+@pytest.mark.parametrize("blends", [("composite", "mip"), ("xray", "composite"), ("composite", "xray")])
+def test_both_pictures_are_saved(file: Path, renderer: sg.Renderer, tmp_path: Path, blends: tuple[str, str]) -> None:
+    """Beside each other, each as it is saved alone."""
+    document = Document.open(SceneFile(str(file), settings=sg.Settings(antialias="off")))
+    base = replace(State.of(document, (32, 24)), annotate=())
+    left, right = (replace(base, settings=base.settings.but(blend=blend)) for blend in blends)
+    draw, alone = renderer.render, list[np.ndarray]()
+    for state in (left, right):
+        shown = document.for_settings(state.settings)
+        save_picture(state, shown, draw, tmp_path)
+        alone.append(sg.Image.load(tmp_path / f"picture-{len(alone) + 1:03d}.png").pixels)
+    pinned = replace(left, pinned=Pinned(document.for_settings(right.settings), right.settings))
+    shown = document.for_settings(left.settings)
+    save_picture(pinned, shown, draw, tmp_path, lambda image: compose_screenshot(image, pinned, shown, draw, 1.0, None))
+    both = sg.Image.load(tmp_path / "picture-003.png").pixels
+    assert both.shape == (24, 64, 4) and both.max() > 0.5
+    assert np.array_equal(both[:, :32], alone[0]) and np.allclose(both[:, 33:], alone[1][:, 1:], atol=2 / 255)
+    assert np.ptp(both[:, 32], axis=0).max() == 0 and 0.1 < both[0, 32, 0] < 0.3
 
 
 @pytest.mark.long
