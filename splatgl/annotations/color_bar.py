@@ -47,7 +47,7 @@ class ColorBar:
 @lru_cache(maxsize=4)
 def of_values(transfer: Transfer, name: str, blend: str, rows: int) -> ColorBar | None:
     """Bar of classified values, at the centres of `rows`; None for a window of a single value."""
-    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    low, high = transfer.color_range
     if not (high > low and np.isfinite(high - low)):
         return None
     down = (np.arange(rows) + 0.5) / rows

@@ -77,7 +77,7 @@ def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     text = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
     name = scene.transfer.get("preset")
     scaled = "logarithmic " if transfer.logarithmic else ""
-    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    low, high = transfer.color_range
     of = transfer.colormap if "," not in transfer.colormap else f"{transfer.colormap.count(',') + 1} colours"
     colours = f"{of} over {low:g} … {high:g}" if volume.color is None else "those of the volume"
     return (

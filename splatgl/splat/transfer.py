@@ -137,6 +137,12 @@ class Transfer:
         return {name: getattr(self, name) for name in declared(self)}
 
     @property
+    def color_range(self) -> tuple[float, float]:
+        """Values that the colours span: the window, or from the first to the last point."""
+        low, high = self.window or (self.points[0][0], self.points[-1][0])
+        return low, high
+
+    @property
     def logarithmic(self) -> bool:
         """Whether opacity and colour are linear in logarithms of values."""
         return self.scale == "log"
@@ -178,7 +184,7 @@ class Transfer:
         """Linear RGB, float64 [..., 3]; linear interpolation of the map's entries, clamped outside."""
         if self.labels:
             return label_color(self.labels, np.asarray(values))
-        low, high = self.window or (self.points[0][0], self.points[-1][0])
+        low, high = self.color_range
         v = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=low)
         if self.logarithmic:
             low, high, v = float(np.log(low)), float(np.log(high)), _log(v, low)

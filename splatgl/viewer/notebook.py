@@ -274,7 +274,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
     def _set(self, widgets: Mapping[str, Any]) -> None:
         """Sets widgets to what the view shows."""
         transfer = self.session.document.layers[0].transfer
-        low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+        low, high = transfer.color_range
         slider, preset = widgets["window"], self.session.scene.transfer.get("preset")
         slider.min, slider.max = min(slider.min, low), max(slider.max, high)
         slider.value = low, high

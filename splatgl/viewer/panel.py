@@ -256,7 +256,7 @@ def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     changed, index = imgui.combo(label_left("colours"), 0, names)
     if changed:
         transfer = replace(transfer, colormap=names[index])
-    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    low, high = transfer.color_range
     spread = transfer_editor.value_range(stats)
     changed, low, high = imgui.drag_float_range2(
         label_left("window"), low, high, (spread[1] - spread[0]) / STEPS, format="%.4g"

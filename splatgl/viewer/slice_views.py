@@ -154,7 +154,7 @@ def thin_out(pixels: np.ndarray, pane: Pane) -> np.ndarray:
 
 def window_of(transfer: Transfer) -> tuple[float, float]:
     """The values from black to white."""
-    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    low, high = transfer.color_range
     return (low, high) if low < high else (low - 0.5, low + 0.5)
 
 

@@ -51,7 +51,7 @@ def transfer_png(transfer: Transfer) -> bytes:
         numbers = np.array([number for number, _, _ in transfer.labels], float)
         values = numbers[np.arange(width) * len(numbers) // width]
     else:
-        low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+        low, high = transfer.color_range
         ends = [low, high, transfer.points[0][0], transfer.points[-1][0]]
         space = np.geomspace if transfer.logarithmic else np.linspace
         values = space(min(ends), max(ends), width)

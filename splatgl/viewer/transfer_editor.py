@@ -228,5 +228,5 @@ class Curve:
 
 def _with_points(transfer: Transfer, points: Nodes) -> Transfer:
     """Replaces the nodes; the colour window is kept, even if it followed the first and last node."""
-    window = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    window = transfer.color_range
     return replace(transfer, points=points, window=window if window[0] < window[1] else None)

@@ -152,7 +152,7 @@ def _color_samples(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
     if transfer.labels:
         numbers = np.array([number for number, _, _ in transfer.labels], float)
         return (numbers[:, None] + (-WITHIN, WITHIN)).ravel(), np.repeat(transfer.color(numbers), 2, axis=0)
-    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    low, high = transfer.color_range
     places = np.unique((np.geomspace if transfer.logarithmic else np.linspace)(low, high, COLORS))
     return places, transfer.color(places)
 

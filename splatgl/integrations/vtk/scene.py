@@ -229,7 +229,7 @@ def _average(volume: Volume, transfer: Transfer) -> tuple[Volume, Transfer]:
     """Volume and transfer function of VTK's average along rays: of values times their opacities."""
     values = np.asarray(volume.samples[:])
     samples = (values * transfer.opacity(values)).astype(np.float32)
-    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    low, high = transfer.color_range
     mean = replace(transfer, points=((low, 1.0), (high, 1.0)), gradient=(), shading=False)
     return replace(volume, samples=samples), mean
 
