@@ -119,7 +119,9 @@ def _prepare_layers(
     scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
     if not meshes:
         return [(scene, resolved[0])]
-    light = None if settings.shading == "off" else Light.of(settings.light, settings.light_from, settings.shadows > 0)
+    light = None
+    if settings.shading != "off":
+        light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
     return [(SurfaceScene(scene, meshes, resolved[0].camera, light), resolved[0])]
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 # ambient and diffuse shares of the head light
 AMBIENT, DIFFUSE = 0.3, 0.7
+# sharpness of highlights, and by how much the sum of shares may exceed 1
+SHARPNESS, ROUNDING = 5, 1e-9
 # degrees to the right of the eye and above it of a light from above left
 ABOVE_LEFT = (-35.0, 35.0)
 
@@ -39,14 +41,35 @@ class Light:
     above: float = 0.0
 
     @classmethod
-    def of(cls, name: str, place: tuple[float, float] | None = None, shadows: bool = False) -> Light:
+    def of(
+        cls,
+        name: str,
+        place: tuple[float, float] | None = None,
+        shadows: bool = False,
+        strengths: Sequence[float | None] = (None, None, None),
+    ) -> Light:
         """The named light, moved to `place` (side, above) if given. shadows: moves a light at the eye, whose shadows
-        are invisible, to above left unless `place` is given.
+        are invisible, to above left unless `place` is given. strengths: ambient, diffuse and specular, see
+        `with_strengths`.
         """
-        light = LIGHTS[name]
+        light = LIGHTS[name].with_strengths(strengths)
         if place is None and shadows and light.direction is None:
             place = ABOVE_LEFT
         return light if place is None else replace(light, side=place[0], above=place[1])
+
+    def with_strengths(self, strengths: Sequence[float | None]) -> Light:
+        """The light with other shares of ambient, diffuse and specular light; None: its own, less where the sum would
+        exceed 1. Raises InputError if the given shares alone do.
+        """
+        own = (self.ambient, self.diffuse, self.specular)
+        given = sum(share for share in strengths if share is not None)
+        if given > 1 + ROUNDING:
+            raise expected("ambient, diffuse and specular", "a sum of at most 1", f"{given:.4g}", "lower one of them")
+        rest = sum(share for share, new in zip(own, strengths, strict=True) if new is None)
+        factor = min((1 - given) / rest, 1.0) if rest > 0 else 1.0
+        shares = [max(share * factor, 0.0) if new is None else new for share, new in zip(own, strengths, strict=True)]
+        sharpness = self.sharpness or (SHARPNESS if strengths[2] else 0)
+        return replace(self, ambient=shares[0], diffuse=shares[1], specular=shares[2], sharpness=sharpness)
 
     @property
     def plain(self) -> bool:
@@ -70,7 +93,7 @@ class Light:
 LIGHTS = {
     "head": Light(),
     "matte": Light(0.25, 0.75, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
-    "glossy": Light(0.2, 0.55, 0.25, 5, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
+    "glossy": Light(0.2, 0.55, 0.25, SHARPNESS, side=ABOVE_LEFT[0], above=ABOVE_LEFT[1]),
     "flat": Light(0.7, 0.3),
 }
 

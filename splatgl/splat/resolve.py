@@ -125,7 +125,7 @@ class Resolved:
         boxes = draws_boxes(splats, settings, moving)
         antialias = not boxes and _antialias(settings, z_k, depths[1], notes)
         shading = _shading(splats, settings, notes)
-        light = Light.of(settings.light, settings.light_from, settings.shadows > 0)
+        light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
         cues = _cues(splats, camera, settings, light, notes)
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
         view = GridView.of(splats.grid, fine, shape, antialias)

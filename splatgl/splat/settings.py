@@ -227,6 +227,18 @@ class Settings:
         Kind("degrees", check_place, Kind.numbers(2, "").read, "SIDE,ABOVE", hint="Numbers"),
         "place of the light, degrees to the right of the eye and above it",
     )
+    ambient: float | None = _picture(
+        None, _STRENGTH, "strength of the light from everywhere, 0 to 1 (default: as --light says)"
+    )
+    diffuse: float | None = _picture(
+        None, _STRENGTH, "strength of light that surfaces scatter by their angle, 0 to 1 (default: as --light says)"
+    )
+    specular: float | None = _picture(
+        None,
+        _STRENGTH,
+        "strength of highlights, 0 to 1 (default: as --light says). Together at most 1; what is not "
+        "given is weakened to that",
+    )
     ambient_occlusion: float = _picture(
         0.0, _STRENGTH, "darkens hollows, 0 (off) to 1. Most visible with --light flat", label="ambient occl."
     )
@@ -284,6 +296,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_options(self)
+
+    @property
+    def strengths(self) -> tuple[float | None, ...]:
+        """Strengths of ambient, diffuse and specular light; None: the light's."""
+        return self.ambient, self.diffuse, self.specular
 
     @property
     def given(self) -> dict[str, Any]:

@@ -82,6 +82,30 @@ def test_no_light_is_more_than_the_colours() -> None:
     assert LIGHTS["head"].plain and not Light.of("head", (10, 0)).plain and Light.of("matte", (0, 0)).direction is None
 
 
+def test_strengths_take_their_share_of_the_light() -> None:
+    """Those given stay, the others shrink to what they leave, in proportion; more than all light is refused."""
+    head = Light.of("head", strengths=(None, None, 0.25))
+    assert (head.ambient, head.diffuse, head.specular, head.sharpness) == pytest.approx((0.225, 0.525, 0.25, 5))
+    matte = Light.of("matte", strengths=(0.1, None, None))
+    assert (matte.ambient, matte.diffuse, matte.specular, matte.sharpness) == (0.1, 0.75, 0.0, 0)
+    assert Light.of("glossy", strengths=sg.Settings().strengths) == LIGHTS["glossy"]
+    with pytest.raises(sg.InputError, match=r"^ambient, diffuse and specular: expected a sum of at most 1, got 1.1"):
+        Light.of("head", strengths=(0.5, 0.6, None))
+
+
+def test_strengths_light_pictures(renderer: sg.Renderer) -> None:
+    """Ambient light alone shows plain colours; pictures are the reference's."""
+    splats = sg.extract(cloud("cubes"), sg.Transfer([(0.3, 0), (0.7, 0.5)], shading=True))
+    camera = views(splats)["fitted"]
+    flat = renderer.render(splats, camera, PLAIN.but(ambient=1.0)).pixels
+    unlit = renderer.render(splats, camera, PLAIN.but(shading="off")).pixels
+    assert np.abs(flat - unlit).max() < 1e-5
+    settings = PLAIN.but(ambient=0.2, specular=0.5)
+    found = renderer.render(splats, camera, settings).pixels
+    off = np.abs(found - reference.render(splats, camera, settings).pixels)
+    assert (off > 2e-3).mean() < 1e-3 and np.abs(found - unlit).max() > 0.05
+
+
 def test_the_head_light_compiles_no_other(renderer: sg.Renderer) -> None:
     splats = sg.extract(cloud("cubes"), sg.Transfer([(0.3, 0), (0.7, 0.5)]))
     camera = views(splats)["fitted"]

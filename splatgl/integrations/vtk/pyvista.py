@@ -33,7 +33,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     if settings.blend not in VTK_BLENDS:
         raise expected("blend", f"one that VTK has: {', '.join(VTK_BLENDS)}", settings.blend)
     plotter = pyvista.Plotter(**{"window_size": list(camera.size), "lighting": "none", **options})
-    light = Light.of(settings.light, settings.light_from)
+    light = Light.of(settings.light, settings.light_from, strengths=settings.strengths)
     plotter.add_light(_light(pyvista, light))
     for layer, layer_planes in zip(scene.shown, scene.planes, strict=True):
         planes = (*settings.clip, *layer_planes)
