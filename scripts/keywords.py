@@ -20,7 +20,7 @@ from splatgl.scene.api import SCENE, TRANSFER
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.scene.meshes import VECTORS, Vectors
 from splatgl.scene.mixing import MIXING
-from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.scene_file import SceneFile, TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -53,7 +53,13 @@ def hints_of(record: Any) -> dict[str, str]:
 def render_hints() -> dict[str, str]:
     """Types of the options of `sg.render`."""
     vectors = hints_of(Vectors)
-    known = {**hints_of(Transfer), **hints_of(Settings), **hints_of(SceneFile), **hints_of(ViewOptions)}
+    known = {
+        **hints_of(Transfer),
+        **hints_of(TransferChoice),
+        **hints_of(Settings),
+        **hints_of(SceneFile),
+        **hints_of(ViewOptions),
+    }
     known |= {**hints_of(DrawOptions), **array_hints(), **hints_of(LoadOptions)}
     known |= {
         "clip_meshes": "bool",

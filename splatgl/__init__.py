@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from splatgl.splat.settings import Settings as Settings
     from splatgl.splat.splats import Splats as Splats
     from splatgl.splat.transfer import Transfer as Transfer
+    from splatgl.splat.transfer_nodes import opacity_curve as opacity_curve
     from splatgl.splat.vector_field import arrows as arrows
     from splatgl.splat.vector_field import directions as directions
     from splatgl.splat.vector_field import magnitudes as magnitudes
@@ -96,6 +97,7 @@ _PUBLIC = {
     "plan": "splatgl.splat.plan",
     "preset": "splatgl.splat.presets",
     "presets": "splatgl.splat.presets",
+    "opacity_curve": "splatgl.splat.transfer_nodes",
     "over": "splatgl.distributed.render",
     "render": "splatgl.scene.api",
     "render_slabs": "splatgl.distributed.render",

@@ -41,6 +41,7 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the transfer function of one volume."""
     add_options(parser, TransferChoice, "preset")
     group_of(parser, Group.TRANSFER).add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
+    add_options(parser, TransferChoice, "curve", "colors")
     add_options(parser, Transfer)
     add_options(parser, SceneFile, "threshold")
     add_options(parser, TransferChoice, "only_labels", "name_of")

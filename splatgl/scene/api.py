@@ -54,7 +54,7 @@ def depth_map(
 
 
 # options of the transfer function that are keywords; `unit` is the unit of an array, `shading` a setting
-TRANSFER = ("points", "gradient", "colormap", "window", "scale")
+TRANSFER = ("points", "curve", "gradient", "colormap", "colors", "window", "scale")
 
 
 def render(

@@ -5,7 +5,7 @@ threshold = 0.0
 clip = ["x>0.3", "z>=30mm"]     # parts to keep; crop = "10:90,:,:" in voxels; mask = "brain.nii.gz", or several
 annotate = ["scale", "title=A"] # as --annotate
 [load]                          # as LoadOptions
-[transfer]                      # preset = "…", or points, colormap, window, scale, unit, gradient, shading
+[transfer]                      # preset, curve = "band:50%,90%", colors = "60:red,120:#fda", or fields of Transfer
 [camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
 [settings]                      # as Settings
 [animation]                     # turntable, spin, axis, frames, hold, fps | ease, path, [[animation.keyframe]]
@@ -49,7 +49,9 @@ from splatgl.splat.presets import (
 )
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
 from splatgl.splat.settings import Settings
+from splatgl.splat.statistics import statistics
 from splatgl.splat.transfer import Transfer
+from splatgl.splat.transfer_nodes import color_map, curve_of, read_color_points
 
 if TYPE_CHECKING:
     from splatgl.splat.extract import Progress
@@ -65,7 +67,9 @@ TABLES: dict[str, type] = {
 # keys of a transfer function for channels: pairs of a channel and a colour, or a window
 CHANNEL_KEYS = ("color_of", "window_of")
 # keys of a transfer function that labels do not have
-AMOUNT_KEYS = frozenset(("points", "colormap", "window", "scale", "gradient"))
+AMOUNT_KEYS = frozenset(("points", "curve", "colormap", "colors", "window", "scale", "gradient"))
+# keys that options replace
+REPLACES = {"curve": ("points",), "points": ("curve",), "colors": ("colormap", "window"), "colormap": ("colors",)}
 # keys of the animation; those of keyframes
 TRACK = ("ease", "path", "keyframe")
 ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
@@ -116,6 +120,20 @@ class TransferChoice:
         group=Group.TRANSFER,
         level="basic",
     )
+    curve: str = option(
+        "",
+        Kind.instance("a shape and its values", str, metavar="SHAPE[:VALUES[:A]]"),
+        "opacity by a shape: ramp:60,120, band:50%,90%:0.4, tent. Or step, sigmoid, gate; VALUES: values or "
+        "percentiles (default: from the object to the 99.9th); A: highest opacity (default 0.8)",
+        group=Group.TRANSFER,
+        level="basic",
+    )
+    colors: str = option(
+        "",
+        Kind.instance("colours at values", str, metavar="V:COLOUR,…"),
+        "colours at values or percentiles, such as 60:red,95%:#ffd0a0, between which they are mixed",
+        group=Group.TRANSFER,
+    )
     only_labels: tuple[tuple[int, float], ...] = option(
         (),
         Kind("labels N or N:A", tuple, read_labels, "N[:A],N…", written="labels N or N:A, separated by commas, or all"),
@@ -143,6 +161,30 @@ class TransferChoice:
         group=Group.TRANSFER,
         repeat=True,
     )
+
+
+def refuse_both(keys: Mapping[str, Any]) -> None:
+    """Raises InputError for keys of a transfer function that say the same thing twice."""
+    for name in ("curve", "colors"):
+        others = [other for other in REPLACES[name] if other in keys]
+        if keys.get(name) and others:
+            raise expected("transfer", f"{name} or {others[0]}", "both", "leave one of them out")
+
+
+def read_nodes(keys: Mapping[str, Any], volume: Volume, scale: str) -> dict[str, Any]:
+    """Returns keys of a transfer function with the points of `curve`, and colour map and window of `colors`."""
+    refuse_both(keys)
+    rest = dict(keys)
+    curve, colors = rest.pop("curve", ""), rest.pop("colors", "")
+    if not (curve or colors):
+        return rest
+    stats = statistics(volume)
+    if curve:
+        rest["points"] = curve_of(curve, stats, scale)
+    if colors:
+        rest["colormap"], window = color_map(read_color_points(colors, stats), scale)
+        rest |= {"window": window} if window else {}
+    return rest
 
 
 def _several(value: Any) -> tuple[Any, ...]:
@@ -344,13 +386,15 @@ class SceneFile:
             adds_volume = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
             meshes = tuple(replace(mesh, clip=True) for mesh in [MeshFile(self.volume)] * adds_volume + [*meshes])
         settings = {name: options[name] for name in names_of(Settings) if name in options}
+        replaced = {name for given in transfer for name in REPLACES.get(given, ())}
+        kept = {name: value for name, value in self.transfer.items() if name not in replaced}
         return replace(
             self,
             **scene_options,
             layers=layers,
             meshes=meshes,
             load=reading,
-            transfer={**self.transfer, **transfer},
+            transfer={**kept, **transfer},
             view=replace(self.view, **{name: options[name] for name in names_of(ViewOptions) if name in options}),
             vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
             settings=replace(self.settings, **settings),
@@ -519,7 +563,7 @@ class SceneFile:
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """Returns the transfer function: the default or a preset, overridden by options; faint around lines."""
-        if self.vectors.has_lines and not self.transfer.keys() & {"preset", "points", "only_labels"}:
+        if self.vectors.has_lines and not self.transfer.keys() & {"preset", "points", "curve", "only_labels"}:
             faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
             return faint.transfer_for(volume)
         keys = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
@@ -528,16 +572,21 @@ class SceneFile:
             refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
             base = label_transfer(volume, [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None)
             return replace(base, **keys).weakened(self.opacity)
-        if "points" in keys and name is None:
+        if "points" in keys and name is None and "colors" not in keys:
+            refuse_both(keys)
             transfer = Transfer.from_table(keys)
         else:
             base = preset(name, volume) if name else default_transfer(volume)
-            refuse_unknown("transfer", keys, declared(Transfer))
+            refuse_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
             if base.labels and keys.keys() & AMOUNT_KEYS:
                 conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
                 raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")
             if keys.get("scale") == "log" and "points" not in keys:
                 base = logarithmic_transfer(base, volume)
+            if keys.get("curve"):
+                low, high = base.color_range
+                base = replace(base, window=(low, high) if low < high else None)
+            keys = read_nodes(keys, volume, base.scale)
             # a surface has the light part of a map over its default window, and the whole map over other windows
             colors = base_name(base.colormap) if "window" in keys else base.colormap
             transfer = replace(base, **{"colormap": colors, **keys})

@@ -134,6 +134,30 @@ def colormap_name(places: np.ndarray, colors: np.ndarray) -> str:
     return ",".join(f"{place:.6g}:{code}" for place, code in zip(places, codes, strict=True))
 
 
+# error of sRGB, and number of control colours, up to which a map is simplified
+NEARLY, MOST_CONTROLS = 1.5 / 255, 17
+
+
+def control_colors(name: str) -> tuple[np.ndarray, list[str]]:
+    """Places [N], from 0 to 1, and codes "#rrggbb" of the control colours of a map; of a map without, of colours
+    between which it is nearly linear.
+    """
+    if re.fullmatch(r"#[0-9a-fA-F]{6}", name):
+        return np.zeros(1), [name]
+    if ":#" in name and not PART.fullmatch(name):
+        places, colors = _nodes(name)
+    else:
+        all_colors, at = srgb_from_linear(colormap(name)), np.linspace(0.0, 1.0, ENTRIES)
+        some = [0, ENTRIES - 1]
+        while len(some) < MOST_CONTROLS:
+            missed = np.abs(_mix(at[some], all_colors[some], at) - all_colors).max(axis=1)
+            if missed.max() <= NEARLY:
+                break
+            some = sorted([*some, int(missed.argmax())])
+        places, colors = at[some], all_colors[some]
+    return places, ["#" + bytes(np.rint(color * 255).astype(np.uint8)).hex() for color in colors]
+
+
 def _from_library(name: str) -> np.ndarray:
     installed = [library for library in LIBRARIES if find_spec(library)]
     known = f"{', '.join(CORE)}, #rrggbb"

@@ -13,6 +13,7 @@ from splatgl.annotations.text import plain
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.colormaps import CORE
+from splatgl.splat.lighting import Light
 from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
@@ -24,7 +25,7 @@ from splatgl.viewer.hud import Frame
 from splatgl.viewer.layers_panel import draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.popups import Palette, Questions
-from splatgl.viewer.preset_gallery import PresetGallery, Shift, with_gradient
+from splatgl.viewer.preset_gallery import EDITED, PresetGallery, Shift, with_gradient
 from splatgl.viewer.record_section import draw_record
 from splatgl.viewer.segments_panel import SegmentList
 from splatgl.viewer.state import BLURS, State
@@ -40,16 +41,28 @@ EXTINCTION = (0.01, 100.0)
 STEPS = 300
 # settings with sliders from 0 to 1; those with choices have lists
 STRENGTHS = ("ambient_occlusion", "shadows")
+LIGHT_SHARES = ("ambient", "diffuse", "specular")
 SECTIONS = {**panel_sections.SECTIONS, "Record": draw_record}
 # settings by section: what scientists look for first, then light, then accuracy and the paper's method
-SETTINGS = {"Rendering": ("blend", "motion", "tolerance"), "Light": ("shading", "light", *STRENGTHS)}
+SETTINGS = {
+    "Rendering": ("blend", "mip_attenuation", "motion", "tolerance"),
+    "Light": ("shading", "light", *LIGHT_SHARES, *STRENGTHS),
+}
 SETTINGS["Advanced"] = tuple(
     name
     for name, setting in declared(Settings).items()
     if setting.choices and not any(name in names for names in SETTINGS.values())
 )
 # names of blend modes that users of other programs know
-BLEND_NAMES = {"composite": "volume", "xray": "X-ray", "mip": "MIP", "minip": "minimum"}
+BLEND_NAMES = {
+    "composite": "volume",
+    "xray": "X-ray",
+    "mip": "MIP",
+    "attenuated-mip": "attenuated MIP",
+    "minip": "minimum",
+}
+# highest attenuation of an attenuated MIP
+MOST_ATTENUATION = 2.0
 
 
 class Panel:
@@ -224,6 +237,8 @@ def _time(state: State, document: Document, widgets: CommandWidgets) -> State:
 def _settings(state: State, document: Document, names: Iterable[str]) -> State:
     """A widget for each of the settings with choices or a strength, described as on the command line."""
     for name in names:
+        if name == "mip_attenuation" and state.settings.blend != "attenuated-mip":
+            continue
         setting, now = declared(Settings)[name], getattr(state.settings, name)
         label = label_left(setting.label or name.replace("_", " "))
         value: Any = None
@@ -234,13 +249,8 @@ def _settings(state: State, document: Document, names: Iterable[str]) -> State:
             texts = [BLEND_NAMES.get(choice, choice) for choice in setting.choices]
             changed, index = imgui.combo(label, setting.choices.index(now), texts)
             value = setting.choices[index]
-        elif name in STRENGTHS:
-            changed, strength = imgui.slider_float(label, now, 0.0, 1.0, "%.2f")
-            value = round(min(max(strength, 0.0), 1.0), 2)
         else:
-            logarithmic = imgui.SliderFlags_.logarithmic
-            changed, strength = imgui.slider_float(label, now * 255, 0.05, 16.0, "%.2f/255", logarithmic)
-            value = strength / 255
+            changed, value = _slide(name, state.settings, label)
         imgui.set_item_tooltip(plain(setting.help).replace("--", "") + ".")
         # an open section that changes nothing redraws nothing
         if changed and value is not None:
@@ -250,10 +260,27 @@ def _settings(state: State, document: Document, names: Iterable[str]) -> State:
     return state
 
 
+def _slide(name: str, settings: Settings, label: str) -> tuple[bool, float]:
+    """Slider of a strength or of the tolerance: whether it was moved, and its value."""
+    now, most, logarithmic = getattr(settings, name), 1.0, imgui.SliderFlags_.logarithmic
+    if name == "tolerance":
+        changed, value = imgui.slider_float(label, now * 255, 0.05, 16.0, "%.2f/255", logarithmic)
+        return changed, value / 255
+    if name == "mip_attenuation":
+        changed, value = imgui.slider_float(label, now, 0.0, MOST_ATTENUATION, "%.3g", logarithmic)
+        return changed, float(f"{max(value, 0.0):.3g}")
+    if name in LIGHT_SHARES:
+        now = getattr(Light.of(settings.light, strengths=settings.strengths), name)
+        most = 1.0 - sum(getattr(settings, other) or 0.0 for other in LIGHT_SHARES if other != name)
+    changed, value = imgui.slider_float(label, now, 0.0, most, "%.2f")
+    return changed, min(max(round(value, 2), 0.0), most)
+
+
 def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     """Colour map and window."""
     names = list(dict.fromkeys([transfer.colormap, *CORE]))
-    changed, index = imgui.combo(label_left("colours"), 0, names)
+    texts = [EDITED if ":#" in name else name for name in names]
+    changed, index = imgui.combo(label_left("colours"), 0, texts)
     if changed:
         transfer = replace(transfer, colormap=names[index])
     low, high = transfer.color_range

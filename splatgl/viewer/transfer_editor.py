@@ -9,10 +9,13 @@ import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import ArrayLike
 
-from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
+from splatgl.splat.presets import SURFACE
 from splatgl.splat.statistics import Statistics, statistics
 from splatgl.splat.transfer import Nodes, Transfer
+from splatgl.splat.transfer_nodes import SHAPES, shape_nodes, shape_of
+from splatgl.viewer.color_strip import ColorStrip
+from splatgl.viewer.preset_gallery import EDITED
 
 # opacities up to this take about as much of the axis as each decade above
 FINE = 0.01
@@ -93,8 +96,6 @@ def remove_point(nodes: Nodes, index: int) -> Nodes:
 HEIGHT, STRIP, POINT = 190.0, 10.0, 5.0
 # range of the axis of opacities, with room for points at its ends
 ROOM = (-0.05, 1.05)
-# number of colours in the strip
-COLORS = 64
 HISTOGRAM, LINE, NODE = (0.5, 0.5, 0.55, 0.6), (0.95, 0.6, 0.15, 1.0), (1.0, 0.7, 0.3, 1.0)
 HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
 
@@ -111,9 +112,7 @@ class Curve:
         # whether to show the whole range in the next frame
         self.fits = True
         self.held: int | None = None
-        # colours of the strip, and their key
-        self.colored: object = None
-        self.colors: list[imgui.ImVec4] = []
+        self.strip = ColorStrip()
         # left, top, width and height of the plot, screen units
         self.box = (0.0, 0.0, 1.0, 1.0)
 
@@ -138,7 +137,7 @@ class Curve:
             place, size = implot.get_plot_pos(), implot.get_plot_size()
             self.box = place.x, place.y, size.x, size.y
             implot.end_plot()
-        self._strip(transfer, STRIP * scale)
+        colored = self.strip.draw(transfer, self.range, (self.box[0], self.box[2]), STRIP * scale)
         changed, self.logarithmic = imgui.checkbox("log counts", self.logarithmic)
         imgui.set_item_tooltip("Bars by the logarithm of how many voxels have a value, or by the number.")
         if changed:
@@ -146,7 +145,19 @@ class Curve:
         imgui.same_line()
         if imgui.button("all values"):
             self._whole()
-        return transfer if points == transfer.points else _with_points(transfer, points)
+        imgui.same_line()
+        colored = self._shape(colored)
+        return colored if points == transfer.points else with_points(transfer, points)
+
+    def _shape(self, transfer: Transfer) -> Transfer:
+        """List of the shapes of the curve; a chosen one takes its place."""
+        current = shape_of(transfer) or EDITED
+        names = list(dict.fromkeys([current, *SHAPES]))
+        imgui.set_next_item_width(-1.0)
+        changed, index = imgui.combo("##shape", 0, names)
+        imgui.set_item_tooltip("Shape of the opacities between the first and the last point (--curve).")
+        highest = transfer.points[-1][0] if self.stats is None else value_range(self.stats)[1]
+        return with_shape(transfer, names[index], highest) if changed and names[index] in SHAPES else transfer
 
     def _axes(self, volume: Volume) -> None:
         fixed = implot.AxisFlags_.no_highlight | implot.AxisFlags_.no_side_switch
@@ -198,22 +209,6 @@ class Curve:
             imgui.set_tooltip(f"{at.x:.4g}: {fall(at.y):.3g}\n{HINT}")
         return points
 
-    def _strip(self, transfer: Transfer, high: float) -> None:
-        """Draws the colours of the values below the plot."""
-        key = transfer, self.range
-        if key != self.colored:
-            low, stop = self.range
-            values = low + (np.arange(COLORS) + 0.5) / COLORS * (stop - low)
-            colors = srgb_from_linear(np.clip(transfer.color(values), 0.0, 1.0))
-            self.colored, self.colors = key, [imgui.ImVec4(*(float(part) for part in (*rgb, 1.0))) for rgb in colors]
-        pen, top = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos().y
-        step = self.box[2] / COLORS
-        for number, color in enumerate(self.colors):
-            left = self.box[0] + number * step
-            corners = imgui.ImVec2(left, top), imgui.ImVec2(left + step + 1, top + high)
-            pen.add_rect_filled(*corners, int(imgui.get_color_u32(color)))
-        imgui.dummy((1.0, high))
-
     def _whole(self) -> None:
         """Shows all values."""
         if self.stats is not None:
@@ -226,7 +221,19 @@ class Curve:
             self.bars = histogram(self.stats, low, high, self.logarithmic)
 
 
-def _with_points(transfer: Transfer, points: Nodes) -> Transfer:
+def with_points(transfer: Transfer, points: Nodes) -> Transfer:
     """Replaces the nodes; the colour window is kept, even if it followed the first and last node."""
     window = transfer.color_range
     return replace(transfer, points=points, window=window if window[0] < window[1] else None)
+
+
+def with_shape(transfer: Transfer, name: str, highest: float) -> Transfer:
+    """The transfer function with opacities of a shape from its first to its last point, as high as they were; a step is
+    in their middle, and shapes in place of one end at the `highest` value.
+    """
+    first, last = transfer.points[0][0], transfer.points[-1][0]
+    last = last if first < last else max(highest, float(np.nextafter(first, np.inf)))
+    if name == "step":
+        first = float(np.sqrt(first * last)) if transfer.logarithmic else first / 2 + last / 2
+    opacity = max(share for _, share in transfer.points) or SURFACE
+    return with_points(transfer, shape_nodes(name, (first, last), opacity, transfer.scale))
