@@ -9,10 +9,11 @@
 #define JOIN_MAX 2
 #define JOIN_MIN 3
 #define JOIN_MEAN 4
+#define JOIN_ATTENUATED 5
 // nearer matter hides what is behind
 #define IN_ORDER (JOIN == JOIN_OVER)
 // a pixel of reconstructed values shows one value
-#define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN)
+#define ONE_VALUE (JOIN == JOIN_MAX || JOIN == JOIN_MIN || JOIN == JOIN_MEAN || JOIN == JOIN_ATTENUATED)
 // factor of values that OpenGL blends: it has no minimum of one component and a sum of the other
 #define BLENDED_SIGN (JOIN == JOIN_MIN ? -1.0 : 1.0)
 #define ATTENUATION_OPTICAL_DEPTH 0
@@ -66,6 +67,17 @@ vec4 join_value(vec4 light, float value, float length_) {
     float both = JOIN == JOIN_MEAN ? light.x + value * length_
                                    : JOIN == JOIN_MIN ? min(light.x, value) : max(light.x, value);
     return vec4(JOIN == JOIN_MEAN || light.y > 0.0 ? both : value, light.y + length_, 0.0, 0.0);
+}
+
+// A pixel's attenuated maximum, its length and, as alpha, the optical depth so far, and a part of the ray behind, with
+// shares of the window at its ends and in its middle. depth: of the part where shares are 1.
+vec4 join_attenuated(vec4 light, vec3 shares, float length_, float depth) {
+    if (length_ <= 0.0) return light;
+    // integrals, to the middle and to the end, of the parabola through the shares
+    float whole = dot(shares, vec3(1.0, 4.0, 1.0)) / 6.0;
+    float half_ = clamp(dot(shares, vec3(5.0, 8.0, -1.0)) / 24.0, 0.0, whole);
+    vec3 seen = shares * exp(-light.a - depth * vec3(0.0, half_, whole));
+    return vec4(max(max(light.x, seen.x), max(seen.y, seen.z)), light.y + length_, 0.0, light.a + depth * whole);
 }
 
 // The value of a pixel whose values are all joined.

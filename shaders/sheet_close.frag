@@ -13,8 +13,10 @@ uniform int part_;               // number of the part that is kept
 out uvec4 piece;
 #else
 // linear premultiplied, for 'over' from the front to the back; of one value: it, or for a mean the sum by length, and
-// the length; for a minimum −value, as blending takes the maximum of both
+// the length; for a minimum −value, as blending takes the maximum of both, and of alpha, the optical depth of an
+// attenuated maximum, the sum
 out vec4 fragment;
+uniform sampler2D joined_before; // of an attenuated maximum: what nearer sheets were joined to
 #endif
 
 uniform sampler2D sheet_sums;    // of the sheet
@@ -54,11 +56,14 @@ void main() {
     if (kept_matter.a < LEAST_DEPTH) discard;
     piece = packed_piece(kept_ends, kept_matter, style.brightest);
 #else
+    if (JOIN == JOIN_ATTENUATED) light[0].a = texelFetch(joined_before, ivec2(gl_FragCoord.xy), 0).a;
+    float depth_before = light[0].a;
     close_sheet(0, sheet);
     fragment = light[0];
     if (ONE_VALUE) {
         if (fragment.y <= 0.0) discard;
         fragment.x *= BLENDED_SIGN;
+        fragment.a -= depth_before;
     }
 #endif
 }

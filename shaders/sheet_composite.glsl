@@ -28,6 +28,8 @@
 uniform vec3 box_low;  // the volume's box from the eye, index axes
 uniform vec3 box_high;
 uniform vec2 shell;    // only matter between these places is drawn
+// of an attenuated maximum: a value's share of the window is x value + y; z: attenuation per reference length
+uniform vec3 window_share;
 
 // whether sheets hold a gradient's component along the ray instead of the gradient, where nothing else needs it
 const bool ALONG = CARD == 1 && STEPS > 0 && SHADING == 0 && WEIGHTED == 0;
@@ -58,7 +60,7 @@ vec3 around[ROWS];
 int own_part;
 vec4 kept_matter;
 vec2 kept_ends;
-// a pixel's light; of blends of one value the joined value and its length, see join_value
+// a pixel's light; of blends of one value the joined value and its length, see join_value and join_attenuated
 vec4 light[ROWS];
 
 // Centre of a pixel in the band. STRIDE: pixels of the view from one row to the next.
@@ -117,8 +119,10 @@ void set_ray(int row) {
 // The color that a pixel shows after its last sheet: its light, or the class of its value over the reference length.
 vec4 shown(vec4 light) {
     if (!ONE_VALUE) return light;
+    float value = joined_value(light);
+    if (JOIN == JOIN_ATTENUATED) value = (value - window_share.y) / window_share.x;
     // a cell around it: without steps from cell to cell
-    float place = joined_value(light) * class_scale.x + class_scale.y;
+    float place = value * class_scale.x + class_scale.y;
     vec4 matter = class_mean(class_until(place - 0.5), class_until(place + 0.5));
     return light.y > 0.0 ? behind(vec4(0.0), weighed(matter, vec3(0.0), 1.0)) : vec4(0.0);
 }
@@ -169,6 +173,18 @@ vec3 values_around(int row) {
 // Weights of three sums of what lies between the first place, 0, and the last, 1.
 vec3 spline_shares(float u) {
     return vec3((1.0 - u) * (1.0 - u), 2.0 * u * (1.0 - u), u * u) + EDGE;
+}
+
+// A pixel's joined values, and those at the ends and in the middle of a part of its ray.
+vec4 join_values(int row, vec3 values, float length_) {
+    if (JOIN == JOIN_ATTENUATED) {
+        vec3 parts = clamp(values * window_share.x + window_share.y, 0.0, 1.0);
+        return join_attenuated(light[row], parts, length_, length_ * lengths[row] * window_share.z);
+    }
+    // Simpson's rule for the mean, and nearly the extremes
+    vec4 joined = join_value(light[row], values.x, length_ / 6.0);
+    joined = join_value(joined, values.y, length_ / 1.5);
+    return join_value(joined, values.z, length_ / 6.0);
 }
 
 // Takes the values of the nearest open sheet, number `current`, and opens another; classified after, true if matter
@@ -235,11 +251,9 @@ void close_sheet(int row, int current) {
             float mean_mass = dot(mass, mean_shares), last_mass = max(dot(mass, last_shares), 1e-30);
             float length_ = mean_mass >= LEAST_MASS ? part.y - part.x : 0.0;
             if (ONE_VALUE) {
-                // Simpson's rule for the mean, and nearly the extremes
-                float first_mass = max(dot(mass, shares), 1e-30);
-                light[row] = join_value(light[row], dot(around[row], shares) / first_mass, length_ / 6.0);
-                light[row] = join_value(light[row], dot(around[row], mean_shares) / max(mean_mass, 1e-30), length_ / 1.5);
-                light[row] = join_value(light[row], dot(around[row], last_shares) / last_mass, length_ / 6.0);
+                vec3 values = around[row] * mat3(shares, mean_shares, last_shares);
+                values /= vec3(max(dot(mass, shares), 1e-30), max(mean_mass, 1e-30), last_mass);
+                light[row] = join_values(row, values, length_);
             } else {
                 Until end = class_until(dot(places, last_shares) / last_mass);
                 vec4 matter = class_mean(begin, end);

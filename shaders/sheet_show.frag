@@ -11,10 +11,10 @@ uniform sampler2D joined_values;  // as sheet_close.frag writes them
 
 uniform bool partial;             // of a part: what it joined is kept
 
-out vec4 fragment;  // linear premultiplied; of a part its value and length
+out vec4 fragment;  // linear premultiplied; of a part as join_value and join_attenuated return it
 
 void main() {
     vec4 light = texelFetch(joined_values, ivec2(gl_FragCoord.xy), 0);
     light.x *= BLENDED_SIGN;
-    fragment = !partial ? shown(light) : light.y > 0.0 ? vec4(light.xy, 0.0, 0.0) : vec4(0.0);
+    fragment = !partial ? shown(light) : light.y > 0.0 ? vec4(light.xy, 0.0, light.a) : vec4(0.0);
 }

@@ -17,7 +17,8 @@ Numbers: TypeAlias = Sequence[float] | np.ndarray
 class SettingsKeywords(TypedDict, total=False):
     """Fields of `Settings`."""
 
-    blend: Literal["composite", "xray", "mip", "minip", "mean"]
+    blend: Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
+    mip_attenuation: float
     kernel: str
     classification: Literal["auto", "post", "pre"]
     compositing: Literal["auto", "sheets", "splats"]
@@ -36,6 +37,9 @@ class SettingsKeywords(TypedDict, total=False):
     shading: Literal["auto", "on", "off"]
     light: Literal["head", "matte", "glossy", "flat"]
     light_from: Numbers | None
+    ambient: float | None
+    diffuse: float | None
+    specular: float | None
     ambient_occlusion: float
     shadows: float
     motion: Literal["auto", "moments", "exact", "energy", "paper", "off"]
@@ -94,7 +98,8 @@ class PictureKeywords(TypedDict, total=False):
     up: Numbers | None
     orthographic: bool
     height: float | None
-    blend: Literal["composite", "xray", "mip", "minip", "mean"]
+    blend: Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
+    mip_attenuation: float
     kernel: str
     classification: Literal["auto", "post", "pre"]
     compositing: Literal["auto", "sheets", "splats"]
@@ -113,6 +118,9 @@ class PictureKeywords(TypedDict, total=False):
     shading: Literal["auto", "on", "off"]
     light: Literal["head", "matte", "glossy", "flat"]
     light_from: Numbers | None
+    ambient: float | None
+    diffuse: float | None
+    specular: float | None
     ambient_occlusion: float
     shadows: float
     motion: Literal["auto", "moments", "exact", "energy", "paper", "off"]
@@ -123,8 +131,10 @@ class PictureKeywords(TypedDict, total=False):
     tolerance: float
     background: str | Numbers | None
     points: Sequence[Numbers]
+    curve: str
     gradient: Sequence[Numbers]
     colormap: str
+    colors: str
     window: Numbers | None
     scale: Literal["linear", "log"]
     threshold: float

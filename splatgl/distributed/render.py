@@ -118,16 +118,18 @@ def join_parts(how: str, near: Part, far: Part) -> Part:
 def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
     """Joins samples [h, w, 4] of two parts.
 
-    over, sum: light, premultiplied. max, min, mean: a value, its sum by length if mean, and the length.
+    over, sum: light, premultiplied. max, min, mean: a value, its sum by length if mean, and the length. attenuated: the
+    attenuated maximum, the length, and as alpha the optical depth.
     """
     if how == "over":
         return near + (1 - near[..., 3:]) * far
     if how == "sum":
         return near + far
     one, other = near[..., 0], far[..., 0]
+    if how == "attenuated":
+        other = other * np.exp(-near[..., 3])
     value = np.where(near[..., 1] <= 0, other, np.where(far[..., 1] <= 0, one, COMBINE[how](one, other)))
-    rest = np.zeros_like(value)
-    return np.stack([value, near[..., 1] + far[..., 1], rest, rest], axis=-1)
+    return np.stack([value, near[..., 1] + far[..., 1], np.zeros_like(value), near[..., 3] + far[..., 3]], axis=-1)
 
 
 def over(near: Image, far: Image) -> Image:

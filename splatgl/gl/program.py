@@ -25,9 +25,13 @@ MOST_PROGRAMS = 48
 
 
 def use_blend(ctx: moderngl.Context, mode: BlendMode, nearest_first: bool = True) -> None:
-    """Sets the blending of premultiplied fragments; extremes use the maximum (for a minimum, shaders write −value)."""
+    """Sets the blending of premultiplied fragments; extremes use the maximum (for a minimum, shaders write −value), and
+    the sum of optical depths as alpha.
+    """
     ctx.enable_only(moderngl.BLEND)
-    ctx.blend_equation = moderngl.MAX if mode.extreme else moderngl.FUNC_ADD  # type: ignore[assignment]
+    equation = moderngl.MAX if mode.extreme else moderngl.FUNC_ADD
+    alpha = moderngl.FUNC_ADD if mode.join == "attenuated" else equation
+    ctx.blend_equation = equation, alpha
     if not mode.ordered:
         ctx.blend_func = moderngl.ONE, moderngl.ONE
     elif nearest_first:

@@ -41,7 +41,7 @@ UNITS = {
     **{"sheet_sums": 4, "sheet_masses": 5, "sums_before": 6, "masses_before": 7},
     **{"sums_earlier": 8, "masses_earlier": 9},
 }
-JOINED_UNIT = 10
+JOINED_UNIT, JOINED_BEFORE_UNIT = 10, 11
 # less than any value and any −value
 LEAST = -float(np.finfo(np.float32).max)
 
@@ -114,16 +114,16 @@ class SheetQuads:
         # the latest records, where their sheets are, and their order
         self.filled: tuple[weakref.ref[np.ndarray], tuple[object, ...], Order] | None = None
         self.ring: Ring | None = None
-        # texture of joined values and lengths, for blends of one value
-        self.values: moderngl.Texture | None = None
-        self.joined: moderngl.Framebuffer | None = None
+        # joined values of blends of one value; of an attenuated maximum also those before the sheet that is closed
+        self.joined: JoinedValues | None = None
+        self.joined_before: JoinedValues | None = None
 
     def release(self) -> None:
         """Frees the textures and the buffer; they are recreated on demand."""
-        for part in (self.instances, self.ring, self.joined, self.values):
+        for part in (self.instances, self.ring, self.joined, self.joined_before):
             if part is not None:
                 part.release()
-        self.filled, self.ring, self.joined, self.values = None, None, None, None
+        self.filled, self.ring, self.joined, self.joined_before = None, None, None, None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
@@ -231,12 +231,16 @@ class SheetQuads:
         blend, into = picture.plan.program.look.blend, target.framebuffer
         self.bind(picture, band, (0, band.y))
         if blend.one_value:
-            into = self.joined_target(target.size)
+            into = self.joined_target(target.size).framebuffer
             into.clear(LEAST if blend.extreme else 0.0, viewport=band.box)
+        before = self._begin_before(target.size) if blend.join == "attenuated" else None
         try:
             for sheet, window in self.sweep(picture, band, batches, portions):
                 into.scissor = window.box
                 self.close(into, sheet, blend)
+                if before is not None:
+                    # within the scissor
+                    self.ctx.copy_framebuffer(before, into)
         finally:
             into.scissor = None  # type: ignore[assignment]
 
@@ -267,35 +271,42 @@ class SheetQuads:
         set_uniforms(program, joined_values=JOINED_UNIT, **(sheet_uniforms(splats, plan) | {"partial": partial}))
         if splats.post is not None:
             self.tables.classification(splats).use(CLASS_UNIT)
-        assert self.values is not None
-        self.values.use(JOINED_UNIT)
+        assert self.joined is not None
+        self.joined.texture.use(JOINED_UNIT)
         target.framebuffer.use()
         self.ctx.enable_only(moderngl.NOTHING)
         self.whole(program)
 
     def show_samples(self, target: Target, splats: Splats, plan: Plan, samples: np.ndarray) -> None:
         """Classifies the joined values of the parts of a picture, [H, W, 4]."""
-        values = np.ascontiguousarray(samples[..., :2], np.float32)
+        values = np.array(samples, np.float32)
         if plan.program.look.blend.join == "min":
             # as blending by the maximum keeps them
             values[..., 0] *= -1.0
-        self.joined_target(target.size)
-        assert self.values is not None
-        self.values.write(values, (0, 0, *target.size), alignment=4)
+        self.joined_target(target.size).texture.write(values, (0, 0, *target.size), alignment=4)
         self.show(target, splats, plan)
 
-    def joined_target(self, size: tuple[int, int]) -> moderngl.Framebuffer:
-        """Returns the target of the picture's joined values and lengths, for blends of one value."""
-        if self.joined is None or self.joined.viewport[2:] != size:
-            old = self.joined, self.values
-            self.values = self.ctx.texture((uneven(size[0]), uneven(size[1])), 2, dtype="f4")
-            self.values.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            self.joined = self.ctx.framebuffer([self.values])
-            self.joined.viewport = (0, 0, *size)
-            for part in old:
-                if part is not None:
-                    part.release()
+    def joined_target(self, size: tuple[int, int]) -> JoinedValues:
+        """Returns the target of the picture's joined values, for blends of one value."""
+        self.joined = self._values_of(self.joined, size)
         return self.joined
+
+    def _values_of(self, old: JoinedValues | None, size: tuple[int, int]) -> JoinedValues:
+        """Returns values of that size: the old ones, or new ones in place of them."""
+        if old is not None and old.size == size:
+            return old
+        new = JoinedValues(self.ctx, size)
+        if old is not None:
+            old.release()
+        return new
+
+    def _begin_before(self, size: tuple[int, int]) -> moderngl.Framebuffer:
+        """Returns the cleared target of what was joined before the sheet that is closed, and binds its texture."""
+        self.joined_before = self._values_of(self.joined_before, size)
+        self.joined_before.framebuffer.clear()
+        self.joined_before.texture.use(JOINED_BEFORE_UNIT)
+        set_uniforms(self.closing, joined_before=JOINED_BEFORE_UNIT)
+        return self.joined_before.framebuffer
 
     def _ring(self, kind: Kind) -> Ring:
         """Returns textures for the open sheets, which may have more rows."""
@@ -306,6 +317,22 @@ class SheetQuads:
                 old.release()
         assert self.ring is not None
         return self.ring
+
+
+class JoinedValues:
+    """Texture of the joined values of a picture of a size, as optics.glsl has them, and its framebuffer."""
+
+    def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
+        self.size = size
+        self.texture = ctx.texture((uneven(size[0]), uneven(size[1])), 4, dtype="f4")
+        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.framebuffer = ctx.framebuffer([self.texture])
+        self.framebuffer.viewport = (0, 0, *size)
+
+    def release(self) -> None:
+        """Frees both."""
+        self.framebuffer.release()
+        self.texture.release()
 
 
 class Ring:

@@ -388,6 +388,7 @@ def sheet_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         uniforms |= {
             "box_low": tuple(-0.5 - view.eye_index),
             "box_high": tuple(np.array(post.shape) - 0.5 - view.eye_index),
+            "window_share": (*post.window_share, plan.resolved.mip_attenuation),
         }
     return uniforms | feature_uniforms(splats, plan)
 

@@ -128,6 +128,19 @@ def join_values(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: 
     return result
 
 
+def join_attenuated(light: np.ndarray, shares: np.ndarray, length: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Joins parts of rays [P] to rays `light` [P, 4]: attenuated maximum, length, 0, and optical depth so far.
+
+    shares [3, P]: of the window, from 0 to 1, at a part's begin, middle and end, between which they are parabolas.
+    length [P]: parts without any change nothing. depth [P]: optical depth of a part whose shares are 1.
+    """
+    whole = np.array([1, 4, 1]) @ shares / 6
+    half = np.clip(np.array([5, 8, -1]) @ shares / 24, 0.0, whole)
+    seen = (shares * np.exp(-light[:, 3] - depth * np.stack([np.zeros_like(half), half, whole]))).max(axis=0)
+    joined = [np.maximum(light[:, 0], seen), light[:, 1] + length, light[:, 2], light[:, 3] + depth * whole]
+    return np.where(length[:, None] > 0, np.stack(joined, axis=1), light)
+
+
 def joined_value(light: np.ndarray, join: str) -> np.ndarray:
     """Values [P] of rays [P, 4]; NaN for rays without values."""
     length = np.where(light[:, 1] > 0, light[:, 1], np.nan)

@@ -16,7 +16,13 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.reference.blend import classify_values, join_values, joined_value, over_background
+from splatgl.reference.blend import (
+    classify_values,
+    join_attenuated,
+    join_values,
+    joined_value,
+    over_background,
+)
 from splatgl.reference.ray_integral import OPAQUE, distances, samples_of
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import weight_extinction
@@ -111,7 +117,7 @@ class Marched:
     """A field and its appearance. free uint8 [D, H, W]: distance in voxels to a voxel that opaque points need, at most
     LEAP. spacing: mean spacing, unit: reference length of opacities, both in world units. span: range of values over
     which the transfer function varies. classified: integral of the transfer function, to classify a step by all values
-    that it passes, so that no spike is missed; None: by the value in its middle.
+    that it passes, so that no spike is missed; None: by the value in its middle. mip_attenuation: per `unit`.
     """
 
     field: Field
@@ -126,6 +132,7 @@ class Marched:
     mask: MaskField | None = None
     span: float = 1.0
     classified: ClassIntegral | None = None
+    mip_attenuation: float = 0.0
 
     def kept(self, places: np.ndarray) -> np.ndarray:
         """bool [P]: whether the mask keeps grid positions [3, P]."""
@@ -183,6 +190,10 @@ class Marched:
         return surface_light(normal, toward, self.light_by, self.shines, reached)
 
 
+# the picture of rays of a field, by so many steps a voxel
+March = Callable[[Marched, Rays, int], np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class PixelRays:
     """samples × samples rays in each pixel of a picture, clipped to the box of `shape` voxels. camera: with one pixel
@@ -207,7 +218,8 @@ class PixelRays:
         """float64 [P, 4]: means over pixels [P], numbered row by row from the top."""
         rays = samples_of(pixels, self.camera.size[0] // self.samples, self.samples)
         mode = BLENDS[blend]
-        march = partial(_one_value, mode.join) if mode.one_value else partial(_march, mode.unbounded)
+        march: March = partial(_one_value, mode.join) if mode.one_value else partial(_march, mode.unbounded)
+        march = _attenuated_maximum if mode.join == "attenuated" else march
         groups = np.split(rays, range(RAYS, len(rays), RAYS))
         cut = [Rays.of(self.view, self.camera, self.shape, group, self.clip) for group in groups]
         drawn = [march(marched, rays, steps) for rays in cut]
@@ -221,19 +233,21 @@ def field_integral(
     field: Field | str = "b-spline",
     steps_per_voxel: int = 8,
     samples: int = 1,
-    blend: str = "composite",
+    blend: str | Settings = "composite",
 ) -> Image:
     """Picture of a field, float64 [H, W, 4], without antialiasing.
 
     field: "trilinear", a kernel's name, or a function from grid positions [3, P] to values [P] and world gradients
     [P, 3]. Midpoint rule, steps of 1/steps_per_voxel in index space; samples × samples rays a
-    pixel. Rays are clipped to the volume's box. Composites are shaded as the transfer function says. Raises InputError
-    for numbers below 1 and unknown blends.
+    pixel. Rays are clipped to the volume's box. Composites are shaded as the transfer function says. blend: a name, or
+    settings, of which only it and mip_attenuation count. Raises InputError for numbers below 1 and unknown blends.
     """
     started = time.perf_counter()
     for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
         if count < 1:
             raise expected(name, "a number of at least 1", count)
+    look = blend if isinstance(blend, Settings) else None
+    blend = look.blend if look else str(blend)
     if blend not in BLENDS:
         raise expected("blend", " or ".join(BLENDS), blend)
     name = field if isinstance(field, str) else "formula"
@@ -249,7 +263,8 @@ def field_integral(
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
     gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
-    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span)
+    strength = (look or Settings()).mip_attenuation
+    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span, mip_attenuation=strength)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
@@ -286,6 +301,7 @@ def kept_field_integral(
     size = splats.grid.mean_spacing
     marched = Marched(field, post.transfer, free, size, splats.unit, light, shines, cues, look.shading)
     marched = replace(marched, mask=resolved.mask, span=post.span, classified=post.integral)
+    marched = replace(marched, mip_attenuation=settings.mip_attenuation)
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)
@@ -309,6 +325,26 @@ def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarra
             length = np.where(np.isfinite(value) & marched.kept(places), step[some], 0.0)
             light[some] = join_values(light[some], np.nan_to_num(value), length, join)
     return classify_values(marched.transfer, joined_value(light, join))
+
+
+def _attenuated_maximum(marched: Marched, rays: Rays, steps: int) -> np.ndarray:
+    """float64 [P, 4]: the classified attenuated maxima of rays; 0 for rays without a finite value."""
+    slabs, step = _steps(rays, steps)
+    light = np.zeros((len(slabs), 4))
+    low, high = marched.transfer.color_range
+    width = high - low or marched.span
+    depth = marched.mip_attenuation * marched.spacing / marched.unit * step * rays.stretch
+    for slab in range(slabs.max(initial=0)):
+        on = np.flatnonzero(slab < slabs)
+        for some in np.split(on, range(POINTS, len(on), POINTS)):
+            ends = rays.near[some] + (slab + np.array([[0.0], [0.5], [1.0]])) * step[some]
+            places = rays.start[:, None, some] + rays.direction[:, None, some] * ends
+            values = marched.field(places.reshape(3, -1))[0].reshape(3, -1)
+            length = np.where(np.isfinite(values[1]) & marched.kept(places[:, 1]), step[some], 0.0)
+            # beyond the field, the value in the middle
+            shares = (np.nan_to_num(np.where(np.isfinite(values), values, values[1])) - low) / width
+            light[some] = join_attenuated(light[some], np.clip(shares, 0.0, 1.0), length, depth[some])
+    return classify_values(marched.transfer, low + width * joined_value(light, "attenuated"))
 
 
 def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:

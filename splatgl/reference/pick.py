@@ -20,6 +20,7 @@ from splatgl.splat.kernels import kernel
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.preintegration import ClassIntegral
 from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 from splatgl.splat.view import GridView
 
@@ -62,10 +63,12 @@ def pick(
     pixel: Sequence[int],
     transfer: Transfer | None = None,
     mode: str = "first",
+    attenuation: float = 0.0,
 ) -> Picked | None:
     """The point under the centre of a pixel (column, row), row 0 on top; None if nothing is visible there.
 
-    mode "first": where half of the light is absorbed, or half of the ray's total absorption; "max": the largest value.
+    mode "first": where half of the light is absorbed, or half of the ray's total absorption; "max": the largest value,
+    of an attenuated MIP the one that is shown. attenuation: its strength, per reference length.
     Among layers, the one that absorbs most there. transfer: of a volume; None: its default one. Clip planes of a scene
     apply. Meshes absorb their opacity, and rays end at opaque ones; gradient weights are ignored. Raises InputError for
     a pixel outside the picture, for clouds of points, and for volumes that are read in parts.
@@ -89,10 +92,8 @@ def pick(
     matter = [ray.seen(ends) for ray in rays]
     if mode == "max":
         end = next((surface.distance for surface in surfaces if surface.depth >= OPAQUE), np.inf)
-        largest = _largest(
-            rays, ends, np.array([np.where(inside & (along < end), v, -np.inf) for v, _, inside in matter])
-        )
-        return largest or _first_mesh(surfaces, scene, camera, number)
+        values = np.array([np.where(inside & (along < end), v, -np.inf) for v, _, inside in matter])
+        return _largest(rays, ends, values, attenuation) or _first_mesh(surfaces, scene, camera, number)
     extinctions = np.array([extinction for _, extinction, _ in matter])
     depths = extinctions.sum(axis=0) * lengths
     # insert surfaces between the parts of the ray
@@ -118,9 +119,22 @@ def pick(
     return rays[layer].pick_at(float(ends[part] + ends[part + 1]) / 2, layer)
 
 
-def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray) -> Picked | None:
-    """The point of the largest of values [layers, N] of the parts between distances [N + 1]; None if none is finite."""
-    layer, place = divmod(int(values.argmax()), values.shape[1])
+def pick_options(settings: Settings) -> dict[str, Any]:
+    """The mode and the attenuation of `pick` that suit a picture's blend."""
+    is_attenuated = settings.blend == "attenuated-mip"
+    mode = "max" if is_attenuated or settings.blend == "mip" else "first"
+    return {"mode": mode, "attenuation": settings.mip_attenuation if is_attenuated else 0.0}
+
+
+def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray, attenuation: float) -> Picked | None:
+    """The point of the largest of values [layers, N] of the parts between distances [N + 1], once they are attenuated;
+    None if none is finite.
+    """
+    seen = values
+    if attenuation:
+        both = zip(rays, values, strict=True)
+        seen = np.array([ray.attenuated(values_, np.diff(ends), attenuation) for ray, values_ in both])
+    layer, place = divmod(int(seen.argmax()), values.shape[1])
     if not np.isfinite(values[layer, place]):
         return None
     first = np.nan_to_num(rays[layer].within(ends[place : place + 2])[0], nan=-np.inf) >= values[layer, place]
@@ -244,6 +258,15 @@ class _Ray:
         else:
             extinction[inside] = ClassIntegral.of(look, low, high, LEAST_CELLS).mean(first, last)[:, 3] / unit
         return value, extinction, inside
+
+    def attenuated(self, values: np.ndarray, lengths: np.ndarray, strength: float) -> np.ndarray:
+        """Shares of the colours' window at the values [N] of parts, attenuated by those before them; −∞ without one."""
+        look = self.layer.seen
+        low, high = look.color_range
+        known = np.isfinite(values)
+        shares = np.clip((np.where(known, values, low) - low) / ((high - low) or 1.0), 0.0, 1.0)
+        depth = shares * lengths * strength / (look.unit or Grid.of(self.layer.volume).mean_spacing)
+        return np.where(known, shares * np.exp(depth - np.cumsum(depth)), -np.inf)
 
     def _values(self, places: np.ndarray) -> np.ndarray:
         """Values at grid positions [3, N], linear between samples; for labels, of the nearest voxel."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatgl.reference.blend import classify_values, join_values, joined_value
+from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
 from splatgl.reference.rays import Boxes, Rays, Row, Values, pair_values, pixel_boxes
 from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
@@ -60,6 +60,8 @@ class SheetField:
     cues: LightVolume | None
     mask: MaskField | None = None
     near: int = 0
+    # of an attenuated maximum, per reference length
+    mip_attenuation: float = 0.0
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: GridView, near: int = 0) -> SheetField:
@@ -69,7 +71,7 @@ class SheetField:
         shines = look.light.within(resolved.camera)
         lit, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
         field = cls(look.blend, splats.post, view, *lit, size, splats.unit, look.light, shines, cues, resolved.mask)
-        return replace(field, near=near)
+        return replace(field, near=near, mip_attenuation=resolved.mip_attenuation)
 
     def composite(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -92,16 +94,29 @@ class SheetField:
                 light += (1 - light[:, 3:]) * composite_sums(matter)
         if not self.blend.one_value:
             return light
-        return classify_values(self.post.transfer, self.post.value(joined_value(light, self.blend.join)))
+        return self.shown(light)
+
+    def shown(self, light: np.ndarray) -> np.ndarray:
+        """[P, 4]: the classes of joined values, of rays [P, 4]."""
+        value = joined_value(light, self.blend.join)
+        if self.blend.join == "attenuated":
+            scale, offset = self.post.window_share
+            value = (value - offset) / scale
+        return classify_values(self.post.transfer, self.post.value(value))
 
     def _join(self, light: np.ndarray, part: Part) -> None:
         """Joins the values of parts to those of pixels, in place."""
         length = part.ends[1] - part.ends[0]
         for one in np.split(np.arange(len(part.pixel)), np.flatnonzero(np.diff(part.number)) + 1):
-            at = part.pixel[one]
+            at, values = part.pixel[one], np.stack([part.begin[one, 0], part.value[one], part.end[one, 0]])
+            if self.blend.join == "attenuated":
+                scale, offset = self.post.window_share
+                depth = length[one] * part.stretch[one] * (self.spacing / self.unit * self.mip_attenuation)
+                light[at] = join_attenuated(light[at], np.clip(scale * values + offset, 0, 1), length[one], depth)
+                continue
             # Simpson's rule for the mean, and nearly the extremes
-            for value, share in ((part.begin[:, 0], 1 / 6), (part.value, 2 / 3), (part.end[:, 0], 1 / 6)):
-                light[at] = join_values(light[at], value[one], length[one] * share, self.blend.join)
+            for value, share in zip(values, (1 / 6, 2 / 3, 1 / 6), strict=True):
+                light[at] = join_values(light[at], value, length[one] * share, self.blend.join)
 
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]

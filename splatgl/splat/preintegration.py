@@ -228,6 +228,13 @@ class ValueClassifier:
         return a, -low * a
 
     @cached_property
+    def window_share(self) -> tuple[float, float]:
+        """(a, b): record value u is at the share a u + b of the colours' window, or without one 0 up to it."""
+        low, high = self.transfer.color_range
+        width = high - low or self.span
+        return self.span / width, (self.low - low) / width
+
+    @cached_property
     def integral(self) -> ClassIntegral:
         """Integral of the transfer function over `range`, in values ρ."""
         low, high = (float(self.value(np.array(u))) for u in self.range)

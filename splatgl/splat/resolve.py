@@ -79,7 +79,7 @@ class Resolved:
     samples a pixel. z_k: depth at which the smallest voxel is one sample wide [M98 Eq. 3]. depths: nearest and farthest
     depth of the box of all splats. unsure: see view.py. background: linear RGB; None: transparent. notes: omitted steps
     with reasons, a line each. sheets: None: splats composite one by one. clip, mask: planes and mask that clip rays.
-    cues: light that reaches matter; None: all light.
+    cues: light that reaches matter; None: all light. mip_attenuation: per reference length.
     """
 
     look: Appearance
@@ -98,6 +98,7 @@ class Resolved:
     mask: MaskField | None = None
     cues: LightVolume | None = None
     allowed: float = 0.0
+    mip_attenuation: float = 0.0
 
     @property
     def kernel(self) -> Kernel:
@@ -165,6 +166,7 @@ class Resolved:
             mask=mask,
             cues=cues,
             allowed=_allowed(settings, samples, pixel) if after and blend.ordered and not antialias else 0.0,
+            mip_attenuation=settings.mip_attenuation,
         )
 
 

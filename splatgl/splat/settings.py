@@ -20,14 +20,15 @@ if TYPE_CHECKING:
     from splatgl.keywords import SettingsKeywords
 
 
-Blend = Literal["composite", "xray", "mip", "minip", "mean"]
+Blend = Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
 
 
 @dataclass(frozen=True)
 class BlendMode:
-    """Blend mode. join: `over` (by the transmittance of nearer splats), `sum`, `max`, `min` or `mean`; the names that
-    optics.glsl has, too. combine: joins two values along a ray. vtk: number of VTK's blend mode; None without one.
-    peak: whether a splat's value is its opacity times its share of the footprint's peak, instead of a line integral.
+    """Blend mode. join: `over` (by the transmittance of nearer splats), `sum`, `max`, `min`, `mean` or `attenuated`,
+    the names that optics.glsl has, too. combine: joins two values along a ray. vtk: number of VTK's blend mode; None
+    without one. peak: whether a splat's value is its opacity times its share of the footprint's peak, instead of a line
+    integral.
     """
 
     name: Blend
@@ -55,12 +56,12 @@ class BlendMode:
     @property
     def one_value(self) -> bool:
         """Whether a pixel shows one value of its ray, if values are classified after reconstruction."""
-        return self.join in ("max", "min", "mean")
+        return self.join in ("max", "min", "mean", "attenuated")
 
     @property
     def post_only(self) -> bool:
         """Whether splats classified before reconstruction do not support the blend."""
-        return self.join in ("min", "mean")
+        return self.join in ("min", "mean", "attenuated")
 
 
 BLENDS: dict[str, BlendMode] = {
@@ -70,6 +71,9 @@ BLENDS: dict[str, BlendMode] = {
         BlendMode("xray", "sum", np.add, None, "sums of optical depth and of depth times colour"),
         BlendMode(
             "mip", "max", np.maximum, 1, "the maximum of opacity and of opacity times colour, or of values", peak=True
+        ),
+        BlendMode(
+            "attenuated-mip", "attenuated", np.maximum, None, "the maximum of values, weakened by those before them"
         ),
         BlendMode("minip", "min", np.minimum, 2, "the minimum of values"),
         BlendMode("mean", "mean", np.add, 3, "the mean of values over the ray's length"),
@@ -146,6 +150,12 @@ class Settings:
         Kind.choice(Blend),
         "how a ray blends. One splat over the next, sums (X-ray), or maximum, minimum or mean of values",
         level="basic",
+    )
+    mip_attenuation: float = _picture(
+        0.05,
+        Kind.number("a strength of at least 0", 0, metavar="S"),
+        "strength of attenuated-mip, per reference length of the brightest values; 0: as mip (default 0.05)",
+        label="attenuation",
     )
     kernel: str = _accuracy(
         "auto",

@@ -9,7 +9,7 @@ import numpy as np
 from splatgl.annotations.canvas import Measure
 from splatgl.annotations.measures import measure_text
 from splatgl.errors import InputError
-from splatgl.reference.pick import Picked, pick
+from splatgl.reference.pick import Picked, pick, pick_options
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.splats import Splats
@@ -20,8 +20,6 @@ from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import State
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 
-# blends that show the largest value along the ray
-LARGEST = ("mip",)
 FIRST_POINT = "click on the first point; a drag turns the view"
 CORNER, NEXT_POINT = "click on the corner of the angle", "click on the last point"
 
@@ -32,9 +30,9 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
     width, height = state.pose.camera.size
     if document.is_loading or not (0 <= pixel[0] < width and 0 <= pixel[1] < height):
         return None
-    mode = "max" if state.settings.blend in LARGEST else "first"
+    scene = document.scene_at(1, state.settings.clip)
     try:
-        return pick(document.scene_at(1, state.settings.clip), state.pose.camera, pixel, mode=mode)
+        return pick(scene, state.pose.camera, pixel, **pick_options(state.settings))
     except InputError:
         return None
 

@@ -107,8 +107,7 @@ def join_value(light: np.ndarray, value: np.ndarray, length: np.ndarray, join: s
 
 def shown(field: SheetField, light: np.ndarray) -> np.ndarray:
     """[N, 4]: the classes of values and lengths [N, 4]."""
-    value = blends.joined_value(light, field.blend.join)
-    return blends.classify_values(field.post.transfer, field.post.value(value))
+    return field.shown(light)
 
 
 def close_sheet(field: SheetField | None, sums: np.ndarray, rays: Rays, sheets: Sheets) -> np.ndarray:
@@ -567,7 +566,7 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     splats = samples()
     plan = planned(splats, "fitted", 2, steps=2, blend=blend)
     field = SheetField.of(splats, plan.resolved, plan.view)
-    state = class_state(renderer, splats)
+    state = class_state(renderer, splats) | {"window_share": (*splats.post.window_share, 0.05)}
     light = np.column_stack([rng.uniform(-1, 2, COUNT), rng.uniform(0, 2, COUNT), np.zeros((COUNT, 2))])
     light[::5] = 0
     value, length = rng.uniform(-1, 2, COUNT), rng.choice([0, 0.3, 1], COUNT)

@@ -122,9 +122,11 @@ def extinctions(transfer: sg.Transfer, unit: float, values: np.ndarray) -> np.nd
     return -np.log1p(-np.minimum(upper, 1 - 2.0**-24)) / unit
 
 
-def march(splats: sg.Splats, camera: sg.Camera, blend: str = "composite", fine: int = FINE) -> np.ndarray:
+def march(
+    splats: sg.Splats, camera: sg.Camera, blend: str = "composite", fine: int = FINE, strength: float = 0.05
+) -> np.ndarray:
     """The picture [H, W, 4] of a ray through each pixel's centre, linear premultiplied, lit as the transfer function
-    says; without antialiasing, light of other kinds, planes and masks.
+    says; without antialiasing, light of other kinds, planes and masks. strength: of attenuated-mip.
     """
     assert splats.post is not None
     rays, field, transfer = Rays.of(splats, camera), Field(splats), splats.post.transfer
@@ -139,6 +141,9 @@ def march(splats: sg.Splats, camera: sg.Camera, blend: str = "composite", fine: 
             some = value[np.isfinite(value)]
             if some.size:
                 pictures[ray] = _class(transfer, some.max() if blend == "mip" else some.min())
+            continue
+        if blend == "attenuated-mip":
+            pictures[ray] = _attenuated(transfer, value, strength * (t[1] - t[0]) / unit)
             continue
         share = (np.arange(PARTS) + 0.5) / PARTS
         value = (value[:-1, None] * (1 - share) + value[1:, None] * share).ravel()
@@ -158,6 +163,17 @@ def march(splats: sg.Splats, camera: sg.Camera, blend: str = "composite", fine: 
         passed = depth if blend == "xray" else np.exp(depth - np.cumsum(depth)) * -np.expm1(-depth)
         pictures[ray] = *(passed @ color), passed.sum()
     return pictures.reshape(camera.size[1], camera.size[0], 4)
+
+
+def _attenuated(transfer: sg.Transfer, value: np.ndarray, depth: float) -> np.ndarray:
+    """Class of the largest product of a value's share of the window and of what is left before it, by trapezia.
+
+    depth: of a step at the window's high end.
+    """
+    low, high = transfer.window or (transfer.points[0][0], transfer.points[-1][0])
+    share = np.clip((np.where(np.isfinite(value), value, low) - low) / (high - low), 0, 1)
+    before = np.concatenate([[0.0], np.cumsum(share[1:] + share[:-1]) * depth / 2])
+    return _class(transfer, low + (high - low) * float((share * np.exp(-before)).max()))
 
 
 def _class(transfer: sg.Transfer, value: float) -> np.ndarray:

@@ -406,7 +406,6 @@ def test_what_is_left_out_is_told() -> None:
     assert notes == (
         "not drawn: spots, a Points layer",
         "not drawn: scale bar",
-        "cells: drawn without its attenuation, as mip",
         "cells: drawn between voxels, not by the nearest",
         "not drawn: nuclei's bounding box",
         "nuclei: its colour map is opaque, so that napari shows the faces of its box: drawn denser for larger values",
@@ -593,6 +592,7 @@ plane = {"position": (13, 15, 21), "normal": (1, 0.3, 0.2), "thickness": 4}
 CASES = {
     "maximum": [{}], "opacity": [{"opacity": 0.4}], "clip": [{"experimental_clipping_planes": cut}],
     "iso": [{"rendering": "iso", "iso_threshold": 60}], "plane": [{"depiction": "plane", "plane": plane}],
+    "attenuated": [{"rendering": "attenuated_mip", "attenuation": 0.05}],
     "additive": [{"rendering": "additive"}], "average": [{"rendering": "average"}],
     "flat": [{"opacity": 0.5}],
     "two": [{"colormap": "red", "opacity": 0.6}, {"colormap": "green", "blending": "additive", "opacity": 0.5}],
@@ -699,7 +699,7 @@ def test_in_napari_pictures_are_its_screenshots(tmp_path: Path) -> None:
         name: (float(overlap), float(light)) for name, overlap, light in map(str.split, lines[: lines.index("done")])
     }
     print(found)
-    assert len(found) == 9
+    assert len(found) == 10
     for name, (overlap, light) in found.items():
         # the plane is seen from its edge
         assert overlap > (0.8 if name == "plane" else 0.93), name

@@ -54,7 +54,9 @@ BLACK = (0.0, 0.0, 0.0)
 PREVIEW = 8 / 255
 GRAY = ColorTable("gray", np.repeat(np.linspace(0.0, 1.0, ENTRIES)[:, None], 3, axis=1))
 # an image layer's `rendering` in 3-D → blend of its image; others: composite
-RENDERINGS: dict[str, Blend] = {"mip": "mip", "attenuated_mip": "mip", "minip": "minip", "average": "mean"}
+RENDERINGS: dict[str, Blend] = {
+    **{"mip": "mip", "attenuated_mip": "attenuated-mip", "minip": "minip", "average": "mean"},
+}
 # functions that join samples across a plane
 ACROSS = {"mip": np.maximum, "attenuated_mip": np.maximum, "minip": np.minimum, "average": np.add}
 # another rendering
@@ -113,7 +115,7 @@ def draw_snapshot(viewer: Snapshot, interrupted: Callable[[], bool] | None = Non
     notes = tuple(_list_differences(viewer, layers, blend))
     if blend is not None:
         scene = viewer.scene(layers, partial(scene_of, viewer, layers, blend))
-        image = _draw(viewer, scene, blend, interrupted, BLACK)
+        image = _draw(viewer, scene, blend, interrupted, BLACK, layers[0].attenuation)
         return _annotate(viewer, layers, Image(image.pixels, {**image.info, "notes": notes}))
     width, height = viewer.size
     ground, infos = np.broadcast_to(viewer.ground, (height, width, 3)), list[dict[str, Any]]()
@@ -187,7 +189,7 @@ def _draw_group(
         return LayerImage.of(np.zeros((*viewer.size[::-1], 4), np.float32)), []
     scene = viewer.scene(group, partial(_group_scene, viewer, group))
     blend: Blend = "composite" if preset or group[0].kind != "Image" else RENDERINGS.get(rendering, "composite")
-    image = _draw(viewer, scene, blend, interrupted)
+    image = _draw(viewer, scene, blend, interrupted, attenuation=group[0].attenuation)
     return LayerImage.of(image.pixels), [dict(image.info)]
 
 
@@ -225,10 +227,11 @@ def _draw(
     blend: Blend,
     interrupted: Callable[[], bool] | None,
     background: tuple[float, float, float] | None = None,
+    attenuation: float = 0.0,
 ) -> Image:
-    """Draws the scene from the viewer's camera."""
+    """Draws the scene from the viewer's camera. attenuation: of an attenuated MIP."""
     camera, mirrored = camera_of(viewer, scene.corners)
-    settings = Settings(blend=blend, background=background, light=viewer.look.light)
+    settings = Settings(blend=blend, background=background, light=viewer.look.light, mip_attenuation=attenuation)
     if viewer.look.scale < 1:
         settings = settings.but(tolerance=PREVIEW)
     with shared_renderer() as renderer:
@@ -281,8 +284,8 @@ def _list_differences(viewer: Snapshot, layers: Sequence[LayerSnapshot], blend: 
 def _solid_differences(layer: LayerSnapshot, blend: str | None) -> Iterator[str]:
     """Differences of a layer in 3-D."""
     rendering = layer.rendering
-    if blend is None and rendering == "attenuated_mip":
-        yield "drawn without its attenuation, as mip"
+    if blend is None and rendering == "attenuated_mip" and layer.contrast_limits[0] != 0:
+        yield "values above its lower contrast limit are attenuated, in napari all of a value"
     is_plane = layer.depiction == "plane"
     if is_plane and (blend is not None or rendering not in ACROSS):
         yield f"its plane is drawn thin, without its thickness of {float(layer.plane.thickness):g} voxels"
@@ -403,6 +406,10 @@ def _blend_transfer(layer: LayerSnapshot, volume: Volume, blend: str) -> Transfe
     opacities = np.ones(2)
     if BLENDS[blend].ordered or BLENDS[blend].unbounded:
         opacities[:] = 0.0, np.clip(-np.expm1(-THROUGH / min(volume.shape)), LEAST, SURFACE)
+    if blend == "attenuated-mip":
+        # napari's maximum is brighter by this factor
+        brighter = np.minimum(np.linspace(0.0, 1.0, COLORS) * np.exp(layer.attenuation), 1.0) * (COLORS - 1)
+        colors = np.stack([np.interp(brighter, np.arange(COLORS), channel) for channel in colors.T], axis=1)
     window, colormap = (None, "gray") if layer.rgb else color_nodes(values, colors[:, :3])
     return Transfer(opacity_nodes(values[[0, -1]], opacities), colormap, window, shading=False)
 
@@ -428,7 +435,10 @@ def _layer_transfer(layer: LayerSnapshot, volume: Volume, viewer: Snapshot) -> T
         shares = np.minimum(colors[:, 3], SOLID)
         step = STEP * float(np.mean(volume.spacing))
         return replace(transfer, points=opacity_nodes(values, shares), unit=step)
-    if blend == "mip" and layer.blending in CUT:
+    if blend == "attenuated-mip":
+        # of the finest voxels, also in a preview
+        transfer = replace(transfer, unit=float(np.mean(volume.spacing)) / viewer.look.stride)
+    if blend in ("mip", "attenuated-mip") and layer.blending in CUT:
         return replace(transfer, points=((low + margin, 0.0), (low + margin, 1.0)))
     if blend == "minip" and layer.blending in CUT:
         return replace(transfer, points=((high - margin, 1.0), (high - margin, 0.0)))

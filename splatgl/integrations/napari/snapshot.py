@@ -32,6 +32,7 @@ LAYER_EXTRAS = {"bounding_box": "bounding box", "colorbar": "colour bar", "name_
 LOOKS: dict[str, Any] = {
     "gamma": 1.0,
     "iso_threshold": 0.5,
+    "attenuation": 0.05,
     "rendering": "mip",
     "depiction": "volume",
     "interpolation2d": "nearest",
@@ -99,6 +100,7 @@ class LayerSnapshot:
     rgb: bool = False
     gamma: float = 1.0
     iso_threshold: float = 0.5
+    attenuation: float = 0.05
     rendering: str = "mip"
     depiction: str = "volume"
     interpolation2d: str = "nearest"
