@@ -14,7 +14,8 @@ from splatgl.platforms import CHOICES
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import VECTORS, Vectors, is_mesh
-from splatgl.scene.scene_file import SceneFile, TransferChoice
+from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import LIKE, Settings
 from splatgl.splat.transfer import Transfer
