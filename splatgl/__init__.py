@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from splatgl.splat.presets import presets as presets
     from splatgl.splat.scene import Layer as Layer
     from splatgl.splat.scene import Scene as Scene
+    from splatgl.splat.scissors import Scissors as Scissors
     from splatgl.splat.segment_surfaces import surfaces as surfaces
     from splatgl.splat.settings import Settings as Settings
     from splatgl.splat.splats import Splats as Splats
@@ -75,6 +76,7 @@ _PUBLIC = {
     "Motion": "splatgl.splat.motion",
     "Renderer": "splatgl.gl.renderer",
     "Scene": "splatgl.splat.scene",
+    "Scissors": "splatgl.splat.scissors",
     "Settings": "splatgl.splat.settings",
     "Splats": "splatgl.splat.splats",
     "Transfer": "splatgl.splat.transfer",
@@ -134,7 +136,7 @@ if "IPython" in sys.modules:
     _shell = sys.modules["IPython"].get_ipython()
     if _shell is not None and hasattr(_shell, "kernel"):
         _png = _shell.display_formatter.formatters["image/png"]
-        for _name, _function in (("Volume", "volume_png"), ("Transfer", "transfer_png"), ("Scene", "scene_png")):
+        for _name, _function in (("Transfer", "transfer_png"), ("Scene", "scene_png")):
             _png.for_type_by_name(_PUBLIC[_name], _name, _picture(_function))
 
 

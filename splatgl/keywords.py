@@ -130,31 +130,50 @@ class PictureKeywords(TypedDict, total=False):
     occlusion: Literal["auto", "off"]
     tolerance: float
     background: str | Numbers | None
-    points: Sequence[Numbers]
+    preset: str
     curve: str
-    gradient: Sequence[Numbers]
-    colormap: str
     colors: str
+    only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
+    name_of: Mapping[int, str] | Sequence[str]
+    color_of: Mapping[str, str] | Sequence[str]
+    window_of: Mapping[str, Numbers] | Sequence[str]
+    points: Sequence[Numbers]
+    colormap: str
     window: Numbers | None
+    unit: str | float | None
+    gradient: Sequence[Numbers]
     scale: Literal["linear", "log"]
+    log: bool
     threshold: float
     clip: str | Sequence[Any] | None
     crop: str
     mask: Any | None
+    uncut: str | int | Sequence[int]
+    scissors: Any
     surfaces: float | None
+    layers: Any
+    layer: Any
     meshes: Any
+    mesh: Any
     annotate: str | Sequence[str] | None
+    labels: Any
     clip_meshes: bool
     vectors: Literal["magnitude", "direction"]
     streamlines: int
     arrows: int
+    like: str | None
+    paper: bool
     memory: int | str | None
     mixing: Literal["linear", "display"]
+    spacing: Numbers | None
+    origin: Numbers | None
+    name: str | None
+    array: str | int | None
+    values: Literal["labels", "amounts", "heights"] | None
     shape: Numbers | None
     dtype: str | None
-    spacing: Numbers | None
     header_offset: int
-    array: str | int | None
+    offset: int
     channel: int | str | None
     level: int | None
     series: str | int | None
@@ -162,12 +181,8 @@ class PictureKeywords(TypedDict, total=False):
     field: int | None
     color: str | Path | None
     relief: float | None
-    values: Literal["labels", "amounts", "heights"] | None
     point_size: float | None
     anywhere: bool
-    origin: Numbers | None
-    unit: str | None
-    name: str | None
 
 
 class RenderKeywords(PictureKeywords, total=False):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
 from difflib import get_close_matches
 from enum import StrEnum
-from inspect import isfunction
+from inspect import Parameter, isfunction, signature
 from math import inf, isfinite
 from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from splatgl.errors import InputError, expected
 
@@ -63,6 +63,8 @@ class Kind:
         """An argparse type: the value of a text."""
         try:
             return self.read(text)
+        except InputError as error:
+            raise ArgumentTypeError(str(error)) from None
         except (ValueError, OverflowError):
             this = self.written or f"{self.metavar}, {self.expected}"
             raise ArgumentTypeError(f"expected {this}, got {text[:80]!r}") from None
@@ -216,6 +218,11 @@ class Option:
         return self.kind.choices() if self.kind.choices else ()
 
     @property
+    def is_bare(self) -> bool:
+        """Whether the flag takes no value."""
+        return self.bare is not None and not self.kind.metavar
+
+    @property
     def summary(self) -> str:
         """First sentence of the help."""
         return self.help.partition(". ")[0]
@@ -234,6 +241,63 @@ def declared(record: Any) -> dict[str, Option]:
 def names_of(*records: Any) -> list[str]:
     """Names of the options of dataclasses that the command line and keywords have."""
     return [name for record in records for name, option in declared(record).items() if option.group]
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def keyword(name: str, hint: str, default: Any = None) -> Parameter:
+    """A parameter that is given by its name. hint: its type, as Python that type checkers read."""
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+
+
+def keywords_of(record: Any, *names: str, flags: bool = False) -> dict[str, Parameter]:
+    """Fields of a dataclass, or some of them, as keywords of functions. flags: also by the names of their flags on the
+    command line, where these differ.
+    """
+    options, found = declared(record), {}
+    for item in (item for item in fields(record) if item.name in names or not names):
+        option = options.get(item.name)
+        hint = option.kind.hint if option else str(item.type).replace("Triple", "Numbers")
+        hint += " | None" * bool(option and hint and item.default is None)
+        found[item.name] = keyword(item.name, hint, None if item.default is MISSING else item.default)
+        if flags and option and option.flag:
+            is_bare, flag = option.is_bare, flag_name(option)
+            found[flag] = keyword(flag, "bool" if is_bare else hint, False if is_bare else item.default)
+    return found
+
+
+def flag_name(option: Option) -> str:
+    """Name of an option's flag, as that of a keyword."""
+    return option.flag.removeprefix("--").replace("-", "_")
+
+
+def by_fields(options: Mapping[str, Any], *records: Any) -> dict[str, Any]:
+    """Options by the names of fields, of options some of which have the names of flags."""
+    flags = {flag_name(o): (name, o) for record in records for name, o in declared(record).items() if o.flag}
+    found = {name: value for name, value in options.items() if name not in flags}
+    for name, option in (flags[name] for name in options if name in flags):
+        value = options[flag_name(option)]
+        if not option.is_bare:
+            found[name] = value
+        elif checked(Kind.flag(), flag_name(option), value):
+            found[name] = option.bare
+    return found
+
+
+def with_keywords(*tables: Mapping[str, Parameter]) -> Callable[[Function], Function]:
+    """A decorator that lists keywords in the signature of a function in place of its `**options`, for help and
+    completion.
+    """
+    added = {name: parameter for table in tables for name, parameter in table.items()}
+
+    def add(function: Function) -> Function:
+        whole = signature(function)
+        plain = [parameter for parameter in whole.parameters.values() if parameter.kind != Parameter.VAR_KEYWORD]
+        vars(function)["__signature__"] = whole.replace(parameters=[*plain, *added.values()])
+        return function
+
+    return add
 
 
 def check_options(record: Any, prefix: str = "") -> None:

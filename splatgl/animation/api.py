@@ -11,8 +11,8 @@ from splatgl.animation.animation import Animation, Frames, Timeline, draw_frames
 from splatgl.animation.movie import need, volumes, write_movie
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import check_source
-from splatgl.options import is_number, names_of, non_default
-from splatgl.scene.api import is_scene, is_splats, scene_of
+from splatgl.options import is_number, keyword, keywords_of, names_of, non_default, with_keywords
+from splatgl.scene.api import KEYWORDS, is_scene, is_splats, scene_of
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.scene.scene_file import TRACK, SceneFile
 from splatgl.splat.settings import Settings
@@ -29,6 +29,18 @@ MIN_FPS, MAX_FPS = 0.01, 1000.0
 BLACK = (0.0, 0.0, 0.0)
 
 
+# keywords of an animation alone: its time points may be several
+TIMES = {
+    "time": keyword("time", "slice | int | None"),
+    **keywords_of(Timeline),
+    **keywords_of(WorkerOptions, *names_of(WorkerOptions)),
+    "fps": keyword("fps", "float | None"),
+    "bits": keyword("bits", "Literal[8, 16]", 8),
+    "resume": keyword("resume", "bool", False),
+}
+
+
+@with_keywords(KEYWORDS, TIMES)
 def animate(
     x: Any,
     output: str | Path,

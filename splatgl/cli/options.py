@@ -70,7 +70,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
     add_view(parser, size)
     add_transfer(parser)
     add_options(parser, TransferChoice, "color_of", "window_of")
-    add_options(parser, SceneFile, "clip", "crop", "mask", "layers", "meshes", "surfaces")
+    add_options(parser, SceneFile, "clip", "crop", "mask", "uncut", "scissors", "layers", "meshes", "surfaces")
     group = group_of(parser, Group.LAYERS)
     labels: Any = group.add_argument(
         "--labels", metavar="FILE|NAME", help="segmentation to draw: a file, or a name in OME-Zarr"
@@ -104,11 +104,11 @@ def add_option(parser: argparse.ArgumentParser, name: str, option: Option, defau
     if isinstance(default, int | float) and default and "default" not in option.help:
         summary += f" (default {default:g})"
     arguments: dict[str, Any] = {"dest": name, "help": (summary + rest).replace("%", "%%")}
-    if option.bare is not None and not kind.metavar:
+    if option.is_bare:
         arguments |= {"action": "store_const", "const": option.bare}
     else:
         arguments |= {"type": kind.parse, "metavar": option.metavar or kind.metavar}
-        arguments |= {"choices": option.choices, "type": str} if option.choices else {}
+        arguments |= {"choices": option.choices, "type": str} if option.choices and kind.read is str else {}
         arguments |= {"nargs": "?", "const": option.bare} if option.bare is not None else {}
         arguments |= {"action": "append"} if option.repeat else {}
     flag = option.flag or f"--{name.replace('_', '-')}"
@@ -139,12 +139,9 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
         given["background"] = CLEAR
     scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)
     scene = replace(scene, auto_background=is_open or background == AUTO)
-    settings = Settings.paper() if given.get("paper") else scene.settings
-    if "like" in given:
-        settings = Settings.like(given["like"], **settings.given)
     named = {} if array is None else {"array": array}
     transfer = {**scene.transfer, **({} if "transfer" not in given else Transfer.load(given["transfer"]).fields)}
-    scene = replace(scene, settings=settings, transfer=transfer).with_options(**{**named, **given})
+    scene = replace(scene, transfer=transfer).with_options(**{**named, **given})
     return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import PurePath
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import Coordinate, axis_kind, make_lattice, unit_name, value_unit_name, volume_on_grid
-from splatgl.data.volume import Hints, Triple, Volume, triple
+from splatgl.data.volume import ArrayOptions, Hints, Volume, triple
 from splatgl.errors import InputError, expected
 from splatgl.options import refuse_unknown
 
@@ -24,33 +24,6 @@ _SOURCES = {
     "napari": "splatgl.data.arrays.of_napari",
     "vtkmodules": "splatgl.integrations.vtk.image_data.volume_from_vtk",
 }
-
-
-@dataclass(frozen=True)
-class ArrayOptions:
-    """Options for an array; None: as the array itself states.
-
-    spacing, origin: (x, y, z) in world units. unit: of length. array: name or number, where x holds several arrays.
-    values: the meaning of samples, "labels" or "amounts".
-    """
-
-    spacing: Triple | None = None
-    origin: Triple | None = None
-    unit: str | None = None
-    name: str | None = None
-    array: str | int | None = None
-    values: str | None = None
-
-    @property
-    def given(self) -> dict[str, Any]:
-        """The options that are fields of `Volume` and not None."""
-        options = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("array", "values")}
-        return {name: value for name, value in options.items() if value is not None}
-
-    def no_array(self, what: str) -> None:
-        """Raises InputError if `array` was given for an object that holds one array."""
-        if self.array is not None:
-            raise expected("array", f"no value, as {what} is one array", repr(self.array), "leave it out")
 
 
 def volume_of(x: Any, **options: Any) -> Volume:

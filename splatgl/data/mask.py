@@ -72,6 +72,20 @@ class Mask:
             inside = np.stack([self._plane(step, start, z, low, high) for z in planes])
         return ~inside if self.outside else inside
 
+    def shares(self, volume: Volume, low: Places, high: Places) -> np.ndarray:
+        """uint8: 255 for each voxel low ≤ (z, y, x) < high of a volume that is kept, else 0."""
+        return self.keeps(volume, low, high) * np.uint8(255)
+
+    @property
+    def name(self) -> str:
+        """Name of the mask's file."""
+        return self.grid.name
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes of the mask's reader."""
+        return self.grid.notes
+
     def _along(self, step: np.ndarray, start: np.ndarray, low: Places, high: Places) -> np.ndarray:
         """bool: voxels inside, for grids whose axes are parallel."""
         shape = self.inside.shape
@@ -102,7 +116,7 @@ def make_mask(given: Any, volume: Volume, labels: Sequence[int] = (), outside: b
     """The mask of a volume, of an array [D, H, W] on the grid of `volume`, or of FILE[:N,N…][:outside]."""
     from splatgl.readers import load
 
-    if isinstance(given, Mask):
+    if hasattr(given, "shares"):
         return given
     if isinstance(given, str | Path):
         file, numbers, beyond = parse_mask(str(given))
@@ -125,21 +139,23 @@ def make_mask(given: Any, volume: Volume, labels: Sequence[int] = (), outside: b
 
 
 def parse_mask(text: str) -> tuple[str, tuple[int, ...], bool]:
-    """File, labels and whether the outside is kept, of FILE[:N,N…][:outside]."""
+    """File, labels and whether the outside is kept, of FILE[:N,N…][:outside], or without a file."""
     head, colon, last = text.rpartition(":")
     outside = bool(colon) and last == OUTSIDE
     text = head if outside else text
-    head, colon, last = text.rpartition(":")
-    if colon and LABELS.fullmatch(last):
+    head, _, last = text.rpartition(":")
+    if LABELS.fullmatch(last):
         return head, tuple(int(number) for number in last.split(",")), outside
     return text, (), outside
 
 
-def apply_mask(volume: Volume, mask: Mask) -> Volume:
+def apply_mask(volume: Volume, mask: Any) -> Volume:
     """The volume with one more mask, and a note on how much is left. Raises InputError if nothing is left."""
     masked = replace(volume, masks=(*volume.masks, mask))
     left = sum(int(masked.kept((z, 0, 0), (z + 1, *volume.shape[1:])).sum()) for z in range(volume.shape[0]))
-    what = f"mask {mask.grid.name}".strip()
+    what = f"mask {mask.name}".strip()
+    if not left and not isinstance(mask, Mask):
+        raise expected(what, f"an outline that leaves some of {volume.name or 'the volume'}", "none left")
     if not left:
         mask_box, volume_box = (
             _describe_box(grid, turned) for grid, turned in ((mask.grid, volume.frame), (volume, None))
@@ -147,7 +163,7 @@ def apply_mask(volume: Volume, mask: Mask) -> Volume:
         places = f"voxels of {volume.name or 'the volume'}, which lies at {volume_box}"
         raise expected(what, places, f"none: it lies at {mask_box}" if not mask.outside else "none outside of it")
     share = "all" if left == volume.count else f"{left / volume.count:.3g}" if left * 1000 < volume.count else ""
-    of_mask = (f"{what}: {note}" for note in mask.grid.notes)
+    of_mask = (f"{what}: {note}" for note in mask.notes)
     note = f"{what} keeps {share or f'{left / volume.count:.1%}'} of the voxels"
     result = replace(masked, notes=(*volume.notes, *of_mask, note))
     result = with_parts(result, lambda part: replace(part, masks=(*part.masks, mask)))

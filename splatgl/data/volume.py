@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from splatgl.errors import expected
+from splatgl.options import keywords_of, with_keywords
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,6 +28,10 @@ Places = tuple[int, int, int]
 LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
 # most voxels whose combined mask is cached, 1 byte each
 MAX_CACHED = 2**28
+# most samples whose range a line of text states
+MOST_SCANNED = 2**22
+# most names in such a line
+MOST_NAMES = 8
 # maximum ratio of a voxel's sides: float32 holds its square, and distances in either
 MOST_OBLONG = 1e9
 
@@ -80,6 +86,33 @@ class Slab:
     stop: int
     before: int
     samples: np.ndarray
+
+
+@dataclass(frozen=True)
+class ArrayOptions:
+    """Options for an array; None: as the array itself states.
+
+    spacing, origin: (x, y, z) in world units. unit: of length. array: name or number, where x holds several arrays.
+    values: the meaning of samples, "labels" or "amounts".
+    """
+
+    spacing: Triple | None = None
+    origin: Triple | None = None
+    unit: str | None = None
+    name: str | None = None
+    array: str | int | None = None
+    values: str | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The options that are fields of `Volume` and not None."""
+        options = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("array", "values")}
+        return {name: value for name, value in options.items() if value is not None}
+
+    def no_array(self, what: str) -> None:
+        """Raises InputError if `array` was given for an object that holds one array."""
+        if self.array is not None:
+            raise expected("array", f"no value, as {what} is one array", repr(self.array), "leave it out")
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +186,7 @@ class Volume:
         object.__setattr__(self, "direction", direction)
 
     @classmethod
+    @with_keywords(keywords_of(ArrayOptions))
     def of(cls, x: Any, **options: Unpack[ArrayKeywords]) -> Volume:
         """The volume in an array or image of another library, with its grid, unit and name; a view where possible.
 
@@ -175,8 +209,9 @@ class Volume:
         """The same samples, drawn only where a mask is not 0, or has one of `labels`.
 
         mask: a Volume on any grid in the same world; an array [D, H, W] on this grid; a file, or "FILE:3,7:outside" as
-        on the command line. A voxel is kept if its centre lies in a kept voxel of the mask. outside: keeps the others
-        instead. Several masks keep what all of them keep. Raises InputError if nothing is left.
+        on the command line; Scissors with a camera. A voxel is kept if its centre lies in a kept voxel of the mask.
+        outside: keeps the others instead. Several masks keep what all of them keep. Raises InputError if nothing is
+        left.
         """
         from splatgl.data.mask import apply_mask, make_mask
 
@@ -197,6 +232,13 @@ class Volume:
         if self.masks and self.count <= MAX_CACHED:
             return np.asarray(self._cached_mask[tuple(map(slice, low, high))])
         return self._combine_masks(low, high)
+
+    def mask_shares(self, low: Places, high: Places) -> np.ndarray:
+        """uint8: the least value of all masks, 0 to 255, for each voxel low ≤ (z, y, x) < high."""
+        shares = np.full([b - a for a, b in zip(low, high, strict=True)], 255, np.uint8)
+        for mask in self.masks:
+            np.minimum(shares, mask.shares(self, low, high), out=shares)
+        return shares
 
     @cached_property
     def _cached_mask(self) -> np.ndarray:
@@ -225,13 +267,43 @@ class Volume:
         return image_data(self)
 
     def __repr__(self) -> str:
-        """One line: size, type, spacing, frame."""
-        size = "×".join(map(str, self.shape[::-1]))
-        spacing = "×".join(f"{length:g}" for length in self.spacing)
-        parts = [f"{size} {self.samples.dtype}", f"spacing {spacing} {self.unit}".strip(), self.frame or ""]
-        parts += ["colours"] * (self.color is not None) + ["vectors"] * (self.vectors is not None)
-        parts += [f"{1 + len(self.coarser)} levels"] * bool(self.coarser) + ["masked"] * bool(self.masks)
-        return f"<Volume {self.name!r}: {', '.join(part for part in parts if part)}>"
+        """One line of what `facts` lists."""
+        (_, size), *more = self.facts
+        return f"<Volume {self.name!r}: {', '.join([size, *(f'{name} {text}' for name, text in more)])}>"
+
+    def _repr_html_(self) -> str:
+        """A small picture beside the table of `facts`, for notebooks."""
+        return str(import_module("splatgl.viewer.thumbnails").volume_html(self))
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """Names and texts: voxels and type; range of the values, if few are in memory; grid; what else there is."""
+        unit = f" {self.unit}" if self.unit else ""
+        size = (n * step for n, step in zip(self.shape[::-1], self.spacing, strict=True))
+        if self.points is not None:
+            return [("points", f"{len(self.points):,} points"), *([("frame", self.frame)] if self.frame else [])]
+        labels = [label.name or str(label.number) for label in self.labels or ()]
+        listed = {
+            "voxels": f"{times(self.shape[::-1])} {self.samples.dtype}",
+            self.quantity or "values": self._range_text(),
+            "spacing": f"{times(self.spacing)}{unit}",
+            "size": f"{times(size)}{unit}",
+            "frame": self.frame or "",
+            "channels": some([channel.name or str(n) for n, channel in enumerate(self.channels)]),
+            "labels": some(labels),
+            "times": f"{self.times}" if self.times > 1 else "",
+            "levels": f"{1 + len(self.coarser)}" if self.coarser else "",
+            "with": " and ".join([*["colours"] * (self.color is not None), *["vectors"] * (self.vectors is not None)]),
+            "masked": f"by {some([mask.name or 'an array' for mask in self.masks])}" if self.masks else "",
+        }
+        return [(name, text) for name, text in listed.items() if text]
+
+    def _range_text(self) -> str:
+        """The least and the largest finite value; "" of many samples, of those not in memory, and if none is finite."""
+        if not isinstance(self.samples, np.ndarray) or self.count > MOST_SCANNED:
+            return ""
+        values = self.samples[np.isfinite(self.samples)] if self.samples.dtype.kind == "f" else self.samples
+        return f"{values.min():g} … {values.max():g} {self.value_unit}".strip() if values.size else ""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -305,6 +377,16 @@ class Volume:
         z, y, x = (max(start - halo, 0) for start in low)
         d, h, w = (min(stop + halo, size) for stop, size in zip(high, self.shape, strict=True))
         return (z, y, x), (d, h, w)
+
+
+def times(lengths: Iterable[float]) -> str:
+    """Lengths along x, y, z as text."""
+    return "×".join(f"{length:g}" for length in lengths)
+
+
+def some(names: Sequence[str]) -> str:
+    """The first names, and the number of all if there are more."""
+    return ", ".join(names[:MOST_NAMES]) + f", … ({len(names)})" * (len(names) > MOST_NAMES)
 
 
 def with_parts(volume: Volume, change: Callable[[Volume], Volume]) -> Volume:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import Choice, InputError, error_prefix, expected
-from splatgl.options import refuse_unknown
+from splatgl.options import keywords_of, refuse_unknown, with_keywords
 from splatgl.readers.common import silence_libraries
 from splatgl.readers.contents import FIXES, UNKNOWN, describe_bytes, identify, is_n5, is_pattern
 from splatgl.readers.heightmap import terrain_from_heights
@@ -34,6 +34,7 @@ def _import_function(name: str) -> Any:
 LINE_LIMIT = 400
 
 
+@with_keywords(keywords_of(LoadOptions))
 def load(path: str | Path, options: LoadOptions | None = None, **given: Unpack[LoadKeywords]) -> Volume:
     """Loads the volume in a file or Zarr folder, or at an address (https, s3, gs); the contents select the reader.
 

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from splatgl import __version__
-from splatgl.data.arrays import ArrayOptions
 from splatgl.data.image import Image
-from splatgl.data.volume import Volume
+from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected
 from splatgl.fileio import parse_bytes
-from splatgl.options import checked, names_of, refuse_unknown
+from splatgl.options import by_fields, checked, keyword, keywords_of, names_of, refuse_unknown, with_keywords
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.draw import DrawOptions, depths, draw, draw_subject
-from splatgl.scene.meshes import VECTORS
+from splatgl.scene.meshes import VECTORS, Vectors
 from splatgl.scene.mixing import DISPLAY, LINEAR, MIXING, display_image, display_scene, display_settings
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
@@ -32,6 +32,31 @@ if TYPE_CHECKING:
     from splatgl.splat.camera import Camera
 
 
+# options of the transfer function that are keywords; `shading` is a setting
+TRANSFER = names_of(TransferChoice, Transfer)
+# options of a scene that are keywords; the last ones are those of settings as a whole
+SCENE = (*names_of(SceneFile), "labels", "clip_meshes", *VECTORS, "like", "paper")
+_vectors = keywords_of(Vectors)
+# keywords of all pictures: by record, those of a source last
+KEYWORDS = {
+    **keywords_of(ViewOptions, *names_of(ViewOptions)),
+    **keywords_of(Settings, *names_of(Settings)),
+    **keywords_of(TransferChoice),
+    **keywords_of(Transfer, *names_of(Transfer), flags=True),
+    **keywords_of(SceneFile, *names_of(SceneFile), flags=True),
+    **{name: keyword(name, hint) for name, hint in (("labels", "Any"), ("clip_meshes", "bool"))},
+    **{name: _vectors[item].replace(name=name) for name, item in VECTORS.items()},
+    **{name: keyword(name, hint) for name, hint in (("like", "str | None"), ("paper", "bool"))},
+    **keywords_of(DrawOptions, "memory"),
+    "mixing": keyword("mixing", MIXING.kind.hint, LINEAR),
+    **keywords_of(ArrayOptions),
+    **keywords_of(LoadOptions, *names_of(LoadOptions), flags=True),
+    # the unit of an array's lengths, or the length that opacities refer to
+    "unit": keyword("unit", "str | float | None"),
+}
+
+
+@with_keywords(KEYWORDS)
 def depth_map(
     x: Any,
     transfer: Transfer | str | Mapping[str, Any] | None = None,
@@ -53,10 +78,7 @@ def depth_map(
     return depths(OpenScene.read(file), at)
 
 
-# options of the transfer function that are keywords; `unit` is the unit of an array, `shading` a setting
-TRANSFER = ("points", "curve", "gradient", "colormap", "colors", "window", "scale")
-
-
+@with_keywords(KEYWORDS)
 def render(
     x: Any,
     transfer: Transfer | str | Mapping[str, Any] | None = None,
@@ -69,15 +91,17 @@ def render(
     x: anything that `Volume.of` accepts, a file, address, built-in scene or scene.toml, a Volume, or Splats; or a Scene
     or PyVista plotter, which accept only options of the view and the settings.
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
-    options: as on the command line, of the view (azimuth, elevation, zoom, fov, size, eye, look_at, up, orthographic,
-    height), unless there is a camera, and of the settings (blend, antialias, background, …); points, gradient,
-    colormap, window; vectors ("magnitude", "direction"), streamlines, arrows (their number, or True); surfaces
-    (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything that
-    `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory; options of
-    `load` or `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as
-    VTK mixes them. background: linear RGB, a name or "#rrggbb"; without one the image is
-    transparent. `info["notes"]` lists the notes that the command prints about a file. `render` does not compare the
-    picture with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
+    options: those of the command line by their names, of the view (azimuth, elevation, zoom, fov, size, eye, look_at,
+    up, orthographic, height), unless there is a camera, and of the settings (blend, antialias, background, like, …);
+    preset, points, gradient, colormap, window, log; color_of and window_of ({"DAPI": "blue"}), only_labels ([3, 7] or
+    {3: 0.5}); layers (volumes, arrays, Layers or files, one or several) and labels (a segmentation); vectors
+    ("magnitude", "direction"), streamlines, arrows (their number, or True); surfaces (smoothing of segmentations, or
+    True); clip (a condition or plane, or several), crop, mask (anything that `Volume.masked` accepts, or several);
+    meshes; annotate (names as on the command line); threshold, memory; options of `load` or `Volume.of` (spacing,
+    array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as VTK mixes them. background:
+    linear RGB, a name or "#rrggbb"; without one the image is transparent. `info["notes"]` lists the notes that the
+    command prints about a file. `render` does not compare the picture with the float64 reference; `check` does. Raises
+    InputError for bad input, and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
@@ -124,7 +148,7 @@ def scene_of(
     options: Mapping[str, Any],
 ) -> tuple[SceneFile, int | None]:
     """Returns the scene of `x` with the arguments of `render`, and the memory limit; for splats without a volume."""
-    rest, transfer = dict(options), _transfer(transfer)
+    rest, transfer = by_fields(options, Transfer, SceneFile, LoadOptions), _transfer(transfer)
     memory, drawing = rest.pop("memory", None), names_of(ViewOptions, Settings)
     if rest.get("annotate") is None:
         rest.pop("annotate", None)
@@ -150,10 +174,6 @@ def scene_of(
     scene = replace(scene, transfer={**scene.transfer, **transfer}).with_options(**rest)
     scene = scene if "blend" in rest else scene.with_preset_blend()
     return scene, parse_bytes(memory) if isinstance(memory, str) else memory
-
-
-# options of a scene that are keywords
-SCENE = (*(name for name in names_of(SceneFile) if name != "layers"), "clip_meshes", *VECTORS)
 
 
 def _source(x: Any, reading: dict[str, Any]) -> SceneFile:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,9 +24,10 @@ from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.splat.camera import Camera
+    from splatgl.splat.camera import Bounded, Camera
     from splatgl.splat.clipping import Part, Plane
     from splatgl.splat.scene import Layer, Scene
+    from splatgl.splat.scissors import Scissors
     from splatgl.splat.splats import Splats
 
 # extraction and cameras are imported once there is a volume: bad input is reported at once
@@ -64,6 +65,7 @@ class OpenScene:
     @classmethod
     def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True) -> OpenScene:
         """The scene of a file and its volume, which is in memory."""
+        file, volume = apply_scissors(file, volume)
         transfer, file, settings = file.transfer_for(volume), file.cut(volume), file.settings
         if file.auto_background and not BLENDS[settings.blend].unbounded:
             # several channels glow
@@ -118,23 +120,28 @@ class OpenScene:
     @cached_property
     def camera(self) -> Camera:
         """The camera of the picture; a view without an eye is fitted to what is visible."""
+        if self.fixed_camera is not None:
+            return self.fixed_camera
+        return self.file.view.camera(self.volume, self.fitted)
+
+    @property
+    def fitted(self) -> Bounded:
+        """Subject to which a view without an eye is fitted."""
         from splatgl.splat.extract import why_only_pre
         from splatgl.splat.opaque_bounds import Opaque
         from splatgl.splat.resolve import why_per_splat
 
-        if self.fixed_camera is not None:
-            return self.fixed_camera
-        view, settings, volume = self.file.view, self.file.settings, self.volume
+        settings, volume = self.file.settings, self.volume
         if not self.is_single:
-            return view.camera(volume, self.scene)
-        if view.is_fixed(volume):
-            return view.camera(volume, volume)
+            return self.scene
+        if self.file.view.is_fixed(volume):
+            return volume
         why = why_only_pre(volume, self.transfer, self.file.threshold) or why_per_splat(settings, moving=False)
         # of several levels, one is chosen by the camera
         is_pre = settings.classification == "pre" or why is not None
         if is_pre and not volume.coarser and len(self.splats):
-            return view.camera(volume, self.splats)
-        return view.camera(volume, Opaque(volume, self.transfer))
+            return self.splats
+        return Opaque(volume, self.transfer)
 
     @property
     def annotated_subject(self) -> Subject:
@@ -179,6 +186,28 @@ class OpenScene:
         clip = "clip or crop less, " if file.settings.clip or file.clip or file.crop else ""
         fix = f"{clip}lower --threshold, or set --points to the values that matter"
         return expected(file.volume, this, "none", fix)
+
+
+def apply_scissors(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
+    """The scene with the view of the whole, of which its scissors without a camera take what they see; and the volume
+    that they leave, with its channels.
+    """
+    if not file.scissors:
+        return file, volume
+    from splatgl.splat.clipping import Part
+
+    whole = OpenScene.of(replace(file, scissors=()), volume)
+    camera, frame = whole.camera, volume.frame
+    scissors = tuple(each.seen_by(camera, frame) for each in file.scissors)
+    view = file.view.fitted(Part(whole.fitted.outline, frame))
+    return replace(file, scissors=scissors, view=view), masked_by(volume, scissors)
+
+
+def masked_by(volume: Volume, scissors: Sequence[Scissors]) -> Volume:
+    """The volume that scissors leave."""
+    for each in scissors:
+        volume = volume.masked(each)
+    return volume
 
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -248,7 +277,7 @@ def is_layered(file: SceneFile, volume: Volume) -> bool:
     of_channels = len(volume.channels) > 1 or file.transfer.keys() & {"color_of", "window_of"}
     is_hidden = is_mesh(file.volume) or not file.visible
     has_surfaces = file.surfaces is not None or file.vectors.has_lines
-    return bool(file.layers or file.meshes or has_surfaces or of_channels or is_hidden)
+    return bool(file.layers or file.meshes or has_surfaces or of_channels or is_hidden or file.uncut)
 
 
 def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet: bool = True) -> list[Layer]:
@@ -260,7 +289,7 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
     for layer in (layer for layer in file.layers if layer.visible):
         masked = replace(layer, mask=file.mask) if layer.mask is None else layer
         source = replace(masked, surfaces=file.surfaces) if layer.surfaces is None else masked
-        other = source.open()
+        other = masked_by(source.open(), file.scissors)
         print_notes(other, is_quiet, layer=source.volume)
         planes = None if source.clip is None and not source.crop else source.cut(other).settings.clip
         channels = channel_layers(source, other, source.transfer_for(other), planes)
@@ -284,7 +313,8 @@ def channel_layers(
     if len(volume.channels) < 2:
         if colors or windows:
             raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
-        return [Layer(volume, transfer, visible=file.visible, threshold=file.threshold, clip=planes)]
+        uncut = file.uncut or None
+        return [Layer(volume, transfer, 1.0, file.visible, file.threshold, planes, uncut=uncut)]
     if volume.points is not None:
         transfers = [transfer] * len(volume.channels)
     elif all(channel.labels for channel in volume.channels) and not (colors or windows):
@@ -295,7 +325,8 @@ def channel_layers(
         base = plain.transfer_for(volume) if file.transfer.keys() & {"points", "preset"} else None
         transfers = [look.weakened(file.opacity) for look in channel_transfers(volume, colors, windows, base)]
     channels = zip(volume.channels, transfers, strict=True)
-    return [Layer(channel, look, 1.0, file.visible, file.threshold, planes) for channel, look in channels]
+    uncut = file.uncut or None
+    return [Layer(channel, look, 1.0, file.visible, file.threshold, planes, uncut=uncut) for channel, look in channels]
 
 
 def _segment_transfer(file: SceneFile, channel: Volume) -> Transfer:

@@ -3,6 +3,8 @@
 volume = "head.nii.gz"          # beside the scene file, or the name of a built-in scene
 threshold = 0.0
 clip = ["x>0.3", "z>=30mm"]     # parts to keep; crop = "10:90,:,:" in voxels; mask = "brain.nii.gz", or several
+uncut = "seg.nrrd:3"            # part that clip and crop leave whole; or labels of a segmentation, "3,7"
+scissors = ["0,0 1,0 1,0.5"]    # as --scissors; [[scissors]]: outline, keep, and a view: eye, look_at, up, fov | height
 annotate = ["scale", "title=A"] # as --annotate
 [load]                          # as LoadOptions
 [transfer]                      # preset, curve = "band:50%,90%", colors = "60:red,120:#fda", or fields of Transfer
@@ -23,19 +25,31 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from splatgl.annotations.annotate import check, parse_annotations
 from splatgl.annotations.canvas import Measure
 from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Hints, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_value
-from splatgl.options import Group, Kind, check_options, declared, names_of, non_default, option, refuse_unknown
+from splatgl.options import (
+    Group,
+    Kind,
+    check_options,
+    checked,
+    declared,
+    names_of,
+    non_default,
+    option,
+    refuse_unknown,
+)
 from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
-from splatgl.scene.transfer_choice import TransferChoice
+from splatgl.scene.transfer_choice import LABEL, TransferChoice, several
 from splatgl.scene.view import ViewOptions, orient_flat_stack
 from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, mark_kind
@@ -47,6 +61,7 @@ from splatgl.splat.presets import (
     preset,
     preset_named,
 )
+from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
 from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import statistics
@@ -61,7 +76,7 @@ if TYPE_CHECKING:
 # types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
     **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors", "animation")},
-    **{name: list for name in ("layer", "mesh", "measure", "annotate")},
+    **{name: list for name in ("layer", "mesh", "measure", "annotate", "scissors")},
     "volume": str,
 }
 # keys of a transfer function for channels: pairs of a channel and a colour, or a window
@@ -75,7 +90,7 @@ TRACK = ("ease", "path", "keyframe")
 ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
-PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "surfaces")
+PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "uncut", "surfaces")
 
 
 def refuse_both(keys: Mapping[str, Any]) -> None:
@@ -102,19 +117,27 @@ def read_nodes(keys: Mapping[str, Any], volume: Volume, scale: str) -> dict[str,
     return rest
 
 
-def _several(value: Any) -> tuple[Any, ...]:
-    """Returns one value or several as a tuple, () for ""."""
-    if isinstance(value, list | tuple):
-        return tuple(value)
-    return () if isinstance(value, str) and not value else (value,)
-
-
 def _annotations(value: Any) -> tuple[str, ...]:
     return parse_annotations(value) if isinstance(value, str) else check(value)
 
 
 def _clip(value: Any) -> tuple[Any, ...]:
     return (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
+
+
+def _uncut(value: Any) -> str:
+    """The text of labels, a number or several, or of a mask."""
+    if isinstance(value, str):
+        return value
+    return ",".join(str(LABEL.check(number)) for number in (value if isinstance(value, Iterable) else (value,)))
+
+
+def _scissors(value: Any) -> tuple[Scissors, ...]:
+    one = isinstance(value, str | Mapping | Scissors)
+    return tuple(map(Scissors.of, [value] if one else value))
+
+
+_LAYER = Kind("an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]", hint="Any")
 
 
 @dataclass(frozen=True)
@@ -155,10 +178,24 @@ class SceneFile:
     )
     mask: tuple[Any, ...] | None = option(
         None,
-        Kind("FILE[:N,N…][:outside], or several", _several, metavar="FILE[:N,N…][:outside]", hint="Any"),
+        Kind("FILE[:N,N…][:outside], or several", several, metavar="FILE[:N,N…][:outside]", hint="Any"),
         "keep voxels inside a mask file. N,N…: inside these labels of it; outside: outside of them; repeatable",
         group=Group.CLIPPING,
         level="basic",
+        repeat=True,
+    )
+    uncut: str = option(
+        "",
+        Kind("labels, or FILE[:N,N…][:outside]", _uncut, metavar="N,N…|FILE[:N,N…]", hint="str | int | Sequence[int]"),
+        "leave segments whole that --clip and --crop would cut. Labels of the drawn segmentation, or of a file",
+        group=Group.CLIPPING,
+    )
+    scissors: tuple[Scissors, ...] = option(
+        (),
+        Kind("an outline", _scissors, Scissors, '"X,Y X,Y X,Y…[:keep]"', written=FORM, hint="Any"),
+        "remove what lies under an outline in the picture. Corners are shares of its width and height; keep: keep only "
+        "that; repeatable",
+        group=Group.CLIPPING,
         repeat=True,
     )
     surfaces: float | None = option(
@@ -170,7 +207,7 @@ class SceneFile:
     )
     layers: tuple[SceneFile, ...] = option(
         (),
-        Kind("an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]"),
+        _LAYER,
         "another volume. LOOK: a preset or a colour map; OPACITY: a factor from 0 to 1; repeatable",
         group=Group.LAYERS,
         level="basic",
@@ -209,6 +246,22 @@ class SceneFile:
         return cls(
             source, transfer={"preset" if is_preset(look) else "colormap": look} if look else {}, opacity=opacity
         )
+
+    @classmethod
+    def of(cls, layer: Any) -> SceneFile:
+        """Returns the scene of a Layer, or of anything that `Volume.of` accepts, in memory; text is read."""
+        from splatgl.splat.scene import Layer
+
+        if isinstance(layer, SceneFile | str | Path):
+            return layer if isinstance(layer, SceneFile) else checked(replace(_LAYER, check=cls.read), "layers", layer)
+        if not isinstance(layer, Layer):
+            volume = Volume.of(layer)
+            return cls(volume.name or "array", held=volume)
+        assert layer.transfer is not None
+        clip = None if layer.clip is None else _clip(layer.clip)
+        look: dict[str, Any] = {"threshold": layer.threshold, "surfaces": layer.surfaces, "visible": layer.visible}
+        name = layer.volume.name or "layer"
+        return cls(name, transfer=layer.transfer.fields, clip=clip, held=layer.volume, **look)
 
     @classmethod
     def from_toml(cls, path: Path) -> SceneFile:
@@ -253,10 +306,10 @@ class SceneFile:
             refuse_unknown("load", table.get("load", {}), declared(LoadOptions))
             LoadOptions(**table.get("load", {}))
         for key, form in (("clip", "conditions"), ("mask", "FILE[:N,N…][:outside], or several")):
-            if not all(isinstance(text, str) and text for text in _several(table.get(key, ()))):
+            if not all(isinstance(text, str) and text for text in several(table.get(key, ()))):
                 raise expected(f"{source}: {key}", f"{form}, each in quotes", repr(table[key])[:80])
         with error_prefix(source):
-            options = {name: table[name] for name in (*PLAIN, "annotate") if name in table}
+            options = {name: table[name] for name in (*PLAIN, "annotate", "scissors") if name in table}
             return cls(table["volume"], table.get("load", {}), table.get("transfer", {}), **options)
 
     def with_paths(self, move: Callable[[str], str]) -> SceneFile:
@@ -269,7 +322,7 @@ class SceneFile:
             if not isinstance(mask, str) or is_address(mask):
                 return mask
             file, labels, outside = parse_mask(mask)
-            return ":".join(filter(None, (move(file), ",".join(map(str, labels)), OUTSIDE * outside)))
+            return ":".join(filter(None, (file and move(file), ",".join(map(str, labels)), OUTSIDE * outside)))
 
         reading = {name: place(str(value)) if name == "color" else value for name, value in self.load.items()}
         return replace(
@@ -277,6 +330,7 @@ class SceneFile:
             volume=self.volume if self.volume in SCENES and not self.load else place(self.volume),
             load=reading,
             mask=None if self.mask is None else tuple(map(place_mask, self.mask)),
+            uncut=place_mask(self.uncut),
             layers=tuple(layer.with_paths(move) for layer in self.layers),
             meshes=tuple(mesh if mesh.held else replace(mesh, file=place(mesh.file)) for mesh in self.meshes),
         )
@@ -290,16 +344,21 @@ class SceneFile:
         the settings and the scene itself. Layers and meshes are added. Raises InputError for bad values.
         """
         scene_options = {name: options[name] for name in declared(SceneFile) if name in options}
-        layers = (*self.layers, *scene_options.pop("layers", ()))
-        transfer = {name: options[name] for name in names_of(TransferChoice, Transfer) if name in options}
+        layers = (*self.layers, *map(SceneFile.of, several(scene_options.pop("layers", ()))))
+        transfer = {name: options[name] for name in names_of(Transfer) if name in options}
+        for name, choice in declared(TransferChoice).items():
+            if options.get(name) is not None:
+                transfer[name] = checked(choice.kind, name, options[name])
         reading = {**self.load, **{name: options[name] for name in declared(LoadOptions) if name in options}}
         if "labels" in options:
             chosen = {name: transfer.pop(name, ()) for name in ("only_labels", "name_of")}
             layers = (*layers, replace(self._find_labels(options["labels"], reading), transfer=chosen))
-        meshes = (*self.meshes, *map(MeshFile.of, _several(scene_options.pop("meshes", ()))))
+        meshes = (*self.meshes, *map(MeshFile.of, several(scene_options.pop("meshes", ()))))
         if options.get("clip_meshes"):
             adds_volume = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
             meshes = tuple(replace(mesh, clip=True) for mesh in [MeshFile(self.volume)] * adds_volume + [*meshes])
+        base = Settings.paper() if options.get("paper") else self.settings
+        base = Settings.like(options["like"], **base.given) if options.get("like") else base
         settings = {name: options[name] for name in names_of(Settings) if name in options}
         replaced = {name for given in transfer for name in REPLACES.get(given, ())}
         kept = {name: value for name, value in self.transfer.items() if name not in replaced}
@@ -312,11 +371,20 @@ class SceneFile:
             transfer={**kept, **transfer},
             view=replace(self.view, **{name: options[name] for name in names_of(ViewOptions) if name in options}),
             vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
-            settings=replace(self.settings, **settings),
+            settings=replace(base, **settings),
         )
 
-    def _find_labels(self, name: str, reading: dict[str, Any]) -> SceneFile:
-        """Returns the labels in a file, or those of that name beside the image in a Zarr store."""
+    def _find_labels(self, name: Any, reading: dict[str, Any]) -> SceneFile:
+        """Returns the labels in memory or in a file, or those of that name beside the image in a Zarr store. An array
+        without a grid, of as many samples as the volume in memory, has that volume's grid.
+        """
+        if not isinstance(name, str | Path):
+            labels = Volume.of(name, values="labels")
+            if self.held is not None and isinstance(name, np.ndarray) and labels.shape == self.held.shape:
+                labels = replace(self.held, samples=labels.samples, color=None, vectors=None, coarser=(), channels=())
+                labels = replace(labels, masks=(), hints=Hints(), name="labels").of_values("labels")
+            return SceneFile(labels.name or "labels", held=labels)
+        name = str(name)
         if self.volume in SCENES or is_address(self.volume) or is_address(name) or Path(name).exists():
             return SceneFile(name)
         array = find_labels(Path(self.volume), LoadOptions(**reading), name)
@@ -343,6 +411,9 @@ class SceneFile:
         lines = scene._lines("", {**tables, "vectors": non_default(self.vectors), "animation": animation})
         for row in self.animation.get("keyframe", ()):
             lines += ["", "[[animation.keyframe]]", *(f"{name} = {toml_value(name, row[name])}" for name in row)]
+        for scissors in scene.scissors:
+            rows = scissors.table.items()
+            lines += ["", "[[scissors]]", *(f"{key} = {toml_value(key, value)}" for key, value in rows)]
         for layer in scene.layers:
             lines += ["", "[[layer]]", *layer._lines("layer.", {})]
         for mesh in scene.meshes:
@@ -373,6 +444,8 @@ class SceneFile:
             "meshes": len(self.meshes) or None,
             "surfaces": None if self.surfaces is None else f"{self.surfaces:g}",
             "vectors": "streamlines or arrows" if self.vectors.has_lines else None,
+            "scissors": len(self.scissors) or None,
+            "uncut": self.uncut or None,
         }
         for name, value in others.items():
             if value is not None:
@@ -382,10 +455,10 @@ class SceneFile:
     def files(self) -> tuple[str, ...]:
         """Names of all files: volume, colours, masks, meshes, and the files of layers."""
         color = self.load.get("color")
-        masks = [parse_mask(mask)[0] for mask in self.mask or () if isinstance(mask, str)]
+        masks = [parse_mask(mask)[0] for mask in (*(self.mask or ()), self.uncut) if isinstance(mask, str)]
         meshes = [mesh.file for mesh in self.meshes if mesh.held is None]
         layer_files = [file for layer in self.layers for file in layer.files]
-        return (self.volume, *([color] if color else []), *masks, *meshes, *layer_files)
+        return (self.volume, *([color] if color else []), *filter(None, masks), *meshes, *layer_files)
 
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""

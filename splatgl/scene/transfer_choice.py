@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from splatgl.data.color import srgb_of_name
 from splatgl.options import Group, Kind, option
+
+# number of a label
+LABEL = Kind.whole(-(2**63), 2**63)
 
 
 def read_channel_color(text: str) -> tuple[str, str]:
@@ -39,6 +45,31 @@ def read_labels(text: str) -> tuple[tuple[int, float], ...]:
     return tuple((int(number), float(factor or 1)) for number, _, factor in pairs)
 
 
+def several(value: Any) -> tuple[Any, ...]:
+    """Returns one value or several as a tuple, () for ""."""
+    if isinstance(value, list | tuple):
+        return tuple(value)
+    return () if isinstance(value, str) and not value else (value,)
+
+
+def _labels(value: Any) -> tuple[tuple[int, float], ...]:
+    """Returns labels and opacity factors of text, numbers, pairs or a mapping of them. Raises ValueError otherwise."""
+    if isinstance(value, str):
+        return read_labels(value)
+    pairs = value.items() if isinstance(value, Mapping) else value
+    rows = [pair if isinstance(pair, list | tuple) else (pair, 1.0) for pair in pairs]
+    return tuple((LABEL.check(number), float(factor)) for number, factor in rows)
+
+
+def _pairs(read: Callable[[str], Any], write: Callable[[Any], str], value: Any) -> tuple[Any, ...]:
+    """Returns what `read` takes from each NAME=TEXT, of texts, pairs or a mapping.
+
+    write: the text of a value.
+    """
+    pairs = value.items() if isinstance(value, Mapping) else several(value)
+    return tuple(read(pair if isinstance(pair, str) else f"{pair[0]}={write(pair[1])}") for pair in pairs)
+
+
 @dataclass(frozen=True)
 class TransferChoice:
     """Options of a transfer function that are not its fields."""
@@ -66,27 +97,52 @@ class TransferChoice:
     )
     only_labels: tuple[tuple[int, float], ...] = option(
         (),
-        Kind("labels N or N:A", tuple, read_labels, "N[:A],N…", written="labels N or N:A, separated by commas, or all"),
+        Kind(
+            "labels N or N:A",
+            _labels,
+            read_labels,
+            "N[:A],N…",
+            written="labels N or N:A, separated by commas, or all",
+            hint="str | Sequence[int | tuple[int, float]] | Mapping[int, float]",
+        ),
         "labels of a segmentation to show, or all. A: a factor of their opacity",
         group=Group.TRANSFER,
     )
     name_of: tuple[tuple[int, str], ...] = option(
         (),
-        Kind("a whole number and a name", tuple, read_label_name, "NUMBER=NAME"),
+        Kind(
+            "a whole number and a name",
+            partial(_pairs, read_label_name, str),
+            read_label_name,
+            "NUMBER=NAME",
+            hint="Mapping[int, str] | Sequence[str]",
+        ),
         "name of a segment, instead of the file's, by the number of its voxels (repeatable)",
         group=Group.TRANSFER,
         repeat=True,
     )
     color_of: tuple[tuple[str, str], ...] = option(
         (),
-        Kind("a colour #rrggbb, #rgb or of a name in CSS", tuple, read_channel_color, "CHANNEL=COLOR"),
+        Kind(
+            "a colour #rrggbb, #rgb or of a name in CSS",
+            partial(_pairs, read_channel_color, str),
+            read_channel_color,
+            "CHANNEL=COLOR",
+            hint="Mapping[str, str] | Sequence[str]",
+        ),
         "colour of a channel, #rrggbb or a CSS name (repeatable)",
         group=Group.TRANSFER,
         repeat=True,
     )
     window_of: tuple[tuple[str, tuple[float, float]], ...] = option(
         (),
-        Kind("LOW below HIGH", tuple, read_channel_window, "CHANNEL=LOW,HIGH"),
+        Kind(
+            "LOW below HIGH",
+            partial(_pairs, read_channel_window, lambda window: ",".join(map(repr, map(float, window)))),
+            read_channel_window,
+            "CHANNEL=LOW,HIGH",
+            hint="Mapping[str, Numbers] | Sequence[str]",
+        ),
         "values of a channel that its colours span, from clear to opaque (repeatable)",
         group=Group.TRANSFER,
         repeat=True,

@@ -41,7 +41,8 @@ _made: WeakKeyDictionary[Volume, MaskField | None] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class MaskField:
-    """kept uint8 [d, h, w]: 255 or 0 for voxels from `low` (x, y, z) on; clamped beyond. world: turns gradients from
+    """kept uint8 [d, h, w]: 255 or 0 for voxels from `low` (x, y, z) on, and between where faces lie between centres of
+    voxels; clamped beyond. world: turns gradients from
     index axes to world axes, per mean spacing.
     """
 
@@ -103,8 +104,8 @@ class MaskField:
             )
         kept = np.zeros(high - low, np.uint8)
         (z0, y0, x0), (z1, y1, x1) = low.tolist(), high.tolist()
-        for z, plane in _planes(volume, (z0, y0, x0), (z1, y1, x1)):
-            kept[z - z0] = plane * np.uint8(255)
+        for z in range(z0, z1):
+            kept[z - z0] = volume.mask_shares((z, y0, x0), (z + 1, y1, x1))[0]
         grid = Grid.of(volume)
         return cls(kept, (x0, y0, z0), np.linalg.inv(grid.world_from_index) * grid.mean_spacing, volume.shape)
 
@@ -150,7 +151,7 @@ class MaskField:
         """bool [N]: whether grid positions [N, 3] lie in kept voxels."""
         last = np.array(self.kept.shape[::-1]) - 1
         x, y, z = np.clip(np.rint(positions).astype(np.int64) - np.array(self.low), 0, last).T
-        return np.asarray(self.kept[z, y, x] > 0)
+        return np.asarray(self.kept[z, y, x] > 127)
 
     @cached_property
     def _near(self) -> tuple[np.ndarray, np.ndarray]:

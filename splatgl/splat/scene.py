@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.mask import parse_mask
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
@@ -71,7 +72,8 @@ MOST_LAYERS = 8
 class Layer:
     """A volume and its appearance. transfer: None: the default one. opacity: factor from 0 to 1 of the transfer
     function's opacities. threshold: as of `extract`. clip: conditions on the volume's box, or planes; None: the planes
-    of the scene. surfaces: smoothing of a segmentation's surfaces, as of `surfaces`; None: boxes of voxels.
+    of the scene. surfaces: smoothing of a segmentation's surfaces, as of `surfaces`; None: boxes of voxels. uncut: part
+    that planes leave whole: labels of the volume, a number or several, or "3,7"; or what `Volume.masked` accepts.
     """
 
     volume: Volume
@@ -81,6 +83,7 @@ class Layer:
     threshold: float = 0.0
     clip: str | Sequence[Any] | None = None
     surfaces: float | None = None
+    uncut: Any = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.opacity <= 1:
@@ -102,6 +105,25 @@ class Layer:
             planes = parse_planes(self.clip, Box.of([self.volume]))
             object.__setattr__(layer, "clip", tuple((-x, -y, z, d) for x, y, z, d in planes))
         return layer
+
+    def parts(self) -> list[Layer]:
+        """The part that planes leave whole, and the rest; the layer alone if they cut all of it."""
+        if self.uncut is None:
+            return [self]
+        whole, labels, outside = replace(self.volume, masks=()), list[int](), False
+        mask = self.uncut
+        if isinstance(mask, str):
+            file, numbers, outside = parse_mask(mask)
+            labels, mask = (list(numbers), whole) if not file else ([], mask)
+        elif isinstance(mask, int | np.integer) or (isinstance(mask, list | tuple) and mask):
+            labels, mask = [int(number) for number in np.atleast_1d(mask)], whole
+        outside = outside and mask is whole
+        kept, rest = copy(self), copy(self)
+        for layer, beyond in ((kept, outside), (rest, not outside)):
+            object.__setattr__(layer, "volume", self.volume.masked(mask, labels, beyond))
+            object.__setattr__(layer, "uncut", None)
+        object.__setattr__(kept, "clip", ())
+        return [kept, rest]
 
     @property
     def seen(self) -> Transfer:
@@ -130,7 +152,7 @@ class Scene:
     def __post_init__(self) -> None:
         layers = tuple(Layer(layer) if isinstance(layer, Volume) else layer for layer in self.layers)
         first = _frame(layers)
-        object.__setattr__(self, "layers", tuple(layer.placed(first) for layer in layers))
+        object.__setattr__(self, "layers", tuple(part for layer in layers for part in layer.placed(first).parts()))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
         planes = parse_planes(self.clip, Box.of(layer.volume for layer in self.shown)) if self.clip else ()

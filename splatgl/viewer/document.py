@@ -17,7 +17,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import expected
 from splatgl.scene.meshes import MeshFile, surfaces_of
-from splatgl.scene.open_scene import channel_layers, is_layered, print_notes
+from splatgl.scene.open_scene import apply_scissors, channel_layers, is_layered, masked_by, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
@@ -292,6 +292,7 @@ class Document:
             raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
         volume = scene.open()
         print_notes(volume, quiet, has_times=True)
+        scene, volume = apply_scissors(scene, volume)
         scene = scene.cut(volume)
         # refuses a bad one
         Movie.of(scene.animation, volume)
@@ -547,7 +548,7 @@ def _no_splats(splats: Splats) -> Splats:
 
 def read_layer(source: SceneFile, scene: SceneFile, quiet: bool = False) -> list[tuple[LayerSplats, LayerStyle]]:
     """Layers and styles of a file that is laid over a scene, one for each channel. Raises InputError as its reader."""
-    volume = (replace(source, mask=scene.mask) if source.mask is None else source).open()
+    volume = masked_by((replace(source, mask=scene.mask) if source.mask is None else source).open(), scene.scissors)
     print_notes(volume, quiet, has_times=True, layer=source.volume)
     clip = None if source.clip is None and not source.crop else source.cut(volume).settings.clip
     return _channels(source, volume, scene.settings, clip)
@@ -570,8 +571,11 @@ def _channels(
         opacity = 1.0 if folds_opacity else source.opacity
         style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
         style = style_with_segments(style, channel.volume, source.transfer)
-        layer = LayerSplats.of_volume(name, scene, samples, style.stated, clip)
-        pairs.append((layer, style.with_unit(layer.transfer.unit)))
+        for part in channel.parts():
+            shown = samples if part is channel else part.volume
+            planes = clip if part.clip is None else ()
+            layer = LayerSplats.of_volume(name, scene, shown, style.stated, planes)
+            pairs.append((layer, style.with_unit(layer.transfer.unit)))
     return pairs
 
 

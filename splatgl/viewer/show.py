@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from splatgl.data.image import Image
 from splatgl.errors import InputError
+from splatgl.options import with_keywords
 from splatgl.platforms import has_display
+from splatgl.scene.api import KEYWORDS, is_splats, picture, scene_of
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from splatgl.viewer.notebook import View
 
 
+@with_keywords(KEYWORDS)
 def show(
     x: Any,
     transfer: Transfer | str | Mapping[str, Any] | None = None,
@@ -44,8 +47,6 @@ def show(
     sg.show("head.nii.gz", blend="mip", size=200)
     ```
     """
-    from splatgl.scene.api import is_splats, picture, scene_of
-
     if isinstance(x, Image):
         return x
     scene, memory = scene_of(x, transfer, camera, settings, options)

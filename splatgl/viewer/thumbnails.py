@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume, halve_volume
+from splatgl.errors import InputError
 from splatgl.splat.camera import Camera
 from splatgl.splat.presets import default_transfer
 from splatgl.splat.scene import Layer, Scene
@@ -25,10 +28,19 @@ AZIMUTH, ELEVATION = 30.0, 20.0
 LIGHT, DARK, CHECK = 0.6, 0.35, 6
 
 
-def volume_png(volume: Volume) -> bytes | None:
-    """PNG of a volume in its default transfer function; None of one that takes long to read."""
-    small = reduce_volume(volume)
-    return None if small is None else _draw(Scene([Layer(small, default_transfer(small))]))
+def volume_html(volume: Volume) -> str:
+    """A picture of a volume in its default transfer function, unless it takes long to read, beside a table of facts."""
+    facts = list(volume.facts)
+    try:
+        small = None if volume.points is not None else reduce_volume(volume)
+        png = None if small is None else _draw(Scene([Layer(small, default_transfer(small))]))
+    except InputError as error:
+        png, facts = None, [*facts, ("no picture", str(error))]
+    source = f"data:image/png;base64,{b64encode(png).decode()}" if png else ""
+    picture = f'<img src="{source}" width="{SIDE}" height="{SIDE}" alt="">' if png else ""
+    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts)
+    table = f"<table><caption>{escape(volume.name or 'Volume')}</caption>{rows}</table>"
+    return f'<div style="display: flex; gap: 1em; align-items: center">{picture}{table}</div>'
 
 
 def scene_png(scene: Scene) -> bytes | None:

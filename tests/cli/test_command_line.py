@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -423,6 +424,16 @@ def test_a_missing_library_is_told_before_any_work(here: Path, capsys: Said, mon
         ("--streamlines --arrows 5 --surfaces", {"streamlines": True, "arrows": 5, "surfaces": True}),
         ("--mesh a.ply --clip-meshes", {"meshes": "a.ply", "clip_meshes": True}),
         ("--channel 1 --spacing 1,2,3", {"channel": "1", "spacing": (1.0, 2.0, 3.0)}),
+        ("--preset mri --log --offset 3", {"preset": "mri", "log": True, "offset": 3}),
+        ("--mesh a.ply --layer b.nii:hot:0.5", {"mesh": "a.ply", "layers": ["b.nii:hot:0.5"]}),
+        ("--labels a.nii --only-labels 3,4:0.5", {"labels": "a.nii", "only_labels": {3: 1, 4: 0.5}}),
+        ("--labels a.nii --only-labels 3,4", {"labels": Path("a.nii"), "only_labels": [3, np.int64(4)]}),
+        (
+            "--color-of 0=red --color-of a=b=#00f --window-of 1=2,3",
+            {"color_of": {0: "#ff0000", "a=b": "blue"}, "window_of": {"1": np.array([2, 3])}},
+        ),
+        ("--like 0.1 --samples 2 --paper", {"like": "0.1", "samples": 2, "paper": True}),
+        ("--unit 2.5 --point-size 3", {"unit": 2.5, "point_size": 3.0}),
     ],
 )
 def test_command_line_keywords_and_scene_files_agree(typed: str, keywords: dict[str, Any], here: Path) -> None:
@@ -430,3 +441,35 @@ def test_command_line_keywords_and_scene_files_agree(typed: str, keywords: dict[
     scene, _ = scene_of("noise.npy", None, None, None, keywords)
     Path("again.toml").write_text(written.to_toml(here))
     assert written.to_toml(here) == scene.to_toml(here) == SceneFile.from_toml(Path("again.toml")).to_toml(here)
+
+
+# options of files to write, of what is checked or printed, of OpenGL and of workers
+ELSEWHERE = {"output", "quiet", "bits", "depth", "depth_at", "ref", "check", "explain", "savings", "backend", "device"}
+ELSEWHERE |= {"gpu", "workers", "scheduler", "devices", "help", "help_all"}
+
+
+def test_every_option_of_a_picture_is_a_keyword() -> None:
+    """By the name of its flag; what is written, or which OpenGL draws, is no keyword of a picture in memory."""
+    shown = signature(sg.render).parameters
+    names = {flag.removeprefix("--").replace("-", "_") for flag in command("render").flags.values()}
+    assert names - {*shown} == ELSEWHERE
+    for function in (sg.show, sg.depth_map, sg.animate):
+        assert names - {*signature(function).parameters} <= ELSEWHERE
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"only_labels": ["a"]}, "only_labels: expected labels N or N:A"),
+        ({"color_of": {"DAPI": "blau"}}, "color_of: expected a colour"),
+        ({"window_of": {"DAPI": (3, 2)}}, "window_of: expected LOW below HIGH"),
+        ({"log": "yes"}, "log: expected true or false"),
+        ({"layers": "a.nii:hot:7"}, "layers: expected an opacity from 0 to 1"),
+        ({"preset": 3}, "preset: expected a name"),
+        ({"like": "0.7"}, "like: expected a version"),
+    ],
+)
+def test_wrong_keywords_are_told_in_a_line(options: dict[str, Any], told: str) -> None:
+    with pytest.raises(sg.InputError, match=told) as found:
+        scene_of("noise.npy", None, None, None, options)
+    assert "\n" not in str(found.value)

@@ -12,6 +12,7 @@ from typing import get_args
 import keywords
 import pytest
 
+from splatgl.options import keyword
 from splatgl.splat.settings import BLENDS, Blend
 
 ROOT = Path(__file__).parents[2]
@@ -41,6 +42,11 @@ sg.animate("a.nii", "a.gif", frames="many")  # wrong
 sg.animate("a.nii", "a.gif", blend="mipp")  # wrong
 sg.animate("a.nii", "a.gif", azimut=3).pop().stem  # wrong
 sg.render("a.nii", time=slice(3))  # wrong
+sg.render("a.nii", colour_of={"DAPI": "blue"})  # wrong
+sg.render("a.nii", log="yes")  # wrong
+sg.render("a.nii", only_labels=3.5)  # wrong
+sg.render("a.nii", preset="mri", color_of={"DAPI": "blue"}, only_labels=[3, 7], layers=[volume])
+sg.render("a.nii", labels="s.nii", log=True, window_of={"DAPI": (0, 3)}, mesh="a.stl", like="0.1")
 number: int = sg.show(volume)  # wrong
 sg.presets()["mri"].uper()  # wrong
 sg.animate(["a.nii", volume], "a.mp4", "mri", frames=60, spin=3.0, only=(0, 9), fps=25, axis=(0, 0, 1))[0].stem
@@ -66,7 +72,7 @@ def test_the_keywords_are_those_of_the_declared_options() -> None:
 
 def test_an_option_without_a_type_is_refused() -> None:
     with pytest.raises(ValueError, match="options without a hint: b"):
-        list(keywords.write_class("A", "", {"a": "int", "b": ""}))
+        list(keywords.write_class("A", "", {name: keyword(name, hint) for name, hint in (("a", "int"), ("b", ""))}))
 
 
 def lines_of_errors(output: str) -> list[int]:

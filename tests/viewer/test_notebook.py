@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 from base64 import b64decode
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -248,16 +249,22 @@ def test_the_script_in_a_browser(tmp_path: Path) -> None:
     assert "border: 0" in pictures[2]
 
 
-def test_small_pictures_of_objects(volume: sg.Volume) -> None:
+def test_small_pictures_of_objects(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     transfer = sg.Transfer([(0, 0.0), (200, 1.0)], "#ff0000")
     bar = np.asarray(Pillow.open(io.BytesIO(thumbnails.transfer_png(transfer))).convert("RGB"))
     # red below; above, where it is opaque
     assert bar.shape == (48, 240, 3) and (bar[40] == (255, 0, 0)).all()
     assert (bar[2, -1] == (255, 0, 0)).all() and bar[2, 2, 2] > 100
-    found = [thumbnails.volume_png(volume), thumbnails.scene_png(sg.Scene([sg.Layer(volume, transfer, 0.5)]))]
+    page = replace(volume, name="a<b", quantity="dose", value_unit="Gy", unit="mm")._repr_html_()
+    assert "<caption>a&lt;b</caption>" in page and "<th>dose</th><td>0 … 2" in page and "Gy</td>" in page
+    assert "<th>voxels</th><td>40×24×20 uint8</td>" in page and "<th>size</th><td>40×24×20 mm</td>" in page
+    png = b64decode(re.findall('src="data:image/png;base64,(.*?)"', page)[0])
+    found = [png, thumbnails.scene_png(sg.Scene([sg.Layer(volume, transfer, 0.5)]))]
     pictures = [np.asarray(Pillow.open(io.BytesIO(png or b"")).convert("RGB")) for png in found]
     assert all(picture.shape == (192, 192, 3) and picture.max() > 100 for picture in pictures)
     assert pictures[1][..., 1:].max() < 20 < pictures[1][..., 0].max()
+    monkeypatch.setattr(thumbnails, "MOST_READ", 100)
+    assert "<img" not in volume._repr_html_() and "<th>voxels</th>" in volume._repr_html_()
 
 
 def test_without_the_library_the_cell_shows_the_image(
