@@ -21,13 +21,16 @@ from splatgl.data.scenes import FORMULAS
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import InputError, expected
+from splatgl.options import declared
 from splatgl.scene.draw import WorkerOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
+from splatgl.splat.kernels import BUILT_IN
+from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.studies.accuracy.content import CONVERGENCE
 from splatgl.studies.accuracy.ground_truth import LEVELS, Level, Request, Subject, Truths
-from splatgl.studies.accuracy.methods import AXES, methods
+from splatgl.studies.accuracy.methods import AXES, add_kernel, methods
 from splatgl.studies.accuracy.sweep import Task, truths_of
 
 if TYPE_CHECKING:
@@ -56,6 +59,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     level.add_argument("--quick", action="store_true", help="small pictures and coarse volumes, in under a minute")
     level.add_argument("--full", action="store_true", help="full pictures and volumes, however long they take")
     parser.add_argument("--only", nargs="+", action="extend", default=[], metavar="NAME", help="only these")
+    kind = declared(Settings)["kernel"].kind
+    about = "also measure a kernel: a name, or MODULE:NAME of Python, which runs that module's code"
+    parser.add_argument("--kernel", type=kind.parse, metavar=kind.metavar, help=about)
     parser.add_argument("--peers", action="store_true", help="also measure the ray casters of VTK (extra bench)")
     parser.add_argument("--size", type=int, metavar="N", help="pixels along each side of a picture")
     parser.add_argument("--rounds", type=int, metavar="N", help="number of timings of each method")
@@ -69,10 +75,13 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measures and writes the report; returns 0, or 130 after Ctrl-C, with a report of the completed part."""
+    if args.kernel is not None:
+        add_kernel(args.kernel)
     if args.list:
         print(list_methods())
         return 0
-    record_of(args, WorkerOptions)
+    if record_of(args, WorkerOptions).are_used and args.kernel not in (None, *BUILT_IN):
+        raise expected("--kernel", "none of a module, with --workers or --scheduler", args.kernel)
     level = _level(args)
     known = {*methods(), *AXES}
     for name in args.only:

@@ -271,7 +271,7 @@ def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window
         spans, column = _unroll(left[owner], right[owner])
         splat, line = owner[spans], line[spans]
         integral = row.on(splat, np.stack([across[column], down[line]]))
-        hit = np.flatnonzero(integral.value > 0)
+        hit = np.flatnonzero(integral.value != 0)
         pixel = (line[hit] - window.y) * window.width + column[hit] - window.x
         yield Values(splat[hit], pixel, Integral(integral.value[hit], integral.peak[hit]))
 

@@ -62,7 +62,7 @@ def accumulated_error(lookup: Lookup, placement: PlacementError, weight: float, 
     missed = _deviation(lookup, placement)
     value, peak = _profile(lookup.kernel)
     over = np.maximum(missed[None, :] - ABSOLUTE[:, None], 0.0)
-    relative = np.where(over > 0, over / np.maximum(value, 1e-30), 0.0).max(axis=1)
+    relative = np.where(over > 0, over / np.maximum(np.abs(value), 1e-30), 0.0).max(axis=1)
     return float((weight * relative + overlap * peak * ABSOLUTE).min())
 
 
@@ -93,9 +93,10 @@ def _deviation_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
     shape = kernel(lookup.kernel)
     d = _distances(shape)
     value, peak = _profile(lookup.kernel)
-    sides = [shape.footprint(np.clip(d + side * place, 0, None)) / peak for side in (-1, 1)]
+    # where F falls everywhere, the ends have the largest difference
+    sides = [shape.footprint(np.clip(d + side * place, 0, None)) / peak for side in (-1, -0.5, 0.5, 1)]
     moved = np.max([np.abs(side - value) for side in sides], axis=0)
-    return np.asarray(moved + _table_error(lookup, shape, d, value) + (gain + ULP) * value)
+    return np.asarray(moved + _table_error(lookup, shape, d, value) + (gain + ULP) * np.abs(value))
 
 
 def _table_error(lookup: Lookup, shape: Kernel, d: np.ndarray, value: np.ndarray) -> np.ndarray:

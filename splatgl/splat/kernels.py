@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from importlib import import_module
 from itertools import pairwise
 from typing import Protocol
 
@@ -98,6 +100,17 @@ class PiecewiseCubic:
     knots: tuple[float, ...]
     pieces: tuple[tuple[float, float, float, float], ...]
 
+    @classmethod
+    def of_family(cls, name: str, b: float = 1 / 3, c: float = 1 / 3) -> PiecewiseCubic:
+        """The cubic of Mitchell and Netravali (1988) with parameters B and C, as a function of the radius: B-spline (1,
+        0), Mitchell's (⅓, ⅓). Of members with B + 2C = 1 the volume before normalisation is 2πB/3: Catmull-Rom's (0, ½)
+        is 0, which `register_kernel` refuses.
+        """
+        near = (6 - 2 * b, 0.0, -18 + 12 * b + 6 * c, 12 - 9 * b - 6 * c)
+        far = (8 * b + 24 * c, -12 * b - 48 * c, 6 * b + 30 * c, -b - 6 * c)
+        pieces = tuple((p / 6, q / 6, r / 6, s / 6) for p, q, r, s in (near, far))
+        return cls(name, (1.0, 2.0), pieces)
+
     @property
     def radius(self) -> float:
         """R, the last knot."""
@@ -110,7 +123,8 @@ class PiecewiseCubic:
         for high, piece in zip(self.knots, self.pieces, strict=True):
             volume += sum(c * (high ** (n + 3) - low ** (n + 3)) / (n + 3) for n, c in enumerate(piece))
             low = high
-        return 1.0 / (4 * np.pi * volume)
+        # rounding leaves a volume of 0 a little beside it
+        return 1.0 / (4 * np.pi * volume) if abs(volume) > 1e-12 else 1.0
 
     def value(self, r: np.ndarray) -> np.ndarray:
         """g(r), any shape; 0 for r ≥ R."""
@@ -130,7 +144,7 @@ class PiecewiseCubic:
             high = np.minimum(far, half_chord(knot, d))
             total += _cubic_integral(piece, d, high) - _cubic_integral(piece, d, low)
             low = np.maximum(high, low)
-        return self.scale * np.copysign(total, t)
+        return self.scale * total * np.sign(t)
 
     def footprint(self, d: np.ndarray) -> np.ndarray:
         """F(d), d ≥ 0, any shape; 0 for d ≥ R, infinity included."""
@@ -185,6 +199,8 @@ _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 # largest radius, voxels, and step at the rim; a Gaussian truncated at 3e−4 passes
 WIDEST, RIM_STEP = 4.0, 1e-3
+# distances at which a footprint is looked at
+PROFILE = 400
 # the B-spline whose prefiltered coefficients have no limits
 FREE = "b-spline-free"
 KERNELS: dict[str, Kernel] = {
@@ -193,6 +209,10 @@ KERNELS: dict[str, Kernel] = {
     "b-spline": _b_spline("b-spline"),
     FREE: _b_spline(FREE),
 }
+
+
+# names of the kernels that processes have without registering any
+BUILT_IN = frozenset(KERNELS)
 
 
 def kernel(name: str) -> Kernel:
@@ -205,23 +225,53 @@ def kernel(name: str) -> Kernel:
 def register_kernel(shape: Kernel) -> None:
     """Registers a kernel for `Settings(kernel=shape.name)` and the commands of this process.
 
-    Raises InputError for a name in use or not of lower-case letters, digits and hyphens, and for an invalid kernel: of
-    a volume other than 1, negative somewhere, wider than WIDEST, or with a step over RIM_STEP at its rim.
+    A kernel may be negative somewhere: it draws sums, X-rays of voxels classified before. Raises InputError for a name
+    in use or not of lower-case letters, digits and hyphens, and for an invalid kernel: of a volume other than 1, with a
+    footprint that is larger than in the middle, wider than WIDEST, or with a step over RIM_STEP at its rim.
     """
     if shape.name in KERNELS or not re.fullmatch(r"[a-z][a-z0-9-]*", shape.name):
         raise expected("kernel", "a new name of lower-case letters, digits and hyphens", repr(shape.name))
     if not 0 < shape.radius <= WIDEST or shape.radius != shape.knots[-1]:
         raise expected(f"kernel {shape.name}", f"a radius of at most {WIDEST:g}, its last knot", shape.radius)
-    total, least = 0.0, 0.0
-    for r, weights, length in _intervals(shape):
-        value = shape.value(r)
-        total += float(4 * np.pi * length * (weights * r * r * value).sum())
-        least = min(least, float(value.min()))
-    if least < 0 or not abs(total - 1) < 1e-6:
-        raise expected(f"kernel {shape.name}", "values from 0 on, volume 1", f"{least:.3g}, volume {total:.6g}")
-    if rim_step(shape) > RIM_STEP:
+    total = sum(float(4 * np.pi * length * (w * r * r * shape.value(r)).sum()) for r, w, length in _intervals(shape))
+    if not abs(total - 1) < 1e-6:
+        why = "by distance, a kernel that reproduces squares, as Catmull-Rom, has volume 0" if abs(total) < 1e-6 else ""
+        raise expected(f"kernel {shape.name}", "volume 1", f"{total:.6g}", why)
+    d = np.linspace(0.0, shape.radius, PROFILE)
+    if not np.abs(shape.footprint(d)).max() <= (1 + 1e-6) * float(shape.footprint(np.zeros(()))):
+        raise expected(f"kernel {shape.name}", "a footprint that is largest in the middle", "a larger one beside it")
+    if not abs(rim_step(shape)) <= RIM_STEP:
         raise expected(f"kernel {shape.name}", f"a step of at most {RIM_STEP:g} at its rim", f"{rim_step(shape):.3g}")
     KERNELS[shape.name] = shape
+
+
+def import_kernel(text: str) -> str:
+    """Registers the kernel of MODULE:NAME, and returns its name. Importing runs the module's code: only options of a
+    command and of Python may ask for that, no file that is opened.
+
+    Modules are also looked for in the current folder. Raises InputError for a module or a name that there is not.
+    """
+    module, _, name = text.partition(":")
+    sys.path.insert(0, "")
+    try:
+        found = getattr(import_module(module), name)
+    except Exception as error:
+        raise expected(text, "a module and a kernel in it", f"{type(error).__name__}: {error}") from error
+    finally:
+        sys.path.remove("")
+    if not all(hasattr(found, part) for part in ("name", "radius", "knots", "value", "partial", "footprint")):
+        raise expected(f"kernel {text}", "a kernel such as PiecewiseCubic", type(found).__name__)
+    if KERNELS.get(found.name) != found:
+        register_kernel(found)
+    return str(found.name)
+
+
+@lru_cache(maxsize=16)
+def has_negative(name: str) -> bool:
+    """Whether a kernel is negative somewhere, by more than rounding."""
+    shape = kernel(name)
+    least = min(float(shape.value(r).min()) for r, _, _ in _intervals(shape))
+    return least < -1e-6 * float(shape.value(np.zeros(())))
 
 
 @lru_cache(maxsize=8)
@@ -301,9 +351,11 @@ class Polynomials:
 
 @lru_cache(maxsize=4)
 def polynomials(name: str) -> Polynomials | None:
-    """Polynomials within a relative 1.1e−4 of the kernel's F, down to F/F(0) = 1e−7; None unless it has two cubics."""
+    """Polynomials within a relative 1.1e−4 of the kernel's F, down to F/F(0) = 1e−7; None unless it has two cubics, and
+    none below 0.
+    """
     shape = kernel(name)
-    if not isinstance(shape, PiecewiseCubic) or len(shape.knots) != 2:
+    if not isinstance(shape, PiecewiseCubic) or len(shape.knots) != 2 or has_negative(name):
         return None
     near, far = SPLIT * _CHEBYSHEV, SPLIT + (END - SPLIT) * _CHEBYSHEV
     value = [shape.footprint(np.sqrt(s) * shape.radius) / shape.footprint(np.zeros(())) for s in (near, far)]

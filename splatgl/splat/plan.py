@@ -10,9 +10,10 @@ from collections.abc import Hashable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.culling import Window, clip_behind_eye, eye_is_near, screen_bounds
-from splatgl.splat.kernels import Kernel
+from splatgl.splat.kernels import BOX, Kernel, has_negative
 from splatgl.splat.motion import Exposure, Motion, count_moments
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.resolve import Appearance, Resolved, blur_form, classification_notes, select_splats
@@ -323,6 +324,9 @@ def _half_line(splats: Splats, view: GridView, align: str, exposure: Exposure | 
     if align != "exact":
         return False
     near = eye_is_near(splats, view, exposure)
+    if near and view.kernel is not BOX and has_negative(view.kernel.name):
+        what = f"kernel {view.kernel.name}, which is negative somewhere"
+        raise expected(what, "an eye outside of all kernels", "one inside", "move it away")
     if not near:
         notes.append("half lines left out: the eye is in no kernel; the picture is the same")
     return near

@@ -17,7 +17,7 @@ from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.clipping import Clip, clip_splats
 from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
 from splatgl.splat.hidden_interior import LIGHT, REACH, TOLERANCE
-from splatgl.splat.kernels import BOX, Kernel, kernel
+from splatgl.splat.kernels import BOX, Kernel, has_negative, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.motion_blur import MOTIONS
@@ -129,6 +129,8 @@ class Resolved:
         light = Light.of(settings.light, settings.light_from, settings.shadows > 0, settings.strengths)
         cues = _cues(splats, camera, settings, light, notes)
         shape = BOX if boxes else kernel(kernel_name(splats, settings))
+        if shape is not BOX and has_negative(shape.name):
+            _check_sum(shape.name, splats, settings, moving)
         view = GridView.of(splats.grid, fine, shape, antialias)
         beyond, unsure = widening(splats, view)
         sheets = _sheets(splats, settings, view, moving, notes)
@@ -177,6 +179,17 @@ def kernel_name(splats: Splats, settings: Settings) -> str:
     if settings.kernel not in ("auto", splats.post.kernel):
         raise expected("kernel", f"auto or {splats.post.kernel}", settings.kernel, "extract the volume for that kernel")
     return splats.post.kernel
+
+
+def _check_sum(name: str, splats: Splats, settings: Settings, moving: bool) -> None:
+    """Raises InputError for pictures that a kernel cannot draw which is negative somewhere: 1 − exp(−τ) of a splat
+    whose τ is negative is no opacity, means of values may divide by 0, and streaks have no negative energy.
+    """
+    this = "blend xray of still voxels classified before, where depths add up"
+    how = ", classified after" * (splats.post is not None) + ", motion blur" * moving
+    if BLENDS[settings.blend].join != "sum" or how:
+        got = f"blend {settings.blend}{how}"
+        raise expected(f"kernel {name}, which is negative somewhere", this, got, "b-spline is sharp without that")
 
 
 def _sheets(splats: Splats, settings: Settings, view: GridView, moving: bool, notes: list[str]) -> Sheets | None:
@@ -361,6 +374,8 @@ def why_per_splat(settings: Settings, moving: bool) -> str | None:
     for name, value in (("compositing", "splats"), ("attenuation", "opacity")):
         if getattr(settings, name) == value:
             return f"{name} {value}"
+    if settings.kernel != "auto" and has_negative(settings.kernel):
+        return f"kernel {settings.kernel}, which is negative somewhere,"
     return why_not_front_to_back(settings)
 
 

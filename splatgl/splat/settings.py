@@ -11,9 +11,20 @@ import numpy as np
 
 from splatgl.data.color import BACKGROUNDS, CLEAR, Color, read_background
 from splatgl.errors import expected
-from splatgl.options import Group, Kind, check_options, declared, is_number, non_default, option, refuse_unknown
+from splatgl.options import (
+    Group,
+    Kind,
+    check_options,
+    declared,
+    is_number,
+    keywords_of,
+    non_default,
+    option,
+    refuse_unknown,
+    with_keywords,
+)
 from splatgl.splat.clipping import Plane, check_planes
-from splatgl.splat.kernels import KERNELS
+from splatgl.splat.kernels import KERNELS, import_kernel
 from splatgl.splat.lighting import check_place
 
 if TYPE_CHECKING:
@@ -132,6 +143,13 @@ def _background(color: Any) -> Color | None:
     return float(rgb[0]), float(rgb[1]), float(rgb[2])
 
 
+def read_kernel(text: str) -> str:
+    """The name of a kernel, or of that which MODULE:NAME imports. Raises ValueError for an unknown name."""
+    if ":" not in text and text not in ("auto", *KERNELS):
+        raise ValueError
+    return import_kernel(text) if ":" in text else text
+
+
 @dataclass(frozen=True)
 class Settings:
     """Settings of a picture; `splatgl/docs/settings.md` explains the values of each. Raises InputError for others.
@@ -159,8 +177,9 @@ class Settings:
     )
     kernel: str = _accuracy(
         "auto",
-        Kind.choice(lambda: ("auto", *KERNELS)),
-        "radial kernel of each voxel. auto: b-spline where values are classified, else crawfis-max",
+        replace(Kind.choice(lambda: ("auto", *KERNELS)), read=read_kernel, metavar="NAME|MODULE:NAME"),
+        "radial kernel of each voxel. auto: b-spline where values are classified, else crawfis-max; MODULE:NAME: a "
+        "kernel of a Python module, whose code is run",
     )
     classification: Classification = _accuracy(
         "auto",
@@ -353,6 +372,10 @@ class Settings:
             technique="quads",
             target="rgba8",
         ).but(**changes)
+
+
+for _method in (Settings.but, Settings.like.__func__, Settings.paper.__func__):  # type: ignore[attr-defined]
+    with_keywords(keywords_of(Settings))(_method)
 
 
 def choices() -> dict[str, tuple[str, ...]]:

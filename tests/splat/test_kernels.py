@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 import splatgl as sg
-from splatgl.splat.kernels import KERNELS, PiecewiseCubic, footprint_table, kernel
+from splatgl.cli.main import main
+from splatgl.splat.kernels import KERNELS, PiecewiseCubic, footprint_table, has_negative, kernel
+from splatgl.studies.accuracy.methods import AXES
 from tests.helpers.splatting import SPLATS
 
 
@@ -136,7 +143,7 @@ def test_a_registered_kernel_draws_within_its_bound(renderer: sg.Renderer, regis
         ("gaussian", (1.0, 2.0), B_SPLINE, "a new name"),
         ("Mine!", (1.0, 2.0), B_SPLINE, "a new name"),
         ("wide", (1.0, 9.0), B_SPLINE, "a radius of at most 4"),
-        ("negative", (1.0,), ((1.0, -3.0, 2.0, 0.0),), "values from 0 on"),
+        ("negative", (1.0,), ((1.0, -3.0, 2.0, 0.0),), "a footprint that is largest in the middle"),
         ("box", (0.5,), ((1.0, 0.0, 0.0, 0.0),), "a step of at most 0.001 at its rim"),
     ],
 )
@@ -144,3 +151,142 @@ def test_what_is_no_kernel_is_refused(name: str, knots: tuple, pieces: tuple, me
     with pytest.raises(sg.InputError, match=message):
         sg.register_kernel(PiecewiseCubic(name, knots, pieces))
     assert name not in KERNELS or name == "gaussian"
+
+
+# --- kernels that are negative somewhere -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def mitchell() -> Iterator[str]:
+    sg.register_kernel(PiecewiseCubic.of_family("mitchell"))
+    yield "mitchell"
+    del KERNELS["mitchell"]
+
+
+@pytest.mark.parametrize(("b", "c"), [(1.0, 0.0), (1 / 3, 1 / 3), (0.6, 0.2), (0.0, 0.5)])
+def test_family_of_mitchell_and_netravali(b: float, c: float) -> None:
+    """Along a line the weights of lattice points add up to 1; by distance the volume of B + 2C = 1 is 2πB/3."""
+    shape = PiecewiseCubic.of_family("member", b, c)
+    place = np.linspace(0, 1, 11)[:, None]
+    line = shape.value(np.abs(place - np.arange(-2, 4))) / shape.scale
+    assert np.allclose(line.sum(axis=1), 1, atol=1e-14)
+    # linear fields, and from Catmull-Rom on squares too: its second moment, and so its volume, is 0
+    assert np.allclose(line @ np.arange(-2.0, 4), place[:, 0], atol=1e-14)
+    assert b > 0 or np.allclose(line @ np.arange(-2.0, 4) ** 2, place[:, 0] ** 2, atol=1e-14)
+    if b:
+        assert 1 / shape.scale == pytest.approx(2 * np.pi * b / 3, rel=1e-12)
+        return
+    with pytest.raises(sg.InputError, match=r"volume 1, got .*Catmull-Rom, has volume 0"):
+        sg.register_kernel(replace(shape, name="catmull-rom"))
+
+
+def test_a_negative_kernel_draws_sums_within_its_bound(renderer: sg.Renderer, mitchell: str) -> None:
+    """By both techniques, of cubes and of others; X-rays take it without being asked for voxels classified before."""
+    assert has_negative(mitchell) and not any(has_negative(name) for name in KERNELS if name != mitchell)
+    assert kernel(mitchell).footprint(np.array(1.4)) < 0
+    for spacing, zoom in (((1, 1, 2), 1), ((1, 1, 1), 1 / 12)):
+        volume = sg.Volume(np.random.default_rng(2).random((7, 8, 9)) ** 20, spacing=spacing)
+        scene = sg.Scene([sg.Layer(volume, sg.Transfer([(0, 0), (1, 0.6)]))])
+        camera = sg.Camera.orbit(volume, 20, 30, size=(48, 48), zoom=zoom)
+        for technique in ("quads", "tiles"):
+            settings = sg.Settings(kernel=mitchell, technique=technique, blend="xray", tolerance=1e-4)
+            image = renderer.render(scene, camera, settings, verify_bound=False)
+            right = sg.reference.render(scene.splats(settings)[0], camera, settings).pixels
+            assert image.info["kernel"] == mitchell and right.min() < 0 < right.max()
+            assert np.abs(image.pixels - right).max() <= image.info["error_bound"] < 0.01 * right.max()
+
+
+def test_a_sum_over_the_plane_is_the_volume(renderer: sg.Renderer, mitchell: str) -> None:
+    """∫∫ τ of one voxel over a parallel view is its extinction, for negative lobes as for others."""
+    samples = np.zeros((5, 5, 5))
+    samples[2, 2, 2] = 1
+    transfer = sg.Transfer([(0, 0), (1, 0.5)])
+    splats = sg.extract(sg.Volume(samples), transfer, classification="pre")
+    camera = sg.Camera.orthographic((2, -20, 2), (2, 2, 2), (0, 0, 1), height=6, size=(96, 96))
+    for name in (mitchell, "b-spline"):
+        image = renderer.render(splats, camera, sg.Settings(kernel=name, blend="xray", antialias="off"))
+        assert image.pixels[..., 3].sum() * (6 / 96) ** 2 == pytest.approx(np.log(2), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"blend": "composite"}, "expected blend xray .* got blend composite; b-spline"),
+        ({"blend": "mip", "classification": "pre"}, "got blend mip"),
+        ({"blend": "xray", "classification": "post"}, "got blend xray, classified after"),
+    ],
+)
+def test_a_negative_kernel_draws_no_opacities(mitchell: str, settings: Any, told: str) -> None:
+    volume = sg.Volume(np.random.default_rng(2).random((5, 5, 5)))
+    scene, chosen = sg.Scene([volume]), sg.Settings(kernel=mitchell, **settings)
+    with pytest.raises(sg.InputError, match=told):
+        sg.plan(scene.splats(chosen)[0], sg.Camera.orbit(volume, size=(8, 8)), chosen)
+
+
+def test_a_negative_kernel_around_the_eye_is_refused(mitchell: str) -> None:
+    volume = sg.Volume(np.random.default_rng(2).random((5, 5, 5)))
+    settings = sg.Settings(kernel=mitchell, blend="xray")
+    camera = sg.Camera.look_at((2, 2, 2), (2, 9, 2), (0, 0, 1), size=(8, 8))
+    with pytest.raises(sg.InputError, match="an eye outside of all kernels, got one inside"):
+        sg.plan(sg.Scene([volume]).splats(settings)[0], camera, settings)
+
+
+# --- kernels of modules ----------------------------------------------------------------------------------------------
+
+MODULE = """
+from splatgl import PiecewiseCubic
+smooth = PiecewiseCubic.of_family("smooth-family", 1.0, 0.0)
+number = 3
+"""
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The name of a module in the current folder."""
+    (tmp_path / "kernels_of_mine.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    yield "kernels_of_mine"
+    KERNELS.pop("smooth-family", None)
+    sys.modules.pop("kernels_of_mine", None)
+
+
+def test_the_option_imports_a_kernel(module: str, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save("a.npy", np.random.default_rng(3).random((6, 6, 6)))
+    paths = [*sys.path]
+    line = ["render", "a.npy", "-o", "a.png", "--size", "32", "--quiet", "--classification", "pre", "--kernel"]
+    assert main([*line, f"{module}:smooth"]) == 0 and sys.path == paths
+    # twice in a process is once
+    assert main([*line, f"{module}:smooth"]) == 0
+    with Pillow.open("a.png") as picture:
+        assert "smooth-family" in str(picture.info)
+    assert main(["report", "--list", "--kernel", f"{module}:smooth"]) == 0
+    assert "post smooth-family 2×2" in capsys.readouterr().out
+    for axis in ("kernel smooth-family", "post smooth-family"):
+        del AXES[axis]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("nowhere:smooth", "got ModuleNotFoundError: No module named 'nowhere'"),
+        ("kernels_of_mine:rough", "has no attribute 'rough'"),
+        ("kernels_of_mine:number", "a kernel such as PiecewiseCubic, got int"),
+        ("rough", "expected NAME|MODULE:NAME, auto or crawfis-max"),
+    ],
+)
+def test_a_kernel_that_cannot_be_imported_is_told(
+    module: str, name: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["render", "tunnel", "--kernel", name])
+    said = capsys.readouterr().err
+    assert stop.value.code == 2 and told in said and said.count("\n") == 1
+
+
+def test_no_file_imports_a_kernel(module: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("scene.toml").write_text(f'volume = "tunnel"\n[settings]\nkernel = "{module}:smooth"\n')
+    assert main(["render", "scene.toml", "-o", "a.png"]) == 2
+    assert "kernel: expected auto or" in capsys.readouterr().err and module not in sys.modules
+    with pytest.raises(sg.InputError, match="kernel: expected auto or"):
+        sg.Settings(kernel=f"{module}:smooth")
+    assert module not in sys.modules

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from splatgl.errors import expected
+from splatgl.splat.kernels import has_negative
 from splatgl.splat.settings import Settings
 
 # references of errors, with descriptions
@@ -154,6 +155,40 @@ def _supersampled(name: str, counts: tuple[int, ...], peer: str = "", **others: 
     return tuple(variants)
 
 
+def _post_axis(kernel: str) -> Axis:
+    """The axis of values that a kernel reconstructs."""
+    return Axis(
+        f"post {kernel}",
+        "classified after reconstruction, in sheets; at one and at k×k samples a pixel",
+        _supersampled(f"post {kernel}", SAMPLES, classification="post", kernel=kernel),
+        ("field",),
+        apart=True,
+    )
+
+
+def _kernel_axis(name: str, kernel: str) -> Axis:
+    """The axis of single splats of a kernel."""
+    return Axis(
+        name,
+        "another kernel, against its own truths: not on their fronts, since it is another picture",
+        (Method(kernel, {"kernel": kernel}, kernel),),
+        ("reference", "field"),
+        connected=False,
+        fronts=("field",),
+    )
+
+
+def add_kernel(kernel: str) -> None:
+    """Adds the axes of a kernel to the reports of this process, unless they are there. Raises InputError for one that
+    is negative somewhere, which draws no composited picture.
+    """
+    if has_negative(kernel):
+        raise expected("--kernel", "a kernel that is nowhere negative, as pictures of reports are composited", kernel)
+    for axis in (_kernel_axis(f"kernel {kernel}", kernel), _post_axis(kernel)):
+        if not {method.name for method in axis.methods} & set(methods()):
+            register(axis)
+
+
 DEFAULT, EXACT, PAPER, PAPER_FLOAT = "default", "exact", "paper 1998", "paper, 32 bits"
 SAMPLES, SIZES, QUICK_SIZES = (1, 2, 4), (32, 64, 128, 256, 512), (32, 128, 512)
 for _axis in (
@@ -210,14 +245,7 @@ for _axis in (
         "entries of a table over the squared distance, exact",
         _variants("radial", "table_size", SIZES, QUICK_SIZES, align="exact"),
     ),
-    Axis(
-        "kernel",
-        "another kernel, against its own truths: not on their fronts, since it is another picture",
-        (Method("gaussian", {"kernel": "gaussian"}, "gaussian"),),
-        ("reference", "field"),
-        connected=False,
-        fronts=("field",),
-    ),
+    _kernel_axis("kernel", "gaussian"),
     Axis(
         "attenuation",
         "what weakens beyond z_k",
@@ -269,16 +297,8 @@ for _axis in (
         ("integral", "field"),
         apart=True,
     ),
-    *(
-        Axis(
-            f"post {kernel}",
-            "classified after reconstruction, in sheets; at one and at k×k samples a pixel",
-            _supersampled(f"post {kernel}", SAMPLES, classification="post", kernel=kernel),
-            ("field",),
-            apart=True,
-        )
-        for kernel in ("b-spline", "crawfis-max")
-    ),
+    _post_axis("b-spline"),
+    _post_axis("crawfis-max"),
     Axis(
         "peers",
         "VTK's ray casters, two samples a voxel; they classify what they interpolate (with --peers)",
