@@ -157,8 +157,8 @@ def test_there_are_commands() -> None:
 
 @pytest.mark.parametrize("command", SPLATGL)
 def test_commands_have_the_options_they_use(command: str) -> None:
-    # --list-bindings prints and exits
-    if "--list-bindings" in command:
+    # --list-bindings prints and exits, and --kernel imports a module
+    if "--list-bindings" in command or "my_kernels" in command:
         pytest.skip("test_commands runs it")
     parse(arguments_of(command))
 
@@ -273,6 +273,11 @@ def write_surface(name: str) -> None:
     Path(name).write_text(SURFACE)
 
 
+def write_kernel(name: str) -> None:
+    text = 'import splatgl as sg\nsmooth = sg.PiecewiseCubic.of_family("my-smooth", 1.0, 0.0)\n'
+    Path(f"{name}.py").write_text(text)
+
+
 # files that pages name, small, by what writes them
 FILES: dict[str, Callable[[str], None]] = {
     **dict.fromkeys(("head.nii.gz", "head_mri_160x232x160.nii.gz"), write_nifti),
@@ -285,6 +290,7 @@ FILES: dict[str, Callable[[str], None]] = {
     "lung_ct_115x157x129.mha": write_metaimage,
     "carotid_76x49x45_scalar_and_velocity.vtk": write_flow,
     "implant.ply": write_mesh,
+    "my_kernels": write_kernel,
     "surface.vtp": write_surface,
 }
 
