@@ -26,6 +26,7 @@ from splatgl.gl.context import current
 from splatgl.gl.renderer import Renderer
 from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.transfer_nodes import color_points
 from splatgl.viewer import hud, stand_in, trackball
 from splatgl.viewer.commands import Request
 from splatgl.viewer.display import Options
@@ -90,6 +91,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "fullscreen": viewer.window.before is not None,
         "points": state.style.stated.points,
         "window": state.style.stated.window,
+        "colors": color_points(state.style.stated),
         "source": viewer.document.scene.volume,
         "splats": viewer.document.counts[0],
         "level": frame and str(frame.level),

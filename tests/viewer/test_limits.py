@@ -17,6 +17,7 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import legible, plain
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.transfer_nodes import with_color_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.commands import Copy
@@ -77,7 +78,7 @@ def test_a_copy_draws_the_same_picture(
     state = State.of(document, SIZE)
     state = replace(
         state, pose=state.pose.spun(20.0, np.array([0.0, 0.0, 1.0])), annotate=("axes", 'title=a\'"""\\n b')
-    ).edit(extinction=0.37)
+    ).edit(extinction=0.37, base=with_color_points(state.style.base, ((0.1, "#ff0000"), (0.5, "#ffe0a0"))))
     wanted = render_scene(scene_of(state, document), document, renderer.render).pixels
     space: dict[str, Any] = {}
     exec(copy_text(Copy.PYTHON, state, document), space)

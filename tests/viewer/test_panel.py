@@ -19,6 +19,8 @@ pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISS
 # places in a window of 600 × 560 pixels: the fields of the extinction and of the threshold, and lists
 EXTINCTION, THRESHOLD, COLORS = (463, 476), (400, 501), (450, 376)
 PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 426)
+# the list of shapes and its first one; two places of the strip of colours, without a point
+SHAPES, STEP, STRIP, ASIDE = (500, 352), (460, 396), (510, 331), (540, 331)
 
 
 @pytest.fixture(scope="module")
@@ -177,3 +179,38 @@ def test_presets_are_chosen_by_their_pictures(panel: Window) -> None:
     by = {round(b[0] - a[0], 6) for a, b in zip(chosen["points"], moved["points"], strict=True)}
     assert len(by) == 1 and by.pop() > 0
     assert panel.key("ctrl+z")["points"] == chosen["points"] and panel.key("ctrl+z")["points"] == before["points"]
+
+
+@pytest.mark.long
+def test_shapes_and_colours_of_values_are_edited_by_hand(panel: Window) -> None:
+    """A shape is chosen from its list; a double click adds a colour, a drag moves it, a click opens its colour, a right
+    click removes it; each can be undone.
+    """
+    before = panel.ask("look")
+    pointed(panel, *SHAPES)
+    panel.hands("click", 1)
+    panel.ask("settle")
+    pointed(panel, *STEP)
+    panel.hands("click", 1)
+    step = panel.until(lambda told: not told["dialog"])
+    assert len(step["points"]) == 2 and step["points"][0][0] == step["points"][1][0]
+    assert panel.key("ctrl+z")["points"] == before["points"]
+    pointed(panel, *STRIP)
+    panel.hands("click", "--repeat", 2, "--delay", 60, 1)
+    added = panel.ask("settle")
+    assert len(added["colors"]) == len(before["colors"]) + 1 and added["window"] == before["window"]
+    pointed(panel, *STRIP)
+    moved = panel.drag(1, STRIP, ASIDE)
+    place = next(n for n, (a, b) in enumerate(zip(added["colors"], moved["colors"], strict=True)) if a[0] != b[0])
+    (first, color), (last, same) = added["colors"][place], moved["colors"][place]
+    assert last > first and same == color
+    pointed(panel, *ASIDE)
+    panel.hands("click", 1)
+    assert panel.ask("settle")["dialog"]
+    panel.key("escape")
+    pointed(panel, *ASIDE)
+    panel.hands("click", 3)
+    assert len(panel.ask("settle")["colors"]) == len(before["colors"])
+    for _ in range(3):
+        undone = panel.key("ctrl+z")
+    assert undone["colors"] == before["colors"]
