@@ -87,7 +87,6 @@ class TransferChoice:
         "opacity by a shape: ramp:60,120, band:50%,90%:0.4, tent. Or step, sigmoid, gate; VALUES: values or "
         "percentiles (default: from the object to the 99.9th); A: highest opacity (default 0.8)",
         group=Group.TRANSFER,
-        level="basic",
     )
     colors: str = option(
         "",

@@ -166,7 +166,7 @@ class Settings:
     blend: Blend = _picture(
         "composite",
         Kind.choice(Blend),
-        "how a ray blends. One splat over the next, sums (X-ray), or maximum, minimum or mean of values",
+        "by. One splat over the next, sums (X-ray), or maximum, minimum or mean of the values along a ray",
         level="basic",
     )
     mip_attenuation: float = _picture(
