@@ -11,8 +11,10 @@ from pkgutil import iter_modules
 import numpy as np
 
 import splatgl.annotations as package
-from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Color, Rect, Subject
+from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Subject
+from splatgl.data.figure import Color, Figure
 from splatgl.data.image import Image
+from splatgl.data.image_files import density
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.splat.camera import Camera
@@ -33,10 +35,10 @@ def annotated(
 ) -> Image:
     """The image under annotations: "scale", "colorbar", "axes", "directions", "box", "title=TEXT", "time=TEXT".
 
-    ground: linear RGB behind a transparent image, for the colour of text. steady: places do not depend on the image, as
-    in movies. An X-ray is scaled to its maximum. Edges behind the box lie behind a transparent image. info:
-    "annotated", and "not_annotated", the reasons for omissions. Raises InputError for unknown names and for images with
-    a side below 64 pixels.
+    ground: linear RGB behind a transparent image, for the colour of text. Letters are 8 points high where the image
+    states its dots per inch. steady: places do not depend on the image, as in movies. An X-ray is scaled to its
+    maximum. Edges behind the box lie behind a transparent image. info: "annotated", and "not_annotated", the reasons
+    for omissions. Raises InputError for unknown names and for images with a side below 64 pixels.
     """
     names = check(annotate)
     height, width = image.pixels.shape[:2]
@@ -50,14 +52,14 @@ def annotated(
         pixels = pixels * np.float32(scale)
     subject = volume if isinstance(volume, Subject) else Subject.of(volume)
     view = AnnotationView(subject, transfer, camera, blend, pixels, scale)
-    layer = Canvas.over(pixels, ground)
+    layer, behind = (Canvas.over(pixels, ground, density(info)) for _ in range(2))
     compose(replace(layer, picture=None) if steady else layer, view, names)
-    if has_lines_behind(names):
-        behind = Canvas.over(pixels, ground)
-        draw_behind(behind, view, names)
-        pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels
+    draw_behind(behind, view, names)
+    figure = Figure(pixels, behind.marks or (), layer.marks or ())
+    pixels = pixels + (1 - pixels[..., 3:]) * behind.pixels if behind.marks else pixels
     pixels = layer.pixels + (1 - layer.pixels[..., 3:]) * pixels
-    return Image(pixels.astype(np.float32), {**info, "annotated": list(names), "not_annotated": list(layer.notes)})
+    info |= {"annotated": list(names), "not_annotated": list(layer.notes)}
+    return Image(pixels.astype(np.float32), info, figure)
 
 
 def on_ground(image: Image, ground: Color | None) -> Image:
@@ -67,7 +69,8 @@ def on_ground(image: Image, ground: Color | None) -> Image:
     if ground is None or image.info.get("background") is not None or not is_over_lines:
         return image
     pixels = image.pixels + (1 - image.pixels[..., 3:]) * np.array([*ground, 1.0], np.float32)
-    return Image(pixels, {**image.info, "background": list(ground)})
+    figure = None if image.figure is None else replace(image.figure, ground=ground)
+    return Image(pixels, {**image.info, "background": list(ground)}, figure)
 
 
 def omission_notes(image: Image) -> list[str]:

@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from splatgl.annotations.text import load_font, plain
+from splatgl.annotations.text import MICRO, line_length, plain, write_line
+from splatgl.data.figure import HALO_ALPHA, AreaMark, Color, Halo, LinesMark, Mark, PatchMark, TextMark
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import error_prefix, expected
@@ -23,14 +24,14 @@ from splatgl.splat.transfer import Transfer
 FONT_SHARE, LEAST_FONT = 0.026, 11
 # subpixels along each axis of a line's pixel
 FINE = 4
-HALO_ALPHA = 0.7
+# height of the font on paper, in points of 1/72 inch
+PAPER_FONT = 8.0
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 # linear light halfway between black and white to the eye
 MIDDLE = 0.18
 # largest light and opacity of an empty pixel
 EMPTY = 2e-3
 
-Color = tuple[float, float, float]
 Point: TypeAlias = Sequence[float] | np.ndarray
 
 
@@ -62,6 +63,7 @@ class Canvas:
     """pixels: float32 [H, W, 4], linear, premultiplied. ink: colour of text and lines. picture [H, W, 4]: the image
     below, or None; ground: linear RGB of its empty pixels. taken: reserved places. notes: reasons for omissions.
     touched: changed pixels. scratch: buffer for lines. font: its height in pixels; 0: by the size of the image.
+    marks: what was drawn, for PDF and SVG; None: not recorded.
     """
 
     pixels: np.ndarray
@@ -73,13 +75,18 @@ class Canvas:
     touched: list[Touched] = field(default_factory=list)
     scratch: list[np.ndarray] = field(default_factory=list, repr=False)
     font: int = 0
+    marks: list[Mark] | None = None
 
     @classmethod
-    def over(cls, pixels: np.ndarray, ground: Color | None) -> Canvas:
-        """Empty canvas for an image, with black or white ink, as is legible at its edges over `ground` or white."""
+    def over(cls, pixels: np.ndarray, ground: Color | None, dpi: float | None = None) -> Canvas:
+        """Empty canvas for an image, with black or white ink, as is legible at its edges over `ground` or white.
+
+        dpi: of an image on paper, whose letters are PAPER_FONT high.
+        """
+        font = 0 if dpi is None else max(1, round(PAPER_FONT / 72 * dpi))
         edges = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
         light = edges[:, :3] + (1 - edges[:, 3:]) * np.asarray(ground or WHITE, np.float32)
-        return cls(np.zeros_like(pixels, dtype=np.float32), ink_on(light), pixels, ground)
+        return cls(np.zeros_like(pixels, dtype=np.float32), ink_on(light), pixels, ground, font=font, marks=[])
 
     @property
     def size(self) -> tuple[int, int]:
@@ -141,8 +148,15 @@ class Canvas:
         """Width and height of a line of text with its halo."""
         return text_size(text, self.em, self.edge)
 
+    def mark(self, mark: Mark) -> None:
+        """Records what is drawn."""
+        if self.marks is not None:
+            self.marks.append(mark)
+
     def text(self, text: str, left: int, top: int, color: Color | None = None) -> None:
         """Draws a line of text with its halo; (left, top): corner of its `text_size`."""
+        corner = float(left + self.edge), float(top + baseline(self.em, self.edge))
+        self.mark(TextMark(text, corner, self.em, color or self.ink, Halo(self.halo, self.edge)))
         self.paste(_text_patch(text, self.em, self.edge, color or self.ink, self.halo), (left, top))
 
     def lines(self, paths: Sequence[Sequence[Point]], color: Color | None = None) -> None:
@@ -157,6 +171,7 @@ class Canvas:
     ) -> None:
         """Draws antialiased segments [S, 4], (x, y, x, y), with halos. width: None: `stroke`."""
         half = (self.stroke if width is None else width) / 2
+        self.mark(LinesMark(segments, 2 * half, color or self.ink, alpha, Halo(self.halo, self.edge)))
         if not self.scratch:
             self.scratch.append(np.full(self.size[0] * self.size[1], np.inf, np.float32))
         number = pixels_near(segments, half + self.edge + 0.5, self.size, self.scratch[0])
@@ -173,6 +188,7 @@ class Canvas:
 
     def polygon(self, points: np.ndarray, color: Color) -> None:
         """Fills a polygon [N, 2]."""
+        self.mark(AreaMark(points, color))
         low = np.maximum(np.floor(points.min(axis=0) - 1), 0).astype(int)
         high = np.minimum(np.ceil(points.max(axis=0) + 1), self.size).astype(int)
         if (high <= low).any():
@@ -181,7 +197,7 @@ class Canvas:
         # Pillow's coordinates are centres of pixels
         pen.polygon([tuple(point) for point in ((points - low) * FINE - 0.5).tolist()], fill=255)
         cover = np.asarray(mask, np.float32).reshape(high[1] - low[1], FINE, high[0] - low[0], FINE).mean(axis=(1, 3))
-        self.blend_mask(cover / 255, color, (int(low[0]), int(low[1])))
+        self._blend(cover / 255, color, (int(low[0]), int(low[1])))
 
     def bar(self, left: float, right: float, top: int, bottom: int) -> None:
         """Draws a horizontal bar with a halo, its ends exact to fractions of a pixel."""
@@ -191,12 +207,27 @@ class Canvas:
             cell = np.arange(start, int(np.ceil(right + grow)))
             cover = np.clip(np.minimum(cell + 1, right + grow) - np.maximum(cell, left - grow), 0, 1)
             rows = np.ones((bottom - top + 2 * grow, 1))
-            self.blend_mask((rows * cover * share).astype(np.float32), paint, (start, top - grow))
+            self._blend((rows * cover * share).astype(np.float32), paint, (start, top - grow))
+            corners = [(left, top), (right, top), (right, bottom), (left, bottom)]
+            outwards = np.array([(-grow, -grow), (grow, -grow), (grow, grow), (-grow, grow)])
+            self.mark(AreaMark(np.array(corners) + outwards, paint, share))
 
     def blend_mask(self, mask: np.ndarray, color: Color | np.ndarray, at: tuple[int, int]) -> None:
         """Draws linear RGB, one or [h, w, 3], over the canvas by a coverage mask [h, w]; at: (x, y) of its corner."""
+        self.mark(PatchMark(self._blend(mask, color, at), at))
+
+    def _blend(self, mask: np.ndarray, color: Color | np.ndarray, at: tuple[int, int]) -> np.ndarray:
+        """Pastes what `blend_mask` draws, and returns it: [h, w, 4], linear, premultiplied."""
         paint = np.broadcast_to(np.asarray(color, np.float32), (*mask.shape, 3))
-        self.paste(np.concatenate([paint * mask[..., None], mask[..., None]], axis=-1), at)
+        patch = np.concatenate([paint * mask[..., None], mask[..., None]], axis=-1)
+        self.paste(patch, at)
+        return patch
+
+    def add(self, part: Canvas, at: tuple[int, int]) -> None:
+        """Draws a smaller canvas over this one; at: (x, y) of its corner."""
+        self.paste(part.pixels, at)
+        if self.marks is not None:
+            self.marks.extend(mark.moved(*at) for mark in part.marks or ())
 
     def clear(self, rect: Rect) -> None:
         """Clears a rectangle."""
@@ -228,27 +259,35 @@ def ink_on(light: np.ndarray) -> Color:
 @lru_cache(maxsize=1024)
 def text_size(text: str, em: int, edge: int) -> tuple[int, int]:
     """Width and height of a line of text with its halo; em: font height."""
-    return int(np.ceil(load_font(em).getlength(readable(text)))) + 2 * edge, em + 2 * edge + 2
+    return int(np.ceil(line_length(readable(text), em))) + 2 * edge, em + 2 * edge + 2
 
 
 @lru_cache(maxsize=256)
 def _text_patch(text: str, em: int, edge: int, ink: Color, halo: Color) -> np.ndarray:
     """Line of text with its halo [h, w, 4], linear, premultiplied."""
     width, height = text_size(text, em, edge)
+    at = (edge, baseline(em, edge))
     patch: np.ndarray = np.zeros((height, width, 4), np.float32)
     for stroke, paint, share in ((edge, halo, HALO_ALPHA), (0, ink, 1.0)):
-        mask, pen = _canvas(width, height)
-        # the baseline is the same for all text
-        at = (edge, edge + round(0.8 * em))
-        pen.text(at, readable(text), font=load_font(em), fill=255, stroke_width=stroke, anchor="ls")
+        mask, _ = _canvas(width, height)
+        write_line(mask, at, readable(text), em, stroke)
         cover = np.asarray(mask, np.float32)[..., None] / 255 * share
         patch = patch * (1 - cover) + cover * np.array([*paint, 1.0], np.float32)
     return patch
 
 
+def baseline(em: int, edge: int) -> int:
+    """Distance of the baseline, the same for all text, from the top of a line with its halo."""
+    return edge + round(0.8 * em)
+
+
 def readable(text: str) -> str:
-    """Text in characters of the font: without accents, other missing characters as question marks."""
-    spelled = unicodedata.normalize("NFKD", plain(text.replace("Å", "A").replace("μ", "u")))
+    """Text in characters that `write_line` draws: without accents, other missing characters as question marks."""
+    return MICRO.join(map(_in_font, text.replace("μ", MICRO).split(MICRO)))
+
+
+def _in_font(text: str) -> str:
+    spelled = unicodedata.normalize("NFKD", plain(text.replace("Å", "A")))
     letters = "".join(letter for letter in spelled if not unicodedata.combining(letter))
     return "".join(letter if " " <= letter <= "~" or letter in "°·" else "?" for letter in letters)
 

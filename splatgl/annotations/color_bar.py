@@ -8,8 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Color, Rect, Scale
+from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Scale
 from splatgl.annotations.scale_bar import log_ticks, ticks
+from splatgl.data.figure import Color
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.transfer import Transfer
 
@@ -81,13 +82,13 @@ def of_sums(pixels: np.ndarray, scale: float, rows: int) -> ColorBar | None:
 def draw(layer: Canvas, view: AnnotationView) -> None:
     """Draws the colour bars at the right, or at the left where the image is empty only there."""
     for bar in _bars(layer, view):
-        patch = _draw_bar(bar, layer.em, layer.ink)
-        (tall, wide), pad = patch.shape[:2], layer.pad
+        part = _draw_bar(bar, layer.em, layer.ink)
+        (wide, tall), pad = part.size, layer.pad
         top = (layer.size[1] - tall) // 2
         places = [Rect(left, top, left + wide, top + tall) for left in (layer.size[0] - pad - wide, pad)]
         place = layer.reserve(places, "colour bar")
         if place is not None:
-            layer.paste(patch, (place.left, place.top))
+            layer.add(part, (place.left, place.top))
 
 
 def _bars(layer: Canvas, view: AnnotationView) -> list[ColorBar]:
@@ -118,8 +119,8 @@ ROWS = (Annotation("colorbar", "colour bar", ABOUT, draw, 2, "shift+j", needs_va
 
 
 @lru_cache(maxsize=4)
-def _draw_bar(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
-    """Bar with numbers and curve [h, w, 4], linear, premultiplied; a row of the bar is a pixel high."""
+def _draw_bar(bar: ColorBar, em: int, ink: Color) -> Canvas:
+    """Bar with numbers and curve; a row of the bar is a pixel high."""
     sizes = Canvas(np.zeros((1, 1, 4), np.float32), ink, font=em)
     rows, edge = len(bar.colors), sizes.edge
     label = _shorten(bar.label)
@@ -131,7 +132,7 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
     below = "" if bar.opacity is None else f"opacity to {bar.opacity.max():.3g}"
     right = max(sizes.text_size(label)[0], sizes.text_size(below)[0], beside + wide + curve + 2 * edge)
     top, left = line + em // 2, right - beside - wide
-    layer = Canvas(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em)
+    layer = Canvas(np.zeros((top + rows + em // 2 + line, right, 4), np.float32), ink, font=em, marks=[])
     layer.lines([_frame(left, top, wide, rows)])
     layer.clear(Rect(left, top, left + wide, top + rows))
     shape = (rows, wide)
@@ -147,7 +148,7 @@ def _draw_bar(bar: ColorBar, em: int, ink: Color) -> np.ndarray:
         x = left - 2 * edge - bar.opacity / highest * (curve - 4 * edge)
         layer.lines([list(np.stack([x, top + np.arange(rows) + 0.5], axis=-1))])
         layer.text(below, right - layer.text_size(below)[0], top + rows + em // 2)
-    return layer.pixels
+    return layer
 
 
 def _shorten(label: str) -> str:

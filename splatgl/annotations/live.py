@@ -9,8 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from splatgl.annotations.annotate import check, compose, draw_behind
-from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Color, Subject, Touched, ink_on
+from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Subject, Touched, ink_on
 from splatgl.data.color import srgb_from_linear
+from splatgl.data.figure import Color
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 

@@ -59,6 +59,8 @@ PLAIN = str.maketrans(
         **{"τ": "tau", "σ": "sigma", "ρ": "rho", "∇": "grad", "µ": "u", "Σ": "sum", "−": "-", "√": "sqrt", "…": "..."},
     }
 )
+# the sign of 10⁻⁶, which the font lacks too: a u with the stem of a p below the baseline
+MICRO = "µ"
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,31 @@ def draw_overlay(overlay: Overlay) -> np.ndarray:
 def plain(text: str) -> str:
     """Text with characters missing from the font replaced."""
     return legible(text.translate(PLAIN))
+
+
+def line_length(text: str, height: int) -> float:
+    """Width of a line that `write_line` writes, pixels."""
+    return float(load_font(height).getlength(text.replace(MICRO, "u")))
+
+
+def write_line(mask: Any, at: tuple[int, int], text: str, height: int, stroke: int = 0) -> None:
+    """Writes a line on a mask of Pillow, mode L; at: the first point on its baseline; height: of the font, pixels.
+    stroke: width of an outline that is filled, too.
+    """
+    from PIL import Image, ImageDraw
+
+    font, spelled = load_font(height), text.replace(MICRO, "u")
+    style: dict[str, Any] = {"font": font, "fill": 255, "stroke_width": stroke, "anchor": "ls"}
+    ImageDraw.Draw(mask).text(at, spelled, **style)
+    for place in (n for n, letter in enumerate(text) if letter == MICRO):
+        below, left = Image.new("L", mask.size), at[0] + font.getlength(spelled[:place])
+        starts = {letter: font.getbbox(letter, anchor="ls") for letter in "upl"}
+        left += starts["u"][0] - starts["p"][0]
+        ImageDraw.Draw(below).text((left, at[1]), "p", **style)
+        # the stem alone, which is as wide as that of an l, from the round corner of the u on
+        right = round(left + starts["p"][0] + starts["l"][2] - starts["l"][0]) + stroke
+        box = (0, at[1] - height // 6, right, mask.size[1])
+        mask.paste(255, box[:2], below.crop(box))
 
 
 def legible(text: str) -> str:

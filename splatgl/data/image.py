@@ -7,7 +7,7 @@ import json
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.color import linear_from_srgb, srgb_bytes, srgb_from_linear
+from splatgl.data.figure import VECTOR, Figure
 from splatgl.data.image_files import (
     EXR,
     JPEG,
     KEYWORD,
     TIFF,
+    density,
     encode_exr,
     encode_jpeg,
     encode_tiff,
@@ -32,9 +34,10 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory, write_file
 
 # endings of the files that `Image.save` writes
-SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR)
+SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR, *VECTOR)
 # rows per band: numpy converts samples to 8-byte indices, which should stay in the cache
 BAND_ROWS = 16
+METRES_OF_INCH = 0.0254
 # bytes of a pixel as it is decoded, and in float32
 DECODED = 4 + 16
 # PNG specification §5.2, §9.2 and §11.2.2: signature, filter of differences to the row above, and colour types by the
@@ -44,16 +47,20 @@ PNG_SIGNATURE, UP, COLOR_TYPES = b"\x89PNG\r\n\x1a\n", 2, {3: 2, 4: 6}
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered."""
+    """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the
+    picture without its annotations, and these, for PDF and SVG.
+    """
 
     pixels: np.ndarray
     info: Mapping[str, object] = field(default_factory=dict)
+    figure: Figure | None = None
 
     def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
         """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.
+        In .svg and .pdf annotations are text and lines over the pixels.
 
-        background: linear RGB behind a PNG or JPEG; None keeps it transparent, black in JPEG. An `xray` image
-        is scaled to its maximum in both; the factor is in the file's text. Raises InputError for
+        background: linear RGB behind a PNG, JPEG or page; None keeps it transparent, black in JPEG. An `xray` image
+        is scaled to its maximum in these; the factor is in the file's text. Raises InputError for
         another suffix, and if the file cannot be written.
         """
         write_file(Path(path), self.encoded(Path(path), bits, background))
@@ -72,9 +79,11 @@ class Image:
         if ending in JPEG:
             samples = self._samples(info, 8, background or (0.0, 0.0, 0.0))
             return encode_jpeg(samples, info)
+        if ending in VECTOR:
+            return self._page(info, background).encoded(ending, info, density(info))
         # the samples first: this adds the X-ray scale to `info`
         samples = self._samples(info, bits, background)
-        return _insert_text(encode_png(samples), KEYWORD, json.dumps(info, ensure_ascii=True))
+        return _insert_chunks(encode_png(samples), _text_chunk(info), _density_chunk(info))
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
@@ -149,6 +158,13 @@ class Image:
         ground = self.info.get("background") if self.info.get("blend") == "xray" else None
         return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
 
+    def _page(self, info: dict[str, object], background: tuple[float, float, float] | None) -> Figure:
+        """The figure on its background; without annotations the pixels alone. The scale of an X-ray is stored in
+        `info`.
+        """
+        figure = self.figure or Figure(_linear_pixels(self._samples(info, 8, None)))
+        return figure if background is None else replace(figure, ground=background)
+
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:
         """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is stored in `info`."""
         image = self
@@ -190,11 +206,21 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def _insert_text(png: bytes, keyword: str, text: str) -> bytes:
-    """The PNG with a tEXt chunk after its header chunk (PNG specification §11.3.4.3)."""
+def _text_chunk(info: Mapping[str, object]) -> bytes:
+    """The provenance (PNG specification §11.3.4.3)."""
+    return _chunk(b"tEXt", f"{KEYWORD}\0{json.dumps(dict(info), ensure_ascii=True)}".encode("latin-1"))
+
+
+def _density_chunk(info: Mapping[str, object]) -> bytes:
+    """The pixels of a metre, if the dots per inch are stated (PNG specification §11.3.5.3); else nothing."""
+    dpi = density(info)
+    return b"" if dpi is None else _chunk(b"pHYs", struct.pack(">2IB", *[round(dpi / METRES_OF_INCH)] * 2, 1))
+
+
+def _insert_chunks(png: bytes, *chunks: bytes) -> bytes:
+    """The PNG with chunks after its header chunk."""
     header = len(PNG_SIGNATURE) + 25
-    chunk = _chunk(b"tEXt", keyword.encode("latin-1") + b"\0" + text.encode("latin-1"))
-    return png[:header] + chunk + png[header:]
+    return b"".join([png[:header], *chunks, png[header:]])
 
 
 @lru_cache(maxsize=2)

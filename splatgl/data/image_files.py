@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.figure import VECTOR, vector_library
 from splatgl.errors import InputError, expected, import_extra
 
 # the EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription
@@ -27,12 +28,21 @@ def require_library(suffix: str) -> None:
         tiff_library()
     elif suffix in EXR:
         exr_library()
+    elif suffix in VECTOR:
+        vector_library()
+
+
+def density(info: Info) -> float | None:
+    """The dots per inch that the provenance states."""
+    dpi = info.get("dpi")
+    return float(dpi) if isinstance(dpi, int | float) else None
 
 
 def encode_tiff(pixels: np.ndarray, info: Info) -> bytes:
     """float32 [H, W], or RGBA [H, W, 4] with associated alpha, deflated; the provenance is the ImageDescription."""
     buffer, description = io.BytesIO(), json.dumps(dict(info), ensure_ascii=True)
-    kind = {"photometric": "rgb", "extrasamples": ["assocalpha"]} if pixels.ndim == 3 else {}
+    kind: dict[str, Any] = {"photometric": "rgb", "extrasamples": ["assocalpha"]} if pixels.ndim == 3 else {}
+    kind |= {"resolution": (dpi, dpi), "resolutionunit": "INCH"} if (dpi := density(info)) else {}
     values = pixels.astype(np.float32)
     tiff_library().imwrite(buffer, values, compression="zlib", description=description, metadata=None, **kind)
     return buffer.getvalue()
@@ -52,9 +62,10 @@ def encode_jpeg(samples: np.ndarray, info: Info) -> bytes:
     from PIL import Image as Pillow
 
     buffer = io.BytesIO()
-    comment = json.dumps(dict(info), ensure_ascii=True)
+    about: dict[str, Any] = {"comment": json.dumps(dict(info), ensure_ascii=True)}
+    about |= {"dpi": (dpi, dpi)} if (dpi := density(info)) else {}
     try:
-        Pillow.fromarray(samples[..., :3]).save(buffer, "JPEG", quality=QUALITY, subsampling=0, comment=comment)
+        Pillow.fromarray(samples[..., :3]).save(buffer, "JPEG", quality=QUALITY, subsampling=0, **about)
     except OSError as error:
         height, width, _ = samples.shape
         raise expected("JPEG", "at most 65500 pixels a side", f"{width}×{height}", "save as .png") from error

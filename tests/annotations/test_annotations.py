@@ -42,7 +42,7 @@ def test_scale_bar_length(perspective: bool) -> None:
 def test_units_and_ticks() -> None:
     """Units change so that few digits are left; ticks are nice."""
     told = [length_text(0.5, "mm"), length_text(2000, "m"), length_text(5, ""), length_text(20, "Å")]
-    assert told == ["500 um", "2 km", "5", "20 Å"]
+    assert told == ["500 µm", "2 km", "5", "20 Å"]
     assert ticks(-3, 101, 6) == [0, 20, 40, 60, 80, 100]
 
 
