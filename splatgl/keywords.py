@@ -89,6 +89,22 @@ class PictureKeywords(TypedDict, total=False):
     """Options of all pictures."""
 
     size: int | str | Numbers
+    view: (
+        Literal[
+            "anterior",
+            "posterior",
+            "left",
+            "right",
+            "superior",
+            "inferior",
+            "isometric",
+            "front",
+            "back",
+            "top",
+            "bottom",
+        ]
+        | None
+    )
     azimuth: float | None
     elevation: float | None
     fov: float | None
@@ -96,8 +112,10 @@ class PictureKeywords(TypedDict, total=False):
     eye: Numbers | None
     look_at: Numbers | None
     up: Numbers | None
-    orthographic: bool
+    orthographic: bool | None
     height: float | None
+    dpi: float | None
+    width: str | None
     blend: Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
     mip_attenuation: float
     kernel: str
@@ -133,6 +151,7 @@ class PictureKeywords(TypedDict, total=False):
     preset: str
     curve: str
     colors: str
+    level_width: Numbers | None
     only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
     name_of: Mapping[int, str] | Sequence[str]
     color_of: Mapping[str, str] | Sequence[str]

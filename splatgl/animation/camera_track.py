@@ -17,7 +17,7 @@ look_at and up are joined to a rotation about look_at and a distance from it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -94,7 +94,7 @@ class Keyframes:
             axes = _axes_of(np.array(values.pop("rotation")))
             eye, up = np.array(values["look_at"]) - values.pop("distance") * axes[2], -axes[1]
             values |= {"eye": tuple(eye.tolist()), "up": tuple(up.tolist())}
-        return replace(self.view, **values).camera(self.volume, self.subject)
+        return self.view.changed(**values).camera(self.volume, self.subject)
 
     def motion(self, frame: int) -> Motion:
         """The motion from the previous frame's camera; none in frame 0."""

@@ -43,7 +43,8 @@ class Hints:
     window: (low, high) sample values spanned by the colours. points: (value, opacity) pairs, the
     opacity per `unit` world lengths (None: the mean spacing). preset: a transfer preset's name.
     The view is either an orbit (azimuth, elevation in degrees) or an eye and a target in world
-    units; fov is the full vertical angle in degrees. color: "#rrggbb" of a channel at its brightest.
+    units; fov is the full vertical angle in degrees; orthographic: parallel rays, unless a fov is
+    set. color: "#rrggbb" of a channel at its brightest.
     stack: whether the samples are planes of a microscope. values: "labels", "mask" or "amounts", their meaning.
     """
 
@@ -60,6 +61,7 @@ class Hints:
     target: Triple | None = None
     up: Triple | None = None
     fov: float | None = None
+    orthographic: bool = False
     stack: bool = False
     values: str | None = None
 

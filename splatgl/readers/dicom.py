@@ -31,7 +31,7 @@ from splatgl.readers.dicom_headers import (
     slice_normal,
 )
 from splatgl.readers.dicom_pixels import check_header, decode_frames, is_color
-from splatgl.readers.dicom_suv import value_hints
+from splatgl.readers.dicom_suv import ANGIOGRAM, value_hints
 from splatgl.readers.options import LoadOptions
 
 
@@ -83,7 +83,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         notes=(*notes, *left, *grid.notes),
         value_unit=head.value_unit,
         quantity="dose" if head.modality == "RTDOSE" else "",
-        hints=value_hints(head.modality, samples, head.value_unit),
+        hints=ANGIOGRAM if head.angiogram else value_hints(head.modality, samples, head.value_unit),
         times=grid.times,
         time_step=grid.time_step,
     )

@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
 from splatgl.readers.dicom_siemens import SIEMENS_TAGS, Mosaic, find_mosaic
-from splatgl.readers.dicom_suv import SUV_TAGS, TOLD, suv_factor
+from splatgl.readers.dicom_suv import SUV_TAGS, TOLD, is_angiogram, suv_factor
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128
@@ -185,11 +185,10 @@ TAGS = """
     PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
     PixelPaddingValue PixelPaddingRangeLimit FloatPixelPaddingValue FloatPixelPaddingRangeLimit
     DoubleFloatPixelPaddingValue DoubleFloatPixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units
-    RealWorldValueMappingSequence ModalityLUTSequence DoseUnits FrameReferenceTime
+    RealWorldValueMappingSequence ModalityLUTSequence DoseUnits FrameReferenceTime AngioFlag AcquisitionContrast
     RedPaletteColorLookupTableDescriptor GreenPaletteColorLookupTableDescriptor
     BluePaletteColorLookupTableDescriptor RedPaletteColorLookupTableData GreenPaletteColorLookupTableData
-    BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths
-"""
+    BluePaletteColorLookupTableData ExtendedOffsetTable ExtendedOffsetTableLengths"""
 
 # tag of the rows of the first overlay
 OVERLAY = 0x60000010
@@ -280,7 +279,7 @@ class Header:
     padding: least and largest stored value that stands for no value. lut: first stored value and the values of a
     modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without pixels; the byte
     of their values; room: bytes from there on. notes: on header entries that are not drawn, and on SUV. factor: of
-    rescaled values to SUV.
+    rescaled values to SUV. angiogram: whether vessels are brightest.
     """
 
     source: Source
@@ -305,6 +304,7 @@ class Header:
     value_unit: str = ""
     notes: tuple[str, ...] = ()
     factor: float = 1.0
+    angiogram: bool = False
 
 
 @contextmanager
@@ -344,8 +344,7 @@ def read_header(source: Source) -> tuple[Header, Any]:
         palette = str(tags.get("PhotometricInterpretation") or "MONOCHROME2")
         rows, columns, count = (whole_number(tags.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
         allocated, stored = whole_number(tags.get("BitsAllocated"), 0), whole_number(tags.get("BitsStored"), 0)
-        is_pet = tags.get("Modality") == "PT"
-        factor, told = suv_factor(tags) if is_pet else (1.0, "")
+        factor, told = suv_factor(tags) if tags.get("Modality") == "PT" else (1.0, "")
         mosaic, split = find_mosaic(tags, rows, columns)
         keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
         return Header(
@@ -371,6 +370,7 @@ def read_header(source: Source) -> tuple[Header, Any]:
             value_unit="SUV" if told.startswith(TOLD) else _value_unit(tags),
             notes=(*[told] * bool(told), *split, *_ignored_notes(tags, max(count, 1))),
             factor=factor,
+            angiogram=is_angiogram(tags),
         ), tags
 
 

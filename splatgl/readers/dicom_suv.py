@@ -7,6 +7,7 @@ PS3.3 C.8.9.1, and the pseudo-code of the Quantitative Imaging Biomarkers Allian
 from __future__ import annotations
 
 import math
+import re
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -31,6 +32,8 @@ CLINICAL_TOP = 10.0
 BRIGHT = 99.5
 # values along each axis for it
 SAMPLED = 64
+# of angiograms: vessels in red
+ANGIOGRAM = Hints(preset="mr-angio", colormap="arteries")
 # (share of the upper end, opacity per mean spacing): the body is a veil, uptake is dense
 UPTAKE = ((0.05, 0.0), (0.15, 0.004), (0.3, 0.06), (0.6, 0.6), (1.0, 0.95))
 # the same of a dose: what is irradiated little is clear, so that layers below it show
@@ -51,6 +54,19 @@ def value_hints(modality: str, samples: np.ndarray, unit: str) -> Hints:
     shares, colormap = (UPTAKE, "hot") if modality == "PT" else (DOSE, "spectrum")
     points = tuple((share * top, opacity) for share, opacity in shares)
     return Hints(points=points, window=(0.0, top), colormap=colormap, shading=False)
+
+
+# words of descriptions of angiograms by magnetic resonance, and contrasts of enhanced ones (PS3.3 C.8.13.3.1.3)
+ANGIO, CONTRASTS = re.compile(r"(?<![a-z])(tof|mra|angio\w*)(?![a-z])"), ("TOF", "FLOW_ENCODED")
+
+
+def is_angiogram(tags: Any) -> bool:
+    """Whether images show vessels by X-rays, or by magnetic resonance as flag, contrast or description say."""
+    names = ("Modality", "AngioFlag", "AcquisitionContrast", "SeriesDescription")
+    modality, flag, contrast, about = (str(tags.get(name) or "").strip() for name in names)
+    if modality != "MR":
+        return modality == "XA"
+    return flag == "Y" or contrast in CONTRASTS or bool(ANGIO.search(about.lower()))
 
 
 def suv_factor(tags: Any) -> tuple[float, str]:

@@ -91,17 +91,17 @@ def render(
     x: anything that `Volume.of` accepts, a file, address, built-in scene or scene.toml, a Volume, or Splats; or a Scene
     or PyVista plotter, which accept only options of the view and the settings.
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
-    options: those of the command line by their names, of the view (azimuth, elevation, zoom, fov, size, eye, look_at,
-    up, orthographic, height), unless there is a camera, and of the settings (blend, antialias, background, like, …);
-    preset, points, curve, colormap, colors, window, log; color_of and window_of ({"DAPI": "blue"}), only_labels ([3, 7]
-    or {3: 0.5}); layers (volumes, arrays, Layers or files, one or several) and labels (a segmentation); vectors
-    ("magnitude", "direction"), streamlines, arrows (their number, or True); surfaces (smoothing of segmentations, or
-    True); clip (a condition or plane, or several), crop, mask (anything that `Volume.masked` accepts, or several);
-    meshes; annotate (names as on the command line); threshold, memory; options of `load` or `Volume.of` (spacing,
-    array, …); of a Scene or plotter `mixing`: "linear" light, or "display" values as VTK mixes them. background:
-    linear RGB, a name or "#rrggbb"; without one the image is transparent. `info["notes"]` lists the notes that the
-    command prints about a file. `render` does not compare the picture with the float64 reference; `check` does. Raises
-    InputError for bad input, and if nothing is visible.
+    options: those of the command line by their names, of the view (view, azimuth, elevation, zoom, fov, size, eye,
+    look_at, up, orthographic, height, dpi, width), unless there is a camera, and of the settings (blend, antialias,
+    background, like, …); preset, points, curve, colormap, colors, window, level_width, log; color_of and window_of
+    ({"DAPI": "blue"}), only_labels ([3, 7] or {3: 0.5}); layers (volumes, arrays, Layers or files, one or several)
+    and labels (a segmentation); vectors ("magnitude", "direction"), streamlines, arrows (their number, or True);
+    surfaces (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything
+    that `Volume.masked` accepts, or several); meshes; annotate (names as on the command line); threshold, memory;
+    options of `load` or `Volume.of` (spacing, array, …); of a Scene or plotter `mixing`: "linear" light, or
+    "display" values as VTK mixes them. background: linear RGB, a name or "#rrggbb"; without one the image is
+    transparent. `info["notes"]` lists the notes that the command prints about a file. `render` does not compare the
+    picture with the float64 reference; `check` does. Raises InputError for bad input, and if nothing is visible.
 
     ```python
     image = sg.render("head.nii.gz", "mri", azimuth=60, size=200, background="white")
@@ -132,7 +132,7 @@ def picture(x: Any, file: SceneFile, memory: int | None = None, needs_background
     image = draw(scene, drawing)
     drawn_notes = image.info.get("notes", ())
     notes = (*scene.volume.notes, *(drawn_notes if isinstance(drawn_notes, tuple) else ()))
-    return Image(image.pixels, {**image.info, **({"notes": notes} if notes else {})})
+    return replace(image, info={**image.info, **({"notes": notes} if notes else {})})
 
 
 def is_splats(x: Any) -> bool:

@@ -33,14 +33,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DrawOptions:
-    """Drawing options of one process. is_shared: use the shared renderer. early: the renderer that `open_early` opens,
-    None where that fails. memory: bytes.
+    """Drawing options of one process. is_shared: use the shared renderer. held: one that stays open. early: the
+    renderer that `open_early` opens, None where that fails. memory: bytes.
     """
 
     backend: str = "auto"
     device: int | None = None
     gpu: bool = False
     is_shared: bool = False
+    held: Renderer | None = None
     early: Future[Renderer | None] | None = None
     memory: int | None = option(
         None,
@@ -78,6 +79,8 @@ class DrawOptions:
 
     def renderer(self) -> AbstractContextManager[Renderer]:
         """The renderer for one picture."""
+        if self.held is not None:
+            return nullcontext(self.held)
         from splatgl.gl.renderer import Renderer
         from splatgl.scene.shared_renderer import shared_renderer
 
@@ -87,7 +90,7 @@ class DrawOptions:
     @contextmanager
     def open_early(self) -> Iterator[DrawOptions]:
         """These options, whose renderer a thread opens meanwhile, where a context may change its thread: of EGL."""
-        if self.is_shared or "egl" not in BACKENDS or self.backend not in ("auto", "egl"):
+        if self.is_shared or self.held or "egl" not in BACKENDS or self.backend not in ("auto", "egl"):
             yield self
             return
 
@@ -203,7 +206,9 @@ def draw(scene: OpenScene, how: DrawOptions) -> Image:
 
 def finish(image: Image, scene: OpenScene) -> Image:
     """Adds the provenance and the annotations of its scene to a picture."""
-    image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer)})
+    dpi = scene.file.view.dpi
+    on_paper = {} if dpi is None else {"dpi": dpi}
+    image = Image(image.pixels, {**image.info, **provenance_of(scene.file, scene.transfer), **on_paper})
     return annotate(image, scene) if scene.file.annotate else image
 
 

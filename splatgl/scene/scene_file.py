@@ -7,8 +7,9 @@ uncut = "seg.nrrd:3"            # part that clip and crop leave whole; or labels
 scissors = ["0,0 1,0 1,0.5"]    # as --scissors; [[scissors]]: outline, keep, and a view: eye, look_at, up, fov | height
 annotate = ["scale", "title=A"] # as --annotate
 [load]                          # as LoadOptions
-[transfer]                      # preset, curve = "band:50%,90%", colors = "60:red,120:#fda", or fields of Transfer
-[camera]                        # size, azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
+[transfer]                      # preset, curve = "band:50%,90%", colors = "60:red,1e3:#fda", level_width, of Transfer
+[camera]                        # size, view | azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
+                                # dpi, width
 [settings]                      # as Settings
 [animation]                     # turntable, spin, axis, frames, hold, fps | ease, path, [[animation.keyframe]]
 [[mesh]]                        # file, title, color, opacity, radius, visible
@@ -49,7 +50,18 @@ from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
-from splatgl.scene.transfer_choice import LABEL, TransferChoice, several
+from splatgl.scene.transfer_choice import (
+    AMOUNT_KEYS,
+    CHANNEL_KEYS,
+    LABEL,
+    REPLACES,
+    TransferChoice,
+    default_colors,
+    read_nodes,
+    refuse_both,
+    several,
+    with_window,
+)
 from splatgl.scene.view import ViewOptions, orient_flat_stack
 from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, mark_kind
@@ -58,15 +70,16 @@ from splatgl.splat.presets import (
     is_preset,
     label_transfer,
     logarithmic_transfer,
+    over_window,
     preset,
     preset_named,
+    projection_transfer,
+    window_question,
 )
 from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
 from splatgl.splat.settings import Settings
-from splatgl.splat.statistics import statistics
 from splatgl.splat.transfer import Transfer
-from splatgl.splat.transfer_nodes import color_map, curve_of, read_color_points
 
 if TYPE_CHECKING:
     from splatgl.splat.extract import Progress
@@ -79,42 +92,12 @@ TABLES: dict[str, type] = {
     **{name: list for name in ("layer", "mesh", "measure", "annotate", "scissors")},
     "volume": str,
 }
-# keys of a transfer function for channels: pairs of a channel and a colour, or a window
-CHANNEL_KEYS = ("color_of", "window_of")
-# keys of a transfer function that labels do not have
-AMOUNT_KEYS = frozenset(("points", "curve", "colormap", "colors", "window", "scale", "gradient"))
-# keys that options replace
-REPLACES = {"curve": ("points",), "points": ("curve",), "colors": ("colormap", "window"), "colormap": ("colors",)}
 # keys of the animation; those of keyframes
 TRACK = ("ease", "path", "keyframe")
 ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
 PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "uncut", "surfaces")
-
-
-def refuse_both(keys: Mapping[str, Any]) -> None:
-    """Raises InputError for keys of a transfer function that say the same thing twice."""
-    for name in ("curve", "colors"):
-        others = [other for other in REPLACES[name] if other in keys]
-        if keys.get(name) and others:
-            raise expected("transfer", f"{name} or {others[0]}", "both", "leave one of them out")
-
-
-def read_nodes(keys: Mapping[str, Any], volume: Volume, scale: str) -> dict[str, Any]:
-    """Returns keys of a transfer function with the points of `curve`, and colour map and window of `colors`."""
-    refuse_both(keys)
-    rest = dict(keys)
-    curve, colors = rest.pop("curve", ""), rest.pop("colors", "")
-    if not (curve or colors):
-        return rest
-    stats = statistics(volume)
-    if curve:
-        rest["points"] = curve_of(curve, stats, scale)
-    if colors:
-        rest["colormap"], window = color_map(read_color_points(colors, stats), scale)
-        rest |= {"window": window} if window else {}
-    return rest
 
 
 def _annotations(value: Any) -> tuple[str, ...]:
@@ -369,7 +352,7 @@ class SceneFile:
             meshes=meshes,
             load=reading,
             transfer={**kept, **transfer},
-            view=replace(self.view, **{name: options[name] for name in names_of(ViewOptions) if name in options}),
+            view=self.view.changed(**{name: options[name] for name in names_of(ViewOptions) if name in options}),
             vectors=replace(self.vectors, **{VECTORS[name]: options[name] for name in VECTORS if name in options}),
             settings=replace(base, **settings),
         )
@@ -462,6 +445,21 @@ class SceneFile:
 
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
+        volume = self._open()
+        notes = (*self.view.notes(volume.frame), *self._window_notes(volume))
+        return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
+
+    def _window_notes(self, volume: Volume) -> tuple[str, ...]:
+        """Returns a note on a window that may be meant as level and width."""
+        try:
+            window = Kind.interval().check(self.transfer.get("window"))
+        except (TypeError, ValueError):
+            # none, or one that the transfer function refuses
+            return ()
+        question = window_question(volume, window)
+        return (question,) if question else ()
+
+    def _open(self) -> Volume:
         if self.held is not None:
             return self._prepare(self.held)
         if self.volume in SCENES and not self.load:
@@ -554,7 +552,8 @@ class SceneFile:
         if self.vectors.has_lines and not self.transfer.keys() & {"preset", "points", "curve", "only_labels"}:
             faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
             return faint.transfer_for(volume)
-        keys = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
+        chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
+        keys = with_window(chosen)
         name = keys.pop("preset", None)
         if "only_labels" in keys:
             refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
@@ -562,20 +561,28 @@ class SceneFile:
             return replace(base, **keys).weakened(self.opacity)
         if "points" in keys and name is None and "colors" not in keys:
             refuse_both(keys)
-            transfer = Transfer.from_table(keys)
+            transfer = Transfer.from_table({**default_colors(keys, volume), **keys})
         else:
-            base = preset(name, volume) if name else default_transfer(volume)
-            refuse_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
-            if base.labels and keys.keys() & AMOUNT_KEYS:
-                conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
-                raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")
-            if keys.get("scale") == "log" and "points" not in keys:
-                base = logarithmic_transfer(base, volume)
-            if keys.get("curve"):
-                low, high = base.color_range
-                base = replace(base, window=(low, high) if low < high else None)
-            keys = read_nodes(keys, volume, base.scale)
-            # a surface has the light part of a map over its default window, and the whole map over other windows
-            colors = base_name(base.colormap) if "window" in keys else base.colormap
-            transfer = replace(base, **{"colormap": colors, **keys})
+            transfer = self._changed_transfer(name, keys, volume)
         return transfer.weakened(self.opacity)
+
+    def _changed_transfer(self, name: str | None, keys: dict[str, Any], volume: Volume) -> Transfer:
+        """Returns the transfer function of a preset, of maxima or the default, changed by keys of a table."""
+        base = preset(name, volume) if name else default_transfer(volume)
+        refuse_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
+        if base.labels and keys.keys() & AMOUNT_KEYS:
+            conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))
+            raise expected("labels", "none of the options of amounts", conflicts, "--values amounts draws amounts")
+        if self.settings.blend == "mip" and name is None and not keys.get("curve"):
+            base = projection_transfer(base, volume)
+            if "window" in keys and keys.get("scale") != "log":
+                base = over_window(base, *keys["window"])
+        if keys.get("scale") == "log" and "points" not in keys:
+            base = logarithmic_transfer(base, volume)
+        if keys.get("curve"):
+            low, high = base.color_range
+            base = replace(base, window=(low, high) if low < high else None)
+        keys = read_nodes(keys, volume, base.scale)
+        # a surface has the light part of a map over its default window, and the whole map over other windows
+        colors = base_name(base.colormap) if "window" in keys else base.colormap
+        return replace(base, **{"colormap": colors, **keys})

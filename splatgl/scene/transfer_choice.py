@@ -1,15 +1,30 @@
-"""`TransferChoice`: options of a transfer function that are not its fields: preset, labels, looks of channels."""
+"""`TransferChoice`: options of a transfer function that are not its fields, and what keys of its table stand for."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from splatgl.data.color import srgb_of_name
-from splatgl.options import Group, Kind, option
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.options import Group, Kind, checked, declared, option
+from splatgl.splat.colormaps import base_name
+from splatgl.splat.presets import default_transfer
+from splatgl.splat.statistics import statistics
+from splatgl.splat.transfer_nodes import color_map, curve_of, read_color_points
 
+# keys of a transfer function for channels: pairs of a channel and a colour, or a window
+CHANNEL_KEYS = ("color_of", "window_of")
+# keys of a transfer function that labels do not have
+AMOUNT_KEYS = frozenset(("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient"))
+# keys that options replace
+REPLACES: dict[str, tuple[str, ...]] = {
+    **{"curve": ("points",), "points": ("curve",), "colormap": ("colors",)},
+    **{"colors": ("colormap", "window", "level_width"), "window": ("level_width",), "level_width": ("window",)},
+}
 # number of a label
 LABEL = Kind.whole(-(2**63), 2**63)
 
@@ -70,6 +85,13 @@ def _pairs(read: Callable[[str], Any], write: Callable[[Any], str], value: Any) 
     return tuple(read(pair if isinstance(pair, str) else f"{pair[0]}={write(pair[1])}") for pair in pairs)
 
 
+def _level_width(value: Any) -> tuple[float, float]:
+    level, width = Kind.numbers(2, "").check(value)
+    if not width > 0:
+        raise ValueError
+    return level, width
+
+
 @dataclass(frozen=True)
 class TransferChoice:
     """Options of a transfer function that are not its fields."""
@@ -92,6 +114,12 @@ class TransferChoice:
         "",
         Kind.instance("colours at values", str, metavar="V:COLOUR,…"),
         "colours at values or percentiles, such as 60:red,95%:#ffd0a0, between which they are mixed",
+        group=Group.TRANSFER,
+    )
+    level_width: tuple[float, float] | None = option(
+        None,
+        replace(Kind.numbers(2, "LEVEL,WIDTH", "a level and a width above 0, as two numbers"), check=_level_width),
+        "middle and width of the values that the colours span, as radiologists write --window",
         group=Group.TRANSFER,
     )
     only_labels: tuple[tuple[int, float], ...] = option(
@@ -146,3 +174,51 @@ class TransferChoice:
         group=Group.TRANSFER,
         repeat=True,
     )
+
+
+def refuse_both(keys: Mapping[str, Any]) -> None:
+    """Raises InputError for keys of a transfer function that say the same thing twice."""
+    for name in ("curve", "colors"):
+        others = [other for other in REPLACES[name] if other in keys]
+        if keys.get(name) and others:
+            raise expected("transfer", f"{name} or {others[0]}", "both", "leave one of them out")
+
+
+def read_nodes(keys: Mapping[str, Any], volume: Volume, scale: str) -> dict[str, Any]:
+    """Returns keys of a transfer function with the points of `curve`, and colour map and window of `colors`."""
+    refuse_both(keys)
+    rest = dict(keys)
+    curve, colors = rest.pop("curve", ""), rest.pop("colors", "")
+    if not (curve or colors):
+        return rest
+    stats = statistics(volume)
+    if curve:
+        rest["points"] = curve_of(curve, stats, scale)
+    if colors:
+        rest["colormap"], window = color_map(read_color_points(colors, stats), scale)
+        rest |= {"window": window} if window else {}
+    return rest
+
+
+def with_window(keys: dict[str, Any]) -> dict[str, Any]:
+    """Returns the keys of a transfer function with a window in place of level and width."""
+    if keys.get("level_width") is None:
+        return {name: value for name, value in keys.items() if name != "level_width"}
+    if "window" in keys:
+        raise expected("level_width", "either it or window", "both")
+    level, width = checked(declared(TransferChoice)["level_width"].kind, "level_width", keys["level_width"])
+    rest = {name: value for name, value in keys.items() if name != "level_width"}
+    return {**rest, "window": (level - width / 2, level + width / 2)}
+
+
+def default_colors(keys: Mapping[str, Any], volume: Volume) -> dict[str, Any]:
+    """Returns colours, window and shading of the default for a volume, unless all keys of colours are given."""
+    if {"colormap", "window"} <= keys.keys() or "labels" in keys:
+        return {}
+    base = default_transfer(volume)
+    if base.labels:
+        return {}
+    colors = base_name(base.colormap) if "window" in keys else base.colormap
+    window = base.color_range
+    spans = window[0] < window[1] and keys.get("scale") != "log" and "colormap" not in keys
+    return {"colormap": colors, "shading": base.shading, **({"window": window} if spans else {})}

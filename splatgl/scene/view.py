@@ -1,7 +1,8 @@
-"""`ViewOptions`: cameras from angles and sizes; flat stacks of microscopes."""
+"""`ViewOptions`: cameras from angles and sizes; standard views; flat stacks of microscopes."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -26,10 +27,12 @@ NOTE = "a flat stack is seen along z, x to the right and y down: --elevation 45 
 
 
 def orient_flat_stack(volume: Volume, has_note: bool = True) -> Volume:
-    """The volume; a flat stack of a microscope is seen along z and turns about y. has_note: whether a note says so."""
+    """The volume; a flat stack of a microscope is seen along z by parallel rays, and turns about y. has_note: whether a
+    note says so.
+    """
     if not is_flat_stack(volume):
         return volume
-    hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=(0.0, -1.0, 0.0))
+    hints = replace(volume.hints, azimuth=0.0, elevation=0.0, up=(0.0, -1.0, 0.0), orthographic=True)
     return replace(volume, hints=hints, notes=(*volume.notes, *[NOTE] * has_note))
 
 
@@ -46,6 +49,44 @@ def is_flat_stack(volume: Volume) -> bool:
 
 # degrees
 AZIMUTH, ELEVATION, ELEVATION_FLAT, FOV = 30.0, 20.0, 60.0, 40.0
+# azimuth and elevation of the standard views in degrees: the front is a scene's azimuth 0. A patient's right is that of
+# 3D Slicer, at the viewer's left from the front.
+VIEWS = {
+    "isometric": (45.0, 35.264),
+    "front": (0.0, 0.0),
+    "back": (180.0, 0.0),
+    "right": (90.0, 0.0),
+    "left": (-90.0, 0.0),
+    "top": (0.0, 90.0),
+    "bottom": (0.0, -90.0),
+}
+# the views that need a patient's frame, and what they are without one
+OF_PATIENTS = {"anterior": "front", "posterior": "back", "left": "left", "right": "right"}
+OF_PATIENTS |= {"superior": "top", "inferior": "bottom"}
+# millimetres of the units of a width on paper, and of an inch; dots per inch of a picture of such a width
+INCH = 25.4
+PAPER = {"mm": 1.0, "cm": 10.0, "in": INCH, "pt": INCH / 72}
+PRINT_DPI = 300.0
+
+
+def angles(view: str, frame: str | None) -> tuple[float, float]:
+    """Azimuth and elevation of a standard view of data in a frame: LPS, RAS or None."""
+    azimuth, elevation = VIEWS[OF_PATIENTS.get(view, view)]
+    # a patient's right is at the viewer's left
+    return (-azimuth if frame and view in ("left", "right") else azimuth), elevation
+
+
+def read_paper_width(text: str) -> float:
+    """Millimetres of a length on paper, such as 85mm. Raises ValueError for other text."""
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+) *(mm|cm|in|pt)", text)
+    if match is None or not float(match[1]) > 0:
+        raise ValueError
+    return float(match[1]) * PAPER[match[2]]
+
+
+def _paper_width(text: str) -> str:
+    read_paper_width(text)
+    return text
 
 
 _option = partial(option, group=Group.VIEW)
@@ -55,15 +96,23 @@ _option = partial(option, group=Group.VIEW)
 class ViewOptions:
     """Camera parameters; None: from the hints, anatomy or shape of the volume.
 
+    A width on paper sets the dots per inch, if they are not given, and the pixels, of which the size is then the shape.
     part: the view is fitted to it, instead of the visible part of the volume. fixed: camera that replaces all
     parameters but the size.
     """
 
     size: tuple[int, int] = _option((512, 512), Kind.picture_size(), "pixels, such as 800x600 or 512", level="basic")
+    view: str | None = _option(
+        None,
+        replace(Kind.choice((*OF_PATIENTS, *(name for name in VIEWS if name not in OF_PATIENTS))), metavar=""),
+        "a standard view: left, superior, front, isometric, …. Instead of azimuth and elevation; left is the patient's",
+        level="basic",
+        metavar="NAME",
+    )
     azimuth: float | None = _option(
         None,
         Kind.number(metavar="A"),
-        "degrees around the up axis (default 30). Counter-clockwise from above; 0 is the front",
+        "degrees around the up axis (default 30). Counter-clockwise from above; 0 is the front, the patient's",
         level="basic",
     )
     elevation: float | None = _option(
@@ -74,13 +123,50 @@ class ViewOptions:
     eye: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "position of the eye, world units")
     look_at: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "point that --eye looks at (default: the centre)")
     up: Triple | None = _option(None, Kind.numbers(3, "X,Y,Z"), "direction drawn upwards (default 0,0,1)")
-    orthographic: bool = _option(False, Kind.flag(), "parallel rays", bare=True)
+    orthographic: bool | None = _option(
+        None, Kind.flag(), "parallel rays. Flat stacks of microscopes have them unless --fov is given", bare=True
+    )
     height: float | None = _option(None, Kind.number(metavar="L"), "height of an orthographic picture, world units")
+    dpi: float | None = _option(
+        None,
+        Kind.number("dots per inch from 1 to 10000", 1, 10_000),
+        f"dots per inch, which the file states (default of --width: {PRINT_DPI:g}). Letters are then 8 points high",
+    )
+    width: str | None = _option(
+        None,
+        Kind("a length such as 85mm, 8.5cm, 3.3in or 240pt", _paper_width, _paper_width, "LENGTH", hint="str"),
+        "width on paper, such as 85mm, that with --dpi gives the pixels. --size gives the shape",
+    )
     part: Bounded | None = None
     fixed: Camera | None = None
 
     def __post_init__(self) -> None:
         check_options(self)
+        beside = [name for name in ("azimuth", "elevation", "eye") if getattr(self, name) is not None]
+        if self.view is not None and beside:
+            raise expected("view", "a standard view or angles", f"{self.view} and {' and '.join(beside)}")
+        if self.width is not None:
+            dpi = self.dpi or PRINT_DPI
+            pixels = max(round(read_paper_width(self.width) / INCH * dpi), 1)
+            object.__setattr__(self, "dpi", dpi)
+            object.__setattr__(self, "size", (pixels, max(round(pixels * self.size[1] / self.size[0]), 1)))
+
+    def changed(self, **options: Any) -> ViewOptions:
+        """The view with other options: a standard view replaces angles and an eye, and these a standard view."""
+        angles = ("azimuth", "elevation", "eye", "look_at")
+        if options.get("view") is not None:
+            options = {**dict.fromkeys(angles), **options}
+        elif any(options.get(name) is not None for name in angles):
+            options = {"view": None, **options}
+        return replace(self, **options)
+
+    def notes(self, frame: str | None) -> tuple[str, ...]:
+        """A note on a view that needs a patient's frame, of data without one."""
+        if frame is not None or self.view is None or self.view not in OF_PATIENTS:
+            return ()
+        azimuth, elevation = angles(self.view, frame)
+        where = f"azimuth {azimuth:g}°, elevation {elevation:g}°"
+        return (f"the file does not state anatomy: {self.view} is {where}, which may not be the patient's",)
 
     def fitted(self, part: Bounded) -> ViewOptions:
         """The view fitted to a part of the volume; a view with a camera or a part stays."""
@@ -89,9 +175,11 @@ class ViewOptions:
     def orbit(self, volume: Volume | Splats) -> tuple[float, float] | None:
         """Azimuth and elevation around the centre of the visible part; None for a view from an eye."""
         hints = volume.hints if isinstance(volume, Volume) else Hints()
-        orbits = any(x is not None for x in (self.azimuth, self.elevation, self.zoom))
+        orbits = any(x is not None for x in (self.view, self.azimuth, self.elevation, self.zoom))
         if self.eye is not None or (hints.eye is not None and not orbits):
             return None
+        if self.view is not None:
+            return angles(self.view, getattr(volume, "frame", None))
         azimuth, elevation = _default_orbit(volume)
         return _first(self.azimuth, hints.azimuth, azimuth), _first(self.elevation, hints.elevation, elevation)
 
@@ -99,7 +187,12 @@ class ViewOptions:
         """Whether the camera does not depend on the visible part of the volume."""
         if self.part is not None or self.fixed is not None:
             return True
-        return self.orbit(volume) is None and (self.height is not None or not self.orthographic)
+        return self.orbit(volume) is None and (self.height is not None or not self.is_parallel(volume))
+
+    def is_parallel(self, volume: Volume | Splats) -> bool:
+        """Whether rays are parallel."""
+        hinted = isinstance(volume, Volume) and volume.hints.orthographic and self.fov is None
+        return self.height is not None or bool(_first(self.orthographic, hinted))
 
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to the visible part of `subject`. volume: has hints, or is splats without."""
@@ -132,8 +225,7 @@ class ViewOptions:
                 _first(self.zoom, 1.0),
                 _first(self.up, hints.up, (0.0, 0.0, 1.0)),
             )
-        parallel = self.orthographic or self.height is not None
-        return camera.parallel(subject, self.height) if parallel else camera
+        return camera.parallel(subject, self.height) if self.is_parallel(volume) else camera
 
 
 def _center(volume: Volume | Splats) -> np.ndarray:

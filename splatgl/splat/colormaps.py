@@ -25,6 +25,7 @@ EVEN = {
     "ivory": "5a3a26 a87d55 dcc298 f4e9d0 fffdf6",
     "flesh": "2a0f0a 7c3a2a c47a5e e6ab8c f6d8c2 fff3ea",
     "fire": "000000 3b0a2a 8c1230 d63a14 f98a10 fdd24a fffde0",
+    "arteries": "2a0204 7a0a10 c8141c e8382e f28a70 ffe4d8",
     "glow": "04121c 0b3f4a 127a6a 35c06a b4ee7a fbffe0",
     "terrain": "1f4f8a 3f86b4 d8cda0 7ea85a 3f7a3a 8a7350 b0a8a0 ffffff",
     # 17 of the 256 published colours, within 0.023 of all of them

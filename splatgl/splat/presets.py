@@ -343,6 +343,47 @@ def default_transfer(volume: Volume) -> Transfer:
     return replace(chosen, **{name: value for name, value in hinted.items() if value is not None})
 
 
+def projection_transfer(base: Transfer, volume: Volume) -> Transfer:
+    """The transfer function of maxima along rays for a volume whose own is `base`: a ramp over the window, in grey for
+    surfaces, else in its colours. Volumes in colours of their own and segments keep `base`.
+    """
+    if base.labels or volume.color is not None:
+        return base
+    if base.shading:
+        return preset("mip", volume)
+    low, high = base.window or (base.points[0][0], base.points[-1][0])
+    return over_window(base, low, high)
+
+
+def over_window(base: Transfer, low: float, high: float) -> Transfer:
+    """The transfer function with colours and a ramp of opacities over a window."""
+    return replace(base, points=((low, 0.0), (high, SOLID)), window=(low, high)) if low < high else base
+
+
+def is_ct(volume: Volume) -> bool:
+    """Whether the values are in Hounsfield units, by the file or by their distribution."""
+    return volume.value_unit == "HU" or (not volume.value_unit and _is_hounsfield(statistics(volume)))
+
+
+# Hounsfield units that are a level by custom, of lungs, and of tissue with contrast up to bone
+LEVELS = ((-700.0, -400.0), (20.0, 700.0))
+
+
+def window_question(volume: Volume, window: Sequence[float]) -> str:
+    """A note on a window that customs of CT write as level and width, such as 40,400; "" if it is none.
+
+    A level of air or of fat is not one of theirs, and a width is at least twice as large as the level's size.
+    """
+    low, high = window
+    is_custom = any(least <= low <= most for least, most in LEVELS) and high >= 2 * abs(low)
+    if not (is_custom and is_ct(volume)):
+        return ""
+    return (
+        f"--window {low:g},{high:g} spans {low:g} to {high:g} HU; if they are level and width, "
+        f"--level-width {low:g},{high:g} spans {low - high / 2:g} to {low + high / 2:g}"
+    )
+
+
 def is_microscopy(volume: Volume) -> bool:
     """Whether the values look like bright structures on a dark background."""
     chosen = volume.hints.preset or _choose_preset(volume, statistics(volume))

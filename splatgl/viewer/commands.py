@@ -14,6 +14,7 @@ from splatgl.annotations.canvas import Annotation, Subject
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.gl.screen import GROUNDS
+from splatgl.scene.view import angles
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.plan import plan
@@ -128,17 +129,6 @@ def _next(values: Sequence[Any], value: str) -> Any:
 
 # degrees per key press
 TURN, ROLL = 10.0, 10.0
-# azimuth and elevation of the standard views in degrees: the front is a scene's azimuth 0. A patient's right is that of
-# 3D Slicer, at the viewer's left from the front.
-VIEWS = {
-    "isometric": (45.0, 35.264),
-    "front": (0.0, 0.0),
-    "back": (180.0, 0.0),
-    "right": (90.0, 0.0),
-    "left": (-90.0, 0.0),
-    "top": (0.0, 90.0),
-    "bottom": (0.0, -90.0),
-}
 # names by 3D Slicer for data with anatomy, and by ParaView, which names the direction of the view, for others
 ANATOMY = {"front": "Anterior", "back": "Posterior", "right": "Right", "left": "Left"}
 ANATOMY |= {"top": "Superior", "bottom": "Inferior"}
@@ -150,13 +140,6 @@ def name_of(view: str, frame: str | None) -> str:
     if view == "isometric":
         return "isometric"
     return f"{ANATOMY[view]} view" if frame else f"view along {ALONG[view]}"
-
-
-def angles(view: str, frame: str | None) -> tuple[float, float]:
-    """Azimuth and elevation of a standard view of data in a frame: LPS, RAS or None."""
-    azimuth, elevation = VIEWS[view]
-    # a patient's right is at the viewer's left
-    return (-azimuth if frame and view in ("left", "right") else azimuth), elevation
 
 
 def _view(name: str) -> Run:

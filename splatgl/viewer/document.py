@@ -496,7 +496,7 @@ class Document:
 
     def home(self, size: tuple[int, int]) -> Pose:
         """The scene's initial view, with its pivot in the middle of the scene."""
-        camera = replace(self.scene.view, size=size).camera(self.volume, self.subject)
+        camera = replace(self.scene.view, size=size, width=None).camera(self.volume, self.subject)
         fov = self.scene.view.fov or self.volume.hints.fov or _fov(camera)
         return Pose(camera, self.middle, float(fov), self.reach)
 

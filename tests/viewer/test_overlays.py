@@ -16,7 +16,8 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.gl.screen import Sprite
 from splatgl.scene.scene_file import SceneFile
-from splatgl.viewer.commands import TURN, Copy, angles, name_of
+from splatgl.scene.view import angles
+from splatgl.viewer.commands import TURN, Copy, name_of
 from splatgl.viewer.document import Document
 from splatgl.viewer.measure_tool import add_ruler_point, describe_pick, under_cursor
 from splatgl.viewer.overlays import RULER, TIP, AnnotationInputs, Legend, crop_sprites, ruler_marks
