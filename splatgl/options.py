@@ -333,10 +333,96 @@ def refuse_unknown(what: str, names: Iterable[str], known: Iterable[str], this: 
         raise expected(what, this or f"keys {', '.join(known)}", ", ".join(unknown), fix)
 
 
+# options and commands, with a value where one is meant, and the words for them in 3D Slicer, ParaView, PyVista, VTK,
+# napari, Fiji and F3D; of several options for a word, the first that is there
+MEANINGS = {
+    "blend mip": "mip maximum max-intensity max-projection maximum-intensity-projection max projection",
+    "blend minip": "minip minimum min-intensity min-projection minimum-intensity-projection",
+    "blend mean": "mean average mean-projection average-intensity-projection",
+    "blend xray": "xray x-ray drr additive sum radiograph sum-slices",
+    "blend": "blend-mode blending rendering render-mode volume-blend-mode projection-mode",
+    "iso": "isosurface iso-surface isosurfaces isovalue iso-value iso-threshold isovalues contour contours level-set",
+    "slice": "slices mpr reslice orthoslice orthoslices slice-plane slice-index orthogonal-views cross-section section",
+    "clip": "cut clip-plane clipping clipping-plane clip-planes cutplane cut-plane cutaway clip-box slice section",
+    "points": "opacity alpha opacities scalar-opacity opacity-function opacity-transfer-function otf",
+    "colormap": "cmap lut palette color-map colour-map lookup-table color-function color-transfer-function ctf",
+    "window": "clim clims contrast-limits display-range scalar-range color-range data-range limits min-max contrast",
+    "level-width": "window-level level-window wl ww windowing window-width window-center window-center-width",
+    "gradient": "gradient-opacity gradient-opacity-function",
+    "log": "log-scale logscale logarithmic log-norm use-log-scale",
+    "unit": "opacity-unit-distance scalar-opacity-unit-distance unit-distance opacity-unit",
+    "color-of": "channel-color channel-colors channel-colour",
+    "window-of": "channel-window channel-clim channel-contrast",
+    "background": "bg bgcolor bg-color background-color background-colour backdrop",
+    "dpi": "ppi dots-per-inch print-resolution",
+    "size": "resolution window-size windowsize image-size geometry canvas-size screen-size res",
+    "view": "viewpoint standard-view camera-view view-direction camera-direction show open display gui",
+    "azimuth": "rotate rotation rotate-z yaw azim camera-azimuth-angle azimuth-angle heading rz",
+    "elevation": "pitch tilt elev camera-elevation-angle elevation-angle rx",
+    "eye": "camera-position cpos position camera-eye camera-location",
+    "look-at": "focal-point focalpoint focus lookat camera-focal-point camera-target center",
+    "up": "view-up viewup up-vector camera-view-up",
+    "zoom": "zoom-factor camera-zoom-factor magnification magnify dolly",
+    "fov": "view-angle viewangle field-of-view camera-view-angle angle-of-view",
+    "orthographic": "ortho parallel parallel-projection camera-orthographic orthogonal",
+    "annotate scale": "scale-bar scalebar ruler scale-legend",
+    "annotate colorbar": "colorbar color-bar colour-bar scalar-bar scalarbar show-scalar-bar legend bar",
+    "annotate axes": "axes axis show-axes triad orientation-marker orientation-axes axes-widget",
+    "annotate box": "box bounding-box outline show-bounds bounds show-box",
+    "annotate directions": "directions orientation-labels anatomical-labels",
+    "annotate title=TEXT": "title text caption add-text corner-annotation",
+    "crop": "roi voi subvolume sub-volume extract-subset extent crop-box cropping",
+    "mask": "stencil masks mask-volume",
+    "layer": "overlay layers add-volume second-volume",
+    "labels": "segmentation segmentations seg labelmap label-map segments label-volume label-image",
+    "only-labels": "segment selected-segments show-labels visible-labels",
+    "mesh": "model models polydata stl add-mesh meshes geometry-file",
+    "array": "variable var scalars dataset scalar-name array-name coloring-array",
+    "channel": "channels channel-axis component channel-index",
+    "time": "timestep time-step timepoint time-point time-index time-value frame-index",
+    "spacing": "voxel-size voxelsize pixel-size pixelsize voxel-spacing pixel-spacing",
+    "dtype": "scalar-type data-type datatype pixel-type voxel-type",
+    "shape": "dims dimensions dim grid-size matrix-size",
+    "shading": "shade shaded",
+    "light": "lighting lights light-kit",
+    "light-from": "light-position light-direction light-dir sun",
+    "ambient-occlusion": "ao ssao",
+    "shadows": "shadow shadow-mapping",
+    "antialias": "aa anti-aliasing antialiasing anti-alias fxaa",
+    "samples": "msaa ssaa multisampling multi-samples supersampling aa-samples",
+    "preset": "volume-property transfer-preset look",
+    "output": "out save save-as screenshot snapshot export output-file filename",
+    "bits": "bit-depth bitdepth",
+    "depth": "depth-map zbuffer z-buffer",
+    "ref": "reference baseline",
+    "workers": "jobs threads n-jobs nproc processes cores",
+    "memory": "max-memory mem ram",
+    "quiet": "silent no-progress",
+    "turntable": "orbit rotate-movie 360",
+    "fps": "framerate frame-rate",
+    "frames": "nframes n-frames number-of-frames",
+    "render": "screenshot snapshot draw picture image",
+    "animate": "movie video gif turntable animation",
+    "compare": "diff difference",
+    "info": "describe header inspect stat information",
+    "presets": "colormaps looks transfer-functions",
+    "convert": "export save-as translate",
+}
+# least similarity of a misspelt word
+SIMILAR = 0.8
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
-    """`did you mean …?`, or "" if no known word is similar."""
-    similar = get_close_matches(word, list(known), n=1)
-    return f"did you mean {similar[0]}?" if similar else ""
+    """`did you mean …?` by meaning, else by spelling; "" if no known word is near."""
+    names = {name.strip("-").replace("_", "-"): name for name in known}
+    plain = word.strip("-").replace("_", "-").lower()
+    meant = [suggestion for suggestion, words in MEANINGS.items() if plain in words.split()]
+    for name, _, value in (suggestion.partition(" ") for suggestion in meant):
+        if name in names:
+            form = f"{names[name]} {value}" if names[name].startswith("-") else f"{names[name]}={value!r}"
+            return f"did you mean {form if value else names[name]}?"
+    similar = [] if meant else get_close_matches(plain, names, 1, SIMILAR)
+    return f"did you mean {names[similar[0]]}?" if similar else ""
 
 
 def read_pairs(text: str) -> tuple[tuple[float, float], ...]:

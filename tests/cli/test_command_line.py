@@ -16,6 +16,8 @@ import splatgl as sg
 from splatgl.cli.main import COMMANDS, _command_of, _parser, main
 from splatgl.cli.options import scene_from
 from splatgl.cli.parser import Parser
+from splatgl.errors import InputError
+from splatgl.options import MEANINGS, nearest
 from splatgl.scene.api import scene_of
 from splatgl.scene.scene_file import SceneFile
 
@@ -79,10 +81,10 @@ NEAR = {
     "render noise.npy --zom 3": "splatgl render: unknown option --zom (did you mean --zoom?); see splatgl render",
     "render noise.npy --backgruond=black": "unknown option --backgruond=black (did you mean --background?)",
     "render noise.npy --qqqqq": "unknown option --qqqqq; see",
-    "render noise.npy two.npz": "expected SOURCE, got also two.npz; splatgl animate draws a series",
+    "view noise.npy two.npz": "expected SOURCE, got also two.npz; splatgl render draws several, splatgl animate",
     "doctor 3": "splatgl doctor: expected no more, got also 3",
     "render -": "SOURCE: expected a file, got standard input; save it to a file first",
-    "render *.npy": "*.npy: expected one file, got a pattern; splatgl animate draws a series",
+    "info *.npy": "*.npy: expected one file, got a pattern; splatgl render and animate draw several",
 }
 
 
@@ -92,6 +94,52 @@ def test_near_misses(typed: str, here: Path, capsys: Said) -> None:
     told = capsys.readouterr()
     assert NEAR[typed] in told.err and told.out == ""
     assert len(told.err.splitlines()) == 1
+
+
+# what users of 3D Slicer, ParaView, PyVista, VTK, napari, Fiji and F3D type → what is advised; "": nothing
+MEANT = {
+    **{"--mip": "--blend mip", "--max": "--blend mip", "--minip": "--blend minip", "--average": "--blend mean"},
+    **{"--blend-mode": "--blend", "--rendering": "--blend", "--opacity": "--points", "--alpha": "--points"},
+    **{"--clim": "--window", "--contrast-limits": "--window", "--scalar-range": "--window", "--cmap": "--colormap"},
+    **{"--lut": "--colormap", "--window-level": "--level-width", "--wl": "--level-width", "--bg": "--background"},
+    **{"--background-color": "--background", "--ppi": "--dpi", "--resolution": "--size", "--window-size": "--size"},
+    **{"--camera-position": "--eye", "--cpos": "--eye", "--focal-point": "--look-at", "--view-up": "--up"},
+    **{"--rotate": "--azimuth", "--yaw": "--azimuth", "--pitch": "--elevation", "--view-angle": "--fov"},
+    **{"--parallel-projection": "--orthographic", "--scale-bar": "--annotate scale", "--ruler": "--annotate scale"},
+    **{"--scalar-bar": "--annotate colorbar", "--legend": "--annotate colorbar", "--axis": "--annotate axes"},
+    **{"--bounding-box": "--annotate box", "--title": "--annotate title=TEXT", "--roi": "--crop", "--cut": "--clip"},
+    **{"--overlay": "--layer", "--segmentation": "--labels", "--model": "--mesh", "--scalars": "--array"},
+    **{"--component": "--channel", "--timestep": "--time", "--voxel-size": "--spacing", "--dims": "--shape"},
+    **{"--shade": "--shading", "--lights": "--light", "--ssao": "--ambient-occlusion", "--msaa": "--samples"},
+    **{"--gradient-opacity": "--gradient", "--jobs": "--workers", "--screenshot": "--output", "--zoomfactor": ""},
+    **{"--interpolation": "", "--verbose": "", "--theme": "", "--lod": "", "--flip": "", "--smooth": "", "--style": ""},
+    **{"--edges": "", "--stereo": "", "--fullscreen": "", "--jitter": "", "--hdri": "", "--tone-mapping": ""},
+}
+
+
+@pytest.mark.parametrize("typed", MEANT)
+def test_options_of_other_programs(typed: str) -> None:
+    """By meaning; where nothing is meant, there is no suggestion."""
+    advised = nearest(typed, command("render")._option_string_actions)
+    assert advised == (f"did you mean {MEANT[typed]}?" if MEANT[typed] else "")
+
+
+def test_meanings_are_options_and_commands() -> None:
+    """Every suggestion is there, and no word for it is an option of the command that it is advised for."""
+    flags = {flag.strip("-") for name in COMMANDS for flag in command(name)._option_string_actions}
+    # taken where they are there
+    later = {"iso", "slice"}
+    assert {suggestion.partition(" ")[0] for suggestion in MEANINGS} - later <= flags | set(COMMANDS)
+    own = {flag.strip("-") for flag in command("render")._option_string_actions}
+    assert {word for words in MEANINGS.values() for word in words.split()} & own <= {"view"}
+
+
+def test_commands_and_keywords_by_meaning(here: Path, capsys: Said) -> None:
+    for typed, advised in (("movie", "animate"), ("diff", "compare"), ("screenshot", "render"), ("show", "view")):
+        assert ended([typed, "noise.npy"]) == 2
+        assert f"(did you mean {advised}?)" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"got mip; did you mean blend='mip'\?"):
+        sg.render(np.zeros((4, 4, 4)), mip=True)  # type: ignore[call-arg]
 
 
 # --- values ----------------------------------------------------------------------------------------------------------
@@ -303,12 +351,12 @@ def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
 @pytest.mark.parametrize(
     ("typed", "told"),
     [
-        ("--points 0:0,0.5:0.25,1:1", "opacity 0 at 0, 0.25 at 0.5, 1 at 1; colours gray over 0 … 1"),
+        ("--points 0:0,0.5:0.25,1:1", "opacity 0 at 0, 0.25 at 0.5, 1 at 1; colours ivory[0.6:] over "),
         (
             "--points 0:0,0.5:0.2,0.6:0.3,2:1 --window -1,3 --colormap hot",
             "opacity 0 at 0 … 1 at 2 (4 points); colours hot over -1 … 3",
         ),
-        ("--threshold 0.1 --points 0:0,1:1", "opacity 0 at 0, 1 at 1; colours gray over 0 … 1; threshold 0.1"),
+        ("--threshold 0.1 --points 0:0,1:1", "; threshold 0.1"),
         ("--preset microscopy", "transfer function: preset microscopy, opacity 0 at"),
         ("--gradient 0:0,1:1", "; weighted by the gradient"),
         ("--azimuth -30 --elevation 10", "view: azimuth -30°, elevation 10°, fov 40°"),
@@ -445,7 +493,7 @@ def test_command_line_keywords_and_scene_files_agree(typed: str, keywords: dict[
 
 # options of files to write, of what is checked or printed, of OpenGL and of workers
 ELSEWHERE = {"output", "quiet", "bits", "depth", "depth_at", "ref", "check", "explain", "savings", "backend", "device"}
-ELSEWHERE |= {"gpu", "workers", "scheduler", "devices", "help", "help_all"}
+ELSEWHERE |= {"gpu", "workers", "scheduler", "devices", "help", "help_all", "same", "json"}
 
 
 def test_every_option_of_a_picture_is_a_keyword() -> None:
