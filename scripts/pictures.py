@@ -3,9 +3,9 @@
     .venv/bin/python scripts/pictures.py NAME…            # no name: those that need no file: BUILT_IN
     .venv/bin/python scripts/pictures.py side-by-side "head, MRI"   # one of its volumes, larger: first.png
 
-Names: FUNCTIONS below. `front`, `classification`, `presets`, `light`, `side-by-side` and `window` need public volumes
-(their sources: splatgl/docs/gallery.md) in the folder SPLATGL_DATA. `side-by-side` and `report` take minutes, and draw
-with VTK if it is installed. scripts/gallery draws the gallery.
+Names: FUNCTIONS below. `front`, `classification`, `presets`, `light`, `publishing`, `side-by-side` and `window` need
+public volumes (their sources: splatgl/docs/gallery.md) in the folder SPLATGL_DATA. `side-by-side` and `report` take
+minutes, and draw with VTK if it is installed. scripts/gallery draws the gallery.
 """
 
 from __future__ import annotations
@@ -140,6 +140,13 @@ def depth() -> None:
     beside(picture.pixels, pixels).save(FOLDER / "depth.png")
 
 
+def publishing() -> None:
+    """A neuron of the width of a column, at 100 dots an inch, with its scale bar."""
+    volume = sg.Volume.of(sg.load(DATA / "neuron_a_409x415x119.tif").samples, spacing=(0.5, 0.5, 0.5), unit="um")
+    view = {"width": "85mm", "dpi": 100, "size": (4, 3), "background": "black"}
+    sg.render(volume, "microscopy", annotate="scale,title=Neuron", **view).save(FOLDER / "publishing.png")
+
+
 def turn() -> None:
     """Frames of an orbit around the nerve."""
     frames = [
@@ -242,7 +249,7 @@ def compared(*names: str) -> None:
 
 BUILT_IN = (scenes, antialiasing, spinning, depth, turn, compare, image_report)
 FUNCTIONS = {
-    **{function.__name__: function for function in (*BUILT_IN, front, classification, light, presets)},
+    **{function.__name__: function for function in (*BUILT_IN, front, classification, light, presets, publishing)},
     "window": window,
     "report": report,
     "side-by-side": compared,

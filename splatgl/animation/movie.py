@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
@@ -108,10 +108,18 @@ def volumes(scene: SceneFile, more: Sequence[str]) -> list[SceneFile]:
 
     Raises InputError for a pattern without matches.
     """
-    sources: list[str] = []
-    for source in (scene.volume, *more):
-        sources += [source] if source in SCENES or Path(source).exists() else _matching(source)
-    return [replace(scene, volume=source) for source in sources]
+    return [replace(scene, volume=source) for source in expanded((scene.volume, *more))]
+
+
+def expanded(sources: Iterable[str]) -> list[str]:
+    """The sources, with all matching files of each pattern, sorted by the numbers in their names.
+
+    Raises InputError for a pattern without matches.
+    """
+    names: list[str] = []
+    for source in sources:
+        names += [source] if source in SCENES or Path(source).exists() else _matching(source)
+    return names
 
 
 def time_points(scene: SceneFile, volume: Volume, requested: int | slice | None) -> list[SceneFile]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from functools import partial
 
 from splatgl.cli.parser import Parser
@@ -15,6 +16,7 @@ def add_info_parser(parser: Parser) -> None:
     from splatgl.cli.options import add_source
 
     add_source(parser)
+    parser.add_argument("--json", action="store_true", help="print one line of JSON")
     parser.set_defaults(run=partial(_info, parser))
 
 
@@ -32,17 +34,24 @@ def _info(parser: Parser, args: argparse.Namespace) -> int:
 
     scene = scene_from(args)
     listed_ = [] if "array" in scene.load else list_volumes(scene.volume)
-    if len(listed_) > 1:
+    if len(listed_) > 1 and not args.json:
         print("\n".join([*listed_, ""]))
     try:
         volume = scene.open()
     except Choice as error:
+        if args.json:
+            choices = [{"name": name, "about": about} for name, about in error.choices]
+            print(json.dumps({"source": args.source, "option": error.option, "choices": choices}, ensure_ascii=False))
+            return 0
         from splatgl.cli.volume_info import describe_choice
 
         print(describe_choice(scene.volume, error, parser.with_flags(str(error), args)))
         return 0
-    from splatgl.cli.volume_info import describe
+    from splatgl.cli.volume_info import as_json, describe
 
+    if args.json:
+        print(as_json(args.source, volume))
+        return 0
     print_notes(volume)
     print(describe(volume))
     return 0

@@ -140,7 +140,7 @@ def _refuse_rest(command: argparse.ArgumentParser, rest: list[str]) -> NoReturn:
     if flag is not None:
         command.error(f"unknown option {flag}{_nearest(flag, command._option_string_actions)}")
     name = command.prog.split()[-1]
-    series = "; splatgl animate draws a series" if name in ("render", "view") else ""
+    series = "; splatgl render draws several, splatgl animate a series" if name == "view" else ""
     operands = COMMANDS[name].operands
     command.error(f"expected {operands or 'no more'}, got also {' '.join(rest)}{series}")
 
@@ -183,7 +183,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "render": Command("draw a picture of a volume or a scene", "render", "SOURCE"),
+    "render": Command("draw pictures of volumes or scenes", "render", "SOURCE…"),
     "view": Command("open a window on a volume or a scene", "view", "SOURCE"),
     "animate": Command("draw frames or a movie: a turntable, keyframes, or a series", "animate", "SOURCE… -o OUTPUT"),
     "compare": Command("compare pictures or folders, and describe changes", "compare", "ACTUAL EXPECTED"),

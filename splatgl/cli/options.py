@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     Record = TypeVar("Record", bound=DataclassInstance)
 
+# options of the view of a picture alone
+ON_PAPER = ("dpi", "width")
 # files for computations: they keep alpha, unless a colour is requested
 DATA = (".npy", ".exr")
 
@@ -40,7 +42,7 @@ def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
 
 def add_transfer(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the transfer function of one volume."""
-    add_options(parser, TransferChoice, "preset")
+    add_options(parser, TransferChoice, "preset", "level_width")
     group_of(parser, Group.TRANSFER).add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
     add_options(parser, TransferChoice, "curve", "colors")
     add_options(parser, Transfer)
@@ -61,7 +63,7 @@ def add_view(parser: argparse.ArgumentParser, size: str) -> None:
     """Adds the options of the camera. size: the default size of a picture."""
     sized = replace(option := declared(ViewOptions)["size"], help=f"{option.help} (default {size})")
     add_option(parser, "size", sized)
-    add_options(parser, ViewOptions, *(name for name in names_of(ViewOptions) if name != "size"))
+    add_options(parser, ViewOptions, *(name for name in names_of(ViewOptions) if name not in ("size", *ON_PAPER)))
 
 
 def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: str = "512x512") -> None:
@@ -130,7 +132,7 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
     if is_mesh(source) and not hasattr(args, "meshes"):
         raise expected(source, "a volume", "a mesh", "splatgl render draws it")
     if isinstance(given.get("time"), slice):
-        if not hasattr(args, "more"):
+        if not hasattr(args, "turntable"):
             raise expected("--time", "one time point", "several", "splatgl animate draws them")
         del given["time"]
     path, background = Path(source), given.get("background")
@@ -166,9 +168,17 @@ def for_output(file: SceneFile, output: Path, reference: Image | None = None) ->
 
 def _refuse_many(args: argparse.Namespace) -> None:
     """InputError for standard input, and for a pattern where one volume is drawn."""
-    source = args.source
-    if source == "-":
+    if args.source == "-":
         raise expected("SOURCE", "a file", "standard input", "save it to a file first")
-    pattern = any(sign in source for sign in "*?[") and not is_address(source)
-    if pattern and not hasattr(args, "more") and not Path(source).exists():
-        raise expected(source, "one file", "a pattern", "splatgl animate draws a series")
+    if is_pattern(args.source) and not hasattr(args, "more"):
+        raise expected(args.source, "one file", "a pattern", "splatgl render and animate draw several")
+
+
+def is_pattern(source: str) -> bool:
+    """Whether a source is a pattern of files, and no file itself."""
+    return any(sign in source for sign in "*?[") and not is_address(source) and not Path(source).exists()
+
+
+def name_of(source: str) -> str:
+    """The name of a source without its endings, from which pictures are named."""
+    return Path(source).name.split(".")[0]

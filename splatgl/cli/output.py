@@ -1,23 +1,65 @@
-"""The summary that `splatgl render` prints."""
+"""The files of `splatgl render`, and what it prints of pictures: a summary, or JSON."""
 
 from __future__ import annotations
 
+import argparse
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.color import srgb_from_linear
-from splatgl.data.image import Image
-from splatgl.data.image_files import JPEG
+from splatgl.cli.options import name_of
+from splatgl.data.color import Color, srgb_from_linear
+from splatgl.data.image import MAPS, SAVED, Image
+from splatgl.data.image_files import JPEG, require_library
 from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.fileio import check_output, check_source
 from splatgl.scene.draw import compared
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV
+from splatgl.splat.settings import BLENDS
 from splatgl.splat.transfer import Transfer
 
 # points of a transfer function that fit in a line; of more, the first and the last are listed
 SHOWN = 3
+
+
+def output_of(args: argparse.Namespace) -> Path:
+    """The file of the picture."""
+    return Path(args.output or f"{name_of(args.source)}.png")
+
+
+def ground_of(scene: OpenScene) -> Color | None:
+    """The background that is put behind a picture as it is saved: that of sums."""
+    settings = scene.file.settings
+    return settings.background if BLENDS[settings.blend].unbounded else None
+
+
+def report(args: argparse.Namespace, image: Image, scene: OpenScene) -> str:
+    """Text on what was drawn: JSON, a summary, or nothing."""
+    if args.json:
+        return as_json(args.source, output_of(args), image, scene)
+    return "" if args.quiet else summary(output_of(args), image, scene)
+
+
+def check_outputs(args: argparse.Namespace, output: Path, files: Sequence[str]) -> None:
+    """Raises InputError, before any work, for a picture or depths that cannot be written. files: of the scene."""
+    check_output(output, SAVED)
+    require_library(output.suffix.lower())
+    check_source(output, args.source, *files)
+    if args.depth is None:
+        if args.depth_at is not None:
+            raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
+        return
+    path = Path(args.depth)
+    check_output(path, MAPS)
+    require_library(path.suffix.lower())
+    check_source(path, args.source, *files, args.output, args.ref)
+    if args.output is not None and path.absolute() == output.absolute():
+        raise expected("--depth", "another file than -o", str(path))
 
 
 def summary(output: Path, image: Image, scene: OpenScene) -> str:
@@ -35,6 +77,36 @@ def summary(output: Path, image: Image, scene: OpenScene) -> str:
             *[f"beside {wide:,} missing samples matter is up to a voxel too wide, as they are not masked"] * bool(wide),
         ]
     )
+
+
+def as_json(source: str, output: Path, image: Image, scene: OpenScene) -> str:
+    """A line of JSON on a picture."""
+    info, camera, transfer = image.info, scene.camera, scene.transfer
+    names = ("blend", "background", "splats", "renderer", "seconds", "tolerance", "tolerance_met", "error_bound")
+    record: dict[str, object] = {
+        "source": source,
+        "output": str(output),
+        "size": list(image.pixels.shape[1::-1]),
+        "dpi": info.get("dpi"),
+        **{name: info.get(name) for name in names},
+        "triangles": info.get("triangles", 0),
+        "checked": info.get("checked"),
+        "camera": {
+            "eye": camera.eye.tolist(),
+            "forward": camera.forward.tolist(),
+            "up": (-camera.eye_from_world[1]).tolist(),
+            "perspective": camera.perspective,
+            "extent": camera.extent,
+        },
+        "transfer": {"points": transfer.points, "colormap": transfer.colormap, "window": transfer.window},
+        "notes": [*scene.volume.notes, *_texts(info.get("notes")), *_texts(info.get("not_annotated"))],
+        "error": None,
+    }
+    return json.dumps(record, allow_nan=False, ensure_ascii=False, default=float)
+
+
+def _texts(value: object) -> list[str]:
+    return [str(text) for text in value] if isinstance(value, list | tuple) else []
 
 
 def _drawn(image: Image) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -38,6 +39,8 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl presets`."""
     add_source(parser, optional=True)
     parser.add_argument("-o", "--output", metavar="FILE.png", help="the sheet to write (presets.png)")
+    about = "print one line of JSON: the presets, with a volume their points and windows for it"
+    parser.add_argument("--json", action="store_true", help=about)
     add_backend(parser)
     add_view(parser, f"{SIDE}x{SIDE}")
     parser.set_defaults(run=run)
@@ -49,7 +52,13 @@ def run(args: argparse.Namespace) -> int:
         if args.output:
             raise expected("presets", "a volume to draw", "none", f"splatgl presets FILE -o {args.output}")
         width = max(map(len, PRESETS))
-        print("\n".join(f"{row.name:<{width}}  {row.about}" for row in PRESETS.values()))
+        text = "\n".join(f"{row.name:<{width}}  {row.about}" for row in PRESETS.values())
+        print(as_json() if args.json else text)
+        return 0
+    if args.json:
+        if args.output:
+            raise expected("--json", "no picture beside it", args.output, "leave one of them out")
+        print(as_json(scene_from(args).open()))
         return 0
     output = Path(args.output or "presets.png")
     check_output(output, (".png",))
@@ -69,6 +78,18 @@ def run(args: argparse.Namespace) -> int:
     write_file(output, sheet(pictures))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")
     return 0
+
+
+def as_json(volume: Volume | None = None) -> str:
+    """One line of JSON: a list of the presets. volume: for whose values points and windows are listed."""
+    records = []
+    for name, row in PRESETS.items():
+        record: dict[str, object] = {"name": name, "about": row.about, "colormap": row.colormap, "blend": row.blend}
+        if volume is not None:
+            transfer = preset(name, volume)
+            record |= {"points": transfer.points, "window": transfer.window, "colormap": transfer.colormap}
+        records.append(record)
+    return json.dumps(records, allow_nan=False, ensure_ascii=False)
 
 
 def looks_of(volume: Volume, settings: Settings) -> Iterator[tuple[str, tuple[Transfer, Settings]]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,25 +13,25 @@ import numpy as np
 
 from splatgl import __version__
 from splatgl.cli.options import (
+    ON_PAPER,
     add_drawing,
     add_options,
     add_source,
     for_output,
     group_of,
+    is_pattern,
     record_of,
     scene_from,
 )
-from splatgl.cli.output import summary
-from splatgl.data.image import MAPS, SAVED, Image, save_map
-from splatgl.data.image_files import require_library
+from splatgl.cli.output import check_outputs, ground_of, output_of, report
+from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
-from splatgl.fileio import check_output, check_source
 from splatgl.options import Group, declared, names_of
 from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, WorkerOptions, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.settings import BLENDS
+from splatgl.scene.view import ViewOptions
 
 if TYPE_CHECKING:
     from splatgl.comparison.pictures import Picture
@@ -80,10 +79,18 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl render`."""
     parser.description = f"{parser.description}\n\n{EXAMPLES}"
     add_source(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help=".png, .jpg, .npy, .tif or .exr (default SOURCE.png)")
+    parser.add_argument("more", nargs="*", metavar="SOURCE", help="further sources, or a pattern: a picture of each")
+    about = ".png, .jpg, .svg, .pdf, .npy, .tif or .exr (default SOURCE.png); of several sources with {name}"
+    parser.add_argument("-o", "--output", metavar="FILE", help=about)
     add_options(parser, SceneFile, "annotate")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     output = group_of(parser, Group.OUTPUT)
+    add_options(parser, ViewOptions, *ON_PAPER)
+    about = "draw all sources with the camera and the window of the first"
+    output.add_argument("--same", action="store_true", help=about)
+    output.add_argument(
+        "--json", action="store_true", help="print a line of JSON for each picture instead of a summary"
+    )
     output.add_argument(
         "--bits", type=int, choices=(8, 16), default=8, metavar="8|16", help="bits a sample of a PNG (default 8)"
     )
@@ -104,50 +111,44 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Renders an image and prints a summary; returns 0, or 1 if it differs from --ref."""
+    """Renders images and prints summaries; returns 0, 1 if one differs from --ref, or 2 if one of several failed."""
     args.check_field = args.field is CHECK or None
     args.field = None if args.check_field else args.field
-    by, file, how = record_of(args, WorkerOptions), scene_from(args), record_of(args, DrawOptions)
-    output = Path(args.output or f"{Path(args.source).name.split('.')[0]}.png")
-    _check_outputs(args, output, file.files)
+    if args.more or is_pattern(args.source) or "{" in (args.output or ""):
+        from splatgl.cli.batch import run_batch
+
+        return run_batch(args)
+    if args.same:
+        raise expected("--same", "several sources", "one")
+    file, how = scene_from(args), record_of(args, DrawOptions)
+    return render(args, file, how, record_of(args, WorkerOptions))
+
+
+def render(args: argparse.Namespace, file: SceneFile, how: DrawOptions, by: WorkerOptions) -> int:
+    """Renders the picture of a scene, writes it and prints its summary; returns 0, or 1 if it differs from --ref."""
+    output = output_of(args)
+    is_quiet = args.quiet or args.json
+    check_outputs(args, output, file.files)
     if args.ref is not None:
         if args.annotate is not None:
             raise expected("annotate", "no --ref, which compares pictures without annotations", args.ref)
         file = replace(file, annotate=())
     reference = _reference(args.ref, output) if args.ref else None
     file = for_output(file, output, reference.image if reference and args.background is None else None)
-    scene = OpenScene.read(file, args.quiet, is_alone=by.are_used)
+    scene = OpenScene.read(file, is_quiet, is_alone=by.are_used)
     if args.depth is not None:
         write_depths(scene, args.depth, args.depth_at)
         if args.output is None and reference is None:
             return 0
     image = finish(_draw_on_workers(scene, how, by), scene) if by.are_used else draw(scene, how)
-    settings = scene.file.settings
-    behind = settings.background if BLENDS[settings.blend].unbounded else None
-    status = 0 if reference is None else _compare(image, reference, output, behind, args.quiet)
+    behind = ground_of(scene)
+    status = 0 if reference is None else _compare(image, reference, output, behind, is_quiet)
     if reference is not None and status == 0:
         return status
     image.save(output, args.bits, behind)
-    if not args.quiet:
-        print(summary(output, image, scene))
+    if text := report(args, image, scene):
+        print(text)
     return status
-
-
-def _check_outputs(args: argparse.Namespace, output: Path, files: Sequence[str]) -> None:
-    """Raises InputError, before any work, for a picture or depths that cannot be written. files: of the scene."""
-    check_output(output, SAVED)
-    require_library(output.suffix.lower())
-    check_source(output, args.source, *files)
-    if args.depth is None:
-        if args.depth_at is not None:
-            raise expected("--depth-at", "a file for the depths", "none", "add --depth depth.npy")
-        return
-    path = Path(args.depth)
-    check_output(path, MAPS)
-    require_library(path.suffix.lower())
-    check_source(path, args.source, *files, args.output, args.ref)
-    if args.output is not None and path.absolute() == output.absolute():
-        raise expected("--depth", "another file than -o", str(path))
 
 
 def _compare(image: Image, reference: Picture, output: Path, background: Color | None, is_quiet: bool) -> int:

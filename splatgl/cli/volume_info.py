@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,6 +70,38 @@ def describe(volume: Volume) -> str:
         lines += _drawing_lines(volume)
         lines += ["", *_bars(histogram(levels[number], statistics))]
     return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "volume", *lines])
+
+
+def as_json(source: str, volume: Volume) -> str:
+    """One line of JSON on a volume. Reads the samples as `describe`; of points only their number is told."""
+    levels = [volume, *volume.coarser]
+    number = next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
+    statistics = None if volume.points is not None else measure(levels[number])
+    bins = histogram(levels[number], statistics) if statistics is not None and statistics.finite else None
+    record = {
+        "source": source,
+        **{name: getattr(volume, name) for name in ("name", "unit", "frame", "quantity", "value_unit")},
+        "voxels": volume.shape[::-1],
+        **{name: getattr(volume, name) for name in ("spacing", "origin", "times", "time_step")},
+        "direction": volume.direction.tolist(),
+        "dtype": volume.samples.dtype.name,
+        "levels": [level.shape[::-1] for level in levels],
+        "measured": number,
+        "range": None if bins is None or statistics is None else [statistics.low, statistics.high],
+        "mean": None if bins is None or statistics is None else statistics.mean,
+        "not_finite": 0 if statistics is None else statistics.not_finite,
+        "histogram": None if bins is None else {"edges": bins.edges.tolist(), "counts": bins.counts.tolist()},
+        "channels": [
+            {"name": channel.name, "color": channel.hints.color, "window": channel.hints.window}
+            for channel in volume.channels
+        ],
+        "labels": None
+        if volume.labels is None
+        else [{"number": label.number, "name": label.name, "color": label.color} for label in volume.labels],
+        "points": sum(len(part.points) for part in volume.channels or (volume,) if part.points is not None),
+        "notes": volume.notes,
+    }
+    return json.dumps(record, allow_nan=False, ensure_ascii=False)
 
 
 def describe_choice(source: str, choice: Choice, message: str) -> str:

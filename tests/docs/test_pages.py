@@ -345,7 +345,7 @@ def test_commands(command: str, here: Path) -> None:
     assert main([name, *arguments]) == 0
     for option, output in pairwise(arguments):
         if option == "-o" and "--ref" not in arguments:
-            assert Path(output.format(frame=0)).exists(), output
+            assert Path(output.format(frame=0, name="t1")).exists(), output
 
 
 # --- snippets and files ----------------------------------------------------------------------------------------------

@@ -1,0 +1,138 @@
+"""Pictures of several sources by one command; records in JSON as the guide lists them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.data.image import Image
+
+GUIDE = Path(__file__).parents[2] / "splatgl" / "docs" / "publishing.md"
+Said = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with two volumes of different brightness and size, and a damaged file between them."""
+    monkeypatch.chdir(tmp_path)
+    ball = sg.scenes.ball(8).samples
+    np.save("a1.npy", ball.astype(np.float32))
+    Path("a2.npy").write_bytes(b"no array")
+    np.save("a3.npy", 2 * np.pad(ball, 4).astype(np.float32))
+    return tmp_path
+
+
+def drawn(*arguments: str) -> int:
+    return main(["render", *arguments, "--size", "24", "--check", "0"])
+
+
+def test_a_picture_of_each_and_errors_at_the_end(here: Path, capsys: Said) -> None:
+    """The damaged file leaves nothing behind, and stops no other."""
+    assert drawn("a*.npy", "-o", "out/{name}.png", "--quiet") == 2
+    assert sorted(path.name for path in Path("out").iterdir()) == ["a1.png", "a3.png"]
+    told = capsys.readouterr().err.splitlines()
+    assert told[0].startswith("splatgl: a2.npy: ") and told[1:] == ["2 of 3 pictures drawn, 1 failed"]
+    # what a command alone draws, bit for bit
+    assert drawn("a3.npy", "-o", "one.png", "--quiet") == 0
+    assert np.array_equal(Image.load("one.png").pixels, Image.load("out/a3.png").pixels)
+
+
+def test_same_camera_and_window(here: Path, capsys: Said) -> None:
+    """The second is twice as bright and larger: alone it looks as the first, with --same it does not."""
+    assert drawn("a1.npy", "a3.npy", "-o", "{name}.npz.png", "--json") == 0
+    assert drawn("a1.npy", "a3.npy", "-o", "{name}-same.png", "--json", "--same") == 0
+    apart, same = np.split(np.array([json.loads(line) for line in capsys.readouterr().out.splitlines()]), 2)
+    assert apart[0]["transfer"] == same[0]["transfer"] == same[1]["transfer"] != apart[1]["transfer"]
+    assert apart[0]["camera"] == same[0]["camera"] == same[1]["camera"] != apart[1]["camera"]
+
+
+REFUSED = {
+    "a1.npy a3.npy -o out.png": "-o: expected a name for each source, such as 'out/{name}.png', got out.png",
+    "a1.npy b/a1.npy -o {name}.png": "-o: expected a file for each source, got a1.png for a1.npy and b/a1.npy; ",
+    "a1.npy a3.npy -o {what}.png": "-o: expected a name with {name}, {folder} or {number}, got {what}.png",
+    "a1.npy a3.npy -o {name}.npy": "a1.npy: expected another file than the source",
+    "a1.npy a3.npy -o {name}.what": "a1.what: expected a name that ends in",
+    "a1.npy a3.npy --depth d.npy": "--depth: expected one source, got several",
+    "b*.npy": "b*.npy: expected a pattern that files fit, got none",
+    "a1.npy --same": "--same: expected several sources, got one",
+}
+
+
+@pytest.mark.parametrize("typed", REFUSED)
+def test_what_is_refused_before_anything_is_drawn(typed: str, here: Path, capsys: Said) -> None:
+    before = sorted(Path().iterdir())
+    assert drawn(*typed.split()) == 2
+    told = capsys.readouterr()
+    assert REFUSED[typed] in told.err and len(told.err.splitlines()) == 1 and told.out == ""
+    assert sorted(Path().iterdir()) == before
+
+
+@pytest.mark.long
+def test_workers_draw_a_file_each(here: Path, capsys: Said) -> None:
+    """The same pictures, bit for bit, with the first one's camera and window."""
+    pytest.importorskip("distributed", reason="distributed is in the extra scale")
+    for folder, more in (("one", []), ("two", ["--workers", "2"])):
+        assert drawn("a*.npy", "-o", f"{folder}/{{name}}.npy", "--same", "--quiet", *more) == 2
+        assert capsys.readouterr().err.splitlines()[-1] == "2 of 3 pictures drawn, 1 failed"
+    for name in ("a1", "a3"):
+        assert np.array_equal(np.load(f"one/{name}.npy"), np.load(f"two/{name}.npy"))
+
+
+# --- JSON ------------------------------------------------------------------------------------------------------------
+
+
+def keys_of(command: str) -> dict[str, str]:
+    """What the guide says of the keys of a record."""
+    rows = re.findall(rf"(?m)^\| `{command}` \| (.+?) \| (.+) \|$", GUIDE.read_text(encoding="utf-8"))
+    return {key: about for keys, about in rows for key in re.findall(r"`(\w+)`", keys)}
+
+
+def json_of(capsys: Said, *arguments: str) -> Any:
+    assert main(list(arguments)) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    return json.loads(line, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+CHECKS: dict[str, Callable[[Any], bool]] = {
+    "size": lambda value: value == [24, 24],
+    "source": lambda value: value.endswith("a1.npy"),
+    "splats": lambda value: isinstance(value, int) and value > 0,
+    "error": lambda value: value is None,
+    "notes": lambda value: all(isinstance(text, str) for text in value),
+    "camera": lambda value: set(value) == {"eye", "forward", "up", "perspective", "extent"},
+    "transfer": lambda value: set(value) == {"points", "colormap", "window"},
+    "dpi": lambda value: value == 200,
+}
+
+
+def test_records_have_the_keys_of_the_guide(here: Path, capsys: Said) -> None:
+    record = json_of(capsys, "render", "a1.npy", "-o", "a.png", "--size", "24", "--dpi", "200", "--json")
+    assert set(record) == set(keys_of("render"))
+    assert [key for key, check in CHECKS.items() if not check(record[key])] == []
+    info = json_of(capsys, "info", "a1.npy", "--json")
+    samples = np.load("a1.npy")
+    assert set(info) == set(keys_of("info")) and info["voxels"] == list(samples.shape[::-1])
+    assert info["range"] == [samples.min(), samples.max()] and info["mean"] == pytest.approx(samples.mean())
+    assert sum(info["histogram"]["counts"]) == samples.size == np.prod(info["levels"][0])
+    plain, fitted = json_of(capsys, "presets", "--json"), json_of(capsys, "presets", "a1.npy", "--json")
+    assert {row["name"] for row in plain} == set(sg.presets())
+    assert all(set(row) == set(keys_of("presets")) for row in fitted)
+    assert all(set(row) == set(keys_of("presets")) - {"points", "window"} for row in plain)
+
+
+def test_json_of_errors_and_choices(here: Path, capsys: Said) -> None:
+    np.savez("two.npz", a=np.load("a1.npy"), b=np.load("a1.npy"))
+    record = json_of(capsys, "info", "two.npz", "--json")
+    assert record["option"] == "array" and [row["name"] for row in record["choices"]] == ["a", "b"]
+    assert drawn("a2.npy", "a3.npy", "--json") == 2
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert set(lines[0]) == {"source", "output", "error"} and "NumPy" in lines[0]["error"]
+    assert lines[1]["error"] is None
