@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from splatgl.fileio import budget, format_bytes
 from splatgl.readers.channels import TIME_HINT
 from splatgl.scene.meshes import is_mesh, surfaces_of
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.scissors import cut_volume
 from splatgl.splat.segment_surfaces import is_segmentation
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from splatgl.splat.camera import Bounded, Camera
     from splatgl.splat.clipping import Part, Plane
     from splatgl.splat.scene import Layer, Scene
-    from splatgl.splat.scissors import Scissors
     from splatgl.splat.splats import Splats
 
 # extraction and cameras are imported once there is a volume: bad input is reported at once
@@ -200,14 +200,7 @@ def apply_scissors(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
     camera, frame = whole.camera, volume.frame
     scissors = tuple(each.seen_by(camera, frame) for each in file.scissors)
     view = file.view.fitted(Part(whole.fitted.outline, frame))
-    return replace(file, scissors=scissors, view=view), masked_by(volume, scissors)
-
-
-def masked_by(volume: Volume, scissors: Sequence[Scissors]) -> Volume:
-    """The volume that scissors leave."""
-    for each in scissors:
-        volume = volume.masked(each)
-    return volume
+    return replace(file, scissors=scissors, view=view), cut_volume(volume, scissors)
 
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -289,7 +282,7 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
     for layer in (layer for layer in file.layers if layer.visible):
         masked = replace(layer, mask=file.mask) if layer.mask is None else layer
         source = replace(masked, surfaces=file.surfaces) if layer.surfaces is None else masked
-        other = masked_by(source.open(), file.scissors)
+        other = cut_volume(source.open(), file.scissors)
         print_notes(other, is_quiet, layer=source.volume)
         planes = None if source.clip is None and not source.crop else source.cut(other).settings.clip
         channels = channel_layers(source, other, source.transfer_for(other), planes)

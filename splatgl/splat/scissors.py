@@ -7,14 +7,14 @@ linear interpolation between voxel centres passes one half exactly at the face, 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatgl.data.volume import Places
+from splatgl.data.volume import Places, with_parts
 from splatgl.errors import expected
 from splatgl.options import refuse_unknown
 
@@ -150,6 +150,18 @@ class Scissors:
         assert self.camera is not None
         aspect = self.camera.size[0] / self.camera.size[1]
         return DistanceMap.of((np.array(self.outline) - 0.5) * [aspect, 1.0])
+
+
+def cut_volume(volume: Volume, scissors: Sequence[Scissors]) -> Volume:
+    """The volume that scissors leave, instead of those that cut it before. Raises InputError if they leave nothing."""
+
+    def without(part: Volume) -> Volume:
+        return replace(part, masks=tuple(mask for mask in part.masks if not isinstance(mask, Scissors)))
+
+    cut = with_parts(without(volume), without)
+    for each in scissors:
+        cut = cut.masked(each)
+    return cut
 
 
 # height of the picture of a view in a scene file, pixels: only its aspect matters

@@ -22,10 +22,11 @@ from splatgl.splat.settings import BLENDS, Settings, choices
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.clip_tool import TOO_MANY_PLANES, set_cuts
 from splatgl.viewer.document import Document
+from splatgl.viewer.lasso_tool import start_lasso
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
-from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Pinned, Ruler, State
+from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Lasso, Pinned, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
 
@@ -315,8 +316,9 @@ def _plane(state: State, document: Document) -> State:
 
 
 def _uncut(state: State, document: Document) -> State:
-    if not state.cuts.any:
+    if not (state.cuts.any or state.styles[0].scissors):
         return replace(state, message="nothing is cut")
+    state = replace(state, styles=tuple(replace(style, scissors=()) for style in state.styles))
     return replace(set_cuts(state, document, Cuts(shown=state.cuts.shown)), message="nothing is cut any more")
 
 
@@ -426,7 +428,7 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
         return replace(state, help=False)
     if state.fullscreen:
         return replace(state, fullscreen=False)
-    return replace(stop_preview(state), turning=False, playing=False), Request.CANCEL
+    return replace(stop_preview(state), turning=False, playing=False, lasso=Lasso()), Request.CANCEL
 
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
@@ -458,6 +460,8 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("handles", "handles of the cutting box and planes", ("x",), _handles),
         Command("cuts", "cuts on or off", ("shift+x",), _cuts),
         Command("plane", "cut by another plane, which faces you", ("ctrl+x",), _plane),
+        Command("scissors", "remove what a drag draws around", ("ctrl+shift+x",), start_lasso(keep=False)),
+        Command("scissors-keep", "keep only what a drag draws around", ("alt+x",), start_lasso(keep=True)),
         Command("uncut", "remove all cuts", ("delete",), _uncut),
         Command("segments-show", "show all segments", (), _segments(True)),
         Command("segments-hide", "hide all segments", (), _segments(False)),

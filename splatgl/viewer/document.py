@@ -17,7 +17,7 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import expected
 from splatgl.scene.meshes import MeshFile, surfaces_of
-from splatgl.scene.open_scene import apply_scissors, channel_layers, is_layered, masked_by, print_notes
+from splatgl.scene.open_scene import apply_scissors, channel_layers, is_layered, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
@@ -28,6 +28,7 @@ from splatgl.splat.grid import Grid
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.resolve import Resolved, extraction_kind, why_per_splat
 from splatgl.splat.scene import MOST_LAYERS, Layer, Scene, check_layer
+from splatgl.splat.scissors import Scissors, cut_volume
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
@@ -202,7 +203,18 @@ class LayerSplats:
     def for_style(self, style: LayerStyle, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer in a style, with splats of the kind that the settings take; this one if nothing changes."""
         same = (style.transfer, style.threshold) == (self.transfer, self.threshold)
-        return (self if same else self.with_transfer(style.transfer, style.threshold)).for_settings(settings, moving)
+        layer = self.cut_by(style.scissors)
+        return (layer if same else layer.with_transfer(style.transfer, style.threshold)).for_settings(settings, moving)
+
+    @property
+    def scissors(self) -> tuple[Scissors, ...]:
+        """The scissors that cut the volume."""
+        return tuple(mask for mask in self.volume.masks if isinstance(mask, Scissors))
+
+    def cut_by(self, scissors: tuple[Scissors, ...]) -> LayerSplats:
+        """The layer, without splats, that scissors leave, instead of those before."""
+        cut = {id(each): cut_volume(each, scissors) for each in self.volumes if scissors != self.scissors}
+        return replace(self.without_splats(), volumes=tuple(cut[id(each)] for each in self.volumes)) if cut else self
 
     def for_settings(self, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer with splats of the kind that the settings take; those of the other kind are kept in `variants`.
@@ -373,7 +385,7 @@ class Document:
         number = next(n for n, layer in enumerate(self.layers) if layer.has_finer)
         shown = self.layers[number].stand_in
         assert shown and shown.finer
-        layer = self.layers[number].with_stand_in(shown.finer())
+        layer = self.layers[number].with_stand_in(shown.finer()).cut_by(self.layers[number].scissors)
         return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
 
     def mesh(self, file: MeshFile) -> Mesh | None:
@@ -548,7 +560,7 @@ def _no_splats(splats: Splats) -> Splats:
 
 def read_layer(source: SceneFile, scene: SceneFile, quiet: bool = False) -> list[tuple[LayerSplats, LayerStyle]]:
     """Layers and styles of a file that is laid over a scene, one for each channel. Raises InputError as its reader."""
-    volume = masked_by((replace(source, mask=scene.mask) if source.mask is None else source).open(), scene.scissors)
+    volume = cut_volume((replace(source, mask=scene.mask) if source.mask is None else source).open(), scene.scissors)
     print_notes(volume, quiet, has_times=True, layer=source.volume)
     clip = None if source.clip is None and not source.crop else source.cut(volume).settings.clip
     return _channels(source, volume, scene.settings, clip)
@@ -575,7 +587,7 @@ def _channels(
             shown = samples if part is channel else part.volume
             planes = clip if part.clip is None else ()
             layer = LayerSplats.of_volume(name, scene, shown, style.stated, planes)
-            pairs.append((layer, style.with_unit(layer.transfer.unit)))
+            pairs.append((layer, replace(style.with_unit(layer.transfer.unit), scissors=layer.scissors)))
     return pairs
 
 

@@ -9,6 +9,7 @@ from splatgl.viewer.clip_tool import ClipTool
 from splatgl.viewer.commands import Command
 from splatgl.viewer.document import Document
 from splatgl.viewer.key_bindings import chord, keymap
+from splatgl.viewer.lasso_tool import LassoTool
 from splatgl.viewer.measure_tool import MeasureTool, set_pivot
 from splatgl.viewer.slice_views import SliceTool
 from splatgl.viewer.state import State
@@ -58,7 +59,7 @@ class InputHandler:
     def __init__(self, commands: Iterable[Command], slices: SliceTool) -> None:
         self.commands = keymap(commands)
         self.camera = CameraTool()
-        self.tools: tuple[Tool, ...] = (slices, MeasureTool(), ClipTool(), self.camera)
+        self.tools: tuple[Tool, ...] = (slices, LassoTool(), MeasureTool(), ClipTool(), self.camera)
         self.cursor: Place = (-1.0, -1.0)
 
     @property

@@ -18,6 +18,7 @@ from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.clip_tool import box_edges, handles, outline
+from splatgl.viewer.lasso_tool import lasso_strokes
 from splatgl.viewer.measure_tool import describe_pick, under_cursor
 from splatgl.viewer.slice_views import clip_strokes, slice_outlines
 from splatgl.viewer.state import Cuts, Ruler
@@ -125,7 +126,7 @@ class Overlays:
         camera, scale = state.pose.camera, view.scale
         inputs = state.styles[0].transfer, camera, state.settings.blend, background_of(state)
         legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *inputs, state.measures))
-        strokes = handle_strokes(state.cuts, document.volume, camera, scale)
+        strokes = [*handle_strokes(state.cuts, document.volume, camera, scale), *lasso_strokes(state.lasso, scale)]
         lines, labels = ruler_marks(state.ruler, camera, scale), list[Sprite]()
         if state.probe and cursor is not None:
             labels += _value_label(state, document, cursor, scale)

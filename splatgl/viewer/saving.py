@@ -123,7 +123,9 @@ def scene_of(state: State, document: Document) -> SceneFile:
     annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
     names = ("title", "load", "transfer", "threshold", "opacity", "visible")
     look = {name: getattr(first_scene, name) for name in names}
-    scene = replace(document.scene, **look, layers=tuple(others), meshes=meshes, measures=state.measures)
+    scissors = shown.styles[0].scissors
+    parts = {"layers": tuple(others), "meshes": meshes, "measures": state.measures, "scissors": scissors}
+    scene = replace(document.scene, **look, **parts)
     if state.movie != Movie.of(scene.animation, document.volume):
         scene = replace(scene, animation=state.movie.table(document, state.times))
     return replace(scene, view=state.pose.view(), settings=settings, annotate=annotate)
@@ -147,7 +149,8 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     """The image that `splatgl render` makes of a scene of this document, drawn by the window's renderer."""
     transfer = scene.transfer_for(document.volume)
     parts = zip((scene, *scene.layers), document.layers, document.styles, strict=True)
-    styles = [replace(_style(part, layer), number=style.number) for part, layer, style in parts]
+    cut = scene.scissors
+    styles = [replace(_style(part, layer), number=style.number, scissors=cut) for part, layer, style in parts]
     document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
     subject, settings = document.subject_at(1, scene.settings)
     image = draw(subject, scene.view.camera(document.volume, subject), settings)

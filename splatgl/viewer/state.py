@@ -15,6 +15,7 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.scene.meshes import MeshFile
 from splatgl.splat.clipping import MOST_CLIPS, Plane, check_planes, index_plane
 from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.scissors import Scissors
 from splatgl.splat.settings import Motions, Settings
 from splatgl.splat.transfer import OPAQUE, Transfer
 from splatgl.viewer.movie_track import Movie, Preview
@@ -147,11 +148,20 @@ class Ruler:
 
 
 @dataclass(frozen=True)
+class Lasso:
+    """points: of the outline being drawn, pixels. active: whether a drag draws one. keep: what lies under it."""
+
+    points: tuple[tuple[float, float], ...] = ()
+    active: bool = False
+    keep: bool = False
+
+
+@dataclass(frozen=True)
 class LayerStyle:
     """Appearance of a layer. base: transfer function; extinction: a factor on it; opacity: a factor on its opacities.
     threshold: as of `extract`. hidden: numbers of segments that are not drawn. number: of the layer in its document,
     negative for layers that were added. title: its name in lists; "": the layer's. names: of segments, by their
-    numbers, instead of the file's.
+    numbers, instead of the file's. scissors: that cut it, those of the whole scene.
     """
 
     base: Transfer
@@ -163,6 +173,7 @@ class LayerStyle:
     number: int = 0
     title: str = ""
     names: tuple[tuple[int, str], ...] = ()
+    scissors: tuple[Scissors, ...] = ()
 
     @property
     def is_shown(self) -> bool:
@@ -280,9 +291,9 @@ class State:
     motion blur while the view rotates. show_zk: the plane at z_k. hud: of HUDS. message: shown until the next key.
     time: number of the time point of a series of `times`; playing: whether it advances by itself, by `pace` time points
     a second, and `repeats`. turntable: whether a drag turns about a fixed axis. probe: whether the value under the
-    cursor is shown. ruler: measures points; measures: of the scene. slices: beside the picture. file_options: arrays
-    and channels that the file offers. theme: of THEMES. movie: what is recorded; preview: plays it. pinned: is drawn at
-    the right, from the same place.
+    cursor is shown. ruler: measures points; measures: of the scene. lasso: draws scissors. slices: beside the
+    picture. file_options: arrays and channels that the file offers. theme: of THEMES. movie: what is recorded;
+    preview: plays it. pinned: is drawn at the right, from the same place.
     """
 
     pose: Pose
@@ -310,6 +321,7 @@ class State:
     fullscreen: bool = False
     probe: bool = False
     ruler: Ruler = field(default_factory=Ruler)
+    lasso: Lasso = Lasso()
     slices: Slices = field(default_factory=Slices)
     file_options: tuple[FileOption, ...] = ()
     theme: str = THEMES[0]
@@ -422,7 +434,7 @@ PASSING = {
     "slices",
 }
 PASSING |= {"pace", "repeats", "file_options", "theme", "pinned"}
-PASSING |= {"pace", "repeats", "file_options", "preview"}
+PASSING |= {"pace", "repeats", "file_options", "preview", "lasso"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
 EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures"}
 # largest number of steps
