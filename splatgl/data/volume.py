@@ -17,7 +17,6 @@ from splatgl.options import keywords_of, with_keywords
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from splatgl.data.mask import Mask
     from splatgl.data.points import Points
     from splatgl.keywords import ArrayKeywords
 
@@ -131,7 +130,7 @@ class Volume:
     channels: all channels that were read, with names, if the file has several; samples are the first channel's.
     times: time points of the file, of which this is one; time_step: seconds between two.
     quantity, value_unit: names of what samples measure, and of its unit ("HU", "K"), as the file states them.
-    masks: restrict it; see `masked`.
+    masks: a Mask or Scissors each, which restrict it; see `masked`.
     points: drawn instead of the samples, which are then empty, with the opacity of the value 1.
     notes: lines for the user on what the reader left out or assumed.
     Raises InputError for samples that are not 3-D real numbers and for an impossible grid.
@@ -162,7 +161,7 @@ class Volume:
     time_step: float | None = None
     value_unit: str = ""
     quantity: str = ""
-    masks: tuple[Mask, ...] = ()
+    masks: tuple[Any, ...] = ()
     points: Points | None = None
 
     def __post_init__(self) -> None:

@@ -124,7 +124,12 @@ def scene_of(state: State, document: Document) -> SceneFile:
     names = ("title", "load", "transfer", "threshold", "opacity", "visible")
     look = {name: getattr(first_scene, name) for name in names}
     scissors = shown.styles[0].scissors
-    parts = {"layers": tuple(others), "meshes": meshes, "measures": state.measures, "scissors": scissors}
+    parts: dict[str, Any] = {
+        "layers": tuple(others),
+        "meshes": meshes,
+        "measures": state.measures,
+        "scissors": scissors,
+    }
     scene = replace(document.scene, **look, **parts)
     if state.movie != Movie.of(scene.animation, document.volume):
         scene = replace(scene, animation=state.movie.table(document, state.times))
