@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
+import PIL.ImageSequence
 import pytest
 
 import splatgl as sg
@@ -136,6 +138,62 @@ def test_a_series_is_recorded_by_all_its_points(document: Document) -> None:
     one = replace(state, movie=replace(state.movie, series=False))
     scene, more = movie_scene(one, document, points)
     assert scene.load["time"] == 3 and not more and "hold" not in scene.animation
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("form", ["", ".mp4", ".webm", ".gif"])
+@pytest.mark.parametrize("is_one_file", [False, True])
+def test_a_recorded_series_is_that_of_animate(tmp_path: Path, is_one_file: bool, form: str) -> None:
+    """Frame by frame, of several files and of one with several time points: three, each for two frames while the camera
+    turns; frames bit for bit, movies as near as their codecs.
+    """
+    if form in (".mp4", ".webm"):
+        pytest.importorskip("av")
+    points = [blob(12).samples * np.float32(factor) for factor in (1.0, 0.6, 0.3)]
+    if is_one_file:
+        header = "NRRD0004\ntype: float\nendian: little\ndimension: 4\nsizes: 12 12 12 3\nencoding: raw\n"
+        header += "kinds: domain domain domain time\n\n"
+        (tmp_path / "series.nrrd").write_bytes(header.encode() + np.stack(points).astype("<f4").tobytes())
+        scene = SceneFile(str(tmp_path / "series.nrrd"))
+        times = tuple(replace(scene, load={"time": number}) for number in range(3))
+    else:
+        for number, samples in enumerate(points):
+            np.save(tmp_path / f"t{number}.npy", samples)
+        times = tuple(SceneFile(str(tmp_path / f"t{number}.npy")) for number in range(3))
+    document = Document.open(times[0])
+    movie = Movie(degrees=60.0, seconds=1.0, fps=6.0, form=form, series=True, size=(48, 32))
+    state = replace(State.of(document, SIZE), movie=movie, times=3, ground="white", annotate=())
+    recorder, target = Recorder(), tmp_path / f"recorded{form}"
+    recorder.start(*movie_scene(state, document, times), target)
+    assert finished(recorder) == f"saved {target.name}: 6 frames"
+    # the same movie by options of the command
+    still = scene_of(state, document)
+    (tmp_path / "still.toml").write_text(replace(still, load={}, animation={}).to_toml(tmp_path))
+    more = [] if is_one_file else [point.volume for point in times[1:]]
+    options = ["--turntable", "60", "--axis", "0,0,1", "--frames", "6", "--hold", "2", "--fps", "6", "--size", "48x32"]
+    picture = ["--background", "white", "--quiet", "-o", str(tmp_path / "{frame:04d}.png")]
+    assert main(["animate", str(tmp_path / "still.toml"), *more, *options, *picture]) == 0
+    drawn = [sg.Image.load(tmp_path / f"{number:04d}.png").samples8()[..., :3] for number in range(6)]
+    assert len({frame.tobytes() for frame in drawn}) == 6
+    for number, frame in enumerate(read_frames(target)):
+        off = [np.abs(frame.astype(int) - other.astype(int)) for other in drawn]
+        assert off[number].max() == 0 if not form else off[number].mean() < 4, number
+        # frames of the other time points are far off
+        means = np.array([each.mean() for each in off])
+        assert means[number] < 0.2 * means[np.arange(6) // 2 != number // 2].min(), (number, means)
+
+
+def read_frames(target: Path) -> list[np.ndarray]:
+    """The frames of a movie or of a folder of pictures, uint8 [H, W, 3]."""
+    if target.is_dir():
+        return [sg.Image.load(path).samples8()[..., :3] for path in sorted(target.iterdir())]
+    if target.suffix == ".gif":
+        with PIL.Image.open(target) as movie:
+            return [np.asarray(frame.convert("RGB")) for frame in PIL.ImageSequence.Iterator(movie)]
+    import av
+
+    with av.open(str(target)) as movie:
+        return [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
 
 
 def test_a_cancelled_recording_leaves_nothing(document: Document, tmp_path: Path) -> None:
