@@ -43,6 +43,7 @@ class Request(Enum):
     SAVE_AND_QUIT = auto()
     DISCARD = auto()
     PALETTE = auto()
+    FOCUS = auto()
     FORGET_RECENT = auto()
     RECORD = auto()
     RECORD_AS = auto()
@@ -509,6 +510,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("pin", "keep this picture beside the next, or not", ("ctrl+d",), _pin),
         Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
         Command("panel", "show or hide the panel", ("tab",), _rotate("panel")),
+        Command("focus", "keys in the panel, or back in the picture", ("f6",), _request(Request.FOCUS)),
         Command("theme", "dark or light panel", (), _rotate("theme", THEMES)),
         Command("hud", "what is drawn and how: short, full, or off", ("i",), _rotate("hud", HUDS)),
     ),

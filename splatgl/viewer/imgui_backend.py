@@ -28,19 +28,29 @@ RELEASE, PRESS = 0, 1
 ESCAPE = 256
 # events of the mouse that may not share a frame
 MOUSE = {"cursor", "button"}
-# GLFW codes of the keys used by text fields; letters are for ctrl+A, C, V, X, Z
-KEYS = {
+# GLFW codes of the keys that go through the panel's widgets and edit them
+MOVES = {
+    32: imgui.Key.space,
     256: imgui.Key.escape,
     257: imgui.Key.enter,
     335: imgui.Key.enter,
-    259: imgui.Key.backspace,
-    261: imgui.Key.delete,
+    258: imgui.Key.tab,
     262: imgui.Key.right_arrow,
     263: imgui.Key.left_arrow,
     264: imgui.Key.down_arrow,
     265: imgui.Key.up_arrow,
+    266: imgui.Key.page_up,
+    267: imgui.Key.page_down,
     268: imgui.Key.home,
     269: imgui.Key.end,
+    342: imgui.Key.left_alt,
+    348: imgui.Key.menu,
+}
+# and those used by text fields; letters are for ctrl+A, C, V, X, Z
+KEYS = {
+    **MOVES,
+    259: imgui.Key.backspace,
+    261: imgui.Key.delete,
     **{ord(letter): getattr(imgui.Key, letter.lower()) for letter in "ACVXZ"},
 }
 # GLFW's bits of the modifier keys, left and right
@@ -64,6 +74,8 @@ class Gui:
         self.last = time.perf_counter()
         # whether this is the first frame, which ImGui only measures
         self.fresh = True
+        # whether keys go through the panel's widgets
+        self.focused = False
         # whose colours are set
         self.theme = ""
         with current(window.screen.ctx):
@@ -85,19 +97,30 @@ class Gui:
         """Whether a widget of the panel is being dragged."""
         return bool(self.io.want_capture_mouse and imgui.is_any_item_active())
 
+    def focus(self) -> None:
+        """Gives the keys that go through widgets to the panel, from its first widget on, or back to the picture."""
+        self.focused = self.panel.focusing = not self.focused
+
     def event(self, kind: str, *values: Any) -> bool:
-        """Handles a GLFW event; True if the panel consumes it: over the panel, or keys for a text field."""
+        """Handles a GLFW event; True if the panel consumes it: over the panel, keys for a text field, and those that go
+        through widgets, if it has them.
+        """
         self.waiting.append((kind, values))
         if kind == "cursor":
             self.cursor = values[0], values[1]
             return False
         if kind in ("button", "scroll"):
             # ImGui's bit flag is one frame old: the cursor may have moved since
-            return self.panel.covers(*self.cursor)
-        if kind == "key" and values[:2] == (ESCAPE, PRESS) and self.panel.popup:
-            self.panel.closes = True
+            covered = self.panel.covers(*self.cursor)
+            self.focused &= covered or kind == "scroll"
+            return covered
+        if kind == "key" and values[:2] == (ESCAPE, PRESS) and (self.panel.popup or self.focused):
+            # one thing at a time: a list, an edit, the keys in the panel
+            self.panel.closes = self.panel.popup
+            self.focused &= self.panel.popup or imgui.is_any_item_active()
             return True
-        return bool(self.io.want_text_input or self.panel.popup)
+        moves = self.focused and kind == "key" and values[0] in MOVES
+        return bool(self.io.want_text_input or self.panel.popup or moves)
 
     def _pass_events(self) -> None:
         """Passes events to ImGui until the mouse moves after a button or the reverse: of a move and a release in one
@@ -143,6 +166,7 @@ class Gui:
         self.io.delta_time = max(now - self.last, 1e-4)
         self.last = now
         self._pass_events()
+        self._navigate(state.panel)
         if state.theme != self.theme:
             self.theme = state.theme
             _color(state.theme)
@@ -157,6 +181,16 @@ class Gui:
             self.fresh = False
             imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
         return state
+
+    def _navigate(self, is_shown: bool) -> None:
+        """Lets keys go through widgets, in the panel if it has the keys, and in boxes."""
+        self.focused &= is_shown
+        navigates = imgui.ConfigFlags_.nav_enable_keyboard.value
+        if self.panel.takes_moves or (self.focused and not self.panel.popup):
+            self.io.config_flags |= navigates
+        else:
+            self.io.config_flags &= ~navigates
+            imgui.set_nav_cursor_visible(False)
 
     def close(self) -> None:
         """Frees Dear ImGui's GPU resources and its context."""

@@ -37,8 +37,6 @@ MARGIN = 8.0
 # width of the strip that opens the panel
 STRIP = 18.0
 EXTINCTION = (0.01, 100.0)
-# pixels of a drag over the range of values, or over the gradient of the whole range within a voxel
-STEPS = 300
 # settings with sliders from 0 to 1; those with choices have lists
 STRENGTHS = ("ambient_occlusion", "shadows")
 LIGHT_SHARES = ("ambient", "diffuse", "specular")
@@ -81,6 +79,8 @@ class Panel:
         self.place = (0.0, 0.0, 0.0, 0.0)
         # whether a list is open, and whether it is to close
         self.popup = self.closes = False
+        # whether keys go through the widgets of what is open, and whether they are to begin in the panel
+        self.takes_moves = self.focusing = False
 
     def draw(
         self, state: State, document: Document, frame: Frame | None, room: tuple[int, int], docked: bool = False
@@ -103,6 +103,8 @@ class Panel:
         self.questions.draw(self.widgets, room)
         state = self.palette.draw(state, document, self.widgets, room)
         self.popup = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+        # the palette has arrows of its own
+        self.takes_moves = self.popup and not self.palette.is_open
         return state
 
     def _draw(
@@ -113,10 +115,14 @@ class Panel:
         high = max(room[1] - 2 * margin, 1.0)
         imgui.set_next_window_pos((room[0] - wide - margin, margin), imgui.Cond_.always)
         imgui.set_next_window_size_constraints((wide, high if docked else 0.0), (wide, high))
-        imgui.set_next_window_bg_alpha(1.0 if docked else 0.95)
         flags = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move | imgui.WindowFlags_.no_resize
         flags |= imgui.WindowFlags_.no_title_bar if docked else imgui.WindowFlags_.always_auto_resize
         shown, _ = imgui.begin("splatgl", None, flags | imgui.WindowFlags_.menu_bar)
+        if self.focusing:
+            self.focusing = False
+            imgui.set_window_focus()
+            imgui.internal.nav_init_window(imgui.internal.get_current_window(), True)
+            imgui.set_nav_cursor_visible(True)
         if shown:
             state = panel_sections.draw_menus(state, document, self.widgets)
             if state.times > 1:
@@ -201,7 +207,7 @@ class Panel:
         base = _colors(self.curve.draw(base, layer.volume), stats)
         low, high = transfer_editor.value_range(stats)
         base = self.shift.draw(base, high - low)
-        base = _gradient(base, (high - low) / float(np.mean(layer.volume.spacing)) / STEPS)
+        base = _gradient(base, (high - low) / float(np.mean(layer.volume.spacing)) / transfer_editor.STEPS)
         return state if base == style.stated else state.edit(base=base, extinction=1.0)
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
@@ -286,7 +292,7 @@ def _colors(transfer: Transfer, stats: Statistics) -> Transfer:
     low, high = transfer.color_range
     spread = transfer_editor.value_range(stats)
     changed, low, high = imgui.drag_float_range2(
-        label_left("window"), low, high, (spread[1] - spread[0]) / STEPS, format="%.4g"
+        label_left("window"), low, high, (spread[1] - spread[0]) / transfer_editor.STEPS, format="%.4g"
     )
     imgui.set_item_tooltip("Values that the colours span: drag either end.")
     return replace(transfer, window=(low, high)) if changed and low < high else transfer

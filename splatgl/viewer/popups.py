@@ -23,7 +23,7 @@ class Palette:
     """List of the commands whose titles hold the typed words. row: the one that Enter runs."""
 
     def __init__(self) -> None:
-        self.opening = False
+        self.opening = self.is_open = False
         self.typed, self.row = "", 0
 
     def open(self) -> None:
@@ -40,7 +40,8 @@ class Palette:
         wide = min(WIDTH * imgui.get_style().font_scale_main, room[0] - 16.0)
         imgui.set_next_window_pos((room[0] / 2, room[1] * TOP), imgui.Cond_.always, (0.5, 0.0))
         imgui.set_next_window_size((wide, 0.0))
-        if not imgui.begin_popup(PALETTE):
+        self.is_open = imgui.begin_popup(PALETTE)
+        if not self.is_open:
             return state
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
@@ -103,6 +104,8 @@ class Questions:
             return
         imgui.text_wrapped(plain(question.text))
         is_entered = imgui.is_key_pressed(imgui.Key.enter, repeat=False) and not imgui.is_window_appearing()
+        # else it presses the button that has the keys
+        is_entered &= not imgui.get_io().nav_visible
         for number, (text, effect) in enumerate(question.answers):
             if imgui.button(text) or (is_entered and number == 0):
                 # a text is copied before it is closed

@@ -15,6 +15,7 @@ from splatgl.splat.statistics import Statistics, statistics
 from splatgl.splat.transfer import Nodes, Transfer
 from splatgl.splat.transfer_nodes import SHAPES, shape_nodes, shape_of
 from splatgl.viewer.color_strip import ColorStrip
+from splatgl.viewer.panel_sections import label_left
 from splatgl.viewer.preset_gallery import EDITED
 
 # opacities up to this take about as much of the axis as each decade above
@@ -24,6 +25,8 @@ TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 # points of the drawn line between two nodes
 SAMPLES = 16
 BINS = 128
+# pixels of a drag over the whole of an axis
+STEPS = 300
 # percentiles of the values for the initial range
 ENDS = (0.0, 99.95)
 
@@ -100,6 +103,54 @@ HISTOGRAM, LINE, NODE = (0.5, 0.5, 0.55, 0.6), (0.95, 0.6, 0.15, 1.0), (1.0, 0.7
 HINT = "drag a point; double click for a new one; right click or ctrl+click removes; the wheel zooms, a drag moves"
 
 
+class PointFields:
+    """Numbers of one point of the curve, which keys edit, too. number: of the point."""
+
+    def __init__(self) -> None:
+        self.number = 0
+
+    def draw(self, points: Nodes, spread: tuple[float, float]) -> Nodes:
+        """Which point, its value and opacity, and what adds or removes one; returns the edited points. spread: range of
+        the axis of values.
+        """
+        count, style = len(points), imgui.get_style()
+        self.number = min(self.number, count - 1)
+        name, gap = label_left("point"), style.item_inner_spacing.x
+        signs = 2 * (imgui.calc_text_size("+").x + 2 * style.frame_padding.x + gap)
+        wide = (imgui.get_content_region_avail().x - signs - 2 * gap) / 3
+        imgui.set_next_item_width(wide)
+        _, chosen = imgui.slider_int(name, self.number + 1, 1, count, f"%d of {count}")
+        self.number = min(max(chosen, 1), count) - 1
+        value, opacity = points[self.number]
+        imgui.same_line(0.0, gap)
+        imgui.set_next_item_width(wide)
+        moved, value = imgui.drag_float("##value", value, (spread[1] - spread[0]) / STEPS, format="%.5g")
+        imgui.set_item_tooltip("Value of this point: drag, or ctrl+click.")
+        imgui.same_line(0.0, gap)
+        imgui.set_next_item_width(wide)
+        raised, height = imgui.drag_float("##height", float(rise(opacity)), 1 / STEPS, 0.0, 1.0, f"{opacity:.3g}")
+        imgui.set_item_tooltip("Opacity of this point: drag.")
+        if moved or raised:
+            points = move_point(points, self.number, (value, fall(height) if raised else opacity))
+        return self._count(points, gap)
+
+    def _count(self, points: Nodes, gap: float) -> Nodes:
+        """Buttons that add a point between this one and its neighbour, and remove it."""
+        here = self.number
+        imgui.same_line(0.0, gap)
+        imgui.begin_disabled(len(points) < 2)
+        if imgui.button("+"):
+            ends = points[here : here + 2] if here + 1 < len(points) else points[here - 1 :]
+            between = np.mean(ends, axis=0).tolist()
+            points, self.number = add_point(points, (between[0], between[1]))
+        imgui.set_item_tooltip("One more point beside this one.")
+        imgui.same_line(0.0, gap)
+        points = remove_point(points, here) if imgui.button("-") else points
+        imgui.set_item_tooltip("Removes this point.")
+        imgui.end_disabled()
+        return points
+
+
 class Curve:
     """Draws the plot and holds its range of values and its histogram."""
 
@@ -113,6 +164,7 @@ class Curve:
         self.fits = True
         self.held: int | None = None
         self.strip = ColorStrip()
+        self.fields = PointFields()
         # left, top, width and height of the plot, screen units
         self.box = (0.0, 0.0, 1.0, 1.0)
 
@@ -128,6 +180,8 @@ class Curve:
         stats, scale = self.statistics_of(volume), imgui.get_style().font_scale_main
         points = transfer.points
         quiet = implot.Flags_.canvas_only | implot.Flags_.no_frame
+        # a mouse edits it; keys the fields below
+        imgui.push_item_flag(imgui.ItemFlags_.no_nav, True)
         if implot.begin_plot("##curve", imgui.ImVec2(-1.0, HEIGHT * scale), quiet):
             self._axes(volume)
             self._histogram(stats)
@@ -138,6 +192,8 @@ class Curve:
             self.box = place.x, place.y, size.x, size.y
             implot.end_plot()
         colored = self.strip.draw(transfer, self.range, (self.box[0], self.box[2]), STRIP * scale)
+        imgui.pop_item_flag()
+        points = self.fields.draw(points, self.range)
         changed, self.logarithmic = imgui.checkbox("log counts", self.logarithmic)
         imgui.set_item_tooltip("Bars by the logarithm of how many voxels have a value, or by the number.")
         if changed:
@@ -194,6 +250,7 @@ class Curve:
             if moved and not ctrl:
                 points = move_point(points, number, (x, fall(y)))
         self.held = held
+        self.fields.number = self.fields.number if held is None else held
         hovered = implot.is_plot_hovered() or pointed is not None
         removes = imgui.is_mouse_clicked(imgui.MouseButton_.right) or (
             ctrl and imgui.is_mouse_clicked(imgui.MouseButton_.left)

@@ -213,11 +213,8 @@ class Viewer(LiveView):
                     self.say(error_text(error))
             case Request.FORGET_RECENT:
                 self.recent = self.recent.forgotten()
-            case Request.PALETTE:
-                if self.panel is None:
-                    self._open_panel()
-                if self.panel is not None:
-                    self.panel.panel.palette.open()
+            case Request.PALETTE | Request.FOCUS:
+                self._reach_panel(effect)
             case Request.SAVE_AND_QUIT:
                 self._save("scene", partial(save_scene, self.state, self.document, draw, folder), True)
                 self.closed = not self.history.has_unsaved_edits(self.state)
@@ -225,6 +222,20 @@ class Viewer(LiveView):
                 self.closed = True
             case Request.QUIT:
                 self._quit()
+
+    def _reach_panel(self, effect: Request) -> None:
+        """Opens the list of commands, or gives the keys to the panel, or back to the picture."""
+        if effect is Request.FOCUS:
+            self.state = replace(self.state, panel=True)
+        if self.panel is None:
+            self._open_panel()
+        if self.panel is None:
+            return
+        if effect is Request.PALETTE:
+            self.panel.panel.palette.open()
+        else:
+            self.panel.focus()
+        self.refresh()
 
     def _record(self, target: Path) -> None:
         """Begins a movie of the state, or says why it cannot be drawn."""

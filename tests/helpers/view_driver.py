@@ -70,6 +70,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "asked": [question.text for question in viewer.panel.panel.questions.waiting] if viewer.panel else [],
         "hidden": sorted(state.style.hidden),
         "names": state.style.names,
+        "focused": bool(viewer.panel and viewer.panel.focused),
         "layers": viewer.document.with_styles(state.styles, state.mesh_files, state.settings).names,
         "extinction": state.style.extinction,
         "eye": camera.eye.tolist(),

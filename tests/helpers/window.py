@@ -47,6 +47,7 @@ NAMES |= {
     "right": "Right",
     "up": "Up",
     "down": "Down",
+    "f6": "F6",
     "f11": "F11",
     "+": "plus",
     "=": "equal",

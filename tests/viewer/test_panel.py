@@ -17,10 +17,10 @@ from tests.helpers.window import MISSING, Window, pointed
 
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 # places in a window of 600 × 560 pixels: the fields of the extinction and of the threshold, and lists
-EXTINCTION, THRESHOLD, COLORS = (463, 476), (400, 501), (450, 376)
-PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 426)
+EXTINCTION, THRESHOLD, COLORS = (463, 501), (400, 526), (450, 401)
+PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 451)
 # the list of shapes and its first one; two places of the strip of colours, without a point
-SHAPES, STEP, STRIP, ASIDE = (500, 352), (460, 396), (510, 331), (540, 331)
+SHAPES, STEP, STRIP, ASIDE = (500, 377), (460, 421), (510, 331), (540, 331)
 
 
 @pytest.fixture(scope="module")
@@ -214,3 +214,60 @@ def test_shapes_and_colours_of_values_are_edited_by_hand(panel: Window) -> None:
     for _ in range(3):
         undone = panel.key("ctrl+z")
     assert undone["colors"] == before["colors"]
+
+
+def marked(panel: Window) -> tuple[int, int]:
+    """Middle of the frame that marks a widget, found by its colour in the window's picture."""
+    from splatgl.viewer.imgui_backend import COLORS as THEMES
+
+    accent = np.rint(np.array(THEMES["dark"][-1]) * 255)
+    rows, columns = np.nonzero((np.abs(panel.shot() - accent) <= 3).all(axis=-1))
+    lines = [row for row in np.unique(rows) if (rows == row).sum() > 12]
+    assert lines, "no widget is marked"
+    across = columns[np.isin(rows, lines)]
+    return (int(across.min()) + int(across.max())) // 2, (lines[0] + lines[-1]) // 2
+
+
+def reach(panel: Window, place: tuple[int, int]) -> None:
+    """Presses the arrow down until the widget at a place is marked."""
+    for _ in range(60):
+        across, down = marked(panel)
+        if abs(down - place[1]) < 8:
+            return
+        panel.hands("key", "Down")
+        panel.ask("look")
+    raise AssertionError(f"no widget is reached at {place}, the last at {across, down}")
+
+
+@pytest.mark.long
+def test_widgets_are_reached_and_edited_by_keys(panel: Window) -> None:
+    """F6 gives the panel the keys that go through widgets, which a frame marks; Escape gives them back."""
+    before = panel.ask("look")
+    assert panel.key("f6")["focused"]
+    # keys that edit nothing keep their commands
+    assert np.allclose(panel.key("down")["eye"], before["eye"]) and panel.key("b")["settings"]["blend"] == "xray"
+    assert panel.key("ctrl+z")["settings"]["blend"] == "composite"
+    reach(panel, EXTINCTION)
+    panel.hands("key", "space", "Right", "Right", "Right")
+    moved = panel.ask("settle")
+    assert moved["extinction"] > 1.0 and np.allclose(moved["eye"], before["eye"]) and not moved["turning"]
+    # one thing at a time
+    assert panel.key("escape")["focused"]
+    # Tab opens the number of the next one to be typed
+    panel.hands("key", "Tab")
+    panel.ask("look")
+    panel.hands("type", "0.25")
+    assert panel.key("enter")["threshold"] == 0.25
+    panel.hands("key", *["Up"] * 10)
+    panel.ask("settle")
+    reach(panel, COLORS)
+    panel.hands("key", "space")
+    assert panel.ask("settle")["dialog"]
+    told = panel.key("escape")
+    assert not told["dialog"] and told["focused"]
+    assert not panel.key("escape")["focused"]
+    assert not np.allclose(panel.key("down")["eye"], before["eye"])
+    # a click in the picture gives them back, too
+    panel.key("f6")
+    panel.hands("mousemove", 100, 200, "click", 1)
+    assert not panel.ask("settle")["focused"]
