@@ -1,10 +1,12 @@
 """What a user waits for in the window, from outside: by real keys and drags, and the pixels that X shows.
 
-    .venv/bin/python scripts/benchmarks/latency.py [FILE …] [--size WxH] [--times N]
+    .venv/bin/python scripts/benchmarks/latency.py [FILE …] [--size WxH] [--times N] [--busy N,N…]
 
 Needs Xvfb. Each file is opened in a process of its own: seconds until the window is there, until it shows
-something, and until its title says "refined"; then milliseconds from a key to changed pixels (of `p`, which changes the
-projection, and `]`, which changes opacities), median and worst; and pictures a second of a drag along a circle.
+something, and until its title says "refined"; then milliseconds, median and worst: from a key to changed pixels (of
+`p`, which changes the projection, and `]`, which changes opacities), from a click to the list of presets at rest and
+while the picture refines, and from a move of a point of the opacity curve to a changed picture; and pictures a second
+of a drag along a circle. --busy: one table for each number of processes that are busy meanwhile, such as 0,6.
 """
 
 from __future__ import annotations
@@ -12,19 +14,30 @@ from __future__ import annotations
 import argparse
 import ctypes
 import ctypes.util
+import json
 import math
 import os
 import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from splatgl.options import Kind
 
-# seconds after which something will not come; pixels along a side of the square that is watched; of a drag
-PATIENCE, SIDE, DRAGGED = 120.0, 400, 4.0
+# seconds after which something will not come; pixels along a side of the squares that are watched, in the picture and
+# in an open list; seconds of a drag
+PATIENCE, SIDE, LISTED, DRAGGED = 120.0, 400, 60, 4.0
+# pixels of the panel, and from a list's field to the middle of what is watched of the open list; of a move of a point
+PANEL, BELOW, MOVED = 330, 60, 12
+# seconds after a key in which the picture is being refined
+REFINING = 0.1
+ESCAPE = 0xFF1B
+# opens the window of `splatgl view`, and prints where its widgets are
+SERVE = "--window"
 # keys that are pressed in turn: each changes the picture again, where more and more opacity would end to
 KEYS = {"p": "pp", "]": "]["}
 PIXMAP, ALL_PLANES, DATA, PITCH = 2, 0xFFFFFFFF, 16, 44
@@ -52,11 +65,13 @@ class Hands:
             self.name = f":{pipe.readline().strip()}"
         self.display = ctypes.c_void_p(X.XOpenDisplay(self.name.encode()))
         self.root = ctypes.c_ulong(X.XDefaultRootWindow(self.display))
-        self.middle = screen[0] // 2, screen[1] // 2
+        # of the picture
+        self.middle = (screen[0] - PANEL) // 2, screen[1] // 2
 
-    def key(self, letter: str) -> None:
-        """Presses a key and lets it go."""
-        code = X.XKeysymToKeycode(self.display, ctypes.c_ulong(ord(letter)))
+    def key(self, letter: str | int) -> None:
+        """Presses a key, a letter or the number of a symbol, and lets it go."""
+        symbol = ord(letter) if isinstance(letter, str) else letter
+        code = X.XKeysymToKeycode(self.display, ctypes.c_ulong(symbol))
         for down in (1, 0):
             TEST.XTestFakeKeyEvent(self.display, code, down, ctypes.c_ulong(0))
         X.XFlush(self.display)
@@ -71,13 +86,13 @@ class Hands:
         TEST.XTestFakeMotionEvent(self.display, -1, round(x), round(y), ctypes.c_ulong(0))
         X.XFlush(self.display)
 
-    def seen(self) -> bytes:
-        """The pixels of the square in the middle."""
-        left, top = (each - SIDE // 2 for each in self.middle)
-        side = ctypes.c_uint(SIDE)
-        found = X.XGetImage(self.display, self.root, left, top, side, side, ctypes.c_ulong(ALL_PLANES), PIXMAP)
+    def seen(self, middle: tuple[float, float] | None = None, side: int = SIDE) -> bytes:
+        """The pixels of a square, by default that in the middle of the picture."""
+        left, top = (round(each) - side // 2 for each in middle or self.middle)
+        sides = ctypes.c_uint(side), ctypes.c_uint(side)
+        found = X.XGetImage(self.display, self.root, left, top, *sides, ctypes.c_ulong(ALL_PLANES), PIXMAP)
         data = ctypes.c_void_p.from_address(found + DATA).value or 0
-        pixels = ctypes.string_at(data, SIDE * ctypes.c_int.from_address(found + PITCH).value)
+        pixels = ctypes.string_at(data, side * ctypes.c_int.from_address(found + PITCH).value)
         X.XFree(ctypes.c_void_p(data))
         X.XFree(ctypes.c_void_p(found))
         return pixels
@@ -120,20 +135,58 @@ def until(reached: Callable[[], bool]) -> float:
 def told(hands: Hands, file: str, wide: tuple[int, int], times: int) -> str:
     """A row of the table."""
     environment = {**os.environ, "DISPLAY": hands.name, "SPLATGL_RECENT": "off"}
-    view = [sys.executable, "-m", "splatgl", "view", file, "--size", f"{wide[0]}x{wide[1]}"]
+    view = [sys.executable, __file__, SERVE, file, "--size", f"{wide[0]}x{wide[1]}"]
     hands.move(*hands.middle)
     black = hands.seen()
     begun = time.perf_counter()
-    process = subprocess.Popen(view, env=environment)
+    process = subprocess.Popen(view, env=environment, stdout=subprocess.PIPE)
     try:
         opened = []
         for reached in (lambda: hands.told("splatgl"), lambda: shows(hands, black), lambda: hands.told("refined")):
             until(reached)
             opened.append(time.perf_counter() - begun)
-        return " | ".join([" ".join(f"{each:5.2f}" for each in opened) + " s", *(waits(hands, times) if times else ())])
+        parts = [" ".join(f"{each:5.2f}" for each in opened) + " s"]
+        if times:
+            assert process.stdout is not None
+            parts += waits(hands, times, json.loads(process.stdout.readline()))
+        return " | ".join(parts)
     finally:
         process.terminate()
         process.wait(PATIENCE)
+
+
+def serve(arguments: list[str]) -> None:
+    """Runs `splatgl view`; prints once where the panel has its list of presets and a point of the curve."""
+    from imgui_bundle import imgui
+
+    from splatgl.cli.main import main as run_command
+    from splatgl.viewer import panel
+    from splatgl.viewer.preset_gallery import PresetGallery
+    from splatgl.viewer.transfer_editor import ROOM, Curve, rise
+
+    places: dict[str, tuple[float, float]] = {}
+    draw_list, draw_curve = PresetGallery.draw, Curve.draw
+
+    def note_list(gallery: PresetGallery, *given: Any) -> Any:
+        drawn = draw_list(gallery, *given)
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        places["list"] = (low.x + high.x) / 2, (low.y + high.y) / 2
+        return drawn
+
+    def note_curve(curve: Curve, transfer: Any, *given: Any) -> Any:
+        drawn, is_first = draw_curve(curve, transfer, *given), "node" not in places
+        (left, top, wide, high), (low, up) = curve.box, curve.range
+        # one that the axis shows, as high as any
+        value, opacity = max((point for point in transfer.points if low < point[0] < up), key=lambda point: point[1])
+        share = (float(rise(opacity)) - ROOM[0]) / (ROOM[1] - ROOM[0])
+        places["node"] = left + wide * (value - low) / (up - low), top + high * (1 - share)
+        if wide > 1 and is_first:
+            print(json.dumps(places), flush=True)
+        return drawn
+
+    # methods are replaced for this process alone
+    vars(panel)["PresetGallery"].draw, vars(panel)["Curve"].draw = note_list, note_curve
+    sys.exit(run_command(["view", *arguments]))
 
 
 def shows(hands: Hands, black: bytes) -> bool:
@@ -142,25 +195,68 @@ def shows(hands: Hands, black: bytes) -> bool:
     return now != black and len(set(now[::16])) > 4
 
 
-def waits(hands: Hands, times: int) -> list[str]:
-    """What keys and a drag take."""
+def waits(hands: Hands, times: int, places: dict[str, tuple[float, float]]) -> list[str]:
+    """What keys, clicks and drags take. places: of the panel's list of presets and a point of its curve."""
+    waited = {name: [press(hands, letters[number % 2]) for number in range(times)] for name, letters in KEYS.items()}
+    waited["list"] = [click(hands, places["list"]) for _ in range(times)]
+    waited["list, refining"] = [click(hands, places["list"], "p") for _ in range(times)]
+    waited["node"] = move_point(hands, places["node"], times)
+    texts = [f"{name} {statistics.median(each) * 1e3:4.0f} {max(each) * 1e3:5.0f} ms" for name, each in waited.items()]
+    return [*texts, f"drag {dragged(hands):5.1f}/s"]
 
-    def refined() -> bool:
-        return hands.told("refined")
 
-    parts = []
-    for name, letters in KEYS.items():
-        found = []
-        for number in range(times):
-            time.sleep(0.2)
-            before = hands.seen()
-            hands.key(letters[number % 2])
-            found.append(until(lambda before=before: hands.seen() != before))  # type: ignore[misc]
-            # the first new picture, and what it becomes
-            time.sleep(0.1)
-            until(refined)
-        parts.append(f"{name} {statistics.median(found) * 1e3:4.0f} {max(found) * 1e3:5.0f} ms")
-    return [*parts, f"drag {dragged(hands):5.1f}/s"]
+def refine(hands: Hands) -> None:
+    """Waits for the refined picture."""
+    # the first new picture, and what it becomes
+    time.sleep(0.1)
+    until(lambda: hands.told("refined"))
+    time.sleep(0.2)
+
+
+def press(hands: Hands, letter: str) -> float:
+    """Seconds from a key to a changed picture."""
+    before = hands.seen()
+    hands.key(letter)
+    waited = until(lambda: hands.seen() != before)
+    refine(hands)
+    return waited
+
+
+def click(hands: Hands, place: tuple[float, float], letter: str = "") -> float:
+    """Seconds from a click to an open list. letter: a key that has just changed the picture, which is being refined."""
+    beside = place[0], place[1] + BELOW
+    hands.move(*place)
+    refine(hands)
+    before = hands.seen(beside, LISTED)
+    if letter:
+        hands.key(letter)
+        time.sleep(REFINING)
+    begun = time.perf_counter()
+    hands.button(True)
+    hands.button(False)
+    until(lambda: hands.seen(beside, LISTED) != before)
+    waited = time.perf_counter() - begun
+    hands.key(ESCAPE)
+    until(lambda: hands.seen(beside, LISTED) == before)
+    refine(hands)
+    return waited
+
+
+def move_point(hands: Hands, place: tuple[float, float], times: int) -> list[float]:
+    """Seconds from moves of a point of the curve, up and down, to changed pictures."""
+    hands.move(*place)
+    refine(hands)
+    hands.button(True)
+    waited = []
+    for number in range(times):
+        before = hands.seen()
+        hands.move(place[0], place[1] + MOVED * (1 + number % 2))
+        waited.append(until(lambda before=before: hands.seen() != before))  # type: ignore[misc]
+        refine(hands)
+    hands.move(*place)
+    hands.button(False)
+    refine(hands)
+    return waited
 
 
 def dragged(hands: Hands) -> float:
@@ -179,21 +275,36 @@ def dragged(hands: Hands) -> float:
     return pictures / (DRAGGED - 1.0)
 
 
+@contextmanager
+def busy(count: int) -> Iterator[None]:
+    """So many processes are busy."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.terminate()
+            process.wait(PATIENCE)
+
+
 def main() -> None:
-    """Prints the table."""
+    """Prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", default=["nerve", "terrain", "tunnel"])
     parser.add_argument("--size", type=Kind.picture_size().parse, default=(1024, 768))
-    parser.add_argument("--times", type=int, default=20, help="presses of each key; 0: opens only (20)")
+    parser.add_argument("--times", type=int, default=20, help="of each key, click and move; 0: opens only (20)")
+    parser.add_argument("--busy", type=lambda text: [int(part) for part in text.split(",")], default=[0], metavar="N,N")
     args = parser.parse_args()
-    print("window, first, refined | key to pixels: median, worst | drag")
-    for file in args.files:
-        hands = Hands(args.size)
-        try:
-            print(f"{Path(file).name}: {told(hands, file, args.size, args.times)}", flush=True)
-        finally:
-            hands.end()
+    for count in args.busy:
+        print(f"{count} busy processes: window, first, refined | from a key, a click, a move: median, worst | drag")
+        for file in args.files:
+            hands = Hands(args.size)
+            try:
+                with busy(count):
+                    print(f"{Path(file).name}: {told(hands, file, args.size, args.times)}", flush=True)
+            finally:
+                hands.end()
 
 
 if __name__ == "__main__":
-    main()
+    serve(sys.argv[2:]) if sys.argv[1:2] == [SERVE] else main()
