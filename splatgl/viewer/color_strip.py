@@ -69,7 +69,7 @@ class ColorStrip:
             if edited is points and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 color = srgb_from_linear(np.clip(transfer.color(np.array(value)), 0.0, 1.0))
                 edited = add_color(points, value, code_of(color))
-        edited = self._pick(edited)
+        edited = self._pick(edited, span)
         if edited is points:
             return transfer
         self.made, self.points = with_color_points(transfer, edited), edited
@@ -132,8 +132,8 @@ class ColorStrip:
         for size, color in ((radius, (0.0, 0.0, 0.0)), (radius - 1, (1.0, 1.0, 1.0)), (radius - 2, tuple(rgb))):
             pen.add_circle_filled(imgui.ImVec2(x, y), size, int(imgui.get_color_u32(imgui.ImVec4(*color, 1.0))))
 
-    def _pick(self, points: ColorPoints) -> ColorPoints:
-        """The points after input to the picker of a colour, if it is open."""
+    def _pick(self, points: ColorPoints, span: tuple[float, float]) -> ColorPoints:
+        """The points after input to the picker of a colour and its value, if it is open."""
         if not imgui.begin_popup(PICKER):
             return points
         number = min(self.picked, len(points) - 1)
@@ -141,6 +141,13 @@ class ColorStrip:
         changed, color = imgui.color_picker3("##color", rgb, imgui.ColorEditFlags_.no_side_preview)
         if changed:
             points = (*points[:number], (points[number][0], code_of(list(color))), *points[number + 1 :])
+        moved, value = imgui.drag_float("value", points[number][0], (span[1] - span[0]) / (4 * COLORS), format="%.5g")
+        points = move_color(points, number, value) if moved else points
+        if imgui.button("one more"):
+            following = points[number + 1][0] if number + 1 < len(points) else span[1]
+            points = add_color(points, (points[number][0] + following) / 2, points[number][1])
+        imgui.set_item_tooltip("Adds a point of this colour, halfway to the next one.")
+        imgui.same_line()
         if imgui.button("remove"):
             points = remove_color(points, number)
             imgui.close_current_popup()

@@ -191,8 +191,8 @@ class Curve:
             place, size = implot.get_plot_pos(), implot.get_plot_size()
             self.box = place.x, place.y, size.x, size.y
             implot.end_plot()
-        colored = self.strip.draw(transfer, self.range, (self.box[0], self.box[2]), STRIP * scale)
         imgui.pop_item_flag()
+        colored = self.strip.draw(transfer, self.range, (self.box[0], self.box[2]), STRIP * scale)
         points = self.fields.draw(points, self.range)
         changed, self.logarithmic = imgui.checkbox("log counts", self.logarithmic)
         imgui.set_item_tooltip("Bars by the logarithm of how many voxels have a value, or by the number.")
