@@ -57,7 +57,9 @@ def test_joining_does_not_depend_on_the_tree(how: str, rng: np.random.Generator)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("blend", "name"), [*zip(PICTURES, (*VIEWS, "inside"), strict=True), ("composite", "beside")])
+@pytest.mark.parametrize(
+    ("blend", "name"), [*zip(PICTURES, (*VIEWS, "inside", "outside"), strict=True), ("composite", "beside")]
+)
 def test_parts_add_up_to_the_picture(blend: str, name: str, renderer: sg.Renderer, rng: np.random.Generator) -> None:
     volume = sg.Volume(noise(rng, (30, 27, 32)), spacing=(1, 1.3, 0.8))
     camera, settings = cameras(volume)[name], ALL.but(blend=blend, background=(0.2, 0.5, 1.0))

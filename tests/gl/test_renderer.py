@@ -29,7 +29,7 @@ def letter() -> sg.Splats:
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"blend": "add"}, "blend: expected composite or xray or mip or minip or mean, got 'add'"),
+        ({"blend": "add"}, "blend: expected composite or xray or mip or attenuated-mip or minip or mean, got 'add'"),
         ({"align": "sideways"}, "align: expected auto or exact or ray or grid"),
         ({"samples": 0}, "samples: expected a whole number from 1"),
         ({"table_bits": 12}, "table_bits: expected 8, 16 or 32"),

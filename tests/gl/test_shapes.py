@@ -16,7 +16,7 @@ from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.shader import SHAPES, choose_shape, compose, declared_switches
 from splatgl.splat import bricks as bricking
 from splatgl.splat.bricks import Bricks, bricks_of
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
 from tests.helpers.boxes import noise as label_noise
 from tests.helpers.boxes import splats_of
 from tests.helpers.bricks import cameras, noise
@@ -44,7 +44,7 @@ def values(view: str = "outside", grid: str = "cubes", transfer: sg.Transfer = R
     """Draws a volume whose values are classified after reconstruction. change: of the settings."""
     scene = volume(grid)
     settings = WHOLE.but(**change)
-    kind = "post-all" if settings.blend in ("mip", "minip", "mean") else "auto"
+    kind = "post-all" if BLENDS[settings.blend].one_value else "auto"
     splats = sg.extract(scene, transfer, classification=kind)
     return lambda renderer: renderer.render(splats, views(scene)[view], settings, verify_bound=False).pixels
 
@@ -108,7 +108,7 @@ KINDS: dict[str, Callable[[], Draw]] = {
     "four sheets": lambda: values(sheets=4, steps=3),
     "two sheets": lambda: values(sheets=2, steps=1),
     "fine": lambda: values(tolerance=1e-6),
-    **{blend: lambda blend=blend: values(blend=blend) for blend in ("xray", "mip", "minip", "mean")},  # type: ignore[misc]
+    **{blend: lambda blend=blend: values(blend=blend) for blend in BLENDS if blend != "composite"},  # type: ignore[misc]
     "light": lambda: values(light="glossy"),
     "cues": lambda: values(ambient_occlusion=0.6, shadows=0.7),
     "clip": lambda: values(clip=((0.3, 0.9, 0.2, 7.0),)),
@@ -156,7 +156,11 @@ def test_shapes_draw_the_same(
     right, drawn = draw(processor), draw(card)
     assert processor.passes.programs.shape != card.passes.programs.shape
     assert right.max() > 0.2
-    most = ROUNDED if "layers" in kind or "quads" in kind or kind in ("mip", "parallel", "cues") else SAME
+    most = (
+        ROUNDED
+        if "layers" in kind or "quads" in kind or kind in ("mip", "attenuated-mip", "parallel", "cues")
+        else SAME
+    )
     assert np.abs(drawn - right).max() < most * max(float(right.max()), 1.0)
 
 

@@ -10,7 +10,8 @@ from splatgl.splat.settings import Settings
 RAMP = sg.Transfer([(0.45, 0), (0.6, 0.8)], colormap="hot", shading=True)
 # no ray ends early
 ALL = Settings(occlusion="off")
-PICTURES, VIEWS = ("composite", "xray", "mip", "minip", "mean"), ("outside", "inside", "beside", "parallel")
+PICTURES = ("composite", "xray", "mip", "attenuated-mip", "minip", "mean")
+VIEWS = ("outside", "inside", "beside", "parallel")
 
 
 def noise(rng: np.random.Generator, shape: tuple[int, int, int]) -> np.ndarray:

@@ -17,6 +17,7 @@ from splatgl.splat.extract_values import margin_of, prefilter
 from splatgl.splat.kernels import FREE, kernel
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.resolve import select_splats
+from splatgl.splat.settings import BLENDS
 from tests.helpers.noise import GRIDS, LOOKS, inside, views
 
 STEP = 1e-5
@@ -244,7 +245,7 @@ def test_values_stay_within_the_samples_around_them(name: str, rng: np.random.Ge
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("blend", ["mip", "minip", "mean", "composite", "xray"])
+@pytest.mark.parametrize("blend", BLENDS)
 def test_where_all_samples_are_transparent_nothing_is_drawn(renderer: sg.Renderer, blend: str) -> None:
     """0 beside a padded plane and holes of −1000: without limits a fifth of the picture has an alpha of up to 0.9."""
     samples = np.where((GRID[2] < 6) | (APART < 5), -1000.0, 0.0)
