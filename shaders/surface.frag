@@ -1,7 +1,9 @@
 // Draws the light and depth of the nearest surfaces between two depths.
 // switch PERSPECTIVE 1  0: a parallel view
+// switch TEXTURED 0  1: colours by place, which are not lit
 #include "light.glsl"
 #include "mesh_maps.glsl"
+#include "mesh_texture.glsl" if TEXTURED else "mesh_texture_off.glsl"
 uniform sampler2D nearest_depth;
 uniform sampler2D farthest_depth;
 uniform bool lit;
@@ -18,8 +20,10 @@ void main() {
     // a surface that was drawn is not drawn again, whatever its depth's last digits are
     if (place.z <= texelFetch(nearest_depth, pixel, 0).r * (1.0 + 1e-6)) discard;
     if (place.z >= texelFetch(farthest_depth, pixel, 0).r) discard;
+    vec4 paint = mesh_paint(value, color.rgb);
+    if (paint.a < 0.5) discard;
     vec3 ray = PERSPECTIVE == 1 ? normalize(place) : vec3(0.0, 0.0, 1.0);
     vec2 shine = lit ? surface_light(normal, ray, style.light.xyz, vec2(1.0)) : vec2(1.0, 0.0);
-    light = vec4(mapped_color(value, color.rgb) * shine.x + shine.y, 1.0) * color.a;
+    light = vec4(paint.rgb * shine.x + shine.y, 1.0) * color.a;
     depth = vec4(place.z);
 }

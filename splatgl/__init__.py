@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from splatgl.splat.scissors import Scissors as Scissors
     from splatgl.splat.segment_surfaces import surfaces as surfaces
     from splatgl.splat.settings import Settings as Settings
+    from splatgl.splat.slices import Slice as Slice
     from splatgl.splat.splats import Splats as Splats
     from splatgl.splat.transfer import Transfer as Transfer
     from splatgl.splat.transfer_nodes import opacity_curve as opacity_curve
@@ -78,6 +79,7 @@ _PUBLIC = {
     "Scene": "splatgl.splat.scene",
     "Scissors": "splatgl.splat.scissors",
     "Settings": "splatgl.splat.settings",
+    "Slice": "splatgl.splat.slices",
     "Splats": "splatgl.splat.splats",
     "Transfer": "splatgl.splat.transfer",
     "Volume": "splatgl.data.volume",

@@ -176,6 +176,8 @@ class PictureKeywords(TypedDict, total=False):
     mesh: Any
     annotate: str | Sequence[str] | None
     labels: Any
+    slices: str | Sequence[str]
+    slice_planes: str | Sequence[Any]
     clip_meshes: bool
     vectors: Literal["magnitude", "direction"]
     streamlines: int

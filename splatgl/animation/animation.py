@@ -158,6 +158,8 @@ class Animation:
         names = scenes[0].annotate
         check_size(names, scenes[0].view.size)
         # the view is fitted to the box in all frames
+        if scenes[0].slices:
+            raise expected("--slice", "none in movies", scenes[0].slices[0], "--slice-plane shows it in space")
         scenes = [replace(scene, annotate=()) for scene in scenes]
         file = scenes[0]
         scene = OpenScene.read(file)
@@ -206,6 +208,7 @@ class Animation:
             *first.meshes,
             *non_default(first.vectors).items(),
             *([] if first.surfaces is None else [first.surfaces]),
+            *first.slice_planes,
             *(first.mask or ()),
         )
         names = self.over.names if self.over else ()

@@ -42,7 +42,9 @@ def report(args: argparse.Namespace, image: Image, scene: OpenScene) -> str:
     """Text on what was drawn: JSON, a summary, or nothing."""
     if args.json:
         return as_json(args.source, output_of(args), image, scene)
-    return "" if args.quiet else summary(output_of(args), image, scene)
+    if args.quiet:
+        return ""
+    return (slice_summary if scene.file.slices else summary)(output_of(args), image, scene)
 
 
 def check_outputs(args: argparse.Namespace, output: Path, files: Sequence[str]) -> None:
@@ -90,6 +92,7 @@ def as_json(source: str, output: Path, image: Image, scene: OpenScene) -> str:
         "dpi": info.get("dpi"),
         **{name: info.get(name) for name in names},
         "triangles": info.get("triangles", 0),
+        **{name: info[name] for name in ("slices", "pitch") if name in info},
         "checked": info.get("checked"),
         "camera": {
             "eye": camera.eye.tolist(),
@@ -107,6 +110,20 @@ def as_json(source: str, output: Path, image: Image, scene: OpenScene) -> str:
 
 def _texts(value: object) -> list[str]:
     return [str(text) for text in value] if isinstance(value, list | tuple) else []
+
+
+def slice_summary(output: Path, image: Image, scene: OpenScene) -> str:
+    """Lines on the size and scale of slices, colours, and time."""
+    info, (height, width, _) = image.info, image.pixels.shape
+    slices, unit = info["slices"], scene.volume.unit or "units"
+    count = len(slices) if isinstance(slices, list) else 0
+    return "\n".join(
+        [
+            f"{output}: {width}×{height} pixels, {count} slice{'s' * (count != 1)}{_behind(image, output)}",
+            f"colours: {_colors(scene.scene.painter.layers[0].transfer, scene.volume)}",
+            f"{info['pitch']:.4g} {unit} a pixel; drawn in {info['seconds']:.2f} s",
+        ]
+    )
 
 
 def _drawn(image: Image) -> str:
@@ -149,15 +166,24 @@ def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
     text = ", ".join(points) if len(points) <= SHOWN else f"{points[0]} … {points[-1]} ({len(points)} points)"
     name = scene.transfer.get("preset")
     scaled = "logarithmic " if transfer.logarithmic else ""
-    low, high = transfer.color_range
-    of = transfer.colormap if "," not in transfer.colormap else f"{transfer.colormap.count(',') + 1} colours"
-    colours = f"{of} over {low:g} … {high:g}" if volume.color is None else "those of the volume"
+    colours = _colors(transfer, volume)
     return (
         (f"preset {name}, " if name else "")
         + f"opacity {text}; {scaled}colours {colours}"
         + ("; weighted by the gradient" if transfer.gradient else "")
         + (f"; threshold {scene.threshold:g}" if scene.threshold else "")
     )
+
+
+def _colors(transfer: Transfer, volume: Volume) -> str:
+    """Text on a colour map and the values that it spans."""
+    if volume.color is not None:
+        return "those of the volume"
+    if transfer.labels:
+        return f"those of {len(transfer.labels)} labels"
+    low, high = transfer.color_range
+    of = transfer.colormap if "," not in transfer.colormap else f"{transfer.colormap.count(',') + 1} colours"
+    return f"{of} over {low:g} … {high:g}"
 
 
 def _view(scene: SceneFile, volume: Volume, image: Image) -> str:

@@ -82,7 +82,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("more", nargs="*", metavar="SOURCE", help="further sources, or a pattern: a picture of each")
     about = ".png, .jpg, .svg, .pdf, .npy, .tif or .exr (default SOURCE.png); of several sources with {name}"
     parser.add_argument("-o", "--output", metavar="FILE", help=about)
-    add_options(parser, SceneFile, "annotate")
+    add_options(parser, SceneFile, "annotate", "slices")
     parser.add_argument("--quiet", action="store_true", help="no summary and no progress bar")
     output = group_of(parser, Group.OUTPUT)
     add_options(parser, ViewOptions, *ON_PAPER)
@@ -136,6 +136,8 @@ def render(args: argparse.Namespace, file: SceneFile, how: DrawOptions, by: Work
     reference = _reference(args.ref, output) if args.ref else None
     file = for_output(file, output, reference.image if reference and args.background is None else None)
     scene = OpenScene.read(file, is_quiet, is_alone=by.are_used)
+    if file.slices:
+        _check_slices(args, by)
     if args.depth is not None:
         write_depths(scene, args.depth, args.depth_at)
         if args.output is None and reference is None:
@@ -149,6 +151,14 @@ def render(args: argparse.Namespace, file: SceneFile, how: DrawOptions, by: Work
     if text := report(args, image, scene):
         print(text)
     return status
+
+
+def _check_slices(args: argparse.Namespace, by: WorkerOptions) -> None:
+    """Raises InputError for options of pictures in space beside --slice."""
+    others = {"--depth": args.depth, "--workers": by.workers, "--scheduler": by.scheduler, "--explain": args.explain}
+    for name, value in {**others, "--savings": args.savings, "--field": args.check_field}.items():
+        if value:
+            raise expected("--slice", f"no {name} beside it", value, "--slice-plane shows a slice in space")
 
 
 def _compare(image: Image, reference: Picture, output: Path, background: Color | None, is_quiet: bool) -> int:
@@ -178,6 +188,7 @@ def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> I
         "--scissors": len(file.scissors),
         "layers": len(file.layers),
         "meshes": len(file.meshes) + file.vectors.has_lines + is_mesh(file.volume),
+        "--slice-plane": ", ".join(file.slice_planes),
         "--surfaces": file.surfaces is not None,
     }
     for name, value in unsupported.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -25,6 +25,32 @@ COLORMAP = "viridis"
 
 
 @dataclass(frozen=True, eq=False)
+class Texture:
+    """Colours of a mesh by place, which are not lit. light: of world points [P, 3], float64 [P, 4]: linear RGB and 1,
+    or 0 where there is a hole.
+
+    texels: the same at texels, float32: linear RGB and 1 or 0 [H, W, 4], or places in the mesh's colour map [H, W],
+    below KNOWN where there is a hole. texel_from_world [2, 4]: column and row at a point (x, y, z, 1). smooth: whether
+    cubics lie between the texels, else the nearest counts.
+    """
+
+    light: Callable[[np.ndarray], np.ndarray]
+    texels: np.ndarray
+    texel_from_world: np.ndarray
+    smooth: bool = True
+
+    @property
+    def mapped(self) -> bool:
+        """Whether texels are places in a colour map."""
+        return self.texels.ndim == 2
+
+    def placed(self, turn: np.ndarray) -> Texture:
+        """The texture of a mesh that is turned by the diagonal [3], which is its own inverse."""
+        matrix = self.texel_from_world * np.append(turn, 1.0)
+        return replace(self, light=lambda points: self.light(points * turn), texel_from_world=matrix)
+
+
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles, lit from both sides. vertices float64 [N, 3]: world units; faces int64 [M, 3]: numbers of vertices.
 
@@ -33,7 +59,8 @@ class Mesh:
     values float64 [N]: numbers of vertices, drawn in the colours of `colormap` over `window` (None: from the least to
     the largest) unless there are colours; NaN is drawn in `color`. quantity: their name.
     clipped: whether clipping planes of scenes and settings cut it, too. corner_normals [M, 3, 3]: normals of the
-    corners of triangles, instead of the surface's. Raises InputError for other shapes and numbers.
+    corners of triangles, instead of the surface's. texture: gives the colours by place. Raises InputError for other
+    shapes and numbers.
     """
 
     vertices: np.ndarray
@@ -49,6 +76,7 @@ class Mesh:
     quantity: str = ""
     clipped: bool = False
     corner_normals: np.ndarray | None = None
+    texture: Texture | None = None
 
     def __post_init__(self) -> None:
         vertices = _array("vertices", self.vertices, np.float64)
@@ -111,7 +139,8 @@ class Mesh:
             return self
         turn = np.array([-1.0, -1.0, 1.0])
         normals = None if self.corner_normals is None else self.corner_normals * turn
-        return replace(self, vertices=self.vertices * turn, frame=frame, corner_normals=normals)
+        texture = self.texture and self.texture.placed(turn)
+        return replace(self, vertices=self.vertices * turn, frame=frame, corner_normals=normals, texture=texture)
 
     @property
     def ranged(self) -> tuple[float, float]:
@@ -126,6 +155,11 @@ class Mesh:
     def mapped(self) -> bool:
         """Whether the values give the colours."""
         return self.values is not None and self.colors is None
+
+    @property
+    def has_map(self) -> bool:
+        """Whether values or texels are drawn in the colours of a map."""
+        return self.mapped or (self.texture is not None and self.texture.mapped)
 
     def cut(self, planes: Sequence[Sequence[float]]) -> Mesh:
         """The part where n · x ≥ d for all planes (n_x, n_y, n_z, d); triangles of any size are cut."""

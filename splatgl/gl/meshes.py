@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from splatgl.data.mesh import Mesh
+from splatgl.data.mesh import Mesh, Texture
 from splatgl.errors import InputError
 from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.target import Target, check_size, settle
@@ -32,8 +32,8 @@ NOWHERE = 1e9
 MOST_PEELS = 64
 # nearest depth that is rasterised, as a fraction of the farthest
 NEAREST = 1e-5
-# texture unit of the colour maps of values
-MAPS_UNIT = 21
+# texture units of the colour maps of values, and of the texels of a texture
+MAPS_UNIT, TEXELS_UNIT = 21, 22
 # vertex format of a corner: place, normal, colour, value
 CORNER = "3f 3f 4f 2f"
 
@@ -67,6 +67,15 @@ class Peel:
             part.release()
 
 
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Triangles that are drawn together: all meshes without a texture, or one with it. row: of its colour map."""
+
+    corners: moderngl.Buffer
+    texture: Texture | None
+    row: int
+
+
 class Surfaces:
     """Peels surfaces; reuses its targets between pictures. whole: draws one triangle over the bound framebuffer."""
 
@@ -74,12 +83,15 @@ class Surfaces:
         self.ctx, self.programs, self.whole = ctx, programs, whole
         self.targets: list[Peel] = []
         self.size = (0, 0)
+        # of the latest picture
+        self.textures: dict[Texture, moderngl.Texture] = {}
 
     def release(self) -> None:
         """Frees the targets; they are recreated on demand."""
         for target in self.targets:
             target.release()
         self.targets = []
+        self._keep_textures(())
 
     def peeled(
         self, meshes: Sequence[Mesh], camera: Camera, unit: float, lit: bool, plain: bool = True
@@ -91,23 +103,25 @@ class Surfaces:
         """
         opaque = [mesh for mesh in meshes if mesh.opacity == 1]
         clear = [mesh for mesh in meshes if 0 < mesh.opacity < 1]
-        maps = sum(mesh.mapped for mesh in opaque)
+        maps = sum(mesh.has_map for mesh in opaque)
         corners = [corners_of(opaque, 0, camera, unit), corners_of(clear, maps, camera, unit)]
         depths = depth_range(np.concatenate([group["place"][:, 2] for group in corners]), camera.perspective)
         tables = map_tables([*opaque, *clear])
         mapped = self.ctx.texture(tables.shape[1::-1], 3, tables.tobytes(), dtype="f4")
         mapped.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        buffers = [self.ctx.buffer(group.tobytes()) if len(group) else None for group in corners]
+        groups = [self._groups(opaque, corners[0], 0), self._groups(clear, corners[1], maps)]
         end, before, now, ends = self._sized(camera.size)
+        # a new size has freed them
+        self._keep_textures([mesh.texture for mesh in (*opaque, *clear) if mesh.texture is not None])
         mapped.use(MAPS_UNIT)
         try:
             for target, depth in ((ends, NOWHERE), (before, -NOWHERE)):
                 target.framebuffer.use()
                 target.framebuffer.clear(red=depth)
                 settle(self.ctx)
-            self._draw(buffers[0], end, before, ends, (camera.perspective, not plain), (depths, lit))
+            self._draw(groups[0], end, before, ends, (camera.perspective, not plain), (depths, lit))
             for _ in range(MOST_PEELS):
-                if not self._draw(buffers[1], now, before, end, (camera.perspective, not plain), (depths, lit)):
+                if not self._draw(groups[1], now, before, end, (camera.perspective, not plain), (depths, lit)):
                     break
                 yield Limits(before.depth, now.depth, unit), now.light
                 before, now = now, before
@@ -116,9 +130,8 @@ class Surfaces:
             yield Limits(before.depth, end.depth, unit), end.light
         finally:
             mapped.release()
-            for buffer in buffers:
-                if buffer is not None:
-                    buffer.release()
+            for group in (*groups[0], *groups[1]):
+                group.corners.release()
 
     def composite(self, target: Target, matter: Target, surface: moderngl.Texture) -> None:
         """Blends matter, and the surface behind it, behind the contents of the target."""
@@ -133,7 +146,7 @@ class Surfaces:
 
     def _draw(
         self,
-        corners: moderngl.Buffer | None,
+        groups: Sequence[Group],
         into: Peel,
         before: Peel,
         end: Peel,
@@ -148,20 +161,53 @@ class Surfaces:
         into.framebuffer.clear(depth=1.0)
         self.ctx.enable_only(moderngl.NOTHING)
         self.whole(clear)
-        if corners is None:
+        if not groups:
             settle(self.ctx)
             return False
-        drawing = self.programs.for_meshes(*program)
-        set_uniforms(drawing, **LIMIT_UNITS, depths=style[0], lit=style[1], maps=MAPS_UNIT)
-        vertices = self.ctx.vertex_array(drawing, [(corners, CORNER, "in_place", "in_normal", "in_color", "in_value")])
         self.ctx.enable_only(moderngl.DEPTH_TEST)
         self.ctx.depth_func = "<"
         query = self.ctx.query(samples=True)
         with query:
-            vertices.render(moderngl.TRIANGLES)
-        vertices.release()
+            for group in groups:
+                drawing = self.programs.for_meshes(*program, group.texture is not None)
+                lit = style[1] and group.texture is None
+                set_uniforms(drawing, **LIMIT_UNITS, depths=style[0], lit=lit, maps=MAPS_UNIT)
+                if group.texture is not None:
+                    self.textures[group.texture].use(TEXELS_UNIT)
+                    mapped, smooth = group.texture.mapped, group.texture.smooth
+                    set_uniforms(drawing, texels=TEXELS_UNIT, mapped=mapped, smooth_texels=smooth, map_row=group.row)
+                inputs = [(group.corners, CORNER, "in_place", "in_normal", "in_color", "in_value")]
+                vertices = self.ctx.vertex_array(drawing, inputs)
+                vertices.render(moderngl.TRIANGLES)
+                vertices.release()
         self.ctx.enable_only(moderngl.NOTHING)
         return bool(query.samples)
+
+    def _groups(self, meshes: Sequence[Mesh], corners: np.ndarray, maps: int) -> list[Group]:
+        """Buffers of the corners of meshes, which are in their order. maps: number of the first colour map."""
+        plain, textured, first = [corners[:0]], list[Group](), 0
+        for mesh in meshes:
+            part = corners[first : first + 3 * len(mesh)]
+            if mesh.texture is None:
+                plain.append(part)
+            elif len(part):
+                textured.append(Group(self.ctx.buffer(part.tobytes()), mesh.texture, maps))
+            maps += mesh.has_map
+            first += 3 * len(mesh)
+        others = np.concatenate(plain)
+        return [*([Group(self.ctx.buffer(others.tobytes()), None, 0)] if len(others) else []), *textured]
+
+    def _keep_textures(self, textures: Sequence[Texture]) -> None:
+        """Uploads textures, and frees all others."""
+        for texture in [other for other in self.textures if other not in textures]:
+            self.textures.pop(texture).release()
+        for texture in textures:
+            if texture not in self.textures:
+                (height, width), channels = texture.texels.shape[:2], 1 if texture.mapped else 4
+                check_size(self.ctx, (width, height))
+                uploaded = self.ctx.texture((width, height), channels, texture.texels.tobytes(), dtype="f4")
+                uploaded.filter = (moderngl.NEAREST, moderngl.NEAREST)
+                self.textures[texture] = uploaded
 
     def _sized(self, size: tuple[int, int]) -> list[Peel]:
         """Returns four targets of `size`, recreated when the size changes."""
@@ -181,7 +227,8 @@ class Surfaces:
 
 def corners_of(meshes: Sequence[Mesh], maps: int, camera: Camera, unit: float) -> np.ndarray:
     """Returns the corners of all triangles [3 M]: places in eye space divided by `unit`, normals in eye axes, colours
-    and opacities, places of values in colour maps and the numbers of the maps, counted from `maps`; −1 for no map.
+    and opacities, places of values in colour maps and the numbers of the maps, counted from `maps`; −1 for no map. Of
+    a mesh with a texture, columns and rows of texels instead.
     """
     count = sum(3 * len(mesh) for mesh in meshes)
     corners = np.zeros(count, [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "<f4", 4), ("value", "<f4", 2)])
@@ -195,7 +242,10 @@ def corners_of(meshes: Sequence[Mesh], maps: int, camera: Camera, unit: float) -
         part["value"][:, 1] = maps if mesh.mapped else -1.0
         if mesh.mapped:
             part["value"][:, 0] = map_places(mesh)[mesh.faces].ravel()
-            maps += 1
+        elif mesh.texture is not None:
+            turn = mesh.texture.texel_from_world
+            part["value"] = (mesh.vertices @ turn[:, :3].T + turn[:, 3])[mesh.faces].reshape(-1, 2)
+        maps += mesh.has_map
         first += 3 * len(mesh)
     return corners
 

@@ -153,9 +153,10 @@ class Programs:
         chosen = self._read((fragment,), program, more or {}) if program else ()
         return self._drawing("whole.vert", fragment, chosen)
 
-    def for_meshes(self, perspective: bool, light: bool) -> moderngl.Program:
+    def for_meshes(self, perspective: bool, light: bool, textured: bool) -> moderngl.Program:
         """Returns the program that draws triangles. light: whether the light differs from the plain one."""
-        return self._drawing("surface.vert", "surface.frag", (("PERSPECTIVE", perspective), ("LIGHT", light)))
+        chosen = (("PERSPECTIVE", perspective), ("LIGHT", light), ("TEXTURED", textured))
+        return self._drawing("surface.vert", "surface.frag", chosen)
 
     def for_tiles(self, name: str, program: Program, more: Switches) -> moderngl.ComputeShader:
         """Returns a compute shader of the tiles. more: additional switches."""

@@ -144,9 +144,13 @@ def _cross_mesh(
     )
     pixel, triangle, ray, depth = pixel[hit], triangle[hit], ray[hit], depth[hit]
     share = np.stack([1 - u - v, u, v], axis=1)[hit][..., None]
+    length = np.linalg.norm(ray, axis=1)
+    if mesh.texture is not None:
+        paint = mesh.texture.light((mesh.vertices[mesh.faces[triangle]] * share).sum(axis=1))
+        there = paint[:, 3] > 0
+        return pixel[there], (depth * length)[there], paint[there] * mesh.opacity
     normal = (mesh.normals[triangle] * share).sum(axis=1) @ camera.eye_from_world.T
     color = colors_at(mesh, triangle, share[..., 0])
-    length = np.linalg.norm(ray, axis=1)
     if light_by is not None:
         factor, highlight = surface_light(normal, ray / length[:, None], light_by, light_by.direction)
         color = color * factor[:, None] + highlight[:, None]

@@ -19,6 +19,7 @@ from splatgl.fileio import budget, format_bytes, parse_bytes
 from splatgl.options import Group, Kind, check_options, declared, option
 from splatgl.platforms import BACKENDS
 from splatgl.scene.open_scene import PATIENCE, OpenScene, provenance_of
+from splatgl.scene.slice_sheet import draw_slices
 from splatgl.splat.settings import BLENDS, Settings
 
 if TYPE_CHECKING:
@@ -187,6 +188,8 @@ UNSUPPORTED = {
 def draw(scene: OpenScene, how: DrawOptions) -> Image:
     """Draws a scene in this process, with its provenance and annotations."""
     check_time(scene.file.annotate)
+    if scene.file.slices:
+        return draw_slices(scene)
     level, info, image = scene, dict[str, object](), None
     if scene.is_single:
         scene.check_masks()

@@ -71,7 +71,8 @@ class OpenScene:
             # several channels glow
             glows = len(volume.channels) > 1 and volume.points is None
             glowing = replace(transfer, shading=False) if glows else transfer
-            settings = replace(file.settings, background=default_background(glowing, settings))
+            background = BLACK if file.slices else default_background(glowing, settings)
+            settings = replace(file.settings, background=background)
             file = replace(file, settings=settings)
         if "box" in file.annotate:
             file = replace(file, view=file.view.fitted(annotated_part(volume)))
@@ -88,11 +89,13 @@ class OpenScene:
     def scene(self) -> Scene:
         """The visible layers and meshes, clipped by the planes of the scene; of one volume a single layer."""
         from splatgl.splat.scene import Scene
+        from splatgl.splat.slices import Slice
 
         meshes = [mesh.open() for mesh in surfaces_of(self.file) if mesh.visible]
         meshes += self.file.vectors.meshes(self.volume)
         layers = visible_layers(self.file, self.volume, self.transfer, self.is_quiet)
-        scene = Scene(layers, self.file.settings.clip, meshes)
+        planes = [Slice(text) for text in self.file.slice_planes]
+        scene = Scene(layers, self.file.settings.clip, meshes, planes)
         if not self.is_quiet:
             for note in scene.notes:
                 print(f"splatgl: {note}", file=sys.stderr)
@@ -270,7 +273,8 @@ def is_layered(file: SceneFile, volume: Volume) -> bool:
     of_channels = len(volume.channels) > 1 or file.transfer.keys() & {"color_of", "window_of"}
     is_hidden = is_mesh(file.volume) or not file.visible
     has_surfaces = file.surfaces is not None or file.vectors.has_lines
-    return bool(file.layers or file.meshes or has_surfaces or of_channels or is_hidden or file.uncut)
+    has_meshes = file.meshes or file.slice_planes or has_surfaces
+    return bool(file.layers or has_meshes or of_channels or is_hidden or file.uncut)
 
 
 def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet: bool = True) -> list[Layer]:

@@ -6,6 +6,7 @@ clip = ["x>0.3", "z>=30mm"]     # parts to keep; crop = "10:90,:,:" in voxels; m
 uncut = "seg.nrrd:3"            # part that clip and crop leave whole; or labels of a segmentation, "3,7"
 scissors = ["0,0 1,0 1,0.5"]    # as --scissors; [[scissors]]: outline, keep, and a view: eye, look_at, up, fov | height
 annotate = ["scale", "title=A"] # as --annotate
+slices = ["z=10:90:8"]          # pictures of these instead; slice_planes = ["axial=30mm@0.5"] in space
 [load]                          # as LoadOptions
 [transfer]                      # preset, curve = "band:50%,90%", colors = "60:red,1e3:#fda", level_width, of Transfer
 [camera]                        # size, view | azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
@@ -79,6 +80,7 @@ from splatgl.splat.presets import (
 from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
 from splatgl.splat.settings import Settings
+from splatgl.splat.slices import check_planes, check_slices
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -89,7 +91,7 @@ if TYPE_CHECKING:
 # types of the keys of a scene file that are not options
 TABLES: dict[str, type] = {
     **{name: dict for name in ("load", "transfer", "camera", "settings", "vectors", "animation")},
-    **{name: list for name in ("layer", "mesh", "measure", "annotate", "scissors")},
+    **{name: list for name in ("layer", "mesh", "measure", "annotate", "scissors", "slices", "slice_planes")},
     "volume": str,
 }
 # keys of the animation; those of keyframes
@@ -97,6 +99,7 @@ TRACK = ("ease", "path", "keyframe")
 ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
+PICTURE = ("annotate", "slices", "slice_planes")
 PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "uncut", "surfaces")
 
 
@@ -213,6 +216,23 @@ class SceneFile:
         group=Group.PICTURE,
         level="basic",
     )
+    slices: tuple[str, ...] = option(
+        (),
+        Kind("slices", check_slices, metavar="AXIS=PLACE", hint="str | Sequence[str]"),
+        "draw slices instead, such as z=120, z=50%, axial=30mm, z=10:90:8. Or through POINT:NORMAL; repeatable",
+        group=Group.CLIPPING,
+        level="basic",
+        flag="--slice",
+        repeat=True,
+    )
+    slice_planes: tuple[str, ...] = option(
+        (),
+        Kind("slices", check_planes, metavar="AXIS=PLACE[@OPACITY]", hint="str | Sequence[Any]"),
+        "show a slice as a plane in space, such as z=120 or axial@0.5. Places as of --slice; repeatable",
+        group=Group.LAYERS,
+        flag="--slice-plane",
+        repeat=True,
+    )
     vectors: Vectors = field(default_factory=Vectors)
     animation: Mapping[str, Any] = field(default_factory=dict)
     measures: tuple[Measure, ...] = ()
@@ -292,7 +312,7 @@ class SceneFile:
             if not all(isinstance(text, str) and text for text in several(table.get(key, ()))):
                 raise expected(f"{source}: {key}", f"{form}, each in quotes", repr(table[key])[:80])
         with error_prefix(source):
-            options = {name: table[name] for name in (*PLAIN, "annotate", "scissors") if name in table}
+            options = {name: table[name] for name in (*PLAIN, *PICTURE, "scissors") if name in table}
             return cls(table["volume"], table.get("load", {}), table.get("transfer", {}), **options)
 
     def with_paths(self, move: Callable[[str], str]) -> SceneFile:
@@ -411,7 +431,7 @@ class SceneFile:
             raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
         if not all(isinstance(mask, str) for mask in self.mask or ()):
             raise expected("scene", "masks in files, which a scene file can name", "one in memory")
-        plain = {key: value for key, value in non_default(self).items() if key in (*PLAIN, "annotate")}
+        plain = {key: value for key, value in non_default(self).items() if key in (*PLAIN, *PICTURE)}
         values = {"volume": self.volume, **plain}
         lines = [f"{name} = {toml_value(name, value)}" for name, value in values.items()]
         for name, table in {"load": self.load, "transfer": self.transfer, **extra_tables}.items():
@@ -429,6 +449,7 @@ class SceneFile:
             "vectors": "streamlines or arrows" if self.vectors.has_lines else None,
             "scissors": len(self.scissors) or None,
             "uncut": self.uncut or None,
+            "slices": ", ".join((*self.slices, *self.slice_planes)) or None,
         }
         for name, value in others.items():
             if value is not None:

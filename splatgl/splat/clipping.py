@@ -252,7 +252,7 @@ def _parse_condition(text: str, box: Box) -> tuple[float, ...]:
         raise expected("clip", CONDITION, repr(text))
     sign, number, unit = (1.0 if match[2][0] == ">" else -1.0), float(match[3]), match[4]
     if unit:
-        place = number * _world_units(unit, box.unit, text)
+        place = number * world_units(unit, box.unit, text)
     else:
         if len(terms) == 1 and not 0 <= number / normal.sum() <= 1:
             raise expected("clip", "a fraction of the volume's box from 0 to 1, or a length with its unit", repr(text))
@@ -262,10 +262,10 @@ def _parse_condition(text: str, box: Box) -> tuple[float, ...]:
     return (*(sign * normal).tolist(), sign * place)
 
 
-def _world_units(unit: str, volume_unit: str, text: str) -> float:
-    """World units per `unit`."""
+def world_units(unit: str, volume_unit: str, text: str, what: str = "clip") -> float:
+    """World units per `unit`. Raises InputError, naming `what`, for one that the volume's does not convert to."""
     if unit in (volume_unit, ANY_UNIT):
         return 1.0
     if unit not in LENGTHS or volume_unit not in LENGTHS:
-        raise InputError(f"clip: expected a length in {volume_unit or ANY_UNIT}, got {text!r}")
+        raise InputError(f"{what}: expected a length in {volume_unit or ANY_UNIT}, got {text!r}")
     return LENGTHS[unit] / LENGTHS[volume_unit]

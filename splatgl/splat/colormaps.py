@@ -325,8 +325,8 @@ def map_places(mesh: Mesh) -> np.ndarray:
 
 
 def map_tables(meshes: Sequence[Mesh]) -> np.ndarray:
-    """float32 [R, ENTRIES, 3]: linear RGB of the maps of all meshes with values; one black row if there are none."""
-    tables = [colormap(mesh.colormap) for mesh in meshes if mesh.mapped]
+    """float32 [R, ENTRIES, 3]: linear RGB of the maps of all meshes that have one; one black row if none has."""
+    tables = [colormap(mesh.colormap) for mesh in meshes if mesh.has_map]
     return np.array(tables or [np.zeros((ENTRIES, 3))], np.float32)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.common import FIELD, is_field
-from splatgl.splat.colormaps import labels_of, select_labels
+from splatgl.splat.colormaps import base_name, labels_of, select_labels
 from splatgl.splat.grid import distinct
 from splatgl.splat.label_detection import LABELS, MASK, kind_of
 from splatgl.splat.settings import Blend
@@ -382,6 +382,30 @@ def window_question(volume: Volume, window: Sequence[float]) -> str:
         f"--window {low:g},{high:g} spans {low:g} to {high:g} HU; if they are level and width, "
         f"--level-width {low:g},{high:g} spans {low - high / 2:g} to {low + high / 2:g}"
     )
+
+
+# Hounsfield units of slices, level 40 and width 400; percentiles of other values
+SLICE_HU, SLICE_PERCENTILES = (-160.0, 240.0), (1.0, 99.5)
+
+
+def slice_colors(volume: Volume, transfer: Transfer) -> Transfer:
+    """The transfer function in whose colours slices of a layer are drawn: its own; the default map of shaded surfaces
+    is grey there, and their default window soft tissue of a CT, or nearly all values.
+    """
+    if transfer.labels or volume.labels is not None or volume.color is not None:
+        return transfer
+    default, stats = default_transfer(volume), statistics(volume)
+    if not default.shading or volume.hints.colormap or stats.constant:
+        return transfer
+    colors = "gray" if transfer.colormap == default.colormap else base_name(transfer.colormap)
+    window = transfer.window
+    if transfer.window == default.window and volume.hints.window is None:
+        low, high = SLICE_HU if _is_hounsfield(stats) else [stats.percentile(percent) for percent in SLICE_PERCENTILES]
+        window = (low, high) if low < high else (float(stats.values[0]), float(stats.values[-1]))
+    if base_name(default.colormap) == transfer.colormap and window == transfer.window:
+        # a window that is given has the whole map of surfaces
+        colors = "gray"
+    return replace(transfer, colormap=colors, window=window)
 
 
 def is_microscopy(volume: Volume) -> bool:

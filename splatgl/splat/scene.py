@@ -22,10 +22,12 @@ from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.plan import Plan, plan
-from splatgl.splat.presets import SURFACE, default_transfer, preset
+from splatgl.splat.presets import SURFACE, default_transfer, preset, slice_colors
 from splatgl.splat.resolve import Resolved, blur_form, check_blur_supported, extract_for_settings
 from splatgl.splat.segment_surfaces import check_strength, smooth_surfaces
 from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.slice_images import Painted, Painter
+from splatgl.splat.slices import Slice, parse_slices
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 
@@ -137,13 +139,15 @@ class Scene:
     """Layers and meshes of one picture, in any order. layers: or volumes, with default transfer functions. clip:
     conditions such as "x>0.3" on the box around the visible layers, or planes as of Settings; they clip meshes that are
     `clipped`. Layers and meshes are transformed to the frame, LPS or RAS, of the first layer. Surfaces of segmentations
-    are added to the meshes; notes: their distance from the voxels. Raises InputError for no visible layer or too many,
-    for planes that leave nothing, and as `surfaces`.
+    are added to the meshes; notes: their distance from the voxels. slices: planes that show the values of the layers,
+    added to the meshes, too. Raises InputError for no visible layer or too many, for planes that leave nothing, for
+    slices beside the first layer, and as `surfaces`.
     """
 
     layers: Sequence[Layer | Volume]
     clip: str | Sequence[Any] = ()
     meshes: Sequence[Mesh] = ()
+    slices: Sequence[Slice | str] = ()
     made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
     # of each visible layer
     planes: tuple[tuple[Plane, ...], ...] = field(default=(), init=False, repr=False)
@@ -161,7 +165,7 @@ class Scene:
         meshes = [mesh.placed(first) for mesh in self.meshes]
         meshes = [mesh.cut(planes) if mesh.clipped and planes else mesh for mesh in meshes]
         surfaces, notes = self._segment_surfaces()
-        object.__setattr__(self, "meshes", (*meshes, *surfaces))
+        object.__setattr__(self, "meshes", (*meshes, *surfaces, *self._slice_meshes()))
         object.__setattr__(self, "notes", tuple(notes))
 
     @classmethod
@@ -201,6 +205,22 @@ class Scene:
                 told = f"{count} drawn as smoothed surfaces ({layer.surfaces:g})"
                 notes.append(f"{layer.volume.name or 'labels'}: {told}, up to {off:.2g} voxels off the faces of voxels")
         return surfaces, notes
+
+    @property
+    def painter(self) -> Painter:
+        """The colours of slices. Raises InputError for clouds of points."""
+        self.require_voxels("slice")
+        looks = [(x, x.transfer) for x in self.shown if x.transfer is not None]
+        return Painter([Painted(x.volume, slice_colors(x.volume, look), x.opacity) for x, look in looks])
+
+    def _slice_meshes(self) -> list[Mesh]:
+        if not self.slices:
+            return []
+        meshes, painter = list[Mesh](), self.painter
+        for item in self.slices:
+            one = item if isinstance(item, Slice) else Slice(item)
+            meshes += [painter.mesh(plane, one.opacity) for plane in parse_slices(one.place, self.shown[0].volume)]
+        return meshes
 
     def surfaces(self, settings: Settings) -> tuple[Mesh, ...]:
         """The meshes; those that are `clipped` are clipped by the planes of the settings, too."""

@@ -1,0 +1,177 @@
+"""Pictures of slices: one, or several side by side at one scale, with their places and directions."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.annotations.annotate import annotated, omission_notes
+from splatgl.annotations.axes import letters
+from splatgl.annotations.canvas import Canvas, Scale, Subject
+from splatgl.data.image import Image
+from splatgl.data.volume import Volume
+from splatgl.errors import expected
+from splatgl.scene.open_scene import provenance_of
+
+if TYPE_CHECKING:
+    from splatgl.scene.open_scene import OpenScene
+    from splatgl.splat.slice_images import Painter
+    from splatgl.splat.slices import SlicePlane
+
+# pixels between slices, and font heights of a slice that has room for letters of directions
+GAP, LETTERS = 2, 7
+# annotations of a sheet, and the margins that they take at the right, the top and the bottom, font heights
+ANNOTATIONS = {"scale": (0, 0, 3.5), "colorbar": (11.5, 0, 0), "title": (0, 2.5, 0)}
+# samples along a side of a pixel: at least of labels, whose borders are sharp, and at most
+LABELS, MOST = 3, 8
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Cells in columns and rows. size: of their part of the picture, pixels, `top` below its upper edge. pitch: side
+    of a pixel, world units. room: pixels of a cell with its gap.
+    """
+
+    size: tuple[int, int]
+    top: int
+    columns: int
+    rows: int
+    pitch: float
+    room: tuple[int, int]
+
+    @classmethod
+    def of(cls, size: tuple[int, int], top: int, sides: np.ndarray, zoom: float) -> Sheet:
+        """The sheet on which slices of `sides` [N, 2], world units, are largest. zoom: a factor of their size."""
+        sheets, widest = [], sides.max(axis=0)
+        for columns in range(1, len(sides) + 1):
+            rows = -(-len(sides) // columns)
+            most = np.array(size) // (columns, rows)
+            if most.min() > GAP:
+                pitch = float((widest / (most - GAP)).max()) / zoom
+                wide, high = np.minimum(np.ceil(widest / pitch - 1e-6).astype(int) + GAP, most).tolist()
+                sheets.append(cls(size, top, columns, rows, pitch, (wide, high)))
+        if not sheets:
+            raise expected("slice", f"fewer slices than pixels in {size[0]}×{size[1]}", len(sides), "a larger --size")
+        return min(sheets, key=lambda sheet: sheet.pitch)
+
+    def cell(self, number: int) -> np.ndarray:
+        """Left and top [2] of the room of a slice, pixels; all cells are in the middle of the picture."""
+        place = np.array(divmod(number, self.columns))[::-1]
+        margin = (np.array(self.size) - np.array([self.columns, self.rows]) * self.room) // 2
+        return margin + place * self.room + np.array([0, self.top])
+
+
+def draw_slices(scene: OpenScene) -> Image:
+    """The picture of a scene's slices, with provenance and annotations; needs no OpenGL. Raises InputError for planes
+    beside the volume, and for annotations of a view in space.
+    """
+    from splatgl.splat.slices import parse_slices
+
+    started, file, volume = time.perf_counter(), scene.file, scene.volume
+    names = [text.partition("=")[0] for text in file.annotate]
+    for name in names:
+        if name not in ANNOTATIONS:
+            raise expected("annotate", f"{', '.join(ANNOTATIONS)} beside slices", name)
+    planes = parse_slices(file.slices, volume, np.asarray(file.view.up or volume.hints.up or (0.0, 0.0, 1.0)))
+    size, background = file.view.size, file.settings.background
+    pixels: np.ndarray = np.zeros((size[1], size[0], 4), np.float32)
+    em = Canvas.over(pixels, background).em
+    right, top, bottom = (max((ANNOTATIONS[name][n] for name in names), default=0) * em for n in range(3))
+    part = round(size[0] - right), round(size[1] - top - bottom)
+    sides = np.array([plane.box[1] - plane.box[0] for plane in planes])
+    sheet = Sheet.of(part, round(top), sides, file.view.zoom or 1.0)
+    painter, boxes = scene.scene.painter, []
+    for number, plane in enumerate(planes):
+        box, light = _paint(painter, plane, sheet, number)
+        pixels[box[1] : box[3], box[0] : box[2]] = light
+        boxes.append(box)
+    if background is not None:
+        pixels += (1 - pixels[..., 3:]) * np.append(np.asarray(background, np.float32), np.float32(1))
+    canvas = Canvas.over(pixels, background)
+    for plane, box in zip(planes, boxes, strict=True):
+        _write(canvas, plane, box, volume)
+    pixels = canvas.pixels + (1 - canvas.pixels[..., 3:]) * pixels
+    info = {
+        "blend": "slices",
+        "size": list(size),
+        "pitch": sheet.pitch,
+        "unit": volume.unit,
+        "slices": [_provenance(plane, box) for plane, box in zip(planes, boxes, strict=True)],
+        "background": None if background is None else list(background),
+        "seconds": round(time.perf_counter() - started, 6),
+    }
+    return _annotated(Image(pixels, {**info, **provenance_of(file, scene.transfer)}), scene, sheet)
+
+
+def _paint(
+    painter: Painter, plane: SlicePlane, sheet: Sheet, number: int
+) -> tuple[tuple[int, int, int, int], np.ndarray]:
+    """The pixels of a slice in the sheet, left, top, right, bottom, and their light float32 [h, w, 4]."""
+    low, high = plane.box
+    room = np.array(sheet.room) - GAP
+    # whole pixels that contain the slice, as many as there is room for
+    wide = np.minimum(np.ceil((high - low) / sheet.pitch - 1e-6), room).astype(int)
+    corner = sheet.cell(number) + GAP // 2 + (room - wide) // 2
+    fine = _samples(painter, plane, sheet.pitch)
+    start = (low + high - wide * sheet.pitch) / 2
+    size = (int(wide[0]) * fine, int(wide[1]) * fine)
+    light = painter.pixels(plane, start, (sheet.pitch / fine,) * 2, size)
+    light = light.reshape(wide[1], fine, wide[0], fine, 4).mean(axis=(1, 3))
+    x, y = corner.tolist()
+    return (x, y, x + int(wide[0]), y + int(wide[1])), light.astype(np.float32)
+
+
+def _samples(painter: Painter, plane: SlicePlane, pitch: float) -> int:
+    """Samples along a side of a pixel: as dense as voxels."""
+    into = [np.linalg.inv(layer.volume.world_from_index) for layer in painter.layers]
+    steps = [np.abs(turn @ side).max() for turn in into for side in (plane.right, plane.down)]
+    least = LABELS if any(layer.nearest for layer in painter.layers) else 1
+    return int(np.clip(np.ceil(pitch * max(steps) - 1e-6), least, MOST))
+
+
+def _write(canvas: Canvas, plane: SlicePlane, box: Sequence[int], volume: Volume) -> None:
+    """Writes the place of a slice at its corner, and the directions at its sides, where there is room."""
+    left, top, right, bottom = box
+    canvas.text(plane.title, left, top)
+    wide = canvas.text_size(plane.title)[0]
+    if volume.frame is None or min(right - left, bottom - top) < LETTERS * canvas.em:
+        return
+    for vector, side in ((plane.right, 0), (plane.down, 1)):
+        for sign in (-1, 1):
+            text = letters(volume.frame, sign * vector)
+            size = canvas.text_size(text)
+            at = [(left + right - size[0]) // 2, (top + bottom - size[1]) // 2]
+            at[side] = (right, bottom)[side] - size[side] if sign > 0 else (left, top)[side]
+            if side == 1 and sign < 0:
+                at[0] = max(at[0], left + wide)
+            canvas.text(text, at[0], at[1])
+
+
+def _provenance(plane: SlicePlane, box: Sequence[int]) -> dict[str, object]:
+    vectors = {name: getattr(plane, name).tolist() for name in ("point", "normal", "right", "down")}
+    return {"title": plane.title, **vectors, "pixels": list(box)}
+
+
+def _annotated(image: Image, scene: OpenScene, sheet: Sheet) -> Image:
+    """The picture under the annotations of its scene."""
+    if not scene.file.annotate:
+        return image
+    from splatgl.splat.camera import Camera
+
+    size, names = scene.file.view.size, scene.file.annotate
+    center, high = scene.volume.center, sheet.pitch * size[1]
+    camera = Camera.orthographic(center - np.array([0, 2 * high, 0]), center, (0, 0, 1), high, size)
+    subject, transfer = Subject.of(scene.volume), scene.scene.painter.layers[0].transfer
+    if not (transfer.labels or subject.colored):
+        low, high = transfer.color_range
+        scale = Scale(transfer.colormap, float(low), float(high), subject.value_name)
+        subject = replace(subject, scales=(scale,) if low < high else (), empty=low < high)
+    image = annotated(image, subject, transfer, camera, names, scene.file.settings.background)
+    for note in () if scene.is_quiet else omission_notes(image):
+        print(f"splatgl: {note}", file=sys.stderr)
+    return image

@@ -1,0 +1,172 @@
+"""Colours of layers in a plane: pixels of slices, and textured meshes that show them in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from splatgl.data.color import linear_from_srgb
+from splatgl.data.mesh import Mesh, Texture
+from splatgl.data.volume import Volume
+from splatgl.splat.colormaps import FURTHEST, UNKNOWN, colormap
+from splatgl.splat.grid import Grid
+from splatgl.splat.resample import level_for, sample_places, sample_raster
+from splatgl.splat.slices import SlicePlane
+from splatgl.splat.transfer import Transfer
+
+# sides of a pixel along right and down, world units
+Pitch = tuple[float, float]
+# texels along a voxel's side where one is not exact, and the most of a plane; and of one of voxels
+TEXELS, MOST_TEXELS, MOST_VOXELS = 4, 1 << 20, 1 << 24
+# texels beyond the edges of a plane, which cubics need
+MARGIN = 2
+
+
+class Painted(NamedTuple):
+    """A volume, its transfer function, and a factor of its opacity over other layers."""
+
+    volume: Volume
+    transfer: Transfer
+    opacity: float = 1.0
+
+    @property
+    def nearest(self) -> bool:
+        """Whether voxels are segments."""
+        return bool(self.transfer.labels) or self.volume.labels is not None
+
+    @property
+    def solid(self) -> bool:
+        """Whether all values have the same colour, so that their opacity shows them."""
+        if self.volume.color is not None or self.transfer.labels:
+            return False
+        table = colormap(self.transfer.colormap)
+        return bool((table == table[0]).all())
+
+    @property
+    def glows(self) -> bool:
+        """Whether it is an unshaded amount, which adds to others."""
+        return not (self.nearest or self.transfer.shading)
+
+    def color(self, values: np.ndarray) -> np.ndarray:
+        """Linear RGB [..., 3] of values [...], or of sRGB [..., 3]."""
+        if self.volume.color is not None:
+            return linear_from_srgb(np.clip(values, 0.0, 1.0))
+        color = self.transfer.color(values)
+        return color * self.share(values)[..., None] if self.solid else color
+
+    def share(self, values: np.ndarray) -> np.ndarray:
+        """Opacity [...] of values, relative to the largest, from 0 to 1."""
+        if self.volume.color is not None:
+            return np.ones(values.shape[:-1])
+        opacities = self.transfer.labels or [(0, "", opacity) for _, opacity in self.transfer.points]
+        most = max((opacity for _, _, opacity in opacities), default=0.0)
+        return self.transfer.opacity(values) / (most or 1.0)
+
+    def shows(self, values: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """bool: where values are known, and of a segment that is visible."""
+        return known & (self.transfer.opacity(values) > 0) if self.transfer.labels else known
+
+
+@dataclass(frozen=True, eq=False)
+class Painter:
+    """Layers that a slice shows: the first is opaque; others lie over it, or add up if all are unshaded amounts."""
+
+    layers: Sequence[Painted]
+
+    def light(self, points: np.ndarray) -> np.ndarray:
+        """float64 [P, 4] at world points [P, 3]: linear RGB, and 1, or 0 beside the volumes."""
+        parts = []
+        for layer in self.layers:
+            places = Grid.of(layer.volume).index_from_world(points)
+            parts.append(sample_places(layer.volume, places, layer.nearest))
+        return self._join(parts)
+
+    def pixels(self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int]) -> np.ndarray:
+        """float64 [H, W, 4], as `light`, at the pixels of a plane; of the level with voxels as wide as a pixel. low,
+        pitch, size: as of `SlicePlane.raster`.
+        """
+        parts = []
+        for layer in self.layers:
+            volume = level_for(layer.volume, min(pitch))
+            parts.append(sample_raster(volume, plane.raster(volume, low, pitch, size), layer.nearest))
+        return self._join(parts)
+
+    def _join(self, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        adds = len(self.layers) > 1 and all(layer.glows for layer in self.layers)
+        total: np.ndarray = np.zeros((*parts[0][1].shape, 4))
+        for number, (layer, (values, known)) in enumerate(zip(self.layers, parts, strict=True)):
+            shown = layer.shows(values, known)
+            color = layer.color(values) * shown[..., None]
+            if adds:
+                total[..., :3] += color
+            else:
+                share = (shown if number == 0 else layer.opacity * layer.share(values) * shown)[..., None]
+                total[..., :3] = total[..., :3] * (1 - share) + color * share
+            total[..., 3] = np.maximum(total[..., 3], shown)
+        return total
+
+    @property
+    def has_map(self) -> bool:
+        """Whether the light is that of a map's places, which are linear in values."""
+        only = self.layers[0]
+        is_plain = not (only.nearest or only.solid or only.transfer.logarithmic or only.volume.color is not None)
+        return len(self.layers) == 1 and is_plain
+
+    def places(self, values: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Places [...] of values in the colour map of the only layer; UNKNOWN where there is a hole."""
+        transfer = self.layers[0].transfer
+        low, high = transfer.color_range
+        wide = high - low
+        place = (values - low) / wide if wide > 0 else np.where(values >= low, 1.0, 0.0)
+        return np.where(known, np.clip(place, -FURTHEST, FURTHEST), UNKNOWN)
+
+    def mesh(self, plane: SlicePlane, opacity: float) -> Mesh:
+        """The part of a plane in the first layer's volume, with its colours."""
+        volume, nearest = self.layers[0].volume, any(layer.nearest for layer in self.layers)
+        pitch, size = self._texel_grid(plane)
+        low = plane.box[0]
+        if self.has_map:
+            level = level_for(volume, min(pitch))
+            values, known = sample_raster(level, plane.raster(level, low, pitch, size))
+            # beyond the edges as the field is continued
+            values = np.pad(values, MARGIN, "reflect", reflect_type="odd")
+            texels = self.places(values, np.pad(known, MARGIN, "edge"))
+        else:
+            texels = np.pad(self.pixels(plane, low, pitch, size), ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), "edge")
+        rows = np.array([plane.right / pitch[0], plane.down / pitch[1]])
+        matrix = np.column_stack([rows, MARGIN - 0.5 - rows @ plane.point - low / np.array(pitch)])
+        texture = Texture(self.light, texels.astype(np.float32), matrix, not nearest)
+        corners = plane.corners
+        faces = [[0, n, n + 1] for n in range(1, len(corners) - 1)]
+        return Mesh(
+            corners,
+            np.array(faces),
+            opacity=opacity,
+            name=f"slice {plane.title}",
+            frame=volume.frame,
+            colormap=self.layers[0].transfer.colormap,
+            texture=texture,
+        )
+
+    def _texel_grid(self, plane: SlicePlane) -> tuple[Pitch, tuple[int, int]]:
+        """Sides of a texel, world units, and columns and rows: the voxels of a plane along the axes of the only
+        layer's grid, where texels say as much as voxels do; else several a voxel.
+        """
+        low, high = plane.box
+        only, nearest = self.layers[0], any(layer.nearest for layer in self.layers)
+        is_along = plane.raster(only.volume, low, (1.0, 1.0), (1024, 1024)).axes is not None
+        is_exact = is_along and (self.has_map or (nearest and len(self.layers) == 1))
+        steps = np.zeros(2)
+        for layer in self.layers:
+            into = np.linalg.inv(layer.volume.world_from_index)
+            steps = np.maximum(steps, [np.abs(into @ plane.right).max(), np.abs(into @ plane.down).max()])
+        is_exact &= float(((high - low) * steps).prod()) <= MOST_VOXELS
+        wide = (high - low) * steps * (1 if is_exact else TEXELS)
+        if not is_exact:
+            wide *= min(1.0, (MOST_TEXELS / float(wide.prod())) ** 0.5)
+        wide = np.maximum(np.ceil(wide - 1e-6), 1)
+        across, down = ((high - low) / wide).tolist()
+        return (across, down), (int(wide[0]), int(wide[1]))

@@ -1,0 +1,183 @@
+"""Sheets of slices, and planes in space among volumes and meshes, by closed forms and the float64 reference."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import splatgl as sg
+from splatgl import reference
+from splatgl.cli.main import main
+from splatgl.errors import InputError
+from splatgl.scene.scene_file import SceneFile
+from tests.helpers.meshes import PLAIN, RED, block, cloud, knots
+
+OPACITY = 0.05
+FOG = sg.Transfer([(0.0, OPACITY)], colormap="gray", window=(0, 2), unit=1.0)
+RAMP = sg.Transfer([(0.0, OPACITY)], colormap="gray", window=(0, 24), unit=1.0, shading=False)
+
+
+def ramp() -> sg.Volume:
+    """Values that grow along x, in fog of one density."""
+    return sg.Volume(np.broadcast_to(np.arange(24, dtype=np.float32), (24, 24, 24)))
+
+
+# x of the middles of the columns of `ahead`, between the voxels' middles
+X = 1.7 + np.arange(20) + 0.5
+
+
+def ahead() -> sg.Camera:
+    """Along y, one world unit a pixel."""
+    middle = np.array([11.7, 11.5, 11.6])
+    return sg.Camera.orthographic(middle - np.array([0, 60, 0]), middle, (0, 0, 1), height=20, size=(20, 20))
+
+
+# --- planes in space --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("opacity", [1.0, 0.4])
+@pytest.mark.parametrize("depth", [7.0, 9.37])
+def test_planes_in_fog(depth: float, opacity: float, renderer: sg.Renderer) -> None:
+    """What lies before a plane weakens it; it shows the field's colours, unlit; what lies behind shines through."""
+    scene = sg.Scene([sg.Layer(ramp(), RAMP)], slices=[f"y={depth}@{opacity}"])
+    color = RAMP.color(X)[:, 0]
+    before, behind = ((1 - OPACITY) ** length for length in (depth + 0.5, 23.5 - depth))
+    light = color * ((1 - before) + before * (opacity + (1 - opacity) * (1 - behind)))
+    alpha = 1 - before * (1 - opacity) * behind
+    picture = renderer.render(scene, ahead(), PLAIN)
+    exact = reference.render(scene, ahead(), PLAIN).pixels
+    assert np.abs(exact[9, :, 0] - light).max() < 2e-4 and np.abs(exact[9, :, 3] - alpha).max() < 2e-4
+    assert np.abs(picture.pixels - exact).max() < 5e-5
+    assert picture.info["triangles"] == 2
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("grid", ["cubes", "sheared", "1:2:5"])
+@pytest.mark.parametrize("where", ["z=6.3", "oblique"])
+@pytest.mark.parametrize("kind", ["amounts", "logarithms", "labels", "colours", "layers"])
+def test_planes_among_clouds_and_meshes_are_the_reference(
+    kind: str, where: str, grid: str, renderer: sg.Renderer
+) -> None:
+    """Texels between which cubics lie against the field at each crossing; borders of labels may be a texel off."""
+    volume, look = cloud(grid), sg.Transfer([(0.3, 0), (0.7, 0.03)], colormap="viridis", shading=True)
+    text = f"{','.join(map(str, volume.center))}:1,2,-1.5" if where == "oblique" else where
+    layers = [sg.Layer(volume, look)]
+    if kind == "logarithms":
+        volume = sg.Volume(volume.samples + 0.01, volume.spacing, volume.origin, volume.direction)
+        layers = [sg.Layer(volume, sg.Transfer([(0.1, 0), (1.01, 0.03)], "viridis", window=(0.1, 1.01), scale="log"))]
+    if kind == "labels":
+        volume = sg.Volume((volume.samples * 4).astype(np.uint8), volume.spacing, volume.origin, volume.direction)
+        layers = [sg.Layer(volume.of_values("labels"), opacity=0.05)]
+    if kind == "colours":
+        color = (np.stack([volume.samples] * 3, axis=-1) * [255, 128, 64]).astype(np.uint8)
+        volume = sg.Volume(volume.samples, volume.spacing, volume.origin, volume.direction, color=color)
+        layers = [sg.Layer(volume, sg.Transfer([(0.3, 0), (0.7, 0.03)]))]
+    if kind == "layers":
+        layers.append(sg.Layer(cloud("1:2:5"), sg.Transfer([(0.4, 0), (0.9, 0.03)], "hot"), opacity=0.5))
+    scene = sg.Scene(layers, meshes=knots(volume)[1:2], slices=[f"{text}@0.7"])
+    camera = sg.Camera.orbit(scene, 30, 20, size=(48, 40))
+    found = renderer.render(scene, camera, PLAIN).pixels
+    right = reference.render(scene, camera, PLAIN).pixels
+    off = np.abs(found - right).max(axis=2)
+    without = renderer.render(sg.Scene(layers, meshes=knots(volume)[1:2]), camera, PLAIN).pixels
+    covered = np.abs(found - without).max(axis=2) > 0.05
+    assert covered.sum() > 15
+    # pixels at the outline may be given to the other side
+    most, middle = {"labels": (0.1, 1e-6), "layers": (0.4, 2e-3)}.get(kind, (0.15, 1e-3))
+    if kind == "amounts" and where != "oblique" and grid != "sheared":
+        most, middle = 0.0, 5e-6
+    assert (off > 4e-3).sum() <= most * covered.sum() and np.median(off[covered]) < middle
+
+
+def test_holes_of_planes_show_what_is_behind(renderer: sg.Renderer) -> None:
+    samples = np.full((24, 24, 24), 1.0, np.float32)
+    samples[:, 7, 8:16] = np.nan
+    behind = sg.Mesh([[0, 20, 0], [24, 20, 0], [24, 20, 24], [0, 20, 24]], [[0, 1, 2], [0, 2, 3]], color=RED)
+    clear = sg.Transfer([(0.0, 0.0)], "gray", window=(0, 2))
+    scene = sg.Scene([sg.Layer(sg.Volume(samples), clear)], meshes=[behind], slices=["y=7"])
+    settings = PLAIN.but(shading="off")
+    for draw in (renderer.render, reference.render):
+        pixels = draw(scene, ahead(), settings).pixels
+        hole = (X > 7.5) & (X < 15.5)
+        assert np.abs(pixels[10, hole, :3] - RED).max() < 1e-5
+        assert np.abs(pixels[10, ~hole, :3] - clear.color(1.0)).max() < 1e-5
+
+
+def test_what_planes_refuse(renderer: sg.Renderer) -> None:
+    with pytest.raises(InputError, match="slice: expected a voxel from 0 to 23 along y, got 'y=40'"):
+        sg.Scene([sg.Layer(block(), FOG)], slices=["y=40"])
+    scene = sg.Scene([sg.Layer(block(), FOG)], slices=["y=4"])
+    with pytest.raises(InputError, match="expected blend composite, got mip"):
+        renderer.render(scene, ahead(), PLAIN.but(blend="mip"))
+
+
+# --- sheets -----------------------------------------------------------------------------------------------------------
+
+
+def rows_of(info: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What a picture says of its slices."""
+    return list(info["slices"])
+
+
+def test_a_slice_is_the_window_of_the_field() -> None:
+    """A linear field, whose picture is a linear ramp of light between the pixels' centres, however large it is."""
+    volume = sg.Volume(np.broadcast_to(np.arange(20, dtype=np.float32), (20, 20, 20)), unit="mm")
+    image = sg.render(volume, sg.Transfer([(0, 0), (19, 1)], "gray", window=(0, 19)), slices="z=4.5", size=(100, 100))
+    (row,) = rows_of(image.info)
+    left, top, right, bottom = row["pixels"]
+    assert (right - left, bottom - top) == (98, 98)
+    x = (np.arange(98) + 0.5) * float(str(image.info["pitch"])) - 0.5
+    light = sg.Transfer([(0, 0), (19, 1)], "gray", window=(0, 19)).color(x)
+    assert np.abs(image.pixels[top + 60, left:right, :3] - light).max() < 1e-6
+    assert np.abs(np.asarray(row["normal"])[2]) == 1 and image.info["unit"] == "mm"
+
+
+def test_sheets_have_one_scale_and_all_slices(tmp_path: Path) -> None:
+    """Twelve slices of two shapes; spacing counts; nothing lies over another, and the PNG says where each is."""
+    np.save(tmp_path / "a.npy", np.random.default_rng(1).random((10, 20, 30)).astype(np.float32))
+    command = ["render", str(tmp_path / "a.npy"), "--spacing", "1,2,3", "--slice", "z=0:10", "--slice", "x=4"]
+    command += ["--slice", "0,10,5:1,2,0", "--size", "300x200", "--quiet", "-o", str(tmp_path / "a.png")]
+    assert main(command) == 0
+    with Image.open(tmp_path / "a.png") as picture:
+        info = json.loads(picture.info["splatgl"])
+    boxes = np.array([row["pixels"] for row in info["slices"]])
+    assert len(boxes) == 12 and [row["title"] for row in info["slices"]][9:11] == ["z 9", "x 4"]
+    sides = (boxes[:, 2:] - boxes[:, :2]) * info["pitch"]
+    assert np.abs(sides[:10] - [30, 40]).max() <= info["pitch"] and np.abs(sides[10] - [40, 30]).max() <= info["pitch"]
+    covered = np.zeros((200, 300), int)
+    for left, top, right, bottom in boxes:
+        covered[top:bottom, left:right] += 1
+    assert covered.max() == 1 and covered.mean() > 0.4
+
+
+def test_scene_files_keep_slices(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.random.default_rng(1).random((8, 8, 8)))
+    scene = SceneFile(str(tmp_path / "a.npy"), slices=("z=1:5",), slice_planes=("x=2@0.5", "1.0,2.0,3.0:0.0,1.0,1.0"))
+    (tmp_path / "scene.toml").write_text(scene.to_toml(tmp_path))
+    again = SceneFile.from_toml(tmp_path / "scene.toml")
+    assert (again.slices, again.slice_planes) == (scene.slices, scene.slice_planes)
+    assert main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.npy.png"), "--quiet"]) == 0
+
+
+BAD = {
+    "--slice z=8": "slice: expected a voxel from 0 to 7 along z, got 'z=8'",
+    "--slice q=8": "expected AXIS=PLACE",
+    "--slice z=3 --depth d.npy": "--slice: expected no --depth beside it",
+    "--slice z=3 --annotate box": "--annotate: expected scale, colorbar, title beside slices, got box",
+    "--slice-plane z=3@7": "expected an opacity from 0 to 1 after @, got '7'",
+    "--slice-plane z=3 --workers 1": "--slice-plane: expected none",
+}
+
+
+@pytest.mark.parametrize("options", BAD)
+def test_commands_that_are_refused(options: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "a.npy", np.random.default_rng(1).random((8, 8, 8)))
+    assert main(["render", str(tmp_path / "a.npy"), *options.split(), "-o", str(tmp_path / "o.png")]) == 2
+    said = capsys.readouterr().err
+    assert BAD[options] in said and said.count("\n") == 1 and not (tmp_path / "o.png").exists()
