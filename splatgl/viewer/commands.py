@@ -26,6 +26,7 @@ from splatgl.viewer.lasso_tool import start_lasso
 from splatgl.viewer.measure_tool import FIRST_POINT
 from splatgl.viewer.movie_track import Preview, stop_preview
 from splatgl.viewer.segments import with_shown
+from splatgl.viewer.slice_views import SLICES
 from splatgl.viewer.state import BLURS, COMPARE, HUDS, MOST_PLANES, THEMES, Cuts, Lasso, Pinned, Ruler, State
 from splatgl.viewer.trackball import NOTCH, Pose, up_direction
 
@@ -362,16 +363,6 @@ def _measuring(state: State, is_angle: bool) -> State:
     return replace(state, ruler=Ruler(active=True, angle=is_angle), message=FIRST_POINT)
 
 
-def _slices(state: State, document: Document) -> State:
-    return replace(state, slices=replace(state.slices, shown=not state.slices.shown))
-
-
-def _slice_colors(state: State, document: Document) -> State:
-    colored = not state.slices.colored
-    message = "slices in the colours of values" if colored else "slices in grey, by the window of values"
-    return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=message)
-
-
 # --- time and window --------------------------------------------------------------------------------------------------
 
 ONE_TIME = "this is one point in time; drop several files for a series"
@@ -557,8 +548,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("probe", "the value under the cursor", ("y",), _probe),
         Command("measure", "distance between two clicked points", ("e",), _measure),
         Command("angle", "angle between three clicked points", (), _angle),
-        Command("slices", "slices: the wheel and clicks move them", ("z",), _slices),
-        Command("slice-colors", "slices in grey or in colours", ("shift+z",), _slice_colors),
+        *(Command(name, title, keys, run) for name, title, keys, run in SLICES),
         Command("play", "play a time series, or stop", ("enter",), _play),
         Command("earlier", "the time point before", ("<",), _time(-1), "the time point before, after"),
         Command("later", "the next time point", (">",), _time(1), "the time point before, after"),

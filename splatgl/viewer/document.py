@@ -30,10 +30,12 @@ from splatgl.splat.resolve import Resolved, extraction_kind, why_per_splat
 from splatgl.splat.scene import MOST_LAYERS, Layer, Scene, check_layer
 from splatgl.splat.scissors import Scissors, cut_volume
 from splatgl.splat.settings import BLENDS, Settings
+from splatgl.splat.slices import Slice, parse_slices
 from splatgl.splat.splats import MOST_KEPT, Splats
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.movie_track import Movie
+from splatgl.viewer.oblique import slice_meshes
 from splatgl.viewer.segments import style_with_segments
 from splatgl.viewer.stand_in import StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle
@@ -262,6 +264,7 @@ class Document:
     """The open scene. layers: at least one; styles: of each layer. others: layers that no style names, by number.
 
     mesh_files: meshes of the scene; read: the data of meshes, by `source_key`; lines: meshes of vectors, always shown.
+    slice_planes: as of a scene.
     is_loading: whether nothing is read yet. Raises InputError for more than MOST_LAYERS visible layers.
     """
 
@@ -271,6 +274,7 @@ class Document:
     mesh_files: tuple[MeshFile, ...] = ()
     read: Mapping[MeshFile, Mesh] = field(default_factory=dict)
     lines: tuple[Mesh, ...] = ()
+    slice_planes: tuple[str, ...] = ()
     others: Mapping[int, LayerSplats] = field(default_factory=dict)
     is_loading: bool = False
     scenes: dict[object, ExtractedScene] = field(default_factory=dict, init=False, repr=False)
@@ -314,7 +318,10 @@ class Document:
         layers = tuple(layer for layer, _ in pairs)
         styles = tuple(replace(style, number=number) for number, (_, style) in enumerate(pairs))
         files = tuple(surfaces_of(scene))
-        return cls(scene, layers, styles, files, read_meshes(files), tuple(scene.vectors.meshes(volume)))
+        lines = tuple(scene.vectors.meshes(volume))
+        # refuses planes beside the volume
+        parse_slices([Slice(text).place for text in scene.slice_planes], volume)
+        return cls(scene, layers, styles, files, read_meshes(files), lines, scene.slice_planes)
 
     # --- layers -----------------------------------------------------------------------------------------------------
 
@@ -352,7 +359,8 @@ class Document:
     @property
     def is_layered(self) -> bool:
         """Whether the picture is composited from layers and meshes, without an error bound."""
-        return len(self.layers) > 1 or bool(self.mesh_files or self.lines) or not self.styles[0].is_shown
+        has_meshes = bool(self.mesh_files or self.lines or self.slice_planes)
+        return len(self.layers) > 1 or has_meshes or not self.styles[0].is_shown
 
     @property
     def drawn_layers(self) -> tuple[LayerSplats, ...]:
@@ -462,7 +470,7 @@ class Document:
         """Raises InputError for settings that layers, or meshes, are not drawn with."""
         if self.is_layered:
             check_layer(resolved, self.names[0])
-        if self.mesh_files and not BLENDS[settings.blend].ordered:
+        if (self.mesh_files or self.slice_planes) and not BLENDS[settings.blend].ordered:
             raise expected("meshes", "blend composite", settings.blend)
 
     # --- the picture ------------------------------------------------------------------------------------------------
@@ -471,7 +479,14 @@ class Document:
     def meshes(self) -> tuple[Mesh, ...]:
         """The visible meshes in their colours and opacities, as `MeshFile.open` reads them."""
         visible = [file for file in self.mesh_files if file.visible and source_key(file) in self.read]
-        return (*(_styled(file, self.read[source_key(file)]) for file in visible), *self.lines)
+        styled = (_styled(file, self.read[source_key(file)]) for file in visible)
+        volumes, transfers = zip(*((layer.volume, layer.transfer) for layer in self.drawn_layers), strict=True)
+        return (*styled, *self.lines, *slice_meshes(volumes, transfers, self.slice_planes))
+
+    def with_planes(self, slice_planes: Sequence[str]) -> Document:
+        """The document with these slices in space; this one if it has them."""
+        same = tuple(slice_planes) == self.slice_planes
+        return self if same else replace(self, slice_planes=tuple(slice_planes))
 
     def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Scene, Settings]:
         """The input of a renderer at a stride: the splats of a single volume, else layers and meshes, which the planes

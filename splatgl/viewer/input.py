@@ -11,6 +11,7 @@ from splatgl.viewer.document import Document
 from splatgl.viewer.key_bindings import chord, keymap
 from splatgl.viewer.lasso_tool import LassoTool
 from splatgl.viewer.measure_tool import MeasureTool, set_pivot
+from splatgl.viewer.oblique import with_slices
 from splatgl.viewer.slice_views import SliceTool
 from splatgl.viewer.state import State
 from splatgl.viewer.tool import MouseEvent, Place, Pointer, Tool, View
@@ -29,7 +30,7 @@ class CameraTool(Tool):
         if self.mouse.doubles(pointer.button, pointer.place, view.time):
             state = set_pivot(state, document, pointer.place)
             if state.pose.pivot is not before.pose.pivot:
-                state = replace(state, slices=state.slices.through(state.pose.pivot, document.volume))
+                state = with_slices(state, state.slices.through(state.pose.pivot, document.volume), document.volume)
         mouse = self.mouse.press(pointer.button, pointer.modifiers, pointer.place, state.pose, view.time)
         if state.turntable and mouse.drag is not None:
             mouse = replace(mouse, drag=replace(mouse.drag, up=up_direction(document)))

@@ -30,7 +30,8 @@ class LiveView(Display):
                 extractor.request(self.coming, False)
                 return
         base = self.coming or self.document
-        document = base.with_styles(state.styles, state.mesh_files, state.moving, blurs)
+        placed = base.with_planes(state.slice_planes)
+        document = placed.with_styles(state.styles, state.mesh_files, state.moving, blurs)
         if document is self.coming:
             # it failed, until the state changes
             if not state.message:

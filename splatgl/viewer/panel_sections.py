@@ -31,6 +31,7 @@ from splatgl.viewer.commands import (
     toggle_name,
 )
 from splatgl.viewer.document import Document
+from splatgl.viewer.oblique import STRAIGHT, with_slices
 from splatgl.viewer.overlays import background_of, plane_color
 from splatgl.viewer.recorder import Recording
 from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, State
@@ -231,15 +232,22 @@ def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> St
     state = widgets.checkbox("slices", "slices", state.slices.shown, state, document)
     imgui.same_line()
     state = widgets.checkbox("slice-colors", "colours of values", state.slices.colored, state, document)
+    imgui.same_line()
+    state = widgets.checkbox("slices-in-space", "in the picture", bool(state.slice_planes), state, document)
     slices, volume = state.slices, document.volume
     if slices.shown:
+        for name in _flow(["turn-slices-x", "turn-slices-y", "turn-slices-z", "straighten-slices"], 4):
+            text = "straight" if name == "straighten-slices" else f"turn about {name[-1]}"
+            state = widgets.button(name, text, state, document)
+        slices = state.slices
+    if slices.shown and slices.turn == STRAIGHT:
         index = list(slices.index(volume))
         for axis, size in enumerate(volume.shape[::-1]):
             changed, place = imgui.slider_int(f"{label_left('xyz'[axis])}slice", index[axis], 0, size - 1)
             if changed:
                 index[axis] = place
                 slices = slices.at(index, volume)
-    return state if slices == state.slices else replace(state, slices=slices)
+    return state if slices == state.slices else with_slices(state, slices, volume)
 
 
 def draw_view(state: State, document: Document, widgets: CommandWidgets) -> State:

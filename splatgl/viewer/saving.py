@@ -129,6 +129,8 @@ def scene_of(state: State, document: Document) -> SceneFile:
         "meshes": meshes,
         "measures": state.measures,
         "scissors": scissors,
+        "slices": (),
+        "slice_planes": state.slice_planes,
     }
     scene = replace(document.scene, **look, **parts)
     if state.movie != Movie.of(scene.animation, document.volume):
@@ -156,6 +158,7 @@ def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     parts = zip((scene, *scene.layers), document.layers, document.styles, strict=True)
     cut = scene.scissors
     styles = [replace(_style(part, layer), number=style.number, scissors=cut) for part, layer, style in parts]
+    document = document.with_planes(scene.slice_planes)
     document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
     subject, settings = document.subject_at(1, scene.settings)
     image = draw(subject, scene.view.camera(document.volume, subject), settings)

@@ -1,24 +1,29 @@
-"""Three linked slices beside the picture."""
+"""Three linked slices beside the picture, also turned and as planes in it, and their commands."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl.annotations.axes import letters
+from splatgl.annotations.canvas import clip_segments
 from splatgl.annotations.text import label
 from splatgl.data.color import srgb_from_linear
-from splatgl.data.volume import Volume
+from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
+from splatgl.scene.meshes import is_mesh
 from splatgl.splat.camera import Camera
+from splatgl.splat.resample import sample_raster
+from splatgl.splat.settings import BLENDS
+from splatgl.splat.slices import ANATOMY, pane_axes, world_axes
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.jobs import Jobs, Kind
+from splatgl.viewer.oblique import STRAIGHT, Turn, TurnedPane, middle, normals, planes, shares, turned, with_slices
 from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
@@ -37,13 +42,6 @@ WIDEST = 0.5
 MARGIN = 6.0
 # entries of the colour table
 COLORS = 4096
-# right and down in a slice as (axis, sign), by the world axis across it. For patients, down is posterior or inferior,
-# and right is left or posterior, as in 3D Slicer; for others, z and y point up.
-PATIENT = {2: ((0, 1), (1, 1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
-OTHERS = {2: ((0, 1), (1, -1)), 1: ((0, 1), (2, -1)), 0: ((1, 1), (2, -1))}
-ANATOMY = ("sagittal", "coronal", "axial")
-# smallest component of a scene's up along an axis that it points along
-UPRIGHT = 0.7
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float 
     wide, world = column_width(window, True), world_axes(volume)
     made = []
     for number, normal in enumerate((2, 1, 0)):
-        (right, right_sign), (down, down_sign) = _pane_axes(volume.frame, normal, up)
+        (right, right_sign), (down, down_sign) = pane_axes(volume.frame, normal, up)
         axis, across, along = world.index(normal), world.index(right), world.index(down)
         columns = volume.world_from_index
         back = bool(columns[right, across] * right_sign < 0), bool(columns[down, along] * down_sign < 0)
@@ -100,28 +98,6 @@ def panes(volume: Volume, up: np.ndarray, window: tuple[int, int], scale: float 
         sides = [float(np.linalg.norm(columns[:, side]) * volume.shape[2 - side]) for side in (across, along)]
         made.append(Pane(axis, across, along, back, room, _fit_box(room, sides, MARGIN * scale)))
     return tuple(made)
-
-
-def world_axes(volume: Volume) -> tuple[int, int, int]:
-    """The nearest world axis of axis axis of the grid, all different."""
-    columns = np.abs(volume.world_from_index) / np.linalg.norm(volume.world_from_index, axis=0)
-    x, y, z = max(permutations(range(3)), key=lambda order: sum(columns[order[axis], axis] for axis in range(3)))
-    return x, y, z
-
-
-def _pane_axes(frame: str | None, normal: int, up: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
-    """World axes, and their signs, to the right and down in the slice across a world axis."""
-    if frame:
-        turned = -1 if frame == "RAS" else 1
-        right, down = PATIENT[normal]
-        signs = {0: turned, 1: turned, 2: 1}
-        return (right[0], right[1] * signs[right[0]]), (down[0], down[1] * signs[down[0]])
-    right, down = OTHERS[normal]
-    upright = int(np.argmax(np.abs(up)))
-    if abs(up[upright]) >= UPRIGHT and upright in (right[0], down[0]):
-        other = right[0] if upright == down[0] else down[0]
-        return (other, 1), (upright, -1 if up[upright] > 0 else 1)
-    return right, down
 
 
 def _fit_box(room: Box, sides: Sequence[float], margin: float) -> Box:
@@ -197,8 +173,10 @@ LINES: tuple[LineColor, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9),
 BACKGROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
 # longest wait of a saved picture for slices, seconds
 LONGEST = 20.0
-# pixels at a content scale of 1: of lines, and between labels and edges
-LINE, GAP = 1.0, 2.0
+# pixels at a content scale of 1: of lines, between labels and edges, of the dots that turn slices, and around these
+LINE, GAP, DOT, NEAR = 1.0, 2.0, 8.0, 9.0
+# distance of these dots from the common point, as a share of the shorter side of a pane
+REACH = 0.3
 
 Key = tuple[object, ...]
 
@@ -214,6 +192,7 @@ class SliceTool(Tool):
         # keys and reasons of slices that cannot be read: not tried again until slices are hidden
         self.failed: dict[int, tuple[Key, str]] = {}
         self.dragged: int | None = None
+        self.turning: Turning | None = None
 
     def panes(self, state: State, document: Document, view: View) -> tuple[Pane, ...]:
         """The visible slices."""
@@ -221,27 +200,50 @@ class SliceTool(Tool):
             return ()
         return panes(document.volume, up_direction(document), view.size, view.scale)
 
+    def turned_panes(self, state: State, document: Document, view: View) -> tuple[TurnedPane, ...]:
+        """The planes of the visible slices, in the order of their panes."""
+        up, volume = up_direction(document), document.volume
+        across = planes(state.slices, volume, up)
+        made = []
+        for pane in self.panes(state, document, view):
+            plane = across[pane.axis]
+            low, high = plane.box
+            made.append(
+                TurnedPane(pane.axis, plane, pane.room, _fit_box(pane.room, (high - low).tolist(), MARGIN * view.scale))
+            )
+        return tuple(made)
+
     def _pane(self, state: State, document: Document, view: View, place: Place) -> Pane | None:
         return next((pane for pane in self.panes(state, document, view) if pane.holds(place)), None)
 
     def press(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
-        """Moves the other two slices to the cursor."""
+        """Moves the other two slices to the cursor; takes a dot that turns them."""
         pane = self._pane(state, document, view, pointer.place)
         if pane is None or pointer.button != "left":
             return None if pane is None else state
+        volume = document.volume
+        shown = next(each for each in self.turned_panes(state, document, view) if each.axis == pane.axis)
+        dots = [dot for _, dot in turn_dots(shown, state.slices, volume)]
+        if min(np.hypot(*np.subtract(dot, pointer.place)) for dot in dots) <= NEAR * view.scale:
+            self.turning = Turning(shown, _angle(shown, pointer.place), state.slices.turn)
+            return state
         self.dragged = pane.axis
-        return _link_slices(state, document, pane, pointer.place)
+        return _link_slices(state, document, shown, pane, pointer.place)
 
     def move(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
-        """Drags the other two slices."""
+        """Drags the other two slices, or turns them."""
+        if self.turning is not None:
+            turn = self.turning.to(pointer.place)
+            return with_slices(state, replace(state.slices, turn=turn), document.volume)
         if self.dragged is None:
             return None
-        pane = next((pane for pane in self.panes(state, document, view) if pane.axis == self.dragged), None)
-        return state if pane is None else _link_slices(state, document, pane, pointer.place)
+        both = zip(self.turned_panes(state, document, view), self.panes(state, document, view), strict=True)
+        found = next(((shown, pane) for shown, pane in both if pane.axis == self.dragged), None)
+        return state if found is None else _link_slices(state, document, *found, pointer.place)
 
     def release(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
         """Ends the drag."""
-        self.dragged = None
+        self.dragged = self.turning = None
         return None
 
     def wheel(self, state: State, document: Document, view: View, pointer: Pointer) -> State | None:
@@ -250,7 +252,7 @@ class SliceTool(Tool):
         if pane is None or not pointer.notches:
             return None if pane is None else state
         steps = round(pointer.notches) or int(np.sign(pointer.notches))
-        return replace(state, slices=state.slices.moved(pane.axis, steps, document.volume))
+        return with_slices(state, move_slice(state.slices, pane.axis, steps, document.volume), document.volume)
 
     def collect(self) -> list[str] | None:
         """Takes slices that a thread has read; returns the messages of failures, None if nothing was read."""
@@ -279,12 +281,14 @@ class SliceTool(Tool):
         left = visible[0].room[0]
         sprites = [Sprite(BACKGROUND, (left, 0.0, float(view.size[0]), float(view.size[1])))]
         strokes: list[Stroke] = []
-        for pane in visible:
-            pixels = self._pixels(pane, state, document)
+        is_straight = state.slices.turn == STRAIGHT
+        for pane, shown in zip(visible, self.turned_panes(state, document, view), strict=True):
+            pixels = self._pixels(pane, shown, state, document)
             if pixels is not None:
-                sprites.append(Sprite(pixels, pane.box, smooth=True))
-            sprites += _labels(pane, index, volume, scale)
-            strokes += _cross(pane, index, volume, scale)
+                sprites.append(Sprite(pixels, pane.box if is_straight else shown.box, smooth=is_straight))
+            name = _title(pane, state.slices, volume)
+            sprites += _labels(name, shown, volume, scale)
+            strokes += _cross(shown, state.slices, volume, scale)
         if isinstance(volume.samples, np.ndarray):
             sample = volume.samples[index[::-1]]
             value = f"{sample:.6g} {segment_name(state.styles[0], volume, sample) or volume.value_unit}".rstrip()
@@ -304,19 +308,23 @@ class SliceTool(Tool):
             raise InputError(f"{why}; hide the slices to save the picture alone")
         return marks
 
-    def _pixels(self, pane: Pane, state: State, document: Document) -> np.ndarray | None:
+    def _pixels(self, pane: Pane, shown: TurnedPane, state: State, document: Document) -> np.ndarray | None:
         """Pixels of a slice; where samples are read in parts, the previous ones until a thread has read them."""
         volume, transfer, colored = document.volume, state.styles[0].stated, state.slices.colored
         index = state.slices.index(volume)[pane.axis]
         look = transfer if colored or transfer.labels else window_of(transfer)
         logarithmic = transfer.logarithmic
-        key: Key = (volume, index, look, logarithmic, pane.box)
+        is_straight = state.slices.turn == STRAIGHT
+        place = index if is_straight else (state.slices.turn, state.slices.place)
+        key: Key = (volume, place, look, logarithmic, pane.box)
         known = self.drawn.get(pane.axis)
         if known is not None and known[0] == key:
             self.failed.pop(pane.axis, None)
             return known[1]
 
         def work() -> tuple[int, Key, np.ndarray]:
+            if not is_straight:
+                return pane.axis, key, turned_pixels(volume, shown, look, logarithmic)
             if volume.color is not None:
                 rgb = thin_out(read_slice(volume.color, pane, index), pane)
                 return pane.axis, key, np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
@@ -335,33 +343,112 @@ class SliceTool(Tool):
         return None if latest is None else latest[1]
 
 
-def _link_slices(state: State, document: Document, pane: Pane, place: Place) -> State:
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """Drag that turns the other slices about the normal of a pane's. angle: of the press, degrees; turn: before it."""
+
+    pane: TurnedPane
+    angle: float
+    turn: Turn
+
+    def to(self, place: Place) -> Turn:
+        """The rotation for a cursor position, whatever the path to it."""
+        return turned(self.turn, self.pane.plane.normal, _angle(self.pane, place) - self.angle)
+
+
+def _angle(pane: TurnedPane, place: Place) -> float:
+    """Angle of a pixel around the common point, degrees, from the right to below."""
+    x, y = np.subtract(place, pane.pixel(pane.plane.point))
+    return float(np.degrees(np.arctan2(y, x)))
+
+
+def turn_dots(pane: TurnedPane, slices: Slices, volume: Volume) -> list[tuple[int, Place]]:
+    """The pixels of a pane that a drag turns the other slices by, with the axes of these."""
+    across, here = normals(slices, volume), np.array(pane.pixel(pane.plane.point))
+    reach = REACH * min(pane.room[2] - pane.room[0], pane.room[3] - pane.room[1])
+    dots = []
+    for other in (axis for axis in range(3) if axis != pane.axis):
+        along = np.cross(across[pane.axis], across[other])
+        step = np.array([along @ pane.plane.right, along @ pane.plane.down])
+        step *= reach / np.linalg.norm(step)
+        dots += [(other, tuple((here + sign * step).tolist())) for sign in (-1, 1)]
+    return dots
+
+
+def move_slice(slices: Slices, axis: int, steps: int, volume: Volume) -> Slices:
+    """The slices with the one across an axis of the grid moved by voxels; along its normal if they are turned."""
+    if slices.turn == STRAIGHT:
+        return slices.moved(axis, steps, volume)
+    point = middle(slices, volume) + steps * volume.spacing[axis] * normals(slices, volume)[axis]
+    return replace(slices, place=_shares_of(point, volume))
+
+
+def _shares_of(point: np.ndarray, volume: Volume) -> Triple:
+    return shares(np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin)), volume)
+
+
+def _link_slices(state: State, document: Document, shown: TurnedPane, pane: Pane, place: Place) -> State:
     """The state with the other two slices at a place in a pane."""
     slices, volume = state.slices, document.volume
-    return replace(state, slices=slices.at(pane.index(place, slices.index(volume), volume), volume))
+    if slices.turn != STRAIGHT:
+        return with_slices(state, replace(slices, place=_shares_of(shown.point(place), volume)), volume)
+    return with_slices(state, slices.at(pane.index(place, slices.index(volume), volume), volume), volume)
 
 
-def _cross(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Stroke]:
-    """Lines where the two other slices cut a slice, and its frame."""
-    x, y = pane.place(index, volume)
-    left, top, right, bottom = pane.box
-    thin = LINE * scale
-    rim = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
-    frame = [Stroke(rim[n], rim[n + 1], LINES[pane.axis], thin, 0.0) for n in range(4)]
-    upright = Stroke((x, top), (x, bottom), LINES[pane.across], thin, 0.0)
-    return [*frame, upright, Stroke((left, y), (right, y), LINES[pane.down], thin, 0.0)]
+def turned_pixels(
+    volume: Volume, shown: TurnedPane, look: Transfer | tuple[float, float], logarithmic: bool
+) -> np.ndarray:
+    """Pixels uint8 [H, W, 4] of a turned slice, clear beside the volume."""
+    left, top, right, bottom = shown.box
+    size = max(round(right - left), 1), max(round(bottom - top), 1)
+    low, high = shown.plane.box
+    raster = shown.plane.raster(volume, low, ((high - low) / size).tolist(), size)
+    nearest = isinstance(look, Transfer) and bool(look.labels)
+    values, known = sample_raster(volume, raster, nearest)
+    if volume.color is not None:
+        shade = np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)
+        pixels = np.dstack([shade, np.full(shade.shape[:2], 255, np.uint8)])
+    elif isinstance(look, tuple):
+        pixels = grey_pixels(values, look, logarithmic)
+    else:
+        pixels = colored_pixels(values, look)
+    pixels[~known] = 0
+    return pixels
 
 
-def _labels(pane: Pane, index: tuple[int, ...], volume: Volume, scale: float) -> list[Sprite]:
-    """Name and number of a slice, and letters of directions at its edges."""
+def _cross(pane: TurnedPane, slices: Slices, volume: Volume, scale: float) -> list[Stroke]:
+    """Lines where the two other slices cut a slice, with the dots that turn them, and its outline."""
+    thin, corners = LINE * scale, [pane.pixel(point) for point in pane.plane.corners]
+    ends = zip(corners, [*corners[1:], corners[0]], strict=True)
+    strokes = [Stroke(start, stop, LINES[pane.axis], thin, 0.0) for start, stop in ends]
+    dots = turn_dots(pane, slices, volume)
+    for (other, first), (_, second) in zip(dots[::2], dots[1::2], strict=True):
+        for start, stop in clip_segments(_long(first, second, pane.room), pane.box).reshape(-1, 2, 2).tolist():
+            strokes.append(Stroke(tuple(start), tuple(stop), LINES[other], thin, 0.0))
+        strokes += [Stroke(dot, dot, LINES[other], DOT * scale, scale) for dot in (first, second)]
+    return strokes
+
+
+def _long(first: Place, second: Place, room: Box) -> np.ndarray:
+    """The segment [1, 4] through two pixels, continued beyond a room."""
+    a, b = np.array(first), np.array(second)
+    far = (b - a) / np.linalg.norm(b - a) * (room[2] - room[0] + room[3] - room[1])
+    return np.concatenate([a - far, b + far])[None]
+
+
+def _title(pane: Pane, slices: Slices, volume: Volume) -> str:
+    """Name and number of a slice."""
     name = ANATOMY[world_axes(volume)[pane.axis]] if volume.frame else "xyz"[pane.axis]
+    return f"{name} {slices.index(volume)[pane.axis]}" if slices.turn == STRAIGHT else f"{name} turned"
+
+
+def _labels(name: str, pane: TurnedPane, volume: Volume, scale: float) -> list[Sprite]:
+    """Name of a slice, and letters of directions at its edges."""
     left, top, right, bottom = pane.room
     gap, middle = GAP * scale, ((left + right) / 2, (top + bottom) / 2)
-    title = _label_at(f"{name} {index[pane.axis]}", (left + gap, top + gap), (0.0, 0.0), scale)
+    title = _label_at(name, (left + gap, top + gap), (0.0, 0.0), scale)
     labels = [title]
-    for side, axis in enumerate((pane.across, pane.down)):
-        towards = volume.world_from_index[:, axis] * (-1 if pane.back[side] else 1)
-        towards = towards / np.linalg.norm(towards)
+    for side, towards in enumerate((pane.plane.right, pane.plane.down)):
         for sign in (-1, 1):
             text = _direction(volume.frame, sign * towards)
             if text:
@@ -397,14 +484,9 @@ def slice_outlines(slices: Slices, volume: Volume, camera: Camera, scale: float)
     """Edges of the slices in the 3-D picture."""
     if not slices.shown:
         return []
-    strokes, index, sizes = [], slices.index(volume), volume.shape[::-1]
-    for axis in range(3):
-        a, b = (other for other in range(3) if other != axis)
-        corners = np.zeros((4, 3))
-        corners[:, axis] = index[axis]
-        corners[:, a] = np.array([0, 1, 1, 0]) * sizes[a] - 0.5
-        corners[:, b] = np.array([0, 0, 1, 1]) * sizes[b] - 0.5
-        points = corners @ volume.world_from_index.T + np.asarray(volume.origin)
+    strokes = []
+    for axis, plane in enumerate(planes(slices, volume, np.array([0.0, 0.0, 1.0]))):
+        points = plane.corners
         for start, stop in zip(points, np.roll(points, -1, axis=0), strict=True):
             ends = project_segment(camera, start, stop)
             if ends is not None:
@@ -423,3 +505,60 @@ def clip_strokes(strokes: tuple[Stroke, ...], edge: float) -> tuple[Stroke, ...]
             share = (edge - x) / (u - x)
             clipped.append(replace(stroke, start=(x, y), stop=(edge, y + share * (v - y))))
     return tuple(clipped)
+
+
+Run = Callable[["State", "Document"], "State"]
+
+# degrees by which a key turns slices
+TURN = 5.0
+
+
+def _show(state: State, document: Document) -> State:
+    return replace(state, slices=replace(state.slices, shown=not state.slices.shown))
+
+
+def _color(state: State, document: Document) -> State:
+    colored = not state.slices.colored
+    message = "slices in the colours of values" if colored else "slices in grey, by the window of values"
+    return replace(state, slices=replace(state.slices, colored=colored, shown=True), message=message)
+
+
+def _show_in_space(state: State, document: Document) -> State:
+    if state.slice_planes:
+        return replace(state, slices=replace(state.slices, in_space=False), slice_planes=())
+    if document.volume.points is not None or is_mesh(document.scene.volume):
+        return replace(state, message="no slices: there are no voxels")
+    if not BLENDS[state.settings.blend].ordered:
+        return replace(state, message=f"slices are shown in composite pictures, not in {state.settings.blend}")
+    return with_slices(state, replace(state.slices, in_space=True), document.volume)
+
+
+def _turn(axis: int, degrees: float) -> Run:
+    def turn(state: State, document: Document) -> State:
+        slices, about = state.slices, normals(state.slices, document.volume)[axis]
+        made = replace(slices, turn=turned(slices.turn, about, degrees), shown=True)
+        return with_slices(state, made, document.volume)
+
+    return turn
+
+
+def _straighten(state: State, document: Document) -> State:
+    index = state.slices.index(document.volume)
+    return with_slices(state, replace(state.slices, turn=STRAIGHT).at(index, document.volume), document.volume)
+
+
+# id, title, keys and effect
+SLICES: tuple[tuple[str, str, tuple[str, ...], Run], ...] = (
+    ("slices", "slices: the wheel and clicks move them", ("z",), _show),
+    ("slice-colors", "slices in grey or in colours", ("shift+z",), _color),
+    ("slices-in-space", "slices as planes in the picture", ("alt+z",), _show_in_space),
+    *(
+        (f"turn-slices-{name}", f"turn slices about {name}", (f"alt+{n + 1}",), _turn(n, TURN))
+        for n, name in enumerate("xyz")
+    ),
+    *(
+        (f"turn-slices-back-{name}", f"turn slices back about {name}", (f"alt+shift+{n + 1}",), _turn(n, -TURN))
+        for n, name in enumerate("xyz")
+    ),
+    ("straighten-slices", "slices along the axes again", ("alt+0",), _straighten),
+)

@@ -19,6 +19,7 @@ from splatgl.splat.scissors import Scissors
 from splatgl.splat.settings import Motions, Settings
 from splatgl.splat.transfer import OPAQUE, Transfer
 from splatgl.viewer.movie_track import Movie, Preview
+from splatgl.viewer.oblique import STRAIGHT, Turn, shares, slices_of
 from splatgl.viewer.trackball import Pose
 
 if TYPE_CHECKING:
@@ -223,12 +224,15 @@ def scale_opacity(opacity: float, factor: float) -> float:
 @dataclass(frozen=True)
 class Slices:
     """Three slices beside the picture. colored: by the transfer function, else grey by its window. place: the point
-    that all three contain, as shares of the volume's box along x, y and z.
+    that all three contain, as shares of the volume's box along x, y and z. turn: rotation by which they lie oblique.
+    in_space: whether planes in the picture follow them.
     """
 
     shown: bool = False
     colored: bool = False
     place: Triple = (0.5, 0.5, 0.5)
+    turn: Turn = STRAIGHT
+    in_space: bool = False
 
     def index(self, volume: Volume) -> tuple[int, int, int]:
         """The voxel (x, y, z) that all three contain."""
@@ -249,7 +253,10 @@ class Slices:
         return self.at(index, volume)
 
     def through(self, point: np.ndarray, volume: Volume) -> Slices:
-        """The slices through a world point [3]."""
+        """The slices through a world point [3], or the middle of its voxel unless they are turned."""
+        if self.turn != STRAIGHT:
+            index = np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin))
+            return replace(self, place=shares(index, volume))
         return self.at(np.linalg.solve(volume.world_from_index, point - np.asarray(volume.origin)).tolist(), volume)
 
 
@@ -292,8 +299,8 @@ class State:
     time: number of the time point of a series of `times`; playing: whether it advances by itself, by `pace` time points
     a second, and `repeats`. turntable: whether a drag turns about a fixed axis. probe: whether the value under the
     cursor is shown. ruler: measures points; measures: of the scene. lasso: draws scissors. slices: beside the
-    picture. file_options: arrays and channels that the file offers. theme: of THEMES. movie: what is recorded;
-    preview: plays it. pinned: is drawn at the right, from the same place.
+    picture; slice_planes: in it. file_options: arrays and channels that the file offers. theme: of THEMES. movie: what
+    is recorded; preview: plays it. pinned: is drawn at the right, from the same place.
     """
 
     pose: Pose
@@ -328,6 +335,7 @@ class State:
     pinned: Pinned | None = None
     movie: Movie = field(default_factory=Movie)
     measures: tuple[Measure, ...] = ()
+    slice_planes: tuple[str, ...] = ()
     preview: Preview | None = None
 
     @classmethod
@@ -338,6 +346,7 @@ class State:
         files = document.mesh_files
         scene, volume = document.scene, document.volume
         extras: dict[str, Any] = {"movie": Movie.of(scene.animation, volume), "measures": scene.measures}
+        extras |= {"slices": slices_of(Slices(), scene.slice_planes, volume), "slice_planes": scene.slice_planes}
         return cls(document.home(size), settings, document.styles, 0, files, cuts, annotate, **extras)
 
     @property
@@ -401,7 +410,7 @@ class State:
             "theme",
             "pinned",
         )
-        slices = replace(self.slices, place=fresh.slices.place)
+        slices = replace(fresh.slices, shown=self.slices.shown, colored=self.slices.colored)
         return replace(fresh, slices=slices, **{name: getattr(self, name) for name in kept})
 
 
@@ -436,7 +445,7 @@ PASSING = {
 PASSING |= {"pace", "repeats", "file_options", "theme", "pinned"}
 PASSING |= {"pace", "repeats", "file_options", "preview", "lasso"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
-EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures"}
+EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures", "slice_planes"}
 # largest number of steps
 MAX_STEPS = 200
 
@@ -456,7 +465,7 @@ class History:
 
     def note(self, state: State) -> None:
         """Records a state at rest, if it differs from the last one."""
-        if changed_fields(state, self.now) - PASSING:
+        if changed_fields(state, self.now) - PASSING or state.slices.turn != self.now.slices.turn:
             self.past = [*self.past[-MAX_STEPS + 1 :], self.now]
             self.future, self.now = [], _as_step(state)
 
@@ -478,6 +487,8 @@ class History:
 
     def _at(self, step: State, state: State, message: str) -> State:
         kept = {name: getattr(state, name) for name in PASSING}
+        if step.slice_planes != state.slice_planes or step.slices.turn != state.slices.turn:
+            kept["slices"] = replace(step.slices, shown=state.slices.shown, colored=state.slices.colored)
         shown = replace(step, **{**kept, "message": message, "pose": step.pose.resized(state.pose.camera.size)})
         self.now = _as_step(shown)
         return shown

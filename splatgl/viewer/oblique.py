@@ -1,0 +1,142 @@
+"""Slices that are turned: their planes, texts of a scene file for them, and panes that show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatgl.data.mesh import Mesh
+from splatgl.data.volume import Triple, Volume
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.slices import Slice, SlicePlane, Where, grid_normals, plane_through
+from splatgl.splat.transfer import Transfer
+
+if TYPE_CHECKING:
+    from splatgl.viewer.state import Slices, State
+
+Turn = tuple[float, ...]
+
+# a rotation that is none, row by row
+STRAIGHT: Turn = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+# difference of normals that is rounding of texts
+SAME = 1e-9
+
+
+def turned(turn: Turn, about: np.ndarray, degrees: float) -> Turn:
+    """The rotation followed by one about a unit vector [3] (Rodrigues)."""
+    angle = np.radians(degrees)
+    x, y, z = about
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    step = np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    return _rotation(step @ np.array(turn).reshape(3, 3))
+
+
+def _rotation(matrix: np.ndarray) -> Turn:
+    """The nearest rotation; exactly none where it is nearly none."""
+    left, _, right = np.linalg.svd(matrix)
+    near = left @ right
+    return STRAIGHT if np.abs(near - np.eye(3)).max() < SAME else tuple(near.ravel().tolist())
+
+
+def normals(slices: Slices, volume: Volume) -> np.ndarray:
+    """Unit vectors [3, 3] across the slices of the grid's x, y and z, in rows."""
+    return np.asarray(grid_normals(volume) @ np.array(slices.turn).reshape(3, 3).T)
+
+
+def middle(slices: Slices, volume: Volume) -> np.ndarray:
+    """World point [3] that all slices contain: a voxel's middle, unless they are turned."""
+    if slices.turn == STRAIGHT:
+        index = np.array(slices.index(volume), np.float64)
+    else:
+        index = np.array(slices.place) * volume.shape[::-1] - 0.5
+    return np.asarray(volume.world_from_index @ index + np.asarray(volume.origin))
+
+
+def planes(slices: Slices, volume: Volume, up: np.ndarray) -> tuple[SlicePlane, ...]:
+    """The slices across the grid's x, y and z, turned."""
+    point = middle(slices, volume)
+    return tuple(plane_through(volume, point, normal, up, grid=True) for normal in normals(slices, volume))
+
+
+def texts(slices: Slices, volume: Volume) -> tuple[str, ...]:
+    """The slices as texts of a scene file."""
+    if slices.turn == STRAIGHT:
+        return tuple(f"{name}={index}" for name, index in zip("xyz", slices.index(volume), strict=True))
+    point = middle(slices, volume).tolist()
+    return tuple(str(Slice((point, normal)).where) for normal in normals(slices, volume).tolist())
+
+
+def slices_of(slices: Slices, given: Sequence[str], volume: Volume) -> Slices:
+    """The slices that have these texts, which then follow them; else as they are."""
+    wheres = [Where.of(Slice(text).place) for text in given]
+    if [where.name for where in wheres] == [*"xyz"]:
+        index = [where.numbers[0] if len(where.numbers) == 1 else None for where in wheres]
+        made = slices if None in index else slices.at([float(place or 0.0) for place in index], volume)
+    elif len(wheres) == 3 and all(where.point == wheres[0].point != () for where in wheres):
+        place = np.linalg.solve(volume.world_from_index, np.array(wheres[0].point) - np.asarray(volume.origin))
+        turn = _rotation((np.linalg.inv(grid_normals(volume)) @ np.array([where.normal for where in wheres])).T)
+        made = replace(slices, turn=turn, place=shares(place, volume))
+    else:
+        return slices
+    return replace(made, in_space=True) if texts(made, volume) == tuple(given) else slices
+
+
+def with_slices(state: State, slices: Slices, volume: Volume) -> State:
+    """The state with other slices; those in space follow them."""
+    in_space = texts(slices, volume) if slices.in_space else state.slice_planes
+    return replace(state, slices=slices, slice_planes=in_space)
+
+
+@lru_cache(maxsize=1)
+def slice_meshes(
+    volumes: tuple[Volume, ...], transfers: tuple[Transfer, ...], slice_planes: tuple[str, ...]
+) -> tuple[Mesh, ...]:
+    """The planes in space of layers, as `splatgl render` draws them; the latest are cached."""
+    if not slice_planes:
+        return ()
+    layers = [Layer(volume, transfer) for volume, transfer in zip(volumes, transfers, strict=True)]
+    return tuple(Scene(layers, slices=slice_planes).meshes)
+
+
+def shares(index: np.ndarray, volume: Volume) -> Triple:
+    """An index (x, y, z) as shares of the volume's box, within it."""
+    sizes = np.array(volume.shape[::-1])
+    x, y, z = ((np.clip(index, -0.5, sizes - 0.5) + 0.5) / sizes).tolist()
+    return x, y, z
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedPane:
+    """A turned slice in the window. axis: of the grid, that it is of; room: of the pane; box: of the slice; left, top,
+    right, bottom, pixels.
+    """
+
+    axis: int
+    plane: SlicePlane
+    room: tuple[float, float, float, float]
+    box: tuple[float, float, float, float]
+
+    def holds(self, place: tuple[float, float]) -> bool:
+        """Whether a pixel is inside the pane."""
+        return self.room[0] <= place[0] < self.room[2] and self.room[1] <= place[1] < self.room[3]
+
+    @property
+    def pitch(self) -> float:
+        """Side of a pixel, world units."""
+        low, high = self.plane.box
+        return float((high[0] - low[0]) / (self.box[2] - self.box[0]))
+
+    def point(self, place: tuple[float, float]) -> np.ndarray:
+        """World point [3] at a pixel."""
+        along = self.plane.box[0] + (np.array(place) - self.box[:2]) * self.pitch
+        return np.asarray(self.plane.point + along[0] * self.plane.right + along[1] * self.plane.down)
+
+    def pixel(self, point: np.ndarray) -> tuple[float, float]:
+        """Pixel of a world point [3], seen along the normal."""
+        away = point - self.plane.point
+        x, y = (np.array([away @ self.plane.right, away @ self.plane.down]) - self.plane.box[0]) / self.pitch
+        return float(x + self.box[0]), float(y + self.box[1])
