@@ -3,9 +3,9 @@
     .venv/bin/python scripts/pictures.py NAME…            # no name: those that need no file: BUILT_IN
     .venv/bin/python scripts/pictures.py side-by-side "head, MRI"   # one of its volumes, larger: first.png
 
-Names: FUNCTIONS below. `front`, `classification`, `presets`, `light`, `publishing`, `side-by-side` and `window` need
-public volumes (their sources: splatgl/docs/gallery.md) in the folder SPLATGL_DATA. `side-by-side` and `report` take
-minutes, and draw with VTK if it is installed. scripts/gallery draws the gallery.
+Names: FUNCTIONS below. `front`, `classification`, `presets`, `light`, `publishing`, `slices`, `side-by-side` and
+`window` need public volumes (their sources: splatgl/docs/gallery.md) in the folder SPLATGL_DATA. `side-by-side` and
+`report` take minutes, and draw with VTK if it is installed. scripts/gallery draws the gallery.
 """
 
 from __future__ import annotations
@@ -96,6 +96,19 @@ def classification() -> None:
 def light() -> None:
     """A skull with the light at the eye, with a matte light, and with ambient occlusion and shadows."""
     rendered("light", SKULL, f"{SKULL} --light matte", f"{SKULL} --light matte --ambient-occlusion 0.9 --shadows 0.7")
+
+
+def slices() -> None:
+    """Axial slices of a head on a sheet, and planes in space where it is cut open."""
+    head = f"{DATA}/head_mri_160x232x160.nii.gz"
+    rendered(
+        "slices",
+        f"{head} --slice axial=20%:90%:8%",
+        f"{head} --slice-plane axial=55% --clip 'z<0.55' --elevation 35 --light matte",
+        f"{head} --slice-plane sagittal=55% --slice-plane=-309,23,477:0,0.5,0.87 --points 0:0,1:0 --window 0,500"
+        " --azimuth 60 --zoom 1.2",
+        colors=255,
+    )
 
 
 def presets() -> None:
@@ -249,7 +262,7 @@ def compared(*names: str) -> None:
 
 BUILT_IN = (scenes, antialiasing, spinning, depth, turn, compare, image_report)
 FUNCTIONS = {
-    **{function.__name__: function for function in (*BUILT_IN, front, classification, light, presets, publishing)},
+    **{each.__name__: each for each in (*BUILT_IN, front, classification, light, presets, publishing, slices)},
     "window": window,
     "report": report,
     "side-by-side": compared,

@@ -220,8 +220,7 @@ class SceneFile:
         (),
         Kind("slices", check_slices, metavar="AXIS=PLACE", hint="str | Sequence[str]"),
         "draw slices instead, such as z=120, z=50%, axial=30mm, z=10:90:8. Or through POINT:NORMAL; repeatable",
-        group=Group.CLIPPING,
-        level="basic",
+        group=Group.PICTURE,
         flag="--slice",
         repeat=True,
     )
