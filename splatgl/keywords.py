@@ -175,9 +175,11 @@ class PictureKeywords(TypedDict, total=False):
     meshes: Any
     mesh: Any
     annotate: str | Sequence[str] | None
-    labels: Any
     slices: str | Sequence[str]
+    slice: str | Sequence[str]
     slice_planes: str | Sequence[Any]
+    slice_plane: str | Sequence[Any]
+    labels: Any
     clip_meshes: bool
     vectors: Literal["magnitude", "direction"]
     streamlines: int

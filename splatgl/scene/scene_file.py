@@ -5,8 +5,7 @@ threshold = 0.0
 clip = ["x>0.3", "z>=30mm"]     # parts to keep; crop = "10:90,:,:" in voxels; mask = "brain.nii.gz", or several
 uncut = "seg.nrrd:3"            # part that clip and crop leave whole; or labels of a segmentation, "3,7"
 scissors = ["0,0 1,0 1,0.5"]    # as --scissors; [[scissors]]: outline, keep, and a view: eye, look_at, up, fov | height
-annotate = ["scale", "title=A"] # as --annotate
-slices = ["z=10:90:8"]          # pictures of these instead; slice_planes = ["axial=30mm@0.5"] in space
+annotate = ["scale", "title=A"] # as --annotate; slices = ["z=1:9:2"], slice_planes = ["y@0.5"]: as --slice, --slice-plane
 [load]                          # as LoadOptions
 [transfer]                      # preset, curve = "band:50%,90%", colors = "60:red,1e3:#fda", level_width, of Transfer
 [camera]                        # size, view | azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height
@@ -99,8 +98,8 @@ TRACK = ("ease", "path", "keyframe")
 ANIMATION = ("turntable", "spin", "axis", "frames", "hold", "fps", *TRACK)
 # keys of a layer that are not options; options of a scene and its layers with values that TOML can hold
 LAYER = ("volume", "load", "transfer")
-PICTURE = ("annotate", "slices", "slice_planes")
 PLAIN = ("title", "threshold", "opacity", "visible", "clip", "crop", "mask", "uncut", "surfaces")
+PICTURE = ("annotate", "slices", "slice_planes")
 
 
 def _annotations(value: Any) -> tuple[str, ...]:

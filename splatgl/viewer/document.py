@@ -264,8 +264,8 @@ class Document:
     """The open scene. layers: at least one; styles: of each layer. others: layers that no style names, by number.
 
     mesh_files: meshes of the scene; read: the data of meshes, by `source_key`; lines: meshes of vectors, always shown.
-    slice_planes: as of a scene.
-    is_loading: whether nothing is read yet. Raises InputError for more than MOST_LAYERS visible layers.
+    slice_planes: as of a scene. is_loading: whether nothing is read yet. Raises InputError for more than MOST_LAYERS
+    visible layers.
     """
 
     scene: SceneFile
@@ -288,9 +288,8 @@ class Document:
     def placeholder(cls, scene: SceneFile) -> Document:
         """Placeholder document while a file loads."""
         volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
-        plain = replace(
-            scene, view=ViewOptions(), settings=Settings(), transfer={}, layers=(), meshes=(), crop="", clip=None
-        )
+        without = {"transfer": {}, "layers": (), "meshes": (), "slice_planes": (), "crop": "", "clip": None}
+        plain = replace(scene, view=ViewOptions(), settings=Settings(), **without)
         transfer = Transfer([(0, 0.0), (1, 0.5)])
         layer = LayerSplats(volume.name, plain, (volume,) * len(STRIDES), transfer)
         for stride in STRIDES:
@@ -318,10 +317,9 @@ class Document:
         layers = tuple(layer for layer, _ in pairs)
         styles = tuple(replace(style, number=number) for number, (_, style) in enumerate(pairs))
         files = tuple(surfaces_of(scene))
-        lines = tuple(scene.vectors.meshes(volume))
-        # refuses planes beside the volume
-        parse_slices([Slice(text).place for text in scene.slice_planes], volume)
-        return cls(scene, layers, styles, files, read_meshes(files), lines, scene.slice_planes)
+        lines, planes = tuple(scene.vectors.meshes(volume)), scene.slice_planes
+        parse_slices([Slice(text).place for text in planes], volume)
+        return cls(scene, layers, styles, files, read_meshes(files), lines, planes)
 
     # --- layers -----------------------------------------------------------------------------------------------------
 
@@ -485,8 +483,8 @@ class Document:
 
     def with_planes(self, slice_planes: Sequence[str]) -> Document:
         """The document with these slices in space; this one if it has them."""
-        same = tuple(slice_planes) == self.slice_planes
-        return self if same else replace(self, slice_planes=tuple(slice_planes))
+        planes = tuple(slice_planes)
+        return self if planes == self.slice_planes else replace(self, slice_planes=planes)
 
     def subject_at(self, stride: int, settings: Settings) -> tuple[Splats | Scene, Settings]:
         """The input of a renderer at a stride: the splats of a single volume, else layers and meshes, which the planes
