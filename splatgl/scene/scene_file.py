@@ -5,7 +5,7 @@ threshold = 0.0
 clip = ["x>0.3", "z>=30mm"]     # parts to keep; crop = "10:90,:,:" in voxels; mask = "brain.nii.gz", or several
 uncut = "seg.nrrd:3"            # part that clip and crop leave whole; or labels of a segmentation, "3,7"
 scissors = ["0,0 1,0 1,0.5"]    # as --scissors; [[scissors]]: outline, keep, and a view: eye, look_at, up, fov | height
-annotate = ["scale", "title=A"] # as --annotate; slices = ["z=1:9:2"], slice_planes = ["y@0.5"]: as --slice, --slice-plane
+annotate = ["scale", "title=A"] # as --annotate; slices = ["z=1:9:2"] and slice_planes = ["y@0.5"] as --slice…
 [load]                          # as LoadOptions
 [transfer]                      # preset, curve = "band:50%,90%", colors = "60:red,1e3:#fda", level_width, of Transfer
 [camera]                        # size, view | azimuth, elevation, fov, zoom | eye, look_at, up | orthographic, height

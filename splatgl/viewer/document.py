@@ -288,8 +288,8 @@ class Document:
     def placeholder(cls, scene: SceneFile) -> Document:
         """Placeholder document while a file loads."""
         volume = Volume(np.zeros((2, 2, 2), np.uint8), name=Path(scene.volume).name)
-        without = {"transfer": {}, "layers": (), "meshes": (), "slice_planes": (), "crop": "", "clip": None}
-        plain = replace(scene, view=ViewOptions(), settings=Settings(), **without)
+        plain = replace(scene, view=ViewOptions(), settings=Settings(), transfer={}, layers=(), meshes=())
+        plain = replace(plain, slice_planes=(), crop="", clip=None)
         transfer = Transfer([(0, 0.0), (1, 0.5)])
         layer = LayerSplats(volume.name, plain, (volume,) * len(STRIDES), transfer)
         for stride in STRIDES:
