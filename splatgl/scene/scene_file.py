@@ -79,7 +79,7 @@ from splatgl.splat.presets import (
 from splatgl.splat.scissors import FORM, Scissors
 from splatgl.splat.segment_surfaces import SMOOTHING, check_strength
 from splatgl.splat.settings import Settings
-from splatgl.splat.slices import check_planes, check_slices
+from splatgl.splat.slices import SLICE_PLANES, SLICES
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -215,22 +215,8 @@ class SceneFile:
         group=Group.PICTURE,
         level="basic",
     )
-    slices: tuple[str, ...] = option(
-        (),
-        Kind("slices", check_slices, metavar="AXIS=PLACE", hint="str | Sequence[str]"),
-        "draw slices instead, such as z=120, z=50%, axial=30mm, z=10:90:8. Or through POINT:NORMAL; repeatable",
-        group=Group.PICTURE,
-        flag="--slice",
-        repeat=True,
-    )
-    slice_planes: tuple[str, ...] = option(
-        (),
-        Kind("slices", check_planes, metavar="AXIS=PLACE[@OPACITY]", hint="str | Sequence[Any]"),
-        "show a slice as a plane in space, such as z=120 or axial@0.5. Places as of --slice; repeatable",
-        group=Group.LAYERS,
-        flag="--slice-plane",
-        repeat=True,
-    )
+    slices: tuple[str, ...] = field(default=(), metadata={"option": SLICES})
+    slice_planes: tuple[str, ...] = field(default=(), metadata={"option": SLICE_PLANES})
     vectors: Vectors = field(default_factory=Vectors)
     animation: Mapping[str, Any] = field(default_factory=dict)
     measures: tuple[Measure, ...] = ()

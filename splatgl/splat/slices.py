@@ -18,6 +18,7 @@ import numpy as np
 
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
+from splatgl.options import Group, Kind, Option
 from splatgl.splat.resample import Raster
 
 # right and down in a slice as (axis, sign), by the world axis across it. For patients, down is posterior or inferior,
@@ -158,6 +159,22 @@ def check_planes(value: Any) -> tuple[str, ...]:
     """Texts of planes in space from one or several texts or Slices. Raises InputError for another form."""
     several = (value,) if isinstance(value, str | Slice) else tuple(value)
     return tuple(str((item if isinstance(item, Slice) else Slice(item)).where) for item in several)
+
+
+SLICES = Option(
+    Kind("slices", check_slices, metavar="AXIS=PLACE", hint="str | Sequence[str]"),
+    "draw slices instead, such as z=120, z=50%, axial=30mm, z=10:90:8. Or through POINT:NORMAL; repeatable",
+    Group.PICTURE,
+    flag="--slice",
+    repeat=True,
+)
+SLICE_PLANES = Option(
+    Kind("slices", check_planes, metavar="AXIS=PLACE[@OPACITY]", hint="str | Sequence[Any]"),
+    "show a slice as a plane in space, such as z=120 or axial@0.5. Places as of --slice; repeatable",
+    Group.LAYERS,
+    flag="--slice-plane",
+    repeat=True,
+)
 
 
 def parse_slices(texts: str | Sequence[str], volume: Volume, up: np.ndarray | None = None) -> tuple[SlicePlane, ...]:
