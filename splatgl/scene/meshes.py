@@ -106,6 +106,24 @@ class MeshFile:
         return ["", "[[mesh]]", *(f"{key} = {toml_value(key, value)}" for key, value in non_default(self).items())]
 
 
+def source_key(file: MeshFile) -> MeshFile:
+    """Key of the data of a mesh, whatever its style."""
+    return replace(file, color="", opacity=1.0, visible=True, title="")
+
+
+def read_meshes(files: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
+    """The data of meshes, by `source_key`. Raises InputError as `MeshFile.open`."""
+    return {key: key.open() for key in dict.fromkeys(map(source_key, files))}
+
+
+def styled_mesh(file: MeshFile, mesh: Mesh) -> Mesh:
+    """The mesh of a file in the style of its entry, with the normals that it has."""
+    styled = file.apply_to(mesh)
+    # normals take as long as a frame, and do not depend on colours
+    vars(styled)["normals"] = mesh.normals
+    return styled
+
+
 # a preset or a colour map behind a file's name
 LOOK = re.compile(r"#?[\w-]+")
 

@@ -16,7 +16,7 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import expected
-from splatgl.scene.meshes import MeshFile, surfaces_of
+from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
 from splatgl.scene.open_scene import apply_scissors, channel_layers, is_layered, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
@@ -477,7 +477,7 @@ class Document:
     def meshes(self) -> tuple[Mesh, ...]:
         """The visible meshes in their colours and opacities, as `MeshFile.open` reads them."""
         visible = [file for file in self.mesh_files if file.visible and source_key(file) in self.read]
-        styled = (_styled(file, self.read[source_key(file)]) for file in visible)
+        styled = (styled_mesh(file, self.read[source_key(file)]) for file in visible)
         volumes, transfers = zip(*((layer.volume, layer.transfer) for layer in self.drawn_layers), strict=True)
         return (*styled, *self.lines, *slice_meshes(volumes, transfers, self.slice_planes))
 
@@ -548,23 +548,6 @@ def _spacing(volume: Volume) -> float:
 def _fov(camera: Camera) -> float:
     """Field of view in degrees; FOV for an orthographic camera."""
     return float(np.degrees(2 * np.arctan(camera.extent / 2))) if camera.perspective else FOV
-
-
-def source_key(file: MeshFile) -> MeshFile:
-    """Key of the data of a mesh, whatever its style."""
-    return replace(file, color="", opacity=1.0, visible=True, title="")
-
-
-def read_meshes(files: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
-    """The data of meshes, by `source_key`. Raises InputError as `MeshFile.open`."""
-    return {key: key.open() for key in dict.fromkeys(map(source_key, files))}
-
-
-def _styled(file: MeshFile, mesh: Mesh) -> Mesh:
-    styled = file.apply_to(mesh)
-    # normals take as long as a frame, and do not depend on colours
-    vars(styled)["normals"] = mesh.normals
-    return styled
 
 
 def _no_splats(splats: Splats) -> Splats:

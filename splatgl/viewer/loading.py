@@ -14,11 +14,11 @@ from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
 from splatgl.readers import list_volumes, load
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import MeshFile, is_mesh
+from splatgl.scene.meshes import MeshFile, is_mesh, read_meshes, source_key
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.scene import MOST_LAYERS
 from splatgl.splat.settings import Settings
-from splatgl.viewer.document import Document, LayerSplats, read_layer, read_meshes, source_key
+from splatgl.viewer.document import Document, LayerSplats, read_layer
 from splatgl.viewer.file_watch import Watch, watched_files
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.state import FileOption, LayerStyle

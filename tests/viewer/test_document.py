@@ -12,10 +12,10 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.errors import Choice, InputError
-from splatgl.scene.meshes import MeshFile
+from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import why_not
-from splatgl.viewer.document import Document, read_meshes
+from splatgl.viewer.document import Document
 from splatgl.viewer.file_watch import watched_files
 from splatgl.viewer.loading import open_document
 from splatgl.viewer.saving import render_scene, save_scene, scene_of

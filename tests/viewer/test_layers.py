@@ -11,10 +11,10 @@ import pytest
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.scene.meshes import MeshFile
+from splatgl.scene.meshes import MeshFile, source_key
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.commands import Add, Copy, Open
-from splatgl.viewer.document import Document, source_key
+from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Added, Files
 from splatgl.viewer.questions import ask_for_files

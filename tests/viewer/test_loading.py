@@ -12,13 +12,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from splatgl.scene.meshes import MeshFile
+from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
 from splatgl.viewer.commands import Request
 from splatgl.viewer.display import Options
-from splatgl.viewer.document import Document, read_meshes
+from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.loading import Added, Files, Loaded, Opened, Reloaded, TimePoint, open_document
 from splatgl.viewer.remembered import Recent
