@@ -115,6 +115,13 @@ GALLERY = (
         "tunnel", "the checkerboard tunnel, antialiased", "render tunnel --antialias supersample --samples 4 --check 0"
     ),
     Picture(
+        "attenuated",
+        "angiography, largest values weakened by those before them",
+        "render carotid_76x49x45_scalar_and_velocity.vtk --blend attenuated-mip --mip-attenuation 0.3"
+        " --curve ramp:130,300:1 --colors '120:#200008,200:#b01818,320:#ffb060,450:white'"
+        " --elevation 30 --zoom 1.2 --background black",
+    ),
+    Picture(
         "flow",
         "blood in the carotid arteries: streamlines by speed",
         "render carotid_76x49x45_scalar_and_velocity.vtk --streamlines 150"
