@@ -67,6 +67,7 @@ class Picture:
     masked: bool = False
     long: bool = False
     weighted: bool = False
+    iso: bool = False
     parallel: bool = False
     near: bool = False
     far: bool = False
@@ -119,7 +120,7 @@ PICTURES: dict[str, tuple[Picture, dict[str, dict[str, Any]]]] = {
     "": (
         Picture(),
         BLENDS | LIGHTS | VIEWS | CLIP | KERNELS | SHEETS | STEPS
-        | {"masked": {"masked": True}, "weighted": {"weighted": True}},
+        | {"masked": {"masked": True}, "weighted": {"weighted": True}, "iso": {"iso": True}},
     ),
     "voxels": (Picture("voxels"), BLENDS | LIGHTS | VIEWS | CLIP | KERNELS | SHEETS),
     "splats": (Picture("voxels", tuple(ONE_BY_ONE.items())), BLENDS | LIGHTS | VIEWS | KERNELS | PAPER),
@@ -168,7 +169,7 @@ def volume(long: bool, masked: bool) -> sg.Volume:
 
 
 @cache
-def splats(voxels: str, long: bool, masked: bool, weighted: bool) -> sg.Splats:
+def splats(voxels: str, long: bool, masked: bool, weighted: bool, iso: bool = False) -> sg.Splats:
     """Returns the splats of values, voxels, points or labels."""
     if voxels == "points":
         points = np.random.default_rng(2).random((50, 3)) * 8
@@ -180,14 +181,14 @@ def splats(voxels: str, long: bool, masked: bool, weighted: bool) -> sg.Splats:
         whole = sg.Volume(segments, name="segments", labels=named, spacing=(1.0, 1.0, 2.0 if long else 1.0))
         return sg.extract(whole, sg.default_transfer(whole))
     gradient = [(0.0, 0.2), (0.5, 1.0)] if weighted else []
-    transfer = sg.Transfer([(0.35, 0.0), (1.0, 0.9)], colormap="bone", shading=True, gradient=gradient)
+    transfer = sg.Transfer([(0.35, 0.0), (1.0, 0.9)], colormap="bone", shading=True, gradient=gradient, iso=[0.6] * iso)
     how = "pre" if voxels == "voxels" else "auto"
     return sg.extract(volume(long, masked), transfer, classification=how)
 
 
 def plan_of(picture: Picture) -> Plan:
     """Returns the plan of a picture. Raises InputError if its settings refuse each other."""
-    drawn = splats(picture.voxels, picture.long, picture.masked, picture.weighted)
+    drawn = splats(picture.voxels, picture.long, picture.masked, picture.weighted, picture.iso)
     camera = sg.Camera.orbit(volume(picture.long, False), 30, 20, size=SIZE, zoom=0.02 if picture.far else 1.0)
     if picture.near:
         camera = sg.Camera.look_at((4, 4, 4), (6, 5, 4.5), (0, 0, 1), 60, SIZE)

@@ -19,6 +19,7 @@ uniform float brightest[LAYERS];
 uniform vec3 box_eye[LAYERS];        // boxes: the eye among the voxels
 uniform ivec4 slots[LAYERS];         // first slot, slots, parts of a sheet (0: boxes), and a large multiple of the slots
 uniform float shift[LAYERS];         // sheets from a part's begin to the sheet that keeps it
+uniform bool uneven[LAYERS];         // whether parts of a sheet differ in length: whole sheets are read
 
 // of each layer: its place in sheets at depth 0, sheets per depth; number of its next piece and of its last; ends and
 // matter of its nearest piece that is left
@@ -42,7 +43,8 @@ void set_layer(int n, vec3 ray) {
 // Sets the numbers of the layer's pieces between two depths.
 void set_range(int n, vec3 ray, vec2 depths) {
     vec2 places = offset[n] + rate[n] * depths;
-    if (slots[n].z > 0) places = (places + shift[n]) * float(slots[n].z);
+    if (uneven[n]) places = (floor(places + shift[n]) + vec2(0.0, 1.0)) * float(slots[n].z) - vec2(0.0, 0.5);
+    else if (slots[n].z > 0) places = (places + shift[n]) * float(slots[n].z);
     else {
         vec3 across = PERSPECTIVE == 1 ? vec3(0.0) : index_from_eye[n] * vec3(ray.xy, 0.0);
         vec3 along = PERSPECTIVE == 1 ? index_from_eye[n] * ray : index_from_eye[n][2], signs = signs_of(along);

@@ -10,6 +10,7 @@
 // switch NEAR 0       sheets around the eye are planes
 // switch CARD 0       few registers count more than few instructions
 // switch PIECE 0      one part of a sheet is kept for layers_join.frag
+// switch ISO 0        there are iso-surfaces
 #constant LEAST_MASS  // a place with less mass holds no value
 #constant EDGE        // share of each of three sheets, besides its weight, in what lies between them
 #constant CENTERED    // shares of full_mass from which a value is moved to its sheet's place: not at all,
@@ -32,7 +33,7 @@ uniform vec2 shell;    // only matter between these places is drawn
 uniform vec3 window_share;
 
 // whether sheets hold a gradient's component along the ray instead of the gradient, where nothing else needs it
-const bool ALONG = CARD == 1 && STEPS > 0 && SHADING == 0 && WEIGHTED == 0;
+const bool ALONG = CARD == 1 && STEPS > 0 && SHADING == 0 && WEIGHTED == 0 && ISO == 0;
 // the component of a gradient, or of a sum of gradients, along a pixel's ray
 #define ALONG_RAY(row, gradient) (ALONG ? (gradient).x : dot(gradient, toward[row]))
 
@@ -62,6 +63,7 @@ vec4 kept_matter;
 vec2 kept_ends;
 // a pixel's light; of blends of one value the joined value and its length, see join_value and join_attenuated
 vec4 light[ROWS];
+#include "iso_surfaces.glsl" if ISO else "iso_surfaces_off.glsl"
 
 // Centre of a pixel in the band. STRIDE: pixels of the view from one row to the next.
 vec2 center_of(int row) {
@@ -209,7 +211,7 @@ bool take_sheet(int row, int current) {
         bool within = any(greaterThan(places, limits.x * mass)) && any(lessThan(places, limits.y * mass));
         // the part around it, within the box
         bool inside = ends[row].x < float(current) - 0.5 && ends[row].y > float(current) - 1.5;
-        seen = inside && (ONE_VALUE ? any(greaterThan(held[row], vec3(0.0))) : within);
+        seen = inside && (ONE_VALUE ? any(greaterThan(held[row], vec3(0.0))) : within || meets_iso(row, mass));
     }
     sum0[row] = sum1[row];
     sum1[row] = SHEETS > 2 ? sum2[row] : vec4(0.0);
@@ -236,13 +238,13 @@ void close_sheet(int row, int current) {
         vec3 places = around[row] * class_scale.x + class_scale.y * mass;
         // the part within the box
         vec2 inside = clamp(ends[row] - origin, 0.0, 1.0);
-        int first_part = PIECE == 1 ? own_part : 0;
-        float from = PIECE == 1 ? clamp(float(own_part) / float(STEPS), inside.x, inside.y) : inside.x;
+        float from = clamp(float(FIRST_SEGMENT) / float(STEPS), inside.x, inside.y);
         vec3 shares = spline_shares(from);
         Until begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
         float mask = mask_above(row, origin + from);
-        for (int i = first_part; i < (PIECE == 1 ? first_part + 1 : STEPS); i++) {
-            vec2 part = clamp(vec2(float(i), float(i + 1)) / float(STEPS), inside.x, inside.y);
+        begin_segments(from);
+        for (int i = FIRST_SEGMENT; i < SEGMENTS; i++) {
+            vec2 part = segment_of(row, i, inside, mass);
             if (mask_part(row, origin, part, mask)) {
                 shares = spline_shares(part.x);
                 begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
@@ -265,10 +267,14 @@ void close_sheet(int row, int current) {
                     vec2 light = light_of(row, gradient, at.x, at.y);
                     matter.rgb = matter.rgb * light.x + (LIGHT == 1 ? matter.a * light.y : 0.0);
                 }
-                kept_ends = at;
-                kept_matter = matter;
+                if (OWN_PIECE(2 * i)) {
+                    kept_ends = at;
+                    kept_matter = matter;
+                }
                 add_matter(row, at, matter);
                 light[row] = behind(light[row], matter);
+                vec3 at_end = mat3(start[row].rgb, middle[row].rgb, last.rgb) * last_shares;
+                close_segment(row, i, at.y, last_mass, at_end, mask);
             }
             shares = last_shares;
         }

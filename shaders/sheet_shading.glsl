@@ -12,12 +12,23 @@ vec3 cell_of(int row, float sheet) {
     return cell_at(layer_first[row] + box_low + 0.5 + layer_step[row] * sheet);
 }
 
-// The factor of colors and the highlight. gradient: of the matter, world axes; 0 is unshaded.
-vec2 light_of(int row, vec3 gradient, float begin, float end) {
-    float at = 0.5 * (begin + end);
-    vec3 cell = cell_of(row, at), shines = vec3(0.0);
+// Direction to the light, world axes, or 0: along the ray.
+vec3 light_direction() {
+    vec3 shines = vec3(0.0);
     if (LIGHT == 1)
         for (int axis = 0; axis < 3; axis++) shines[axis] = dot(style.light.xyz, frame.eye_from_world[axis].xyz);
+    return shines;
+}
+
+// The factor of colors and the highlight of a surface at a place of a ray, in sheets. normal: world axes, of any length.
+vec2 lit_surface(int row, vec3 normal, float sheet) {
+    return surface_light(normal, toward[row], light_direction(), reached(cell_of(row, sheet), normal, toward[row]));
+}
+
+// The factor of colors and the highlight of matter. gradient: of the matter, world axes; 0 is unshaded.
+vec2 light_of(int row, vec3 gradient, float begin, float end) {
+    float at = 0.5 * (begin + end);
+    vec3 cell = cell_of(row, at), shines = light_direction();
     if (SHADING == 0) gradient = vec3(0.0);
     vec2 light = surface_light(gradient, toward[row], shines, reached(cell, gradient, toward[row]));
     if (SHADING == 0) return light;

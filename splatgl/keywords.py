@@ -163,6 +163,7 @@ class PictureKeywords(TypedDict, total=False):
     gradient: Sequence[Numbers]
     scale: Literal["linear", "log"]
     log: bool
+    iso: float | str | Sequence[Any]
     threshold: float
     clip: str | Sequence[Any] | None
     crop: str

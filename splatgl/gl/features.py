@@ -16,6 +16,7 @@ import numpy as np
 from splatgl.errors import expected
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.clipping import MOST_CLIPS
+from splatgl.splat.iso import MOST_ISO
 from splatgl.splat.plan import Plan, Program
 from splatgl.splat.splats import Splats
 
@@ -86,6 +87,19 @@ def weight_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     return {"weight_scale": (splats.post.span / splats.grid.mean_spacing / step, -low / step)}
 
 
+def iso_uniforms(splats: Splats, plan: Plan) -> Uniforms:
+    """Returns the record values of iso-surfaces, and their matter, for iso_surfaces.glsl."""
+    assert splats.post is not None
+    values, matter = splats.post.surfaces
+    rest = MOST_ISO - len(values)
+    return {
+        "isos": len(values),
+        "iso_value": np.pad(values, (0, rest)).tolist(),
+        "iso_matter": [*map(tuple, np.pad(matter, ((0, rest), (0, 0))).tolist())],
+        "iso_lit": plan.program.look.iso_lit,
+    }
+
+
 def box_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     """Returns the eye and the grid of normals for boxes.glsl, in index space relative to frame.base."""
     labels, base = splats.labels, base_of(splats, plan.view.eye_index)
@@ -107,6 +121,7 @@ FEATURES = (
     Feature("WEIGHTED", lambda program: program.look.weighted, weight_uniforms),
     Feature("CLIPPED", lambda program: program.look.clipped, clip_uniforms),
     Feature("MASKED", lambda program: program.look.masked, mask_uniforms, mask_field),
+    Feature("ISO", lambda program: program.look.iso, iso_uniforms),
     Feature("LIGHT", lambda program: not program.look.light.plain),
     Feature("SKY", lambda program: program.look.sky, cue_uniforms, cue_fields),
     Feature("SHADOWS", lambda program: program.look.shadows, cue_uniforms, cue_fields),

@@ -90,12 +90,15 @@ class Band(NamedTuple):
 
 
 class Pieces(Protocol):
-    """Pieces of the matter of one layer. steps: of a sheet; 0: boxes. shift: as in layers_join.frag."""
+    """Pieces of the matter of one layer. steps: of a sheet; 0: boxes. shift: as in layers_join.frag. uneven: whether
+    the pieces of a sheet differ in length.
+    """
 
     splats: Splats
     plan: Plan
     steps: int
     shift: float
+    uneven: bool
 
     def extent(self) -> tuple[float, float]:
         """Returns the first and last place of the layer's matter, in its sheets."""
@@ -113,7 +116,10 @@ class SheetPieces:
     def __init__(self, quads: SheetQuads, splats: Splats, plan: Plan, bind: Callable[[Splats, Plan], None]) -> None:
         assert plan.resolved.sheets is not None
         self.quads, self.splats, self.plan, self.bind = quads, splats, plan, bind
-        self.steps = max(plan.program.look.steps, 1)
+        self.steps, self.uneven = max(plan.program.look.steps, 1), plan.program.look.iso
+        if splats.post is not None and self.uneven:
+            # segments that end at surfaces, too, and a surface behind each
+            self.steps = 2 * (self.steps + 2 * len(splats.post.transfer.iso))
         self.shift = 1.5 if plan.program.look.steps else 0.5
         self.picture = quads.begin(splats, plan, NearField.of(splats, plan.view, plan.resolved.sheets))
         self.groups = quads.fill(self.picture, splats)
@@ -131,7 +137,8 @@ class SheetPieces:
         self.sheet: int | None = None
         self.part = band.window
         at, rate = band.places[layer]
-        self.numbers = Numbering((at + self.shift) * self.steps, rate * self.steps, 0.5)
+        margin = self.steps if self.uneven else 0.5
+        self.numbers = Numbering((at + self.shift) * self.steps, rate * self.steps, margin)
         return [self.numbers]
 
     def advance(self, into: moderngl.Framebuffer, slots: Slots, begin: float, end: float) -> bool:
@@ -165,7 +172,7 @@ class BoxPieces:
     bind: binds the uniforms and tables of the layer.
     """
 
-    steps, shift = 0, 0.0
+    steps, shift, uneven = 0, 0.0, False
 
     def __init__(
         self,
@@ -404,6 +411,7 @@ class LayerQuads:
             box_eye=[*map(tuple, eyes)],
             slots=[*zip(slots.firsts, slots.counts, steps, biases, strict=True)],
             shift=[layer.shift for layer in pieces],
+            uneven=[layer.uneven for layer in pieces],
             **layer_uniforms(layers),
         )
         self.texture.use(SLOTS_UNIT)

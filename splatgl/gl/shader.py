@@ -24,6 +24,7 @@ from splatgl.splat import (
     colormaps,
     culling,
     footprint,
+    iso,
     mask_field,
     motion,
     motion_blur,
@@ -285,6 +286,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "MASK_SURE": mask_field.SURE,
     "MOST_CLIPS": clipping.MOST_CLIPS,
     "MOST_DOUBLINGS": technique.MOST_DOUBLINGS,
+    "MOST_ISO": iso.MOST_ISO,
     "NAME_BITS": np.uint32(clusters.NAME_BITS),
     "NEAREST": motion.NEAREST,
     "NOWHERE": np.uint32(NOWHERE),
@@ -299,6 +301,7 @@ CONSTANTS: dict[str, float | np.uint32] = {
     "SORT_BLOCK": np.uint32(SORT_BLOCK),
     "SORT_LANES": np.uint32(SORT_LANES),
     "TABLE_ROW": TABLE_ROW,
+    "THIN": iso.THIN,
     "TILE_ROWS": technique.ROWS,
     "WEIGHTS": preintegration.WEIGHTS,
 }

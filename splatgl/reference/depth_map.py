@@ -25,6 +25,7 @@ from splatgl.splat.culling import Window
 from splatgl.splat.extract import why_only_pre
 from splatgl.splat.extract_values import gradients
 from splatgl.splat.grid import Grid
+from splatgl.splat.iso import crossed_depth
 from splatgl.splat.kernels import kernel
 from splatgl.splat.mask_field import MaskField, clip_to_mask
 from splatgl.splat.preintegration import ClassIntegral
@@ -199,7 +200,8 @@ def _pass_step(field: LayerField, walk: Walk, some: np.ndarray, end: np.ndarray,
         (low, high), slope = clip_to_mask(at, (begin, to)), (last - first) / (to - begin)
         first, last, begin, to = first + slope * (low - begin), last + slope * (high - to), low, high
     mean = field.look.mean(first, last, (field.look.until(first), field.look.until(last)))
-    passed[inside[known]] = mean * (to - begin) * field.length[ray[known]]
+    crossed = crossed_depth(*field.look.surfaces, first, last) if len(field.look.surfaces[0]) else 0.0
+    passed[inside[known]] = mean * (to - begin) * field.length[ray[known]] + crossed
     return passed
 
 
@@ -366,12 +368,13 @@ class Samples:
 @dataclass(frozen=True, eq=False)
 class Look:
     """Extinction per world length of values. below [CELLS + 1]: its integral from `low` on, at equal steps up to
-    `high`; None: values are extinctions.
+    `high`; None: values are extinctions. surfaces: values of iso-surfaces, and their optical depths.
     """
 
     low: float = 0.0
     high: float = 1.0
     below: np.ndarray | None = None
+    surfaces: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros(0))
 
     def until(self, values: np.ndarray) -> np.ndarray:
         """Integral of extinction from the lowest value to values [N]."""
@@ -400,6 +403,7 @@ class Look:
         until = self.until(first), self.until(last)
         with np.errstate(invalid="ignore"):
             some = (first <= last) & ((until[1] > until[0]) | (self.mean(first, last, until) > 0))
+        some |= crossed_depth(*self.surfaces, first, last) > 0
         return np.asarray(some.reshape(low.shape))
 
 
@@ -528,6 +532,8 @@ def _absorbing_samples(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     if look.labels and not look.gradient:
         return Samples.of(look.extinction(_opacities(layer), unit).astype(np.float32), nearest=True), Look()
     if pre or look.gradient or why_only_pre(volume, look, layer.threshold) or not low < high:
+        if look.iso:
+            raise expected("depths of iso-surfaces", "values that no gradient weighs", "weighed or classified voxels")
         opacity = look.opacity(values)
         if look.gradient:
             z, y, x = (index.ravel() for index in np.indices(values.shape))
@@ -536,7 +542,9 @@ def _absorbing_samples(layer: Layer, pre: bool) -> tuple[Samples, Look]:
         opacity = np.where(opacity > layer.threshold, opacity, 0.0)
         return Samples.of(look.extinction(opacity, unit).astype(np.float32), bool(look.labels)), Look()
     knots = np.linspace(low, high, CELLS + 1)
-    return Samples.of(values), Look(low, high, ClassIntegral.of(look, low, high, LEAST_CELLS).until(knots)[:, 3] / unit)
+    below = ClassIntegral.of(look, low, high, LEAST_CELLS).until(knots)[:, 3] / unit
+    surfaces = np.array([surface.value for surface in look.iso]), look.surface_matter()[:, 3]
+    return Samples.of(values), Look(low, high, below, surfaces)
 
 
 def _block_extremes(samples: Samples) -> tuple[np.ndarray, np.ndarray]:

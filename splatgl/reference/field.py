@@ -7,7 +7,7 @@ extraction keeps. Its difference from a picture by sheets is the error of sheets
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -36,7 +36,7 @@ from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
 from splatgl.splat.mask_field import MaskField, face_share
-from splatgl.splat.preintegration import ClassIntegral, ValueClassifier
+from splatgl.splat.preintegration import ClassIntegral, ValueClassifier, surface_levels
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -49,6 +49,8 @@ RAYS, POINTS = 1 << 14, 1 << 10
 REACH = 2
 # steps per voxel through the field of kept values
 STEPS = 4
+# share of a step up to which its crossing belongs to it; 1: it has none
+BEFORE_END = 1 - 1e-12
 
 # value [P] and world gradient [P, 3] at grid positions [3, P]
 Field = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -117,7 +119,8 @@ class Marched:
     """A field and its appearance. free uint8 [D, H, W]: distance in voxels to a voxel that opaque points need, at most
     LEAP. spacing: mean spacing, unit: reference length of opacities, both in world units. span: range of values over
     which the transfer function varies. classified: integral of the transfer function, to classify a step by all values
-    that it passes, so that no spike is missed; None: by the value in its middle. mip_attenuation: per `unit`.
+    that it passes, so that no spike is missed; None: by the value in its middle. mip_attenuation: per `unit`. surfaces:
+    values and matter of iso-surfaces; iso_lit: whether they are lit.
     """
 
     field: Field
@@ -133,6 +136,8 @@ class Marched:
     span: float = 1.0
     classified: ClassIntegral | None = None
     mip_attenuation: float = 0.0
+    surfaces: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros((0, 4)))
+    iso_lit: bool = True
 
     def kept(self, places: np.ndarray) -> np.ndarray:
         """bool [P]: whether the mask keeps grid positions [3, P]."""
@@ -182,6 +187,30 @@ class Marched:
                     )
                 result[some, :3] = result[some, :3] * factor[:, None] + highlight[:, None]
         return result
+
+    def crossed(
+        self, places: np.ndarray, half: np.ndarray, toward: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yields the shares [P] of steps around grid positions [3, P] before an iso-surface, ascending and 1 if there
+        is none, and the light [P, 4] of the surface: emission and optical depth. half, toward: as of `light`.
+        """
+        values, matter = self.surfaces
+        ends = [self.field(places + side * half)[0] for side in ((-1.0, 1.0) if len(values) else ())]
+        share = np.ones((len(values), places.shape[1]))
+        for number, value in enumerate(values):
+            is_crossed = (ends[0] > value) != (ends[1] > value)
+            is_crossed &= np.isfinite(ends[0]) & np.isfinite(ends[1])
+            rise = np.where(is_crossed, ends[1] - ends[0], 1.0)
+            share[number] = np.where(is_crossed, np.clip((value - ends[0]) / rise, 0.0, BEFORE_END), 1.0)
+        for number in np.argsort(share, axis=0):
+            part = np.take_along_axis(share, number[None], axis=0)[0]
+            light, some = np.zeros((len(part), 4)), np.flatnonzero(part < 1)
+            at = places[:, some] + half[:, some] * (2 * part[some] - 1)
+            light[some] = matter[number[some]] * self.kept(at)[:, None]
+            if self.light_by is not None:
+                factor, highlight = self._shade(at, self.field(at)[1] * self.iso_lit, toward[some])
+                light[some, :3] = light[some, :3] * factor[:, None] + light[some, 3:] * highlight[:, None]
+            yield part, light
 
     def _shade(self, places: np.ndarray, normal: np.ndarray, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [P] and highlights [P] of surfaces with normals [P, 3]."""
@@ -263,8 +292,12 @@ def field_integral(
     shading = transfer.shading and BLENDS[blend].ordered
     marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
     gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
-    strength = (look or Settings()).mip_attenuation
+    strength, levels = (
+        (look or Settings()).mip_attenuation,
+        (surface_levels(transfer, post.span), transfer.surface_matter()),
+    )
     marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span, mip_attenuation=strength)
+    marched = replace(marched, surfaces=levels)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
@@ -297,11 +330,12 @@ def kept_field_integral(
     resolved = Resolved.of(clip_behind_eye(splats, camera), camera, settings)
     look = resolved.look
     cues = resolved.cues
-    light, shines = (look.light, look.light.within(camera)) if look.shading or cues else (None, None)
+    light, shines = (look.light, look.light.within(camera)) if look.shading or look.iso_lit or cues else (None, None)
     size = splats.grid.mean_spacing
     marched = Marched(field, post.transfer, free, size, splats.unit, light, shines, cues, look.shading)
-    marched = replace(marched, mask=resolved.mask, span=post.span, classified=post.integral)
-    marched = replace(marched, mip_attenuation=settings.mip_attenuation)
+    levels = surface_levels(post.transfer, post.span), post.surfaces[1]
+    marched = replace(marched, mask=resolved.mask, span=post.span, classified=post.integral, surfaces=levels)
+    marched = replace(marched, mip_attenuation=settings.mip_attenuation, iso_lit=look.iso_lit)
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)
@@ -365,10 +399,18 @@ def _march(sums: bool, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
             face = np.where(near[:, None], face[on[some]], 0.0)
         half = rays.direction[:, on[some]] * (step[on[some]] / 2)
         matter = marched.light(places[:, some], half, rays.toward[on[some]], face)
-        through = matter[:, 3] * length[on[some]]
-        passed = through if sums else np.exp(-depth[on[some]]) * -np.expm1(-through)
-        light[on[some]] += passed[:, None] * matter[:, :3]
-        depth[on[some]] += through
+        through, before = matter[:, 3] * length[on[some]], np.zeros(len(some))
+
+        def add(color: np.ndarray, through: np.ndarray, some: np.ndarray) -> None:
+            passed = through if sums else np.exp(-depth[some]) * -np.expm1(-through)
+            light[some] += passed[:, None] * color
+            depth[some] += through
+
+        for share, surface in marched.crossed(places[:, some], half, rays.toward[on[some]]):
+            add(matter[:, :3], through * (share - before), on[some])
+            add(surface[:, :3] / np.where(surface[:, 3:] > 0, surface[:, 3:], 1.0), surface[:, 3], on[some])
+            before = share
+        add(matter[:, :3], through * (1 - before), on[some])
         slab[on] += np.maximum(np.ceil((free.astype(np.int64) - 1) / step[on]), 1).astype(np.int64)
         on = on[(slab[on] < slabs[on]) & (sums | (depth[on] < OPAQUE))]
     return np.column_stack([light, depth if sums else -np.expm1(-depth)])

@@ -16,6 +16,7 @@ from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.culling import Window
 from splatgl.splat.grid import Grid, trilinear
+from splatgl.splat.iso import crossed_depth
 from splatgl.splat.kernels import kernel
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.preintegration import ClassIntegral
@@ -257,6 +258,10 @@ class _Ray:
             extinction[inside] = look.extinction(look.opacity(first), unit)
         else:
             extinction[inside] = ClassIntegral.of(look, low, high, LEAST_CELLS).mean(first, last)[:, 3] / unit
+        if look.iso:
+            levels = np.array([surface.value for surface in look.iso])
+            crossed = crossed_depth(levels, look.surface_matter()[:, 3], first, last)
+            extinction[inside] += crossed / np.diff(ends)[inside]
         return value, extinction, inside
 
     def attenuated(self, values: np.ndarray, lengths: np.ndarray, strength: float) -> np.ndarray:

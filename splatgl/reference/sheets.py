@@ -18,6 +18,7 @@ from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE
 from splatgl.splat.culling import Window
+from splatgl.splat.iso import THIN, spline_crossings
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import Light, apply_light, surface_light
 from splatgl.splat.mask_field import MaskField, clip_to_mask, face_share
@@ -62,6 +63,7 @@ class SheetField:
     near: int = 0
     # of an attenuated maximum, per reference length
     mip_attenuation: float = 0.0
+    iso_lit: bool = False
 
     @classmethod
     def of(cls, splats: Splats, resolved: Resolved, view: GridView, near: int = 0) -> SheetField:
@@ -71,7 +73,7 @@ class SheetField:
         shines = look.light.within(resolved.camera)
         lit, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
         field = cls(look.blend, splats.post, view, *lit, size, splats.unit, look.light, shines, cues, resolved.mask)
-        return replace(field, near=near, mip_attenuation=resolved.mip_attenuation)
+        return replace(field, near=near, mip_attenuation=resolved.mip_attenuation, iso_lit=look.iso_lit)
 
     def composite(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""
@@ -86,12 +88,14 @@ class SheetField:
                 self._join(light, part)
                 continue
             place = part.number - part.number[0]
-            matter = np.zeros((len(light), int(place[-1]) + 1, 4))
-            matter[part.pixel, place] = self.matter(part, rays)
+            matter = np.zeros((len(light), int(place[-1]) + 1, 2, 4))
+            matter[part.pixel, place, 0] = self.matter(part, rays)
+            if part.behind is not None:
+                matter[part.pixel, place, 1] = self.surface_matter(part, rays)
             if self.blend.unbounded:
-                light += matter.sum(axis=1)
+                light += matter.sum(axis=(1, 2))
             else:
-                light += (1 - light[:, 3:]) * composite_sums(matter)
+                light += (1 - light[:, 3:]) * composite_sums(matter.reshape(len(light), -1, 4))
         if not self.blend.one_value:
             return light
         return self.shown(light)
@@ -121,14 +125,14 @@ class SheetField:
     def parts(
         self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets, is_visible: Callable[[], np.ndarray]
     ) -> Iterator[Part]:
-        """Yields the matter around all sheets within the volume's box, in `steps` parts each, nearest first, about
+        """Yields the matter around all sheets within the volume's box, in `segments` parts each, nearest first, about
         PAIRS parts of rays at a time. is_visible: returns in which pixels further matter is visible.
         """
         near, far = self.places(rays, rays.near, sheets), self.places(rays, rays.far, sheets)
         entry = near if rays.entry is None else self.places(rays, rays.entry, sheets)
         stretch = rays.stretch * sheets.thickness
         padded = np.pad(self.center(sums, rays, first, sheets), ((0, 0), (2, 2), (0, 0)))
-        along, steps, mass = rays.toward * stretch[:, None], sheets.steps, padded[..., 0] > 0
+        along, steps, mass = rays.toward * stretch[:, None], self.segments(sheets), padded[..., 0] > 0
         has_mass = mass[:, :-2] | mass[:, 1:-1] | mass[:, 2:]
         together = max(PAIRS // (max(len(sums), 1) * steps), 1)
         for start in range(0, has_mass.shape[1], together):
@@ -145,8 +149,11 @@ class SheetField:
             # the part within the box
             low, high = (np.clip(end[some] - begin, 0.0, 1.0) for end in (near, far))
             face = entry[some] - begin + FACE / sheets.thickness
-            ends = [np.clip((step + end) / steps, low, high) for end in (0, 1)]
+            ends, surface = self._segment(around, step, (low, high), sheets)
+            last_end = ends[1]
             ends = self._clip_to_mask(ends, begin, some, rays, sheets)
+            if surface is not None:
+                surface[ends[1] < last_end] = -1
             middle = (ends[0] + ends[1]) / 2
             has = between_sheets(around, middle)[:, 0] >= LEAST_MASS
             ends[1] = np.where(has, ends[1], ends[0])
@@ -155,7 +162,39 @@ class SheetField:
             first_, mean, last = (means_of(between_sheets(around, at)) for at in (ends[0], middle, ends[1]))
             distance = (begin + middle) * sheets.thickness
             place, between = number + start * steps, (ends[0], ends[1])
-            yield Part(some, place, begin, between, first_, mean, last, stretch[some], faced, distance)
+            part = Part(some, place, begin, between, first_, mean, last, stretch[some], faced, distance)
+            if surface is None:
+                yield part
+                continue
+            sums = between_sheets(around, last_end)
+            surface[sums[:, 0] < LEAST_MASS] = -1
+            yield replace(part, behind=Crossed(surface, means_of(sums)[:, 1:], (begin + last_end) * sheets.thickness))
+
+    def segments(self, sheets: Sheets) -> int:
+        """Number of parts of the matter around a sheet: they end at surfaces, too."""
+        return sheets.steps + 2 * len(self.post.transfer.iso)
+
+    def _segment(
+        self, around: np.ndarray, step: np.ndarray, limits: tuple[np.ndarray, np.ndarray], sheets: Sheets
+    ) -> tuple[list[np.ndarray], np.ndarray | None]:
+        """Ends [P], twice, of segments number `step` [P] of sheets, and the surfaces [P] at their ends, or −1; None
+        without iso-surfaces. limits: of the ray around the sheets.
+        """
+        (low, high), steps = limits, sheets.steps
+        if not self.post.transfer.iso:
+            return [np.clip((step + end) / steps, low, high) for end in (0, 1)], None
+        levels = self.post.surfaces[0]
+        crossed = np.concatenate([spline_crossings(around[..., 1] - level * around[..., 0]) for level in levels])
+        # a sheet has its end as far as the ray goes on
+        crossed[(crossed < low) | (crossed >= np.where(high >= 1, 2.0, high))] = np.inf
+        borders = np.clip((np.arange(steps)[:, None] + 1) / steps, low, high)
+        ends = np.concatenate([crossed, borders])
+        order = np.argsort(ends, axis=0, kind="stable")
+        # zero-length segments behind the last border, in place of crossings that there are not
+        ends = np.minimum(np.concatenate([low[None], np.take_along_axis(ends, order, axis=0)]), high)
+        number, all_rows = order[step, np.arange(len(step))], np.arange(len(step))
+        is_crossed = (number < len(crossed)) & np.isfinite(np.concatenate([crossed, borders])[number, all_rows])
+        return [ends[step + n, all_rows] for n in (0, 1)], np.where(is_crossed, number // 2, -1)
 
     def center(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, sheets, 6]: sums [P, sheets, 5] normalised to the mass of constant matter, with values moved along their
@@ -214,6 +253,16 @@ class SheetField:
             matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
         return matter
 
+    def surface_matter(self, part: Part, rays: Rays) -> np.ndarray:
+        """[P, 4]: emission and optical depth of the iso-surfaces at the ends of a part; 0 without one."""
+        crossed = part.behind
+        assert crossed is not None
+        matter = self.post.surfaces[1][crossed.surface] * (crossed.surface >= 0)[:, None]
+        at_end = replace(part, middle=crossed.distance)
+        factor, highlight = self._surface(at_end, crossed.gradient * self.iso_lit, rays)
+        matter[:, :3] = matter[:, :3] * factor[:, None] + matter[:, 3:] * highlight[:, None]
+        return matter
+
     def shade_part(self, part: Part, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Factors of colours [P] and highlights [P] of a part, by its gradients, the mask's face, and the clip plane's
         face.
@@ -248,13 +297,24 @@ class SheetField:
 
 
 @dataclass(frozen=True, eq=False)
+class Crossed:
+    """Iso-surfaces at the ends of parts of rays. surface [P]: numbers, −1: none. gradient [P, 3]: there. distance [P]:
+    theirs, index units, measured as for sheets.
+    """
+
+    surface: np.ndarray
+    gradient: np.ndarray
+    distance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """Parts of the matter around sheets, of pixels [P], of several sheets in their order. number [P]: of the part among
     all of its ray, from 0. ends: its start and end, in sheets, counted from `sheet` [P].
 
     begin, mean, end [P, 4]: values and gradients at its start, middle and end. stretch [P]: mean spacings per sheet.
     faced [P]: share within the face of a clip plane. middle [P]: distance of its middle, index units, measured as for
-    sheets.
+    sheets. behind: surfaces at its end; None without iso-surfaces.
     """
 
     pixel: np.ndarray
@@ -267,6 +327,7 @@ class Part:
     stretch: np.ndarray
     faced: np.ndarray
     middle: np.ndarray
+    behind: Crossed | None = None
 
     @property
     def gradient(self) -> np.ndarray:
@@ -418,13 +479,18 @@ class SheetScene:
             sums = sums if near is None else sums * self._within(rays)[..., None]
             return Pieces(self._depths(rays, middle + np.array([-0.5, 0.5])), sums)
         all_pixels = np.ones(len(sums), bool)
-        number = (self.many + 2) * self.sheets.steps
-        # one piece for each part, also where there is no value
-        ends = np.tile(self.first - 1.5 + np.arange(number)[:, None] / self.sheets.steps, (len(sums), 1, 2))
-        matter = np.zeros((len(sums), number, 4))
+        steps, both = self.field.segments(self.sheets), 1 + bool(self.field.post.transfer.iso)
+        number = (self.many + 2) * steps
+        # one piece for each part, also where there is no value, and for the surface behind it
+        ends = np.tile(self.first - 1.5 + np.arange(number).repeat(both)[:, None] / steps, (len(sums), 1, 2))
+        matter = np.zeros((len(sums), number * both, 4))
         for part in self.field.parts(sums, rays, self.first, self.sheets, lambda: all_pixels):
-            ends[part.pixel, part.number] = part.sheet[:, None] + np.stack(part.ends, axis=1)
-            matter[part.pixel, part.number] = self.field.matter(part, rays)
+            ends[part.pixel, part.number * both] = part.sheet[:, None] + np.stack(part.ends, axis=1)
+            matter[part.pixel, part.number * both] = self.field.matter(part, rays)
+            if part.behind is not None:
+                at = part.behind.distance[:, None] / self.sheets.thickness + np.array([0.0, THIN])
+                ends[part.pixel, part.number * both + 1] = at
+                matter[part.pixel, part.number * both + 1] = self.field.surface_matter(part, rays)
         return Pieces(self._depths(rays, ends), matter)
 
     def _rays(self, window: Window, near: np.ndarray | None, far: np.ndarray | None) -> Rays:

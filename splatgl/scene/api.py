@@ -93,7 +93,7 @@ def render(
     transfer: a Transfer, the name of a preset or of a file, or the fields of a Transfer.
     options: those of the command line by their names, of the view (view, azimuth, elevation, zoom, fov, size, eye,
     look_at, up, orthographic, height, dpi, width), unless there is a camera, and of the settings (blend, antialias,
-    background, like, …); preset, points, curve, colormap, colors, window, level_width, log; color_of and window_of
+    background, like, …); preset, points, curve, colormap, colors, window, level_width, log, iso; color_of and window_of
     ({"DAPI": "blue"}), only_labels ([3, 7] or {3: 0.5}); layers (volumes, arrays, Layers or files, one or several)
     and labels (a segmentation); vectors ("magnitude", "direction"), streamlines, arrows (their number, or True);
     surfaces (smoothing of segmentations, or True); clip (a condition or plane, or several), crop, mask (anything

@@ -185,6 +185,10 @@ class OpenScene:
             return expected(file.volume, "layers with an opacity", "none", "set the points to the values that matter")
         if self.volume.share_missing() == 1:
             return expected(file.volume, "finite samples", "none")
+        if self.transfer.iso and not any(opacity for _, opacity in self.transfer.points):
+            values = ", ".join(f"{surface.value:g}" for surface in self.transfer.iso)
+            this, fix = "a value that the field passes", "splatgl info lists its values"
+            return expected(f"{file.volume}: iso", this, values, fix)
         this = f"voxels with an opacity above the threshold {file.threshold:g}"
         clip = "clip or crop less, " if file.settings.clip or file.clip or file.crop else ""
         fix = f"{clip}lower --threshold, or set --points to the values that matter"
@@ -312,6 +316,8 @@ def channel_layers(
             raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
         uncut = file.uncut or None
         return [Layer(volume, transfer, 1.0, file.visible, file.threshold, planes, uncut=uncut)]
+    if file.transfer.get("iso"):
+        raise expected("iso", "one channel", len(volume.channels), "--channel picks one")
     if volume.points is not None:
         transfers = [transfer] * len(volume.channels)
     elif all(channel.labels for channel in volume.channels) and not (colors or windows):

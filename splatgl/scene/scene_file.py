@@ -588,6 +588,9 @@ class SceneFile:
             low, high = base.color_range
             base = replace(base, window=(low, high) if low < high else None)
         keys = read_nodes(keys, volume, base.scale)
+        if keys.get("iso") and not (name or "points" in keys):
+            # only the surfaces are drawn, as by other programs
+            base = replace(base, points=[(value, 0.0) for value, _ in base.points], shading=True)
         # a surface has the light part of a map over its default window, and the whole map over other windows
         colors = base_name(base.colormap) if "window" in keys else base.colormap
         return replace(base, **{"colormap": colors, **keys})

@@ -19,7 +19,7 @@ from splatgl.splat.transfer_nodes import color_map, curve_of, read_color_points
 # keys of a transfer function for channels: pairs of a channel and a colour, or a window
 CHANNEL_KEYS = ("color_of", "window_of")
 # keys of a transfer function that labels do not have
-AMOUNT_KEYS = frozenset(("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient"))
+AMOUNT_KEYS = frozenset(("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient", "iso"))
 # keys that options replace
 REPLACES: dict[str, tuple[str, ...]] = {
     **{"curve": ("points",), "points": ("curve",), "colormap": ("colors",)},

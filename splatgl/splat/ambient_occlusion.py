@@ -22,6 +22,7 @@ import numpy as np
 
 from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.grid import Grid, corners_of, trilinear
+from splatgl.splat.iso import crossed_depth
 from splatgl.splat.preintegration import CELLS
 from splatgl.splat.splats import Same, Splats, in_parts
 
@@ -144,7 +145,11 @@ def voxel_depths(splats: Splats, part: slice) -> np.ndarray:
         weight = post.transfer.weight(size * post.span / splats.grid.mean_spacing)
         with np.errstate(divide="ignore"):
             extinction = np.where(weight < 1, -np.log1p(np.expm1(-extinction) * weight), extinction)
-    return np.asarray(extinction * (splats.grid.mean_spacing / splats.unit))
+    depth = extinction * (splats.grid.mean_spacing / splats.unit)
+    if post.transfer.iso:
+        levels, matter = post.surfaces
+        depth += crossed_depth(levels, matter[:, 3], value - size / 2, value + size / 2)
+    return np.asarray(depth)
 
 
 # in cells: reach of the sky's rays; distances at which rays towards the sky and the light begin; distance before a

@@ -144,6 +144,7 @@ def extract(
     if not 1 / MOST_UNIT <= unit / spacing <= MOST_UNIT:
         raise expected("unit", f"a length within {MOST_UNIT:g} of the spacing, {spacing:g}", f"{unit:g}")
     why = why_only_pre(volume, transfer, threshold)
+    _check_iso(volume, transfer, why or ("classification pre" if classification == "pre" else None))
     if classification == "auto" and not why:
         return _extract_visible(volume, transfer, threshold, slab, progress, kernel)
     if classification in ("auto", "pre"):
@@ -176,6 +177,7 @@ def _extract_visible(
     splats = _extract_values(volume, post, slab, progress, hidden)
     many = len(splats) + (hidden.count if hidden else 0) > MOST_KEPT
     if many and len(splats) > MOST_KEPT:
+        _check_iso(volume, transfer, f"more than {MOST_KEPT:,} values")
         splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress)
     return replace(splats, frame=volume.frame, source=Source(volume, transfer, threshold, slab, many))
 
@@ -198,6 +200,14 @@ def _extract_values(
 def _planes(volume: Volume, slab: int | None) -> int:
     """Planes to read at a time."""
     return slab or max(1, SLAB_VOXELS // (volume.shape[1] * volume.shape[2]))
+
+
+def _check_iso(volume: Volume, transfer: Transfer, why: str | None) -> None:
+    """Raises InputError for iso-surfaces of voxels that are classified before reconstruction, for a reason `why`."""
+    if transfer.iso and why:
+        raise expected(
+            f"iso of {volume.name or 'a volume'}", "values, whose field is reconstructed, then classified", why
+        )
 
 
 def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:

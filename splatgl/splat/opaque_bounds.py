@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.data.volume import Slab, Volume
 from splatgl.splat.extract import Lookup
-from splatgl.splat.grid import Grid
+from splatgl.splat.grid import Grid, dilate
 from splatgl.splat.preintegration import opaque_intervals
 from splatgl.splat.splats import Splats, assemble, record_type
 from splatgl.splat.transfer import Transfer
@@ -62,7 +62,7 @@ class Opaque:
         if volume.samples.dtype.kind == "f":
             keeps = partial(_is_within, opaque_intervals(self.transfer))
         _, height, width = volume.shape
-        slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=0)
+        slabs = volume.slabs(max(1, SLAB_VOXELS // (height * width)), halo=int(bool(self.transfer.iso)))
         ends = np.concatenate([_row_ends(slab, self._opaque(slab, keeps)) for slab in slabs])
         if not len(ends):
             return None
@@ -72,8 +72,12 @@ class Opaque:
         return assemble(records, ends, grid, grid.mean_spacing, volume.name)
 
     def _opaque(self, slab: Slab, keeps: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """bool: which samples of a slab are opaque and unmasked."""
-        opaque, volume = keeps(np.ascontiguousarray(slab.samples)), self.volume
+        """bool: which samples of a slab, without its halo, are opaque or beside an iso-surface, and unmasked."""
+        samples, volume = np.ascontiguousarray(slab.samples), self.volume
+        inner = slice(slab.before, slab.before + slab.stop - slab.start)
+        opaque = keeps(samples[inner])
+        for surface in self.transfer.iso:
+            opaque = opaque | _is_beside(surface.value, samples)[inner]
         if volume.masks:
             opaque = opaque & volume.kept((slab.start, 0, 0), (slab.stop, *volume.shape[1:]))
         return opaque
@@ -86,6 +90,11 @@ def _is_within(intervals: np.ndarray, samples: np.ndarray) -> np.ndarray:
     for low, high in np.clip(intervals, -most, most).tolist():
         inside |= (samples >= low) & (samples <= high)
     return inside
+
+
+def _is_beside(value: float, samples: np.ndarray) -> np.ndarray:
+    """bool: which samples have a neighbour on the other side of a value."""
+    return np.asarray(dilate(samples > value) & dilate(samples <= value))
 
 
 def _row_ends(slab: Slab, opaque: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from splatgl.splat.grid import distinct
+from splatgl.splat.iso import ABOVE
 from splatgl.splat.transfer import OPAQUE, Transfer
 
 # largest value of a running integral in whole numbers: differences fit into 32 bits with a sign
@@ -161,7 +162,7 @@ class ValueClassifier:
         """Classifier with record values relative to the range over which the transfer function varies."""
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0) * 1e-3
-        kept = np.array([[-np.inf, np.inf]]) if every else opaque_intervals(transfer)
+        kept = np.array([[-np.inf, np.inf]]) if every else wanted_intervals(transfer, span)
         return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.gradient)
 
     @property
@@ -197,7 +198,7 @@ class ValueClassifier:
         resolved = furthest <= FURTHEST and high - low >= RESOLVED * furthest
         starts, ends = self.kept.T
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
-        covered = ((starts - slack <= a) & (b <= ends + slack) for a, b in opaque_intervals(transfer))
+        covered = ((starts - slack <= a) & (b <= ends + slack) for a, b in wanted_intervals(transfer, self.span))
         resolved &= not self.hollow and self.faced != bool(transfer.gradient)
         return resolved and all(interval.any() for interval in covered)
 
@@ -213,6 +214,12 @@ class ValueClassifier:
         `nearest_transparent`.
         """
         return nearest_transparent((opaque_intervals(self.transfer) - self.low) / self.span, u)
+
+    @cached_property
+    def surfaces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Record values [n], ascending, of the iso-surfaces; their emission and optical depth [n, 4]."""
+        levels = surface_levels(self.transfer, self.span)
+        return (levels - self.low) / self.span, self.transfer.surface_matter()
 
     @cached_property
     def range(self) -> tuple[float, float]:
@@ -276,9 +283,21 @@ class ValueClassifier:
 
 
 def active_range(transfer: Transfer) -> tuple[float, float]:
-    """Range of values over which opacity or colour varies."""
+    """Range of values over which opacity or colour varies, and iso-surfaces lie."""
     ends = [transfer.points[0][0], transfer.points[-1][0], *(transfer.window or ())]
+    ends += [surface.value for surface in transfer.iso]
     return float(min(ends)), float(max(ends))
+
+
+def surface_levels(transfer: Transfer, span: float) -> np.ndarray:
+    """Values [n] above which the field is inside the iso-surfaces. span: range of values of the transfer function."""
+    return np.array([surface.value for surface in transfer.iso], np.float64) + ABOVE * span
+
+
+def wanted_intervals(transfer: Transfer, span: float) -> np.ndarray:
+    """[n, 2]: closed intervals of the values with non-zero opacity or an iso-surface. span: as of `surface_levels`."""
+    levels = surface_levels(transfer, span)
+    return np.concatenate([opaque_intervals(transfer), np.stack([levels, levels], axis=1)])
 
 
 def opaque_intervals(transfer: Transfer) -> np.ndarray:

@@ -53,7 +53,8 @@ class Appearance:
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
     once; 0: splats are classified before reconstruction. weighted: whether gradients weigh opacities of steps.
-    clipped, masked: whether planes or a mask clip rays. light: of shaded splats. sky, shadows: whether matter occludes
+    clipped, masked: whether planes or a mask clip rays. iso: whether there are iso-surfaces,
+    and iso_lit: lit ones. light: of shaded splats. sky, shadows: whether matter occludes
     ambient and direct light.
     """
 
@@ -65,6 +66,8 @@ class Appearance:
     weighted: bool = False
     clipped: bool = False
     masked: bool = False
+    iso: bool = False
+    iso_lit: bool = False
     light: Light = LIGHTS["head"]
     sky: bool = False
     shadows: bool = False
@@ -147,6 +150,8 @@ class Resolved:
             weighted=splats.post is not None and bool(splats.post.transfer.gradient) and not blend.one_value,
             clipped=clip is not None,
             masked=mask is not None,
+            iso=(has_iso := splats.post is not None and bool(splats.post.transfer.iso)),
+            iso_lit=has_iso and settings.shading != "off",
             light=light,
             sky=cues is not None and cues.occlusion > 0,
             shadows=cues is not None and cues.light is not None,
@@ -237,6 +242,8 @@ def _check_classification(splats: Splats, settings: Settings, moving: bool) -> N
         raise InputError(
             "streaks take splats that are classified before reconstruction: extract them so, or use motion auto"
         )
+    if post and post.transfer.iso and not blend.ordered:
+        raise expected("blend", "composite, as there are iso-surfaces", blend.name)
     if post and blend.one_value and settings.shading == "on":
         raise expected("shading", f"auto or off, as {blend.name} shows values, not surfaces", "on")
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table, parse_table, toml_value, write_file
 from splatgl.options import (
@@ -25,6 +26,7 @@ from splatgl.options import (
     refuse_unknown,
 )
 from splatgl.splat.colormaps import check_labels, colormap, interpolate_map, label_color, label_opacity
+from splatgl.splat.iso import FORM, Iso, check_iso, read_iso
 
 # sequences of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
@@ -79,6 +81,7 @@ class Transfer:
     weights in [0, 1]; none means no influence. colormap spans `window` (None: first to last point).
     labels: (number, "#rrggbb", opacity) of each visible label, for samples that number segments; other numbers are
     clear. Points and colormap are then ignored.
+    iso: surfaces where the field passes a value, each (value, "#rrggbb" or "", opacity), see `Iso`.
     scale: "linear" or "log", whether opacity and colour are linear in values or in their logarithms; points and window
     of "log" are above 0. Lists are accepted too. Raises InputError for invalid values.
 
@@ -124,6 +127,13 @@ class Transfer:
         flag="--log",
         bare="log",
     )
+    iso: Sequence[Iso] = _option(
+        (),
+        Kind(f"{FORM}, or several", check_iso, read_iso, FORM, hint="float | str | Sequence[Any]"),
+        "draw the surface at a value. Without --points or --preset only surfaces; repeatable",
+        level="basic",
+        repeat=True,
+    )
 
     def __post_init__(self) -> None:
         check_options(self, "transfer ")
@@ -163,7 +173,20 @@ class Transfer:
             return self
         points = tuple((value, opacity * factor) for value, opacity in self.points)
         labels = tuple((number, color, opacity * factor) for number, color, opacity in self.labels)
-        return replace(self, points=points, labels=labels)
+        iso = tuple(surface._replace(opacity=surface.opacity * factor) for surface in self.iso)
+        return replace(self, points=points, labels=labels, iso=iso)
+
+    def surface_matter(self) -> np.ndarray:
+        """[n, 4]: emission and optical depth of the iso-surfaces."""
+        opacity = np.array([surface.opacity for surface in self.iso])
+        colors = [
+            linear_from_srgb(np.array(srgb_of_name(surface.color)) / 255)
+            if surface.color
+            else self.color(surface.value)
+            for surface in self.iso
+        ]
+        depth = self.extinction(opacity, 1.0)[:, None]
+        return np.concatenate([np.reshape(colors, (-1, 3)) * depth, depth], axis=1)
 
     def opacity(self, values: ArrayLike) -> np.ndarray:
         """F's value part, float64, the shape of values: opacity per `unit`; 0 where a value is not finite."""

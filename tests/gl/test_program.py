@@ -133,7 +133,7 @@ def covering(keys: set[tuple[object, ...]]) -> set[tuple[object, ...]]:
 STAGES: dict[str, tuple[str, dict[str, str | int]]] = {
     **{
         name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1, "SHADING": 1})
-        for name in ("WEIGHTED", "CLIPPED", "MASKED")
+        for name in ("WEIGHTED", "CLIPPED", "MASKED", "ISO")
     },
     **{name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1}) for name in ("LIGHT", "SKY", "SHADOWS")},
     "PACKED": ("tile_place.frag", {"SHEETS": 2, "STEPS": 1}),

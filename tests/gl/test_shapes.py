@@ -110,6 +110,7 @@ KINDS: dict[str, Callable[[], Draw]] = {
     "fine": lambda: values(tolerance=1e-6),
     **{blend: lambda blend=blend: values(blend=blend) for blend in BLENDS if blend != "composite"},  # type: ignore[misc]
     "light": lambda: values(light="glossy"),
+    "iso-surfaces": lambda: values(transfer=sg.Transfer(RAMP.points, iso=[(0.5, "red", 0.5), (0.7, "", 0.4)])),
     "cues": lambda: values(ambient_occlusion=0.6, shadows=0.7),
     "clip": lambda: values(clip=((0.3, 0.9, 0.2, 7.0),)),
     "mask": masked,

@@ -1,0 +1,233 @@
+"""Iso-surfaces: closed forms of a ball whose values fall along its radius; every technique and float64 agree."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+import splatgl as sg
+from splatgl.gl.shader import compose
+from splatgl.reference.depth_map import depths
+from splatgl.reference.field import field_integral
+from splatgl.reference.pick import pick
+from splatgl.splat.iso import spline_crossings
+
+SIZE, CENTER, RADIUS = 26, np.array([12.7, 12.4, 12.2]), 8.0
+CLEAR = [(0.0, 0.0), (20.0, 0.0)]
+EXACT = sg.Settings(antialias="off", tolerance=1e-3)
+# techniques, and the shape of compute shaders
+WAYS = (("quads", "processor"), ("tiles", "processor"), ("tiles", "card"))
+
+
+def ball(size: int = SIZE) -> sg.Volume:
+    """Values that are 20 less the distance from the centre."""
+    z, y, x = np.indices((size,) * 3)
+    return sg.Volume((20 - np.linalg.norm(np.stack([x, y, z], axis=-1) - CENTER, axis=-1)).astype(np.float32))
+
+
+def surface(*iso: Any, points: Any = CLEAR, **more: Any) -> sg.Transfer:
+    return sg.Transfer(points, iso=iso or [(20 - RADIUS, "white", 1.0)], window=(0, 20), **more)
+
+
+def parallel(size: int = 64, height: float = 22.0, away: tuple[float, float, float] = (0.4, -1.0, 0.3)) -> sg.Camera:
+    toward = np.array(away) / np.linalg.norm(away)
+    return sg.Camera.orthographic(CENTER + 40 * toward, CENTER, (0, 0, 1), height=height, size=(size, size))
+
+
+def distance_of(camera: sg.Camera) -> np.ndarray:
+    """Distances [H, W] of parallel rays from the ball's centre."""
+    across, down = camera.slopes()
+    x, y, _ = camera.eye_from_points(CENTER[None])[0]
+    return np.asarray(np.hypot(across - x, (down - y)[:, None]))
+
+
+@pytest.fixture
+def draw(renderer: sg.Renderer, card: sg.Renderer) -> Any:
+    def pixels(way: tuple[str, str], subject: Any, camera: sg.Camera, settings: sg.Settings = EXACT) -> np.ndarray:
+        on = card if way[1] == "card" else renderer
+        return on.render(subject, camera, settings.but(technique=way[0])).pixels
+
+    return pixels
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_ball_has_its_radius_and_light(draw: Any, way: tuple[str, str]) -> None:
+    """Its silhouette to a fiftieth of a pixel, its light to the gradients' accuracy."""
+    camera, splats = parallel(), sg.extract(ball(), surface())
+    pixels = draw(way, splats, camera, sg.Settings(tolerance=1e-3))
+    pitch = 22.0 / 64
+    radius = np.sqrt(pixels[..., 3].sum() / np.pi)
+    assert radius * pitch == pytest.approx(RADIUS, abs=pitch / 50)
+    apart = distance_of(camera)
+    inside = apart < RADIUS - 1
+    cosine = np.sqrt(1 - (apart[inside] / RADIUS) ** 2)
+    assert np.abs(draw(way, splats, camera)[inside, 1] - (0.3 + 0.7 * cosine)).max() < 5e-3
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_half_transparent_surface_is_crossed_exactly_twice(draw: Any, way: tuple[str, str]) -> None:
+    """Wherever sheets end, from eyes all around."""
+    splats = sg.extract(ball(), surface((20 - RADIUS, "red", 0.5)))
+    for away, perspective in itertools.product([(0.4, -1.0, 0.3), (1.0, 0.02, 0.01)], (False, True)):
+        camera = parallel(away=away)
+        inside = distance_of(camera) < RADIUS - 0.3
+        if perspective:
+            toward = np.array(away) / np.linalg.norm(away)
+            camera = sg.Camera.look_at(CENTER + 30 * toward, CENTER, (0, 0, 1), fov=40, size=(64, 64))
+            inside &= distance_of(parallel(away=away, height=24.0)) < RADIUS - 0.8
+        alpha = draw(way, splats, camera)[..., 3]
+        assert np.abs(alpha[inside] - 0.75).max() < 1e-5
+        assert set(np.round(alpha, 4).ravel()) <= {0.0, 0.75, 0.5}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_mesh_hides_what_lies_behind_it(draw: Any, way: tuple[str, str]) -> None:
+    """A plane leaves a cap of the ball before it, whose rim tells the depth of the surface."""
+    camera, height = parallel(away=(0.0, -1.0, 0.0)), 6.0
+    corners = np.array([(-30, 0, -30), (60, 0, -30), (60, 0, 60), (-30, 0, 60)], float)
+    corners[:, 1] = CENTER[1] - height
+    plane = sg.Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), color="#0000ff")
+    scene = sg.Scene([sg.Layer(ball(), surface((20 - RADIUS, "red", 1.0)))], meshes=[plane])
+    pixels = draw(way, scene, camera, sg.Settings(tolerance=1e-3, shading="off"))
+    radius = np.sqrt(pixels[..., 0].sum() / np.pi) * 22.0 / 64
+    assert radius == pytest.approx(np.sqrt(RADIUS**2 - height**2), abs=0.03)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_clip_plane_opens_it(draw: Any, way: tuple[str, str]) -> None:
+    """Where it is cut, a half-transparent surface is crossed once."""
+    camera = parallel(away=(0.0, -1.0, 0.0))
+    splats = sg.extract(ball(), surface((20 - RADIUS, "red", 0.5)))
+    pixels = draw(way, splats, camera, EXACT.but(clip=[(0, 1, 0, CENTER[1])]))
+    inside = distance_of(camera) < RADIUS - 0.3
+    assert np.abs(pixels[inside, 3] - 0.5).max() < 1e-5
+
+
+SUBJECTS = {
+    "surfaces": surface((12.0, "red", 0.4), (14.5, "#00ff00", 0.5), (9.0, "", 0.3)),
+    "with matter": surface((12.0, "red", 0.5), points=[(11.0, 0.0), (12.0, 0.0), (15.0, 0.4)]),
+    "unshaded matter": surface((12.0, "red", 0.5), points=[(8.0, 0.0), (15.0, 0.1)], shading=False),
+    "weighted": surface((12.0, "red", 0.5), points=[(8.0, 0.0), (15.0, 0.3)], gradient=[(0.0, 0.3), (1.2, 1.0)]),
+}
+CHANGES = {
+    "plain": {},
+    "light": {"light": "glossy", "ambient_occlusion": 0.5},
+    "flat": {"shading": "off", "steps": 1, "sheets": 2},
+    "clip": {"clip": [(0.2, 1.0, 0.1, 14.0)]},
+}
+
+
+@pytest.mark.few(5)
+@pytest.mark.parametrize(("kind", "change", "way"), list(itertools.product(SUBJECTS, CHANGES, WAYS)))
+def test_pictures_agree_with_float64(draw: Any, kind: str, change: str, way: tuple[str, str]) -> None:
+    settings, camera = EXACT.but(**CHANGES[change]), parallel(size=24)
+    splats = sg.extract(ball(), SUBJECTS[kind])
+    right = sg.reference.render(splats, camera, settings).pixels
+    off = np.abs(draw(way, splats, camera, settings) - right).max(axis=-1)
+    assert right[..., 3].max() > 0.5
+    # at a rim, float32 may find or miss a pair of crossings
+    assert np.sort(off.ravel())[-3] < 2e-4
+
+
+@pytest.mark.parametrize("kind", ["surfaces", "with matter"])
+def test_float64_agrees_with_the_field(kind: str) -> None:
+    """Marched in small steps, with no sheets."""
+    volume, camera = ball(), parallel(size=12)
+    sheets = sg.reference.render(sg.extract(volume, SUBJECTS[kind]), camera, EXACT).pixels
+    marched = field_integral(volume, SUBJECTS[kind], camera, steps_per_voxel=4).pixels
+    inside = distance_of(camera) < RADIUS - 2
+    assert np.abs(sheets - marched)[inside].max() < 4e-3
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("way", WAYS)
+def test_layers_composite_at_their_depth(draw: Any, way: tuple[str, str]) -> None:
+    """The surface of one layer within the fog of another, as in float64, and as one fog before and behind it."""
+    fog = sg.Volume(np.ones((SIZE,) * 3, np.float32))
+    layers = [sg.Layer(ball(), surface((12.0, "red", 0.5))), sg.Layer(fog, sg.Transfer([(0, 0.1), (1, 0.1)], "white"))]
+    scene, camera = sg.Scene(layers), parallel(size=20, away=(0.0, -1.0, 0.0))
+    settings = EXACT.but(shading="off", background=None)
+    drawn = draw(way, scene, camera, settings)
+    right = sg.reference.render(scene, camera, settings).pixels
+    assert np.abs(drawn - right).max() < 2e-3
+    apart = distance_of(camera)
+    inside = apart < RADIUS - 1
+    half = np.sqrt(RADIUS**2 - apart[inside] ** 2)
+    before = CENTER[1] - half + 0.5
+    assert np.abs(drawn[inside, 3] - (1 - 0.25 * 0.9**SIZE)).max() < 1e-3
+    # fog, surface, fog, surface, fog: what is red alone is light of the surfaces
+    red = 0.5 * 0.9**before + 0.25 * 0.9 ** (before + 2 * half)
+    assert np.abs((drawn[..., 0] - drawn[..., 1])[inside] - red).max() < 4e-3
+
+
+def test_depths_and_picks_lie_on_the_surface() -> None:
+    volume, camera = ball(), parallel(size=32)
+    apart = distance_of(camera)
+    inside = apart < RADIUS - 1
+    half = np.sqrt(RADIUS**2 - apart[inside] ** 2)
+    # a surface that absorbs more than half of the light; values are linear between samples: off by 1/3R
+    for opacity in (1.0, 0.6):
+        transfer = surface((12.0, "red", opacity))
+        off = np.abs(depths(volume, camera, 0.5, transfer=transfer)[inside] - (40 - half)) * half / RADIUS
+        assert off.max() < 0.33 / RADIUS
+    picked = pick(volume, camera, (16, 16), surface())
+    assert picked is not None
+    assert np.linalg.norm(np.array(picked.place) - CENTER) == pytest.approx(RADIUS, abs=0.05)
+
+
+def test_crossings_of_a_spline() -> None:
+    """Roots of the quadratic, where they are inside; as many as its signs tell."""
+    rng = np.random.default_rng(5)
+    q = rng.normal(size=(3, 4000))
+    u = np.linspace(0, 1, 2001)[:, None]
+    values = q[0] * (1 - u) ** 2 + 2 * q[1] * u * (1 - u) + q[2] * u**2
+    changes = (np.diff(values > 0, axis=0)).sum(axis=0)
+    first, second = spline_crossings(q)
+    found = np.isfinite(first).astype(int) + np.isfinite(second)
+    assert (found == changes).mean() > 0.998 and (found % 2 == changes % 2).all()
+    for place in (first, second):
+        some = np.isfinite(place)
+        at = place[some]
+        assert (at >= 0).all() and (at <= 1).all()
+        sums = q[0, some] * (1 - at) ** 2 + 2 * q[1, some] * at * (1 - at) + q[2, some] * at**2
+        assert np.abs(sums).max() < 1e-9
+    assert (first <= second).all()
+
+
+def test_nothing_is_compiled_without_surfaces() -> None:
+    """The switch is off unless a transfer function has surfaces, and its twin reads nothing."""
+    text = compose("sheet_close.frag", {"SHEETS": 2, "STEPS": 2}).source
+    assert "iso_value" not in text and "iso_value" in compose("sheet_close.frag", {"ISO": 1, "STEPS": 2}).source
+    volume = ball(12)
+    camera = parallel(size=8)
+    plain = sg.plan(sg.extract(volume, sg.Transfer([(8, 0), (15, 0.5)])), camera)
+    assert not plain.program.look.iso and sg.plan(sg.extract(volume, surface((15.0, "", 0.5))), camera).program.look.iso
+
+
+def test_few_voxels_are_kept() -> None:
+    """Of a surface alone, those beside it."""
+    assert len(sg.extract(ball(), surface())) < 0.4 * SIZE**3
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: surface("300:teal:2"), "iso: expected VALUE"),
+        (lambda: surface("300:nocolour"), "iso: expected VALUE"),
+        (lambda: surface(*range(9)), "iso: expected at most 8 surfaces"),
+        (lambda: surface(3.0, 3.0), "iso: expected surfaces of different values, got 3 twice"),
+        (lambda: sg.extract(ball(8), surface(), threshold=0.1), "got threshold"),
+        (lambda: sg.extract(ball(8), surface(), classification="pre"), "got classification pre"),
+        (
+            lambda: sg.plan(sg.extract(ball(), surface()), parallel(), sg.Settings(blend="mip")),
+            "blend: expected composite",
+        ),
+    ],
+)
+def test_what_has_no_surface_is_refused_in_a_line(make: Any, message: str) -> None:
+    with pytest.raises(sg.InputError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
