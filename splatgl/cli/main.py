@@ -190,6 +190,7 @@ COMMANDS = {
     "info": Command("describe a volume file", "info:add_info_parser", "SOURCE"),
     "presets": Command("list transfer functions, or draw a volume with each", "presets", "[SOURCE]"),
     "convert": Command("write a volume in another format", "convert", "SOURCE OUT"),
+    "surface": Command("write the surface at a value as a mesh", "surface", "SOURCE --iso VALUE -o OUT.stl"),
     "pyramid": Command("write a classified volume with coarser levels", "pyramid", "SOURCE -o DIR.zarr"),
     "pick": Command("print the value and position under a pixel", "pick", "SOURCE X,Y"),
     "doctor": Command("describe and check the OpenGL of this machine", "info:add_doctor_parser"),

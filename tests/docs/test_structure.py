@@ -51,6 +51,7 @@ SHORT_FILES = {
     "cli/animate.py": "cli/main.py: COMMANDS",
     "cli/figure.py": "cli/main.py: COMMANDS",
     "cli/info.py": "cli/main.py: COMMANDS",
+    "cli/surface.py": "cli/main.py: COMMANDS",
     "distributed/worker_preload.py": "Dask's option preload",
 }
 MAX_FUNCTION_LINES, MAX_PARAMETERS = 60, 7

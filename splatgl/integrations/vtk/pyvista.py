@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from splatgl.data.color import srgb_from_linear
+from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.integrations.vtk.image_data import image_data, import_pyvista, poly_data
@@ -18,6 +21,7 @@ from splatgl.splat.lighting import Light
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
+from splatgl.writers.surface import iso_mesh
 
 # default view of a scene, degrees
 AZIMUTH, ELEVATION = 30.0, 20.0
@@ -38,7 +42,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     for layer, layer_planes in zip(scene.shown, scene.planes, strict=True):
         planes = (*settings.clip, *layer_planes)
         plotter.add_actor(_volume(pyvista, layer, light, settings, planes), reset_camera=False)
-    for mesh in map(paint_vertices, scene.surfaces(settings)):
+    for mesh in map(paint_vertices, (*scene.surfaces(settings), *_iso_meshes(scene, settings))):
         color = srgb_from_linear(np.array(mesh.color)).tolist()
         look = {"scalars": "colors", "rgb": True} if mesh.colors is not None else {"color": color}
         shares = {"ambient": light.ambient, "diffuse": light.diffuse, "specular": light.specular}
@@ -48,6 +52,16 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
     plotter.camera = camera_of(camera, scene.corners)
     plotter.renderer.ResetCameraClippingRange()
     return plotter
+
+
+def _iso_meshes(scene: Scene, settings: Settings) -> Iterator[Mesh]:
+    """Iso-surfaces of the layers, in their colours and opacities, as meshes."""
+    for layer, planes in zip(scene.shown, scene.planes, strict=True):
+        look = layer.seen
+        for surface in look.iso:
+            mesh = iso_mesh(layer.volume, surface.value).cut((*settings.clip, *planes))
+            color = surface.color or tuple(map(float, look.color(surface.value)))
+            yield replace(mesh, color=color, opacity=surface.opacity)
 
 
 def camera_of(camera: Camera, corners: np.ndarray) -> Any:
