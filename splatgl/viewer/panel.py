@@ -140,6 +140,9 @@ class Panel:
             # a mesh alone has none
             if not is_mesh(edited.scene.volume) and imgui.collapsing_header(f"{title}###curve", opened):
                 state = self._look(state, document, edited)
+            is_amounts = not (state.style.base.labels or is_mesh(edited.scene.volume))
+            if is_amounts and imgui.collapsing_header("Iso-surfaces"):
+                state = self._iso(state, edited)
             for title, draw in SECTIONS.items():
                 if imgui.collapsing_header(title):
                     state = draw(state, document, self.widgets)
@@ -204,11 +207,19 @@ class Panel:
         """The opacity curve, its presets and colours."""
         stats, style = self.curve.statistics_of(layer.volume), state.style
         base = self.gallery.draw(style.stated, layer.volume, stats)
+        # a preset leaves the surfaces
+        base = base if base.iso == style.stated.iso else replace(base, iso=style.stated.iso)
         base = _colors(self.curve.draw(base, layer.volume), stats)
         low, high = transfer_editor.value_range(stats)
         base = self.shift.draw(base, high - low)
         base = _gradient(base, (high - low) / float(np.mean(layer.volume.spacing)) / transfer_editor.STEPS)
         return state if base == style.stated else state.edit(base=base, extinction=1.0)
+
+    def _iso(self, state: State, layer: LayerSplats) -> State:
+        """The surfaces at values; the curve stays as it is."""
+        base = state.style.base
+        edited = transfer_editor.draw_iso(base, *transfer_editor.value_range(self.curve.statistics_of(layer.volume)))
+        return state if edited is base else state.edit(base=edited)
 
     def _statistics(self, state: State, document: Document, frame: Frame | None) -> None:
         volume = document.pool.get(state.style.number, document.layers[0]).volume

@@ -1,4 +1,4 @@
-"""The curve of opacity over the histogram, and its edits by mouse."""
+"""The curve of opacity over the histogram, its edits by mouse, and the list of iso-surfaces."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import ArrayLike
 
+from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.data.volume import Volume
+from splatgl.splat.iso import MOST_ISO, Iso
 from splatgl.splat.presets import SURFACE
 from splatgl.splat.statistics import Statistics, statistics
 from splatgl.splat.transfer import Nodes, Transfer
 from splatgl.splat.transfer_nodes import SHAPES, shape_nodes, shape_of
 from splatgl.viewer.color_strip import ColorStrip
-from splatgl.viewer.panel_sections import label_left
+from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity
 from splatgl.viewer.preset_gallery import EDITED
 
 # opacities up to this take about as much of the axis as each decade above
@@ -294,3 +296,56 @@ def with_shape(transfer: Transfer, name: str, highest: float) -> Transfer:
         first = float(np.sqrt(first * last)) if transfer.logarithmic else first / 2 + last / 2
     opacity = max(share for _, share in transfer.points) or SURFACE
     return with_points(transfer, shape_nodes(name, (first, last), opacity, transfer.scale))
+
+
+# share of the panel's width that the value of a surface takes
+VALUE = 0.34
+# least distance of two surfaces, as a share of the range
+APART = 1e-4
+
+
+def draw_iso(transfer: Transfer, low: float, high: float) -> Transfer:
+    """The section's controls; returns the edited transfer function. low, high: range of the values."""
+    surfaces = list(transfer.iso)
+    for number in range(len(surfaces)):
+        imgui.push_id(f"iso {number}")
+        edited = _draw_surface(transfer, number, (low, high))
+        imgui.pop_id()
+        surfaces[number : number + 1] = [] if edited is None else [edited]
+        if edited is None:
+            break
+    imgui.begin_disabled(len(surfaces) >= MOST_ISO)
+    if imgui.button("add a surface"):
+        surfaces.append(Iso(_free_value([surface.value for surface in surfaces], low, high)))
+    imgui.end_disabled()
+    imgui.set_item_tooltip("Where the values pass a number. The curve above draws what lies around it.")
+    return transfer if tuple(surfaces) == tuple(transfer.iso) else replace(transfer, iso=surfaces)
+
+
+def _draw_surface(transfer: Transfer, number: int, limits: tuple[float, float]) -> Iso | None:
+    """Value, opacity and colour of a surface, and a button that removes it; None if it is removed."""
+    surface, room = transfer.iso[number], imgui.get_content_region_avail().x
+    spread = limits[1] - limits[0]
+    imgui.set_next_item_width(room * VALUE)
+    changed, value = imgui.drag_float("##value", surface.value, spread / STEPS, format="%.5g")
+    imgui.set_item_tooltip("The value whose surface is drawn (--iso): drag, or ctrl+click.")
+    if changed:
+        # surfaces keep their order
+        before = [other.value + APART * spread for other in transfer.iso[:number]]
+        behind = [other.value - APART * spread for other in transfer.iso[number + 1 :]]
+        value = float(f"{value:.6g}")
+        surface = surface._replace(value=min(max([value, *before]), *behind, np.inf))
+    surface = surface._replace(opacity=pick_opacity(surface.opacity, room))
+    shown = srgb_of_name(surface.color) if surface.color else None
+    linear = transfer.color(surface.value) if shown is None else linear_from_srgb(np.array(shown) / 255)
+    color = pick_color(tuple(map(float, linear)))
+    surface = surface if color is None else surface._replace(color=color)
+    imgui.same_line()
+    return None if imgui.small_button("remove") else surface
+
+
+def _free_value(values: list[float], low: float, high: float) -> float:
+    """The middle of the widest gap between values and the ends of the range."""
+    ends = np.unique([low, *np.clip(values, low, high), high])
+    widest = int(np.diff(ends).argmax())
+    return float(f"{(ends[widest] + ends[widest + 1]) / 2:.6g}")
