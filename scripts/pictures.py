@@ -3,7 +3,7 @@
     .venv/bin/python scripts/pictures.py NAME…            # no name: those that need no file: BUILT_IN
     .venv/bin/python scripts/pictures.py side-by-side "head, MRI"   # one of its volumes, larger: first.png
 
-Names: FUNCTIONS below. `front`, `classification`, `presets`, `light`, `publishing`, `slices`, `side-by-side` and
+Names: FUNCTIONS below. `front`, `classification`, `presets`, `light`, `iso`, `publishing`, `slices`, `side-by-side` and
 `window` need public volumes (their sources: splatgl/docs/gallery.md) in the folder SPLATGL_DATA. `side-by-side` and
 `report` take minutes, and draw with VTK if it is installed. scripts/gallery draws the gallery.
 """
@@ -109,6 +109,12 @@ def slices() -> None:
         " --azimuth 60 --zoom 1.2",
         colors=255,
     )
+
+
+def iso() -> None:
+    """A head's skin, half transparent, before its skull."""
+    line = f"{MALE} {UPRIGHT} --zoom 1.05 --iso 45:peachpuff:0.45 --iso 90:ivory --light matte"
+    rendered("iso", line, size="480x400")
 
 
 def presets() -> None:
@@ -262,7 +268,7 @@ def compared(*names: str) -> None:
 
 BUILT_IN = (scenes, antialiasing, spinning, depth, turn, compare, image_report)
 FUNCTIONS = {
-    **{each.__name__: each for each in (*BUILT_IN, front, classification, light, presets, publishing, slices)},
+    **{each.__name__: each for each in (*BUILT_IN, front, classification, light, iso, presets, publishing, slices)},
     "window": window,
     "report": report,
     "side-by-side": compared,
