@@ -205,9 +205,7 @@ def _planes(volume: Volume, slab: int | None) -> int:
 def _check_iso(volume: Volume, transfer: Transfer, why: str | None) -> None:
     """Raises InputError for iso-surfaces of voxels that are classified before reconstruction, for a reason `why`."""
     if transfer.iso and why:
-        raise expected(
-            f"iso of {volume.name or 'a volume'}", "values, whose field is reconstructed, then classified", why
-        )
+        raise expected(f"iso of {volume.name or 'a volume'}", "values classified after reconstruction", why)
 
 
 def _layers(volume: Volume, transfers: list[Transfer], threshold: float) -> Scene:

@@ -26,7 +26,7 @@ from splatgl.options import (
     refuse_unknown,
 )
 from splatgl.splat.colormaps import check_labels, colormap, interpolate_map, label_color, label_opacity
-from splatgl.splat.iso import FORM, Iso, check_iso, read_iso
+from splatgl.splat.iso import FORM, check_iso, read_iso
 
 # sequences of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
@@ -127,9 +127,16 @@ class Transfer:
         flag="--log",
         bare="log",
     )
-    iso: Sequence[Iso] = _option(
+    iso: Sequence[Any] = _option(
         (),
-        Kind(f"{FORM}, or several", check_iso, read_iso, FORM, hint="float | str | Sequence[Any]"),
+        Kind(
+            f"{FORM}, or several",
+            check_iso,
+            read_iso,
+            FORM,
+            written=f"{FORM}, such as 300:red:0.5",
+            hint="float | str | Sequence[Any]",
+        ),
         "draw the surface at a value. Without --points or --preset only surfaces; repeatable",
         level="basic",
         repeat=True,

@@ -93,6 +93,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "points": state.style.stated.points,
         "window": state.style.stated.window,
         "colors": color_points(state.style.stated),
+        "iso": state.style.stated.iso,
         "source": viewer.document.scene.volume,
         "splats": viewer.document.counts[0],
         "level": frame and str(frame.level),
