@@ -96,7 +96,7 @@ def iso_uniforms(splats: Splats, plan: Plan) -> Uniforms:
         "isos": len(values),
         "iso_value": np.pad(values, (0, rest)).tolist(),
         "iso_matter": [*map(tuple, np.pad(matter, ((0, rest), (0, 0))).tolist())],
-        "iso_lit": plan.program.look.iso_lit,
+        "iso_lit": plan.program.look.iso == "lit",
     }
 
 
@@ -121,7 +121,7 @@ FEATURES = (
     Feature("WEIGHTED", lambda program: program.look.weighted, weight_uniforms),
     Feature("CLIPPED", lambda program: program.look.clipped, clip_uniforms),
     Feature("MASKED", lambda program: program.look.masked, mask_uniforms, mask_field),
-    Feature("ISO", lambda program: program.look.iso, iso_uniforms),
+    Feature("ISO", lambda program: bool(program.look.iso), iso_uniforms),
     Feature("LIGHT", lambda program: not program.look.light.plain),
     Feature("SKY", lambda program: program.look.sky, cue_uniforms, cue_fields),
     Feature("SHADOWS", lambda program: program.look.shadows, cue_uniforms, cue_fields),

@@ -116,7 +116,7 @@ class SheetPieces:
     def __init__(self, quads: SheetQuads, splats: Splats, plan: Plan, bind: Callable[[Splats, Plan], None]) -> None:
         assert plan.resolved.sheets is not None
         self.quads, self.splats, self.plan, self.bind = quads, splats, plan, bind
-        self.steps, self.uneven = max(plan.program.look.steps, 1), plan.program.look.iso
+        self.steps, self.uneven = max(plan.program.look.steps, 1), bool(plan.program.look.iso)
         if splats.post is not None and self.uneven:
             # segments that end at surfaces, too, and a surface behind each
             self.steps = 2 * (self.steps + 2 * len(splats.post.transfer.iso))

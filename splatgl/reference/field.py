@@ -330,12 +330,14 @@ def kept_field_integral(
     resolved = Resolved.of(clip_behind_eye(splats, camera), camera, settings)
     look = resolved.look
     cues = resolved.cues
-    light, shines = (look.light, look.light.within(camera)) if look.shading or look.iso_lit or cues else (None, None)
+    light, shines = (
+        (look.light, look.light.within(camera)) if look.shading or look.iso == "lit" or cues else (None, None)
+    )
     size = splats.grid.mean_spacing
     marched = Marched(field, post.transfer, free, size, splats.unit, light, shines, cues, look.shading)
     levels = surface_levels(post.transfer, post.span), post.surfaces[1]
     marched = replace(marched, mask=resolved.mask, span=post.span, classified=post.integral, surfaces=levels)
-    marched = replace(marched, mip_attenuation=settings.mip_attenuation, iso_lit=look.iso_lit)
+    marched = replace(marched, mip_attenuation=settings.mip_attenuation, iso_lit=look.iso == "lit")
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)

@@ -73,7 +73,7 @@ class SheetField:
         shines = look.light.within(resolved.camera)
         lit, size, cues = (look.shading, look.weighted), splats.grid.mean_spacing, resolved.cues
         field = cls(look.blend, splats.post, view, *lit, size, splats.unit, look.light, shines, cues, resolved.mask)
-        return replace(field, near=near, mip_attenuation=resolved.mip_attenuation, iso_lit=look.iso_lit)
+        return replace(field, near=near, mip_attenuation=resolved.mip_attenuation, iso_lit=look.iso == "lit")
 
     def composite(self, sums: np.ndarray, rays: Rays, first: int, sheets: Sheets) -> np.ndarray:
         """[P, 4]: sums [P, sheets, 5] of mass, value and gradient, from sheet `first` on."""

@@ -53,8 +53,8 @@ class Appearance:
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
     once; 0: splats are classified before reconstruction. weighted: whether gradients weigh opacities of steps.
-    clipped, masked: whether planes or a mask clip rays. iso: whether there are iso-surfaces,
-    and iso_lit: lit ones. light: of shaded splats. sky, shadows: whether matter occludes
+    clipped, masked: whether planes or a mask clip rays. iso: "lit" or
+    "flat" iso-surfaces, "": none. light: of shaded splats. sky, shadows: whether matter occludes
     ambient and direct light.
     """
 
@@ -66,8 +66,7 @@ class Appearance:
     weighted: bool = False
     clipped: bool = False
     masked: bool = False
-    iso: bool = False
-    iso_lit: bool = False
+    iso: str = ""
     light: Light = LIGHTS["head"]
     sky: bool = False
     shadows: bool = False
@@ -150,8 +149,7 @@ class Resolved:
             weighted=splats.post is not None and bool(splats.post.transfer.gradient) and not blend.one_value,
             clipped=clip is not None,
             masked=mask is not None,
-            iso=(has_iso := splats.post is not None and bool(splats.post.transfer.iso)),
-            iso_lit=has_iso and settings.shading != "off",
+            iso=_iso_light(splats, settings),
             light=light,
             sky=cues is not None and cues.occlusion > 0,
             shadows=cues is not None and cues.light is not None,
@@ -289,6 +287,13 @@ def _shading(splats: Splats, settings: Settings, notes: list[str]) -> bool:
         notes.append(f"shading left out: {settings.blend} shows values, not surfaces; the picture would be another")
         return False
     return splats.shaded
+
+
+def _iso_light(splats: Splats, settings: Settings) -> str:
+    """How iso-surfaces are lit, see Appearance."""
+    if splats.post is None or not splats.post.transfer.iso:
+        return ""
+    return "flat" if settings.shading == "off" else "lit"
 
 
 def _cues(splats: Splats, camera: Camera, settings: Settings, light: Light, notes: list[str]) -> LightVolume | None:
