@@ -15,6 +15,7 @@ from splatgl.options import is_number, keyword, keywords_of, names_of, non_defau
 from splatgl.scene.api import KEYWORDS, is_scene, is_splats, scene_of
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.scene.scene_file import TRACK, SceneFile
+from splatgl.splat.kernels import require_built_in
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
@@ -134,6 +135,7 @@ def write_animation(
     frames.sweep(wanted)
     todo = [n for n in wanted if not (resume and frames.done(n))]
     if todo and by.are_used:
+        require_built_in(animation.scenes[0].settings.kernel)
         with by.connected(None if quiet else print) as client:
             draw_frames(client, animation, frames, todo, by.drawing, quiet)
     elif todo:

@@ -140,7 +140,9 @@ def _on_workers(
     drawn in this process.
     """
     from splatgl.distributed.cluster import spread
+    from splatgl.splat.kernels import require_built_in
 
+    require_built_in(args.kernel or "auto")
     record_of(args, DrawOptions).check_supported("workers", "pictures that are drawn by this process", "--workers")
     same: Same | None = None
     rest = list(jobs)

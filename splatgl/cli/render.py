@@ -175,17 +175,18 @@ def _compare(image: Image, reference: Picture, output: Path, background: Color |
 def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> Image:
     """Draws the picture in parts on workers of Dask."""
     from splatgl.distributed.render import Job, draw_parts
-    from splatgl.splat.kernels import BUILT_IN
+    from splatgl.splat.kernels import require_built_in
     from splatgl.splat.opaque_bounds import Opaque
 
     how.check_supported("workers", "a picture that is drawn by this process", "--workers or --scheduler")
     file, settings = scene.file, scene.settings
+    require_built_in(settings.kernel)
     unsupported = {
-        "--kernel": "" if settings.kernel in ("auto", *BUILT_IN) else settings.kernel,
         "--ambient-occlusion": settings.ambient_occlusion,
         "--shadows": settings.shadows,
         "--threshold": file.threshold,
         "--scissors": len(file.scissors),
+        "--uncut": file.uncut,
         "layers": len(file.layers),
         "meshes": len(file.meshes) + file.vectors.has_lines + is_mesh(file.volume),
         "--slice-plane": ", ".join(file.slice_planes),

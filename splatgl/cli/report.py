@@ -25,7 +25,7 @@ from splatgl.options import declared
 from splatgl.scene.draw import WorkerOptions
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
-from splatgl.splat.kernels import BUILT_IN
+from splatgl.splat.kernels import require_built_in
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.studies.accuracy.content import CONVERGENCE
@@ -80,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         print(list_methods())
         return 0
-    if record_of(args, WorkerOptions).are_used and args.kernel not in (None, *BUILT_IN):
-        raise expected("--kernel", "none of a module, with --workers or --scheduler", args.kernel)
+    if record_of(args, WorkerOptions).are_used:
+        require_built_in(args.kernel or "auto")
     level = _level(args)
     known = {*methods(), *AXES}
     for name in args.only:

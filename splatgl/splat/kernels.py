@@ -222,6 +222,12 @@ def kernel(name: str) -> Kernel:
     return KERNELS[name]
 
 
+def require_built_in(name: str) -> None:
+    """Raises InputError for a kernel of this process alone, which workers do not have."""
+    if name not in ("auto", *BUILT_IN):
+        raise expected("--kernel", "a built-in one, with --workers or --scheduler", name)
+
+
 def register_kernel(shape: Kernel) -> None:
     """Registers a kernel for `Settings(kernel=shape.name)` and the commands of this process.
 

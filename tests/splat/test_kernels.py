@@ -259,6 +259,11 @@ def test_the_option_imports_a_kernel(module: str, capsys: pytest.CaptureFixture[
     assert main([*line, f"{module}:smooth"]) == 0
     with Pillow.open("a.png") as picture:
         assert "smooth-family" in str(picture.info)
+    # workers have not registered it
+    for more in (["render", "a.npy"], ["render", "a.npy", "a.npy"], ["animate", "a.npy", "-o", "a.gif"]):
+        files = ["-o", "{name}.png"] if more.count("a.npy") > 1 else []
+        assert main([*more, *files, "--workers", "1", "--quiet", "--kernel", f"{module}:smooth"]) == 2
+        assert "--kernel: expected a built-in one, with --workers" in capsys.readouterr().err
     assert main(["report", "--list", "--kernel", f"{module}:smooth"]) == 0
     assert "post smooth-family 2×2" in capsys.readouterr().out
     for axis in ("kernel smooth-family", "post smooth-family"):
