@@ -15,7 +15,7 @@ from PIL import Image as Pillow
 
 import splatgl as sg
 from splatgl.cli.main import main
-from splatgl.splat.kernels import KERNELS, PiecewiseCubic, footprint_table, has_negative, kernel
+from splatgl.splat.kernels import KERNELS, PiecewiseCubic, footprint_table, has_negative, kernel, polynomials
 from splatgl.studies.accuracy.methods import AXES
 from tests.helpers.splatting import SPLATS
 
@@ -183,7 +183,7 @@ def test_family_of_mitchell_and_netravali(b: float, c: float) -> None:
 def test_a_negative_kernel_draws_sums_within_its_bound(renderer: sg.Renderer, mitchell: str) -> None:
     """By both techniques, of cubes and of others; X-rays take it without being asked for voxels classified before."""
     assert has_negative(mitchell) and not any(has_negative(name) for name in KERNELS if name != mitchell)
-    assert kernel(mitchell).footprint(np.array(1.4)) < 0
+    assert kernel(mitchell).footprint(np.array(1.4)) < 0 and polynomials(mitchell) is None
     for spacing, zoom in (((1, 1, 2), 1), ((1, 1, 1), 1 / 12)):
         volume = sg.Volume(np.random.default_rng(2).random((7, 8, 9)) ** 20, spacing=spacing)
         scene = sg.Scene([sg.Layer(volume, sg.Transfer([(0, 0), (1, 0.6)]))])
