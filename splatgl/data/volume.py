@@ -28,7 +28,7 @@ LEAST_LENGTH, MOST_LENGTH = 1e-40, 1e40
 # most voxels whose combined mask is cached, 1 byte each
 MAX_CACHED = 2**28
 # most samples whose range a line of text states
-MOST_SCANNED = 2**22
+MOST_SCANNED = 2**24
 # most names in such a line
 MOST_NAMES = 8
 # maximum ratio of a voxel's sides: float32 holds its square, and distances in either
@@ -285,7 +285,7 @@ class Volume:
             return [("points", f"{len(self.points):,} points"), *([("frame", self.frame)] if self.frame else [])]
         labels = [label.name or str(label.number) for label in self.labels or ()]
         listed = {
-            "voxels": f"{times(self.shape[::-1])} {self.samples.dtype}",
+            "voxels": f"{times(self.shape[::-1])} {np.dtype(self.samples.dtype).name}",
             self.quantity or "values": self._range_text(),
             "spacing": f"{times(self.spacing)}{unit}",
             "size": f"{times(size)}{unit}",
