@@ -119,7 +119,9 @@ def _tell_error(job: argparse.Namespace, message: str) -> None:
     if job.json:
         print(json.dumps({"source": job.source, "output": job.output, "error": line}, ensure_ascii=False), flush=True)
     else:
-        print(f"splatgl: {job.source}: {line}", file=sys.stderr)
+        # errors of reading begin with the source
+        text = line if line.startswith(job.source) else f"{job.source}: {line}"
+        print(f"splatgl: {text}", file=sys.stderr)
 
 
 def _here(args: argparse.Namespace, jobs: Sequence[argparse.Namespace]) -> Iterator[tuple[Any, Drawn | str]]:
