@@ -106,7 +106,7 @@ class Figure:
         info: the provenance. dpi: pixels of an inch. Raises InputError without Matplotlib.
         """
         library = vector_library()
-        page = _Page(self.pixels.shape[1], self.pixels.shape[0], dpi or SCREEN_DPI)
+        page = Page(self.pixels.shape[1], self.pixels.shape[0], dpi or SCREEN_DPI)
         about = json.dumps(dict(info), ensure_ascii=True)
         with library.rc_context(SETTINGS):
             page.begin(self.ground)
@@ -143,7 +143,7 @@ def _add_font() -> None:
 _folders: list[TemporaryDirectory[str]] = []
 
 
-class _Page:
+class Page:
     """A page of Matplotlib in pixels of the picture, row 0 on top."""
 
     def __init__(self, width: int, height: int, dpi: float) -> None:
