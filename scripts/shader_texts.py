@@ -68,6 +68,7 @@ class Picture:
     long: bool = False
     weighted: bool = False
     iso: bool = False
+    regions: bool = False
     parallel: bool = False
     near: bool = False
     far: bool = False
@@ -120,7 +121,8 @@ PICTURES: dict[str, tuple[Picture, dict[str, dict[str, Any]]]] = {
     "": (
         Picture(),
         BLENDS | LIGHTS | VIEWS | CLIP | KERNELS | SHEETS | STEPS
-        | {"masked": {"masked": True}, "weighted": {"weighted": True}, "iso": {"iso": True}},
+        | {"masked": {"masked": True}, "weighted": {"weighted": True}, "iso": {"iso": True}}
+        | {"regions": {"regions": True}},
     ),
     "voxels": (Picture("voxels"), BLENDS | LIGHTS | VIEWS | CLIP | KERNELS | SHEETS),
     "splats": (Picture("voxels", tuple(ONE_BY_ONE.items())), BLENDS | LIGHTS | VIEWS | KERNELS | PAPER),
@@ -169,7 +171,9 @@ def volume(long: bool, masked: bool) -> sg.Volume:
 
 
 @cache
-def splats(voxels: str, long: bool, masked: bool, weighted: bool, iso: bool = False) -> sg.Splats:
+def splats(
+    voxels: str, long: bool, masked: bool, weighted: bool, iso: bool = False, regions: bool = False
+) -> sg.Splats:
     """Returns the splats of values, voxels, points or labels."""
     if voxels == "points":
         points = np.random.default_rng(2).random((50, 3)) * 8
@@ -182,13 +186,15 @@ def splats(voxels: str, long: bool, masked: bool, weighted: bool, iso: bool = Fa
         return sg.extract(whole, sg.default_transfer(whole))
     gradient = [(0.0, 0.2), (0.5, 1.0)] if weighted else []
     transfer = sg.Transfer([(0.35, 0.0), (1.0, 0.9)], colormap="bone", shading=True, gradient=gradient, iso=[0.6] * iso)
+    if regions:
+        transfer = replace(transfer, regions=["box:0.2,0.8,0.1,0.5"])
     how = "pre" if voxels == "voxels" else "auto"
     return sg.extract(volume(long, masked), transfer, classification=how)
 
 
 def plan_of(picture: Picture) -> Plan:
     """Returns the plan of a picture. Raises InputError if its settings refuse each other."""
-    drawn = splats(picture.voxels, picture.long, picture.masked, picture.weighted, picture.iso)
+    drawn = splats(picture.voxels, picture.long, picture.masked, picture.weighted, picture.iso, picture.regions)
     camera = sg.Camera.orbit(volume(picture.long, False), 30, 20, size=SIZE, zoom=0.02 if picture.far else 1.0)
     if picture.near:
         camera = sg.Camera.look_at((4, 4, 4), (6, 5, 4.5), (0, 0, 1), 60, SIZE)

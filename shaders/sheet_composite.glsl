@@ -11,6 +11,7 @@
 // switch CARD 0       few registers count more than few instructions
 // switch PIECE 0      one part of a sheet is kept for layers_join.frag
 // switch ISO 0        there are iso-surfaces
+// switch REGIONS 0    there is matter in regions of value and gradient
 #constant LEAST_MASS  // a place with less mass holds no value
 #constant EDGE        // share of each of three sheets, besides its weight, in what lies between them
 #constant CENTERED    // shares of full_mass from which a value is moved to its sheet's place: not at all,
@@ -20,6 +21,7 @@
 #constant GRAZING_RAY // if it leaves the face by less than this share of its length
 #include "sheets.glsl"
 #include "transfer_lookup.glsl"
+#include "regions.glsl" if REGIONS else "regions_off.glsl"
 #include "clip_ray.glsl" if CLIPPED else "clip_ray_off.glsl"
 #include "mask_ray.glsl" if MASKED else "mask_ray_off.glsl"
 #include "depth_limits.glsl" if LIMITED else "depth_limits_off.glsl"
@@ -33,7 +35,7 @@ uniform vec2 shell;    // only matter between these places is drawn
 uniform vec3 window_share;
 
 // whether sheets hold a gradient's component along the ray instead of the gradient, where nothing else needs it
-const bool ALONG = CARD == 1 && STEPS > 0 && SHADING == 0 && WEIGHTED == 0 && ISO == 0;
+const bool ALONG = CARD == 1 && STEPS > 0 && SHADING == 0 && WEIGHTED == 0 && ISO == 0 && REGIONS == 0;
 // the component of a gradient, or of a sum of gradients, along a pixel's ray
 #define ALONG_RAY(row, gradient) (ALONG ? (gradient).x : dot(gradient, toward[row]))
 
@@ -241,6 +243,8 @@ void close_sheet(int row, int current) {
         float from = clamp(float(FIRST_SEGMENT) / float(STEPS), inside.x, inside.y);
         vec3 shares = spline_shares(from);
         Until begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
+        mat3 slopes = mat3(start[row].rgb, middle[row].rgb, last.rgb);
+        float steep = steepness(slopes * shares, dot(mass, shares));
         float mask = mask_above(row, origin + from);
         begin_segments(from);
         for (int i = FIRST_SEGMENT; i < SEGMENTS; i++) {
@@ -248,6 +252,7 @@ void close_sheet(int row, int current) {
             if (mask_part(row, origin, part, mask)) {
                 shares = spline_shares(part.x);
                 begin = class_until(dot(places, shares) / max(dot(mass, shares), 1e-30));
+                steep = steepness(slopes * shares, dot(mass, shares));
             }
             vec3 mean_shares = spline_shares(0.5 * (part.x + part.y)), last_shares = spline_shares(part.y);
             float mean_mass = dot(mass, mean_shares), last_mass = max(dot(mass, last_shares), 1e-30);
@@ -259,9 +264,12 @@ void close_sheet(int row, int current) {
             } else {
                 Until end = class_until(dot(places, last_shares) / last_mass);
                 vec4 matter = class_mean(begin, end);
-                begin = end;
-                vec3 gradient = mat3(start[row].rgb, middle[row].rgb, last.rgb) * mean_shares / max(mean_mass, 1e-30);
+                vec3 gradient = slopes * mean_shares / max(mean_mass, 1e-30);
                 matter = weighed(matter, gradient, length_ * lengths[row]);
+                float steep_end = steepness(slopes * last_shares, last_mass);
+                matter += mean_matter(vec2(begin.place, steep), vec2(end.place, steep_end), length_ * lengths[row]);
+                begin = end;
+                steep = steep_end;
                 vec2 at = origin + part;
                 if (SHADING == 1 || CUED == 1) {
                     vec2 light = light_of(row, gradient, at.x, at.y);

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from splatgl.splat.presets import default_transfer as default_transfer
     from splatgl.splat.presets import preset as preset
     from splatgl.splat.presets import presets as presets
+    from splatgl.splat.regions import Region as Region
     from splatgl.splat.scene import Layer as Layer
     from splatgl.splat.scene import Scene as Scene
     from splatgl.splat.scissors import Scissors as Scissors
@@ -75,6 +76,7 @@ _PUBLIC = {
     "Mesh": "splatgl.data.mesh",
     "Layer": "splatgl.splat.scene",
     "Motion": "splatgl.splat.motion",
+    "Region": "splatgl.splat.regions",
     "Renderer": "splatgl.gl.renderer",
     "Scene": "splatgl.splat.scene",
     "Scissors": "splatgl.splat.scissors",

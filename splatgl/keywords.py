@@ -152,6 +152,7 @@ class PictureKeywords(TypedDict, total=False):
     curve: str
     colors: str
     level_width: Numbers | None
+    file: str
     only_labels: str | Sequence[int | tuple[int, float]] | Mapping[int, float]
     name_of: Mapping[int, str] | Sequence[str]
     color_of: Mapping[str, str] | Sequence[str]
@@ -164,6 +165,8 @@ class PictureKeywords(TypedDict, total=False):
     scale: Literal["linear", "log"]
     log: bool
     iso: float | str | Sequence[Any]
+    regions: Sequence[Any]
+    region: Sequence[Any]
     threshold: float
     clip: str | Sequence[Any] | None
     crop: str

@@ -42,9 +42,7 @@ def add_source(parser: argparse.ArgumentParser, optional: bool = False) -> None:
 
 def add_transfer(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the transfer function of one volume."""
-    add_options(parser, TransferChoice, "preset", "level_width")
-    group_of(parser, Group.TRANSFER).add_argument("--transfer", metavar="FILE.toml", help="a saved transfer function")
-    add_options(parser, TransferChoice, "curve", "colors")
+    add_options(parser, TransferChoice, "preset", "level_width", "file", "curve", "colors")
     add_options(parser, Transfer)
     add_options(parser, SceneFile, "threshold")
     add_options(parser, TransferChoice, "only_labels", "name_of")
@@ -143,8 +141,7 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
     scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)
     scene = replace(scene, auto_background=is_open or background == AUTO)
     named = {} if array is None else {"array": array}
-    transfer = {**scene.transfer, **({} if "transfer" not in given else Transfer.load(given["transfer"]).fields)}
-    scene = replace(scene, transfer=transfer).with_options(**{**named, **given})
+    scene = scene.with_options(**{**named, **given})
     return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
 
 

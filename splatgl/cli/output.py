@@ -171,6 +171,7 @@ def _transfer(scene: SceneFile, volume: Volume, transfer: Transfer) -> str:
         (f"preset {name}, " if name else "")
         + f"opacity {text}; {scaled}colours {colours}"
         + ("; weighted by the gradient" if transfer.gradient else "")
+        + (f"; regions {', '.join(map(str, transfer.regions))}" if transfer.regions else "")
         + (f"; threshold {scene.threshold:g}" if scene.threshold else "")
     )
 

@@ -18,6 +18,7 @@ from splatgl.gl.uniforms import base_of
 from splatgl.splat.clipping import MOST_CLIPS
 from splatgl.splat.iso import MOST_ISO
 from splatgl.splat.plan import Plan, Program
+from splatgl.splat.regions import ENDLESS, MOST_REGIONS
 from splatgl.splat.splats import Splats
 
 Uniforms = dict[str, object]
@@ -100,6 +101,28 @@ def iso_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     }
 
 
+def region_uniforms(splats: Splats, plan: Plan) -> Uniforms:
+    """Returns the regions for regions.glsl: limits of values in cells of the classification table, and of gradients in
+    record values per mean spacing.
+    """
+    post = splats.post
+    assert post is not None
+    regions, scale = post.transfer.regions, splats.grid.mean_spacing / post.span
+    limits, matter, shape = np.zeros((MOST_REGIONS, 4)), np.zeros((MOST_REGIONS, 4)), np.zeros(MOST_REGIONS, int)
+    for number, region in enumerate(regions):
+        limits[number] = *post.places(np.array(region.values)), *(np.array(region.gradients) * scale)
+        matter[number], shape[number] = region.matter, region.kind
+    image = next((region.table.shape[:2] for region in regions if region.is_image), (1, 1))
+    return {
+        "region_count": len(regions),
+        "region_limits": [*map(tuple, np.clip(limits, -ENDLESS, ENDLESS))],
+        "region_matter": [*map(tuple, matter)],
+        "region_shape": shape.tolist(),
+        "image_size": image[::-1],
+        "image_unit": post.image[1],
+    }
+
+
 def box_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     """Returns the eye and the grid of normals for boxes.glsl, in index space relative to frame.base."""
     labels, base = splats.labels, base_of(splats, plan.view.eye_index)
@@ -119,6 +142,7 @@ def box_field(splats: Splats, plan: Plan) -> dict[str, np.ndarray | None]:
 
 FEATURES = (
     Feature("WEIGHTED", lambda program: program.look.weighted, weight_uniforms),
+    Feature("REGIONS", lambda program: program.look.regions, region_uniforms),
     Feature("CLIPPED", lambda program: program.look.clipped, clip_uniforms),
     Feature("MASKED", lambda program: program.look.masked, mask_uniforms, mask_field),
     Feature("ISO", lambda program: bool(program.look.iso), iso_uniforms),

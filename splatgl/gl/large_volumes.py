@@ -156,10 +156,10 @@ def _boxes(
 def _lost(part: Volume, step: np.ndarray, transfer: Transfer) -> float:
     """RMS difference of the opacity of means over `step` voxels (x, y, z) to the mean opacity; -1 if all is clear."""
     samples = np.nan_to_num(np.asarray(part.samples, np.float64))
-    opacity = transfer.opacity(samples)
+    opacity = transfer.largest_opacity(samples)
     if not opacity.any():
         return -1.0
-    apart = transfer.opacity(_means(samples, step)) - _means(opacity, step)
+    apart = transfer.largest_opacity(_means(samples, step)) - _means(opacity, step)
     return float(np.sqrt((apart**2).mean()))
 
 

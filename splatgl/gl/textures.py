@@ -58,11 +58,16 @@ class Tables:
         if cached is None or cached[0] is not splats.post:
             table, _ = splats.post.table
             rows = -(-len(table) // TABLE_ROW)
-            texels = np.zeros((rows + WEIGHT_ROWS, TABLE_ROW, 4), np.uint32)
+            image = splats.post.image[0].reshape(-1, 4)
+            texels = np.zeros((rows + WEIGHT_ROWS + -(-len(image) // TABLE_ROW), TABLE_ROW, 4), np.uint32)
             texels[:rows].reshape(-1, 4)[: len(table)] = table
             if splats.post.transfer.gradient:
                 weights = splats.post.weights[0].view(np.uint32)
                 texels[rows:].reshape(-1, 4)[: len(weights), 0] = weights
+            texels[rows + WEIGHT_ROWS :].reshape(-1, 4)[: len(image)] = image
+            if cached is not None and cached[1].size != texels.shape[1::-1]:
+                cached[1].release()
+                cached = None
             if cached is None:
                 texture = self.ctx.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="u4")
                 texture.filter = (moderngl.NEAREST, moderngl.NEAREST)

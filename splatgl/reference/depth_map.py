@@ -529,16 +529,16 @@ def _absorbing_samples(layer: Layer, pre: bool) -> tuple[Samples, Look]:
     values = np.asarray(volume.samples)
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
-    if look.labels and not look.gradient:
+    if look.labels and not look.needs_gradients:
         return Samples.of(look.extinction(_opacities(layer), unit).astype(np.float32), nearest=True), Look()
-    if pre or look.gradient or why_only_pre(volume, look, layer.threshold) or not low < high:
+    if pre or look.needs_gradients or why_only_pre(volume, look, layer.threshold) or not low < high:
         if look.iso:
             raise expected("depths of iso-surfaces", "values that no gradient weighs", "weighed or classified voxels")
         opacity = look.opacity(values)
-        if look.gradient:
+        if look.needs_gradients:
             z, y, x = (index.ravel() for index in np.indices(values.shape))
             slope = gradients(values, x, y, z) @ np.linalg.inv(volume.world_from_index)
-            opacity = opacity * look.weight(np.linalg.norm(slope, axis=1)).reshape(values.shape)
+            opacity = look.classify(values.ravel(), np.linalg.norm(slope, axis=1))[0].reshape(values.shape)
         opacity = np.where(opacity > layer.threshold, opacity, 0.0)
         return Samples.of(look.extinction(opacity, unit).astype(np.float32), bool(look.labels)), Look()
     knots = np.linspace(low, high, CELLS + 1)

@@ -37,6 +37,7 @@ from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
 from splatgl.splat.mask_field import MaskField, face_share
 from splatgl.splat.preintegration import ClassIntegral, ValueClassifier, surface_levels
+from splatgl.splat.regions import mean_matter
 from splatgl.splat.resolve import Resolved
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -149,20 +150,26 @@ class Marched:
         """
         if self.classified is None:
             value, gradient = self.field(places)
-            opacity = self.transfer.opacity(value) * self.transfer.weight(np.linalg.norm(gradient, axis=1))
+            opacity, color = self.transfer.classify(value, np.linalg.norm(gradient, axis=1))
             extinction = self.transfer.extinction(opacity, self.unit)
-            return np.column_stack([self.transfer.color(value), extinction * self.spacing]), gradient
+            return np.column_stack([color, extinction * self.spacing]), gradient
         middle, gradient = self.field(places)
-        known, matter = np.isfinite(middle), np.zeros((len(middle), 4))
+        known, matter, regions = np.isfinite(middle), np.zeros((len(middle), 4)), np.zeros((len(middle), 4))
+        size = np.linalg.norm(gradient, axis=1)
+        center = np.where(known, middle, 0.0)
         for end in (places - half, places + half):
-            value, _ = self.field(end)
+            value, slope = self.field(end)
             # beyond the field, the value in the middle
-            value = np.where(np.isnan(value), middle, value)
-            matter += self.classified.mean(np.where(known, middle, 0.0), np.where(known, value, 0.0)) / 2
-        matter *= known[:, None]
+            value = np.where(known & np.isfinite(value), value, center)
+            matter += self.classified.mean(center, value) / 2
+            ends = np.stack([center, size]), np.stack([value, np.linalg.norm(slope, axis=1)])
+            regions += mean_matter(self.transfer.regions, *ends) / 2
+        scale = weight_extinction(matter[:, 3], self.transfer.weight(size)) / np.where(
+            matter[:, 3] > 0, matter[:, 3], 1
+        )
+        matter = (matter * scale[:, None] + regions) * known[:, None]
         color = matter[:, :3] / np.where(matter[:, 3:] > 0, matter[:, 3:], 1.0)
-        extinction = weight_extinction(matter[:, 3], self.transfer.weight(np.linalg.norm(gradient, axis=1)))
-        return np.column_stack([color, extinction * (self.spacing / self.unit)]), gradient
+        return np.column_stack([color, matter[:, 3] * (self.spacing / self.unit)]), gradient
 
     def light(self, places: np.ndarray, half: np.ndarray, toward: np.ndarray, face: np.ndarray | None) -> np.ndarray:
         """[P, 4]: shaded colour, and extinction per mean spacing, of steps around grid positions [3, P]. half [3, P]:

@@ -293,6 +293,9 @@ class SheetField:
             weight = self.post.transfer.weight(size * self.post.span / self.spacing)
             extinction = matter[:, 3]
             matter *= (weight_extinction(extinction, weight) / np.where(extinction > 0, extinction, 1.0))[:, None]
+        if self.post.transfer.regions:
+            ends = [np.stack([at[:, 0], np.linalg.norm(at[:, 1:], axis=1)]) for at in (first, last)]
+            matter += self.post.mean_regions(ends[0], ends[1], self.spacing)
         return np.asarray(matter * (length * self.spacing / self.unit)[:, None])
 
 

@@ -26,6 +26,7 @@ from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
+from splatgl.splat.transfer_files import SUFFIXES
 
 if TYPE_CHECKING:
     from splatgl.keywords import RenderKeywords
@@ -201,9 +202,7 @@ def _fixed(camera: Any, viewing: list[str]) -> ViewOptions:
 def _transfer(transfer: Any) -> dict[str, Any]:
     """Returns the fields of a transfer function, or its preset."""
     if isinstance(transfer, str | Path):
-        if not str(transfer).endswith(".toml"):
-            return {"preset": str(transfer)}
-        transfer = Transfer.load(transfer)
+        return {"file" if str(transfer).endswith(SUFFIXES) else "preset": str(transfer)}
     if isinstance(transfer, Transfer):
         return transfer.fields
     if transfer is not None and not isinstance(transfer, Mapping):

@@ -75,7 +75,8 @@ def _transfer(transfer: Transfer) -> Transfer:
     if transfer.labels:
         labels = [(number, _code(srgb), opacity) for number, srgb, opacity in transfer.labels]
         return replace(transfer, labels=labels)
-    return replace(transfer, colormap=_map(transfer.colormap))
+    regions = [region.recolored(_code) for region in transfer.regions]
+    return replace(transfer, colormap=_map(transfer.colormap), regions=regions)
 
 
 def _map(name: str) -> str:

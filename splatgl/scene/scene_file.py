@@ -55,8 +55,12 @@ from splatgl.scene.transfer_choice import (
     CHANNEL_KEYS,
     LABEL,
     REPLACES,
+    STATED,
     TransferChoice,
+    base_transfer,
     default_colors,
+    place_files,
+    plain_values,
     read_nodes,
     refuse_both,
     several,
@@ -66,12 +70,10 @@ from splatgl.scene.view import ViewOptions, orient_flat_stack
 from splatgl.splat.colormaps import base_name, labels_of
 from splatgl.splat.label_detection import MASK, mark_kind
 from splatgl.splat.presets import (
-    default_transfer,
     is_preset,
     label_transfer,
     logarithmic_transfer,
     over_window,
-    preset,
     preset_named,
     projection_transfer,
     window_question,
@@ -316,6 +318,7 @@ class SceneFile:
             self,
             volume=self.volume if self.volume in SCENES and not self.load else place(self.volume),
             load=reading,
+            transfer=place_files(self.transfer, place),
             mask=None if self.mask is None else tuple(map(place_mask, self.mask)),
             uncut=place_mask(self.uncut),
             layers=tuple(layer.with_paths(move) for layer in self.layers),
@@ -419,7 +422,7 @@ class SceneFile:
         values = {"volume": self.volume, **plain}
         lines = [f"{name} = {toml_value(name, value)}" for name, value in values.items()]
         for name, table in {"load": self.load, "transfer": self.transfer, **extra_tables}.items():
-            rows = {key: toml_value(f"{name} {key}", value) for key, value in table.items() if value is not None}
+            rows = {key: toml_value(f"{name} {key}", value) for key, value in plain_values(table).items()}
             lines += ["", f"[{prefix}{name}]"] if rows else []
             lines += [f"{key} = {text}" for key, text in rows.items()]
         return lines
@@ -554,7 +557,7 @@ class SceneFile:
 
     def transfer_for(self, volume: Volume) -> Transfer:
         """Returns the transfer function: the default or a preset, overridden by options; faint around lines."""
-        if self.vectors.has_lines and not self.transfer.keys() & {"preset", "points", "curve", "only_labels"}:
+        if self.vectors.has_lines and not self.transfer.keys() & STATED:
             faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
             return faint.transfer_for(volume)
         chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
@@ -564,7 +567,7 @@ class SceneFile:
             refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
             base = label_transfer(volume, [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None)
             return replace(base, **keys).weakened(self.opacity)
-        if "points" in keys and name is None and "colors" not in keys:
+        if "points" in keys and name is None and not keys.keys() & {"colors", "file"}:
             refuse_both(keys)
             transfer = Transfer.from_table({**default_colors(keys, volume), **keys})
         else:
@@ -573,7 +576,7 @@ class SceneFile:
 
     def _changed_transfer(self, name: str | None, keys: dict[str, Any], volume: Volume) -> Transfer:
         """Returns the transfer function of a preset, of maxima or the default, changed by keys of a table."""
-        base = preset(name, volume) if name else default_transfer(volume)
+        base = base_transfer(name, keys, volume)
         refuse_unknown("transfer", keys, (*declared(Transfer), "curve", "colors"))
         if base.labels and keys.keys() & AMOUNT_KEYS:
             conflicts = ", ".join(sorted(keys.keys() & AMOUNT_KEYS))

@@ -12,14 +12,21 @@ from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, option
 from splatgl.splat.colormaps import base_name
-from splatgl.splat.presets import default_transfer
+from splatgl.splat.presets import default_transfer, preset
+from splatgl.splat.regions import check_regions, move_image
 from splatgl.splat.statistics import statistics
+from splatgl.splat.transfer import Transfer
+from splatgl.splat.transfer_files import load_transfer
 from splatgl.splat.transfer_nodes import color_map, curve_of, read_color_points
 
 # keys of a transfer function for channels: pairs of a channel and a colour, or a window
 CHANNEL_KEYS = ("color_of", "window_of")
 # keys of a transfer function that labels do not have
-AMOUNT_KEYS = frozenset(("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient", "iso"))
+AMOUNT_KEYS = frozenset(
+    ("points", "curve", "colormap", "colors", "window", "level_width", "scale", "gradient", "iso", "regions", "file")
+)
+# keys that state opacities
+STATED = frozenset(("preset", "file", "points", "curve", "regions", "only_labels"))
 # keys that options replace
 REPLACES: dict[str, tuple[str, ...]] = {
     **{"curve": ("points",), "points": ("curve",), "colormap": ("colors",)},
@@ -122,6 +129,13 @@ class TransferChoice:
         "middle and width of the values that the colours span, as radiologists write --window",
         group=Group.TRANSFER,
     )
+    file: str = option(
+        "",
+        Kind.instance("a file", str, metavar="FILE"),
+        "a saved transfer function: .toml, 3D Slicer's .vp, or ParaView's .json",
+        group=Group.TRANSFER,
+        flag="--transfer",
+    )
     only_labels: tuple[tuple[int, float], ...] = option(
         (),
         Kind(
@@ -222,3 +236,33 @@ def default_colors(keys: Mapping[str, Any], volume: Volume) -> dict[str, Any]:
     window = base.color_range
     spans = window[0] < window[1] and keys.get("scale") != "log" and "colormap" not in keys
     return {"colormap": colors, "shading": base.shading, **({"window": window} if spans else {})}
+
+
+def base_transfer(name: str | None, keys: dict[str, Any], volume: Volume) -> Transfer:
+    """Returns the transfer function that keys change: a preset, that of a file, which is taken out of the keys, that of
+    regions without points, or the default.
+    """
+    file = keys.pop("file", None)
+    if file and name:
+        raise expected("transfer", "a preset or a file", "both", "leave one of them out")
+    if file:
+        return load_transfer(file, sum(volume.spacing) / 3)
+    if name is None and keys.get("regions") and "curve" not in keys:
+        return Transfer(regions=keys["regions"])
+    return preset(name, volume) if name else default_transfer(volume)
+
+
+def place_files(keys: Mapping[str, Any], place: Callable[[str], str]) -> dict[str, Any]:
+    """Returns keys of a transfer function with `place` applied to its file and to the images of regions."""
+    moved = dict(keys)
+    if "file" in keys:
+        moved["file"] = place(str(keys["file"]))
+    if "regions" in keys:
+        moved["regions"] = [move_image(region, place) for region in keys["regions"]]
+    return moved
+
+
+def plain_values(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the keys that have a value, as TOML holds it: regions as text."""
+    texts = {"regions": [str(region) for region in check_regions(keys["regions"])]} if keys.get("regions") else {}
+    return {name: value for name, value in {**keys, **texts}.items() if value is not None}

@@ -145,6 +145,9 @@ def voxel_depths(splats: Splats, part: slice) -> np.ndarray:
         weight = post.transfer.weight(size * post.span / splats.grid.mean_spacing)
         with np.errstate(divide="ignore"):
             extinction = np.where(weight < 1, -np.log1p(np.expm1(-extinction) * weight), extinction)
+    if post.transfer.regions:
+        first, last = (np.stack([value + side * half / scale, size]) for side in (-1, 1))
+        extinction = extinction + post.mean_regions(first, last, splats.grid.mean_spacing)[:, 3]
     depth = extinction * (splats.grid.mean_spacing / splats.unit)
     if post.transfer.iso:
         levels, matter = post.surfaces

@@ -260,19 +260,19 @@ class Lookup:
             values = np.arange(np.iinfo(dtype).min, np.iinfo(dtype).max + 1)
         else:
             return cls(transfer, threshold, record, None, np.zeros(0), np.zeros((0, 3)))
-        opacity, color = np.asarray(transfer.opacity(values)), stored_color(transfer.color(values), record)
+        opacity, color = transfer.largest_opacity(values), stored_color(transfer.color(values), record)
         return cls(transfer, threshold, record, int(values[0]), opacity, color)
 
     def keeps(self, samples: np.ndarray) -> np.ndarray:
-        """bool [...]: whether opacities of values exceed the threshold; gradients can only reduce them."""
+        """bool [...]: whether opacities of values may exceed the threshold at any gradient."""
         if self.first is None:
             return self.opacity(samples) > self.threshold
         return np.take(self.opacities > self.threshold, self._entry(samples))
 
     def opacity(self, values: np.ndarray) -> np.ndarray:
-        """The transfer function's opacity of values [...], float64, before gradients."""
+        """The transfer function's largest opacity of values [...] at any gradient, float64."""
         if self.first is None:
-            return np.asarray(self.transfer.opacity(values))
+            return np.asarray(self.transfer.largest_opacity(values))
         return np.take(self.opacities, self._entry(values))
 
     def color(self, values: np.ndarray) -> np.ndarray:
@@ -363,21 +363,22 @@ def _records(
 
     # gradients if needed; F(∇, ρ)
     gradient = np.zeros((len(flat), 3))
-    if (transfer.shading and part.normals is None) or transfer.gradient:
+    if (transfer.shading and part.normals is None) or transfer.needs_gradients:
         # faces at the ends are lit; opacity by gradients would show them
-        if transfer.gradient:
+        if transfer.needs_gradients:
             gradient = gradients(slab.samples, x, y, z, 2)
         else:
             # values that are tiny are not halved exactly
             is_tiny = values.dtype == np.float64 and np.abs(values).max(initial=0.0) < TINY
             gradient = _directions(slab.samples, (x, y, z), opaque_intervals(transfer), 2.0**60 if is_tiny else 1.0)
         gradient = gradient @ np.linalg.inv(volume.world_from_index)
-    if transfer.gradient:
-        opacity = opacity * transfer.weight(np.linalg.norm(gradient, axis=1))
+    rgb = None
+    if transfer.needs_gradients:
+        opacity, rgb = transfer.classify(values, np.linalg.norm(gradient, axis=1))
     everyone = opacity
-    if transfer.gradient:
+    if rgb is not None:
         keep = opacity > lookup.threshold
-        values, opacity, gradient = values[keep], opacity[keep], gradient[keep]
+        values, opacity, gradient, rgb = values[keep], opacity[keep], gradient[keep], rgb[keep]
         x, y, z = x[keep], y[keep], z[keep]
 
     records = np.zeros(len(values), lookup.record)
@@ -386,7 +387,7 @@ def _records(
         linear = linear_from_srgb(np.arange(256) / 255)
         records["color"] = stored_color(linear, lookup.record)[color[z, y, x]]
     else:
-        records["color"] = lookup.color(values)
+        records["color"] = lookup.color(values) if rgb is None else stored_color(rgb, lookup.record)
     z += slab.start
     records["position"][:, 0], records["position"][:, 1], records["position"][:, 2] = x, y, z
     records["optical_depth"] = transfer.extinction(opacity, unit_in_spacings)
@@ -441,7 +442,7 @@ class Dropped:
         left = lookup.opacity(inner)
         if hidden is not None:
             left = np.where(hidden, 0.0, left)
-        if lookup.transfer.gradient:
+        if lookup.transfer.needs_gradients:
             # voxels dropped by value count in full (an upper bound); the others with their t
             np.put(left, flat, np.where(opacity > lookup.threshold, 0.0, opacity))
         else:

@@ -102,7 +102,7 @@ def _is_worth_it(dense: np.ndarray, side: int) -> bool:
 def _is_bounded(post: ValueClassifier) -> bool:
     """Whether the range of the samples bounds the extinction around them."""
     free = post.kernel == FREE or kernel(post.kernel).radius > REACH
-    return not (free or post.every or post.lean or post.transfer.gradient)
+    return not (free or post.every or post.lean or post.transfer.needs_gradients)
 
 
 def least_extinctions(post: ValueClassifier) -> np.ndarray:

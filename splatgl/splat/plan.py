@@ -16,6 +16,7 @@ from splatgl.splat.culling import Window, clip_behind_eye, eye_is_near, screen_b
 from splatgl.splat.kernels import BOX, Kernel, has_negative
 from splatgl.splat.motion import Exposure, Motion, count_moments
 from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.regions import describe_regions
 from splatgl.splat.resolve import Appearance, Resolved, blur_form, classification_notes, select_splats
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats, is_points
@@ -247,6 +248,8 @@ class Plan:
         ]
         if resolved.sheets is not None:
             lines.append(resolved.sheets.explain())
+        if p.look.regions and self.splats.post is not None:
+            lines.append(describe_regions(self.splats.post.transfer.regions))
         if blend.ordered:
             lines.append(f"attenuation {p.look.attenuation}, {self.order}")
         rows = f"rows {self.window.y} to {self.window.y + self.window.height}"

@@ -14,7 +14,8 @@ import numpy as np
 
 from splatgl.splat.grid import distinct
 from splatgl.splat.iso import ABOVE
-from splatgl.splat.transfer import OPAQUE, Transfer
+from splatgl.splat.regions import OPAQUE, mean_matter
+from splatgl.splat.transfer import Transfer
 
 # largest value of a running integral in whole numbers: differences fit into 32 bits with a sign
 WHOLE = 2**31 - 1
@@ -163,7 +164,7 @@ class ValueClassifier:
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0) * 1e-3
         kept = np.array([[-np.inf, np.inf]]) if every else wanted_intervals(transfer, span)
-        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.gradient)
+        return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.needs_gradients)
 
     @property
     def every(self) -> bool:
@@ -199,7 +200,7 @@ class ValueClassifier:
         starts, ends = self.kept.T
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
         covered = ((starts - slack <= a) & (b <= ends + slack) for a, b in wanted_intervals(transfer, self.span))
-        resolved &= not self.hollow and self.faced != bool(transfer.gradient)
+        resolved &= not self.hollow and self.faced != transfer.needs_gradients
         return resolved and all(interval.any() for interval in covered)
 
     @property
@@ -234,6 +235,11 @@ class ValueClassifier:
         a = CELLS / (high - low)
         return a, -low * a
 
+    def places(self, values: np.ndarray) -> np.ndarray:
+        """Places of values ρ in the table, in cells."""
+        a, b = self.scale
+        return np.asarray((values - self.low) / self.span * a + b)
+
     @cached_property
     def window_share(self) -> tuple[float, float]:
         """(a, b): record value u is at the share a u + b of the colours' window, or without one 0 up to it."""
@@ -258,6 +264,9 @@ class ValueClassifier:
         some = np.flatnonzero((np.diff(self.table[0].astype(np.int64), axis=0) != 0).any(axis=1))
         before, behind = (self.integral.outside != 0).any(axis=1)
         low, high = (some[0], some[-1] + 1) if some.size else (CELLS, 0)
+        for region in self.transfer.regions:
+            ends = self.places(np.array(region.values))
+            low, high = min(low, ends[0]), max(high, ends[1])
         return -np.inf if before else float(low), np.inf if behind else float(high)
 
     @cached_property
@@ -271,6 +280,22 @@ class ValueClassifier:
         # a value at a step is on its upper side; the table begins on the lower one
         sizes[0] = np.nextafter(low, -np.inf)
         return self.transfer.weight(sizes).astype(np.float32), low, (high - low) / WEIGHTS
+
+    @cached_property
+    def image(self) -> tuple[np.ndarray, float]:
+        """uint32 [rows, columns + 1, 4]: integrals of the rows of the regions' image up to the ends of its pixels, in
+        pixels, and their unit; no rows without an image.
+        """
+        below = next((region.below for region in self.transfer.regions if region.is_image), np.zeros((0, 1, 4)))
+        unit = float(below.max(initial=0.0)) / WHOLE or 1.0
+        return np.rint(below / unit).astype(np.uint32), unit
+
+    def mean_regions(self, first: np.ndarray, last: np.ndarray, spacing: float) -> np.ndarray:
+        """[N, 4]: emission and extinction of the regions over straight lines from `first` to `last`: record values, and
+        magnitudes of their gradients per mean spacing, [2, N]. spacing: the mean one, world units.
+        """
+        ends = [np.stack([self.value(u), size * (self.span / spacing)]) for u, size in (first, last)]
+        return mean_matter(self.transfer.regions, ends[0], ends[1])
 
     def extinction(self, u: np.ndarray) -> np.ndarray:
         """Extinctions per reference length, float64, of record values u [N]; means over the table's cells."""
@@ -286,6 +311,7 @@ def active_range(transfer: Transfer) -> tuple[float, float]:
     """Range of values over which opacity or colour varies, and iso-surfaces lie."""
     ends = [transfer.points[0][0], transfer.points[-1][0], *(transfer.window or ())]
     ends += [surface.value for surface in transfer.iso]
+    ends += [value for region in transfer.regions for value in region.values if np.isfinite(value)]
     return float(min(ends)), float(max(ends))
 
 
@@ -301,24 +327,35 @@ def wanted_intervals(transfer: Transfer, span: float) -> np.ndarray:
 
 
 def opaque_intervals(transfer: Transfer) -> np.ndarray:
-    """[n, 2]: ascending, disjoint, closed intervals of the values with non-zero opacity."""
+    """[n, 2]: ascending, disjoint, closed intervals of the values with non-zero opacity, at any gradient."""
+    of_regions = [region.values for region in transfer.regions if region.densest > 0]
+    return _merge(np.concatenate([_of_points(transfer), np.array(of_regions, np.float64).reshape(-1, 2)]))
+
+
+def _of_points(transfer: Transfer) -> np.ndarray:
+    """[n, 2]: intervals of the values at which the transfer function's points are opaque."""
     values = np.array([value for value, _ in transfer.points], np.float64)
     opacity = np.array([share for _, share in transfer.points], np.float64)
     starts = np.concatenate([[-np.inf], values])
     ends = np.concatenate([values, [np.inf]])
     before, after = np.append(opacity[0], opacity), np.append(opacity, opacity[-1])
     some = np.maximum(before, after) > 0
-    merged: list[list[float]] = []
-    for start, end in zip(starts[some], ends[some], strict=True):
-        if merged and merged[-1][1] >= start:
-            merged[-1][1] = end
-        else:
-            merged.append([float(start), float(end)])
-    intervals = np.array(merged, np.float64).reshape(-1, 2)
+    intervals = _merge(np.column_stack([starts[some], ends[some]]))
     # ends of zero opacity are excluded, also as record values: samples outside objects often have exactly that value
     opaque = transfer.opacity(np.clip(intervals, values[0], values[-1])) > 0
     by = np.maximum(np.spacing(np.abs(intervals)), INWARDS * (values[-1] - values[0])) * np.array([1, -1])
     return np.where(opaque, intervals, intervals + by)
+
+
+def _merge(intervals: np.ndarray) -> np.ndarray:
+    """[n, 2]: ascending, disjoint intervals that cover those of [m, 2]."""
+    merged: list[list[float]] = []
+    for start, end in sorted(intervals.tolist()):
+        if merged and merged[-1][1] >= start:
+            merged[-1][1] = max(end, merged[-1][1])
+        else:
+            merged.append([start, end])
+    return np.array(merged, np.float64).reshape(-1, 2)
 
 
 def nearest_transparent(opaque: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

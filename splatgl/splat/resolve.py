@@ -52,9 +52,9 @@ class Appearance:
     """Appearance of splats. attenuation: opacity, optical-depth or fill. shading: whether splats are lit.
 
     sheets: sheets that share a splat; 0: splats composite one by one. steps: parts of a sheet, each classified
-    once; 0: splats are classified before reconstruction. weighted: whether gradients weigh opacities of steps.
-    clipped, masked: whether planes or a mask clip rays. iso: "lit" or
-    "flat" iso-surfaces, "": none. light: of shaded splats. sky, shadows: whether matter occludes
+    once; 0: splats are classified before reconstruction. weighted: whether gradients weigh opacities of steps. regions:
+    whether there is matter in regions of value and gradient. clipped, masked: whether planes or a mask clip rays. iso:
+    "lit" or "flat" iso-surfaces, "": none. light: of shaded splats. sky, shadows: whether matter occludes
     ambient and direct light.
     """
 
@@ -64,6 +64,7 @@ class Appearance:
     sheets: int = 0
     steps: int = 0
     weighted: bool = False
+    regions: bool = False
     clipped: bool = False
     masked: bool = False
     iso: str = ""
@@ -147,6 +148,7 @@ class Resolved:
             sheets=sheets.count if sheets else 0,
             steps=sheets.steps if sheets else 0,
             weighted=splats.post is not None and bool(splats.post.transfer.gradient) and not blend.one_value,
+            regions=splats.post is not None and bool(splats.post.transfer.regions),
             clipped=clip is not None,
             masked=mask is not None,
             iso=_iso_light(splats, settings),
@@ -231,6 +233,8 @@ def _check_classification(splats: Splats, settings: Settings, moving: bool) -> N
             f"classification {settings.classification}: the splats were extracted to be classified "
             f"{'after' if post else 'before'} reconstruction; extract them with that classification"
         )
+    if post is not None and blend.one_value and post.transfer.regions:
+        raise expected("blend", "composite or xray with regions over gradients", settings.blend, "state points instead")
     if blend.post_only if post is None else blend.one_value and not post.every:
         raise InputError(
             f"blend {blend.name} takes all voxels, classified after reconstruction: "

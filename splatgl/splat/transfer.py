@@ -27,12 +27,11 @@ from splatgl.options import (
 )
 from splatgl.splat.colormaps import check_labels, colormap, interpolate_map, label_color, label_opacity
 from splatgl.splat.iso import FORM, check_iso, read_iso
+from splatgl.splat.regions import REGION_FORM, Region, check_regions, extinction_of, matter_at
 
 # sequences of pairs, stored as tuples
 Nodes = Sequence[Sequence[float]]
 
-# opacity 1 would be an infinite extinction; one step of float32 below it is opaque in any picture
-OPAQUE = 1.0 - 2.0**-24
 # what opacity and colour may be linear in: values or their logarithms; and nodes of a decade of the latter
 SCALES, A_DECADE = ("linear", "log"), 16
 
@@ -61,6 +60,12 @@ def _points(pairs: Any) -> Nodes:
     return points
 
 
+def _hull(regions: Sequence[Region]) -> Nodes:
+    """Transparent points over the values of regions."""
+    ends = [value for region in regions for value in region.values if np.isfinite(value)] or [0.0, 1.0]
+    return ((min(ends), 0.0), (max(ends), 0.0))
+
+
 def _colormap(name: Any) -> str:
     if not isinstance(name, str):
         raise ValueError
@@ -78,7 +83,9 @@ class Transfer:
     points: (value, opacity) nodes, linear between them and constant outside; opacity in [0, 1] per
     `unit` world lengths (None: the volume's mean spacing). A repeated value is a step, and a value
     exactly there takes the upper side. gradient: (|∇|, weight) nodes in values per world length,
-    weights in [0, 1]; none means no influence. colormap spans `window` (None: first to last point).
+    weights in [0, 1]; none means no influence. regions: further matter in the plane of value and gradient magnitude, as
+    Region or text; extinctions add. With regions, points may be left out. colormap spans `window` (None: first to last
+    point).
     labels: (number, "#rrggbb", opacity) of each visible label, for samples that number segments; other numbers are
     clear. Points and colormap are then ignored.
     iso: surfaces where the field passes a value, each (value, "#rrggbb" or "", opacity), see `Iso`.
@@ -92,6 +99,7 @@ class Transfer:
     """
 
     points: Nodes = field(
+        default=(),
         metadata={
             "option": Option(
                 Kind("pairs", _points, read_pairs, "V:A,V:A…", hint="Sequence[Numbers]"),
@@ -99,7 +107,7 @@ class Transfer:
                 Group.TRANSFER,
                 "basic",
             )
-        }
+        },
     )
     colormap: str = _option(
         "gray",
@@ -141,9 +149,20 @@ class Transfer:
         level="basic",
         repeat=True,
     )
+    regions: Sequence[Any] = _option(
+        (),
+        Kind("regions", check_regions, Region.parse, "REGION", written=REGION_FORM, hint="Sequence[Any]"),
+        "matter in a box, triangle, gaussian or image over values and gradients: " + REGION_FORM + " (repeatable)",
+        flag="--region",
+        repeat=True,
+    )
 
     def __post_init__(self) -> None:
         check_options(self, "transfer ")
+        if self.regions and self.labels:
+            raise expected("regions", "values with gradients", "labels")
+        if not self.points:
+            object.__setattr__(self, "points", _hull(self.regions) if self.regions else _points(()))
         lowest = min(self.points[0][0], *(self.window or ()), self.points[-1][0])
         if self.logarithmic and not lowest > 0:
             raise expected("transfer points and window", "values above 0 on a logarithmic scale", lowest)
@@ -158,6 +177,11 @@ class Transfer:
         """Values that the colours span: the window, or from the first to the last point."""
         low, high = self.window or (self.points[0][0], self.points[-1][0])
         return low, high
+
+    @property
+    def needs_gradients(self) -> bool:
+        """Whether opacity depends on gradients."""
+        return bool(self.gradient or self.regions)
 
     @property
     def logarithmic(self) -> bool:
@@ -181,7 +205,8 @@ class Transfer:
         points = tuple((value, opacity * factor) for value, opacity in self.points)
         labels = tuple((number, color, opacity * factor) for number, color, opacity in self.labels)
         iso = tuple(surface._replace(opacity=surface.opacity * factor) for surface in self.iso)
-        return replace(self, points=points, labels=labels, iso=iso)
+        regions = tuple(region.weakened(factor) for region in self.regions)
+        return replace(self, points=points, labels=labels, iso=iso, regions=regions)
 
     def surface_matter(self) -> np.ndarray:
         """[n, 4]: emission and optical depth of the iso-surfaces."""
@@ -203,6 +228,27 @@ class Transfer:
             return _piecewise(self.points, values)
         nodes = [(float(np.log(value)), opacity) for value, opacity in self.points]
         return _piecewise(nodes, _log(values, self.points[0][0]))
+
+    def largest_opacity(self, values: ArrayLike) -> np.ndarray:
+        """float64, the shape of values: at least the opacity per `unit` at any gradient."""
+        most, v = self.opacity(values), np.asarray(values)
+        for region in self.regions:
+            low, high = region.values
+            most = np.where((v >= low) & (v <= high), 1 - (1 - most) * (1 - region.densest), most)
+        return most
+
+    def classify(self, values: ArrayLike, magnitude: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Opacity per `unit` [N], and linear RGB [N, 3], at values [N] with gradient magnitudes [N]."""
+        opacity, color = self.opacity(values) * self.weight(magnitude), self.color(values)
+        if not self.regions:
+            return opacity, color
+        matter, own = matter_at(self.regions, values, magnitude), extinction_of(opacity)
+        total = matter[:, 3] + own
+        emission = matter[:, :3] + own[:, None] * color
+        share = np.where(total > 0, total, 1.0)[:, None]
+        return np.where(matter[:, 3] > 0, -np.expm1(-total), opacity), np.where(
+            total[:, None] > 0, emission / share, color
+        )
 
     def weight(self, magnitude: ArrayLike) -> np.ndarray:
         """F's gradient part, float64 in [0, 1]; 1 everywhere if the transfer ignores gradients."""
@@ -227,13 +273,15 @@ class Transfer:
     @staticmethod
     def extinction(opacity: ArrayLike, unit: float) -> np.ndarray:
         """Extinction per world length of an opacity per `unit` world lengths; 1 is read as 1 − 2⁻²⁴."""
-        return np.asarray(-np.log1p(-np.minimum(np.asarray(opacity, dtype=np.float64), OPAQUE)) / unit)
+        return extinction_of(opacity) / unit
 
     def to_toml(self) -> str:
         """TOML text that `from_toml` reads back to an equal Transfer."""
         always, changed = ("points", "colormap", "shading"), non_default(self)
         names = dict.fromkeys(("points", "gradient", *declared(self)))
         values = {name: getattr(self, name) for name in names if name in always or name in changed}
+        if self.regions:
+            values["regions"] = [str(region) for region in self.regions]
         return "".join(f"{name} = {toml_value(name, value)}\n" for name, value in values.items())
 
     @classmethod
@@ -245,7 +293,7 @@ class Transfer:
     def from_table(cls, table: Mapping[str, Any]) -> Transfer:
         """A Transfer from the keys and values of a TOML table. Raises InputError for unknown keys."""
         refuse_unknown("transfer function", table, declared(cls))
-        if "points" not in table:
+        if "points" not in table and "regions" not in table:
             raise expected("transfer function", "the key points", ", ".join(table) or "nothing", "points = [[v, a], …]")
         return cls(**table)
 

@@ -15,9 +15,10 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.scene.meshes import MeshFile
 from splatgl.splat.clipping import MOST_CLIPS, Plane, check_planes, index_plane
 from splatgl.splat.motion_blur import MOTIONS
+from splatgl.splat.regions import OPAQUE
 from splatgl.splat.scissors import Scissors
 from splatgl.splat.settings import Motions, Settings
-from splatgl.splat.transfer import OPAQUE, Transfer
+from splatgl.splat.transfer import Transfer
 from splatgl.viewer.movie_track import Movie, Preview
 from splatgl.viewer.oblique import STRAIGHT, Turn, shares, slices_of
 from splatgl.viewer.trackball import Pose
@@ -192,7 +193,8 @@ class LayerStyle:
             (number, color, 0.0 if number in self.hidden else scale_opacity(opacity, factor))
             for number, color, opacity in self.base.labels
         )
-        return replace(self.base, points=points, labels=labels)
+        regions = [replace(region, opacity=scale_opacity(region.opacity, factor)) for region in self.base.regions]
+        return replace(self.base, points=points, labels=labels, regions=regions)
 
     @cached_property
     def transfer(self) -> Transfer:

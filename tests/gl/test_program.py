@@ -133,7 +133,7 @@ def covering(keys: set[tuple[object, ...]]) -> set[tuple[object, ...]]:
 STAGES: dict[str, tuple[str, dict[str, str | int]]] = {
     **{
         name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1, "SHADING": 1})
-        for name in ("WEIGHTED", "CLIPPED", "MASKED", "ISO")
+        for name in ("WEIGHTED", "REGIONS", "CLIPPED", "MASKED", "ISO")
     },
     **{name: ("sheet_close.frag", {"SHEETS": 2, "STEPS": 1}) for name in ("LIGHT", "SKY", "SHADOWS")},
     "PACKED": ("tile_place.frag", {"SHEETS": 2, "STEPS": 1}),
@@ -146,11 +146,11 @@ def test_every_feature_compiles_and_only_it_is_read(renderer: sg.Renderer) -> No
     assert set(STAGES) == {feature.switch for feature in FEATURES}
     volume = sg.Volume(np.random.default_rng(3).random((6, 6, 6)))
     settings = sg.Settings(clip=((1.0, 0.0, 0.0, 2.0),), light="glossy", ambient_occlusion=0.5, shadows=0.5)
-    transfer = sg.Transfer([(0.3, 0), (1, 0.5)], shading=True, gradient=((0.0, 0.0), (0.3, 1.0)))
+    transfer = sg.Transfer([(0.3, 0), (1, 0.5)], gradient=((0.0, 0.0), (0.3, 1.0)), regions=["box:0,1,0,1"])
     splats = sg.extract(volume.masked(volume.samples > 0.4), transfer)
     plan = sg.plan(splats, cameras_of(splats)[0], settings, tiles=True)
     on = {feature.switch for feature in FEATURES if feature.is_on(plan.program)}
-    assert on >= {"WEIGHTED", "CLIPPED", "MASKED", "LIGHT", "SKY", "SHADOWS"}
+    assert on >= {"WEIGHTED", "REGIONS", "CLIPPED", "MASKED", "LIGHT", "SKY", "SHADOWS"}
     for feature in FEATURES:
         name, others = STAGES[feature.switch]
         vertex = "splat.vert" if name == "splat.frag" else "whole.vert"

@@ -38,6 +38,8 @@ PLUMBING = {
     *("head_of", "kept_pixel", "packed_piece", "matter_of_piece", "ends_of_piece", "add_matter", "end_matter"),
     *("head_of_row", "last_piece", "part_of"),
     *("first_pixel", "read_texels", "joined", "stage_splat", "staged_splat", "wait_for_all", "is_opaque", "is_behind"),
+    # parts of mean_matter
+    *("region_depths", "region_place", "region_density", "region_integral", "image_texel", "image_mean"),
     *("composite_tile", "add_batch", "entry", "held_sums", "cell_of"),
     # layers by quads, which tests/scene/test_layers.py compares with those by tiles
     *("boxed_piece", "packed_pair", "set_range", "signs_of", "take", "unpacked_pair"),

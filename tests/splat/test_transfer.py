@@ -12,7 +12,8 @@ from splatgl.data.color import linear_from_srgb, srgb_from_linear
 from splatgl.errors import InputError
 from splatgl.splat import colormaps
 from splatgl.splat.colormaps import CORE, colormap
-from splatgl.splat.transfer import OPAQUE, Transfer
+from splatgl.splat.regions import OPAQUE
+from splatgl.splat.transfer import Transfer
 
 # --- sRGB ---
 

@@ -123,6 +123,8 @@ def property_of(volume: Volume, transfer: Transfer, light: Light, lit: bool) -> 
     from vtkmodules.vtkCommonDataModel import vtkPiecewiseFunction
     from vtkmodules.vtkRenderingCore import vtkColorTransferFunction, vtkVolumeProperty
 
+    if transfer.regions:
+        raise expected("transfer function", "points alone for VTK", "regions over gradients", "leave the regions out")
     opacity, color, prop = vtkPiecewiseFunction(), vtkColorTransferFunction(), vtkVolumeProperty()
     for value, share in opacity_nodes(*_opacity_samples(transfer)):
         opacity.AddPoint(value, share)

@@ -91,7 +91,7 @@ def _check(volume: Volume, transfer: Transfer, camera: Camera, settings: Setting
     for fine, this, got in (
         (settings.blend == "composite", "blend composite", settings.blend),
         (volume.color is None, "colours by value", "colours per voxel"),
-        (not transfer.gradient, "opacities by value", "opacities by gradient"),
+        (not transfer.needs_gradients, "opacities by value", "opacities by gradient"),
         (camera.perspective, "perspective", "parallel rays"),
         (settings.background is None, "no background", "a background"),
     ):

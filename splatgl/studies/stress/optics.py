@@ -11,8 +11,8 @@ import numpy as np
 from splatgl.data.volume import Volume
 from splatgl.splat.camera import Camera
 from splatgl.splat.kernels import kernel
+from splatgl.splat.regions import OPAQUE
 from splatgl.splat.splats import Splats
-from splatgl.splat.transfer import OPAQUE
 from splatgl.studies.stress.case import (
     PICTURE_BOUND,
     Bench,
