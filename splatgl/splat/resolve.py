@@ -139,8 +139,7 @@ class Resolved:
         sheets = _sheets(splats, settings, view, moving, notes)
         # widened weights of means need no attenuation
         after, blend = sheets is not None and sheets.steps > 0, BLENDS[settings.blend]
-        clip = Clip.of(settings.clip, splats.grid) if after or boxes else None
-        mask = splats.mask if after else None
+        clip, mask = (Clip.of(settings.clip, splats.grid) if after or boxes else None), (splats.mask if after else None)
         look = Appearance(
             blend,
             attenuation="optical-depth" if after else _attenuation(settings, antialias or moving),
