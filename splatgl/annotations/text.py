@@ -184,7 +184,8 @@ def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
     for first in range(0, len(lines), per):
         rows = [[plain(cell) for cell in line.split("\t")] for line in lines[first : first + per]]
         # column widths come from rows with several cells; a single cell spans all columns
-        tabbed, ends = [row for row in rows if len(row) > 1], [right + pad]
+        # columns of lines are farther apart than their cells
+        tabbed, ends = [row for row in rows if len(row) > 1], [right + (2 * pad if first else pad)]
         for column in range(max(map(len, tabbed), default=0)):
             widest = max(font.getlength(row[column]) for row in tabbed if column < len(row))
             ends.append(ends[-1] + 2 * pad + widest)

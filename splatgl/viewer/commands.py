@@ -498,7 +498,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("turn", "turn on its own, or stop", ("space",), _rotate("turning")),
         Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
         Command("ground", "another background", ("n",), _ground),
-        Command("pin", "keep this picture beside the next, or not", ("ctrl+d",), _pin),
+        Command("pin", "keep this picture at the right, or not", ("ctrl+d",), _pin),
         Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
         Command("panel", "show or hide the panel", ("tab",), _rotate("panel")),
         Command("focus", "keys in the panel, or back in the picture", ("f6",), _request(Request.FOCUS)),

@@ -49,7 +49,6 @@ class Browser:
         size = [min(each * scale, room - 2 * MARGIN) for each, room in zip(SIZE, window, strict=True)]
         imgui.set_next_window_pos((window[0] / 2, window[1] / 2), imgui.Cond_.always, (0.5, 0.5))
         imgui.set_next_window_size((size[0], size[1]))
-        imgui.set_next_window_bg_alpha(0.98)
         fixed = imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_resize | imgui.WindowFlags_.no_move
         shown, _ = imgui.begin_popup_modal(f"{self.title}{NAME}", None, fixed)
         if not shown:

@@ -167,6 +167,10 @@ class Gui:
         self.last = now
         self._pass_events()
         self._navigate(state.panel)
+        was_open = self.panel.takes_moves
+        if was_open:
+            # the veil behind boxes fades in by frames, of which a window at rest draws none
+            imgui.get_current_context().dim_bg_ratio = 1.0
         if state.theme != self.theme:
             self.theme = state.theme
             _color(state.theme)
@@ -180,6 +184,8 @@ class Gui:
                 imgui.render()
             self.fresh = False
             imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+        if self.panel.takes_moves and not was_open:
+            self.window.listener.refresh()
         return state
 
     def _navigate(self, is_shown: bool) -> None:

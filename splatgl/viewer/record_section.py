@@ -31,7 +31,6 @@ def draw_record(state: State, document: Document, widgets: CommandWidgets) -> St
         for name, label in (("record", "record"), ("record-as", "record as...")):
             imgui.same_line()
             state = widgets.button(name, label, state, document)
-    imgui.same_line()
     state = widgets.button("copy-movie", "copy as command", state, document)
     if widgets.recording is not None:
         imgui.progress_bar(widgets.recording.share, (-1.0, 0.0), widgets.recording.text)

@@ -37,8 +37,8 @@ KEYS = (*LETTERS, *NAMED.split(), "greater", "question", "plus", "minus", "ctrl+
 # inputs after which memory is expected to be flat, as the renderer holds all the programs by then that it holds at
 # most, some 100 MB with llvmpipe; by how much it may grow from there, and how often it is measured at rest
 WARM, GROWTH, RESTS = 600, 1.05, 40
-# presses of Escape that end all that may be open or go on: each ends one thing
-ESCAPES = 8
+# presses of Escape that end all that may be open or go on, and seconds between them: each ends one thing of a frame
+ESCAPES, APART = 8, 0.5
 # seconds without an answer to a key after which the window hangs, on a busy machine, too, and for which a picture at
 # rest has been refined
 HANGS, STILL = 300.0, 3.0
@@ -144,7 +144,9 @@ class Session:
         scene = self.folder / "rest.toml"
         scene.write_text(f"volume = {json.dumps(str(self.files[0].resolve()))}\n")
         # ends what turns, plays, is open or is being read
-        self.hands("key", *["Escape"] * ESCAPES)
+        for _ in range(ESCAPES):
+            self.hands("key", "Escape")
+            time.sleep(APART)
         self.hands("windowsize", self.identity, 640, 480)
         command = [sys.executable, str(DRAG_SOURCE), self.identity, str(scene)]
         subprocess.run(command, env=self.environment, timeout=HANGS, check=False)
