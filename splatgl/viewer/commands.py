@@ -424,6 +424,7 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
 
 
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
+LASSO, OVER = "remove, keep what a drag circles", "axes and scale, colour bar, box"
 FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
 
 
@@ -452,8 +453,8 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("handles", "handles of the cutting box and planes", ("x",), _handles),
         Command("cuts", "cuts on or off", ("shift+x",), _cuts),
         Command("plane", "cut by another plane, which faces you", ("ctrl+x",), _plane),
-        Command("scissors", "remove what a drag draws around", ("ctrl+shift+x",), start_lasso(keep=False)),
-        Command("scissors-keep", "keep only what a drag draws around", ("alt+x",), start_lasso(keep=True)),
+        Command("scissors", "remove what a drag draws around", ("ctrl+shift+x",), start_lasso(keep=False), LASSO),
+        Command("scissors-keep", "keep only what a drag draws around", ("alt+x",), start_lasso(keep=True), LASSO),
         Command("uncut", "remove all cuts", ("delete",), _uncut),
         Command("segments-show", "show all segments", (), _segments(True)),
         Command("segments-hide", "hide all segments", (), _segments(False)),
@@ -501,7 +502,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("pin", "keep this picture at the right, or not", ("ctrl+d",), _pin),
         Command("fullscreen", "fullscreen", ("f11", "f"), _rotate("fullscreen")),
         Command("panel", "show or hide the panel", ("tab",), _rotate("panel")),
-        Command("focus", "keys in the panel, or back in the picture", ("f6",), _request(Request.FOCUS)),
+        Command("focus", "keys in the panel, or the picture", ("f6",), _request(Request.FOCUS)),
         Command("theme", "dark or light panel", (), _rotate("theme", THEMES)),
         Command("hud", "what is drawn and how: short, full, or off", ("i",), _rotate("hud", HUDS)),
     ),
@@ -524,16 +525,16 @@ MENUS: dict[str, tuple[Command, ...]] = {
             _threshold(THRESHOLD_STEP),
             "keep more, fewer voxels",
         ),
-        Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations),
+        Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations, OVER),
         *(
-            Command(row.name, row.title, (row.key,), _annotation(row))
+            Command(row.name, row.title, (row.key,), _annotation(row), OVER)
             for row in ANNOTATIONS.values()
             if row.key and not row.default
         ),
         Command("compare", "float64 reference, or the difference to it", ("d",), _compare),
-        Command("motion", "next kind of motion blur, while turning", ("m",), _blur),
+        Command("motion", "next motion blur, while turning", ("m",), _blur),
         Command("classification", "classify before reconstruction, or after", ("c",), _cycle("classification")),
-        Command("compositing", "composite single splats, or sheets of them", ("o",), _cycle("compositing")),
+        Command("compositing", "composite splats, or sheets of them", ("o",), _cycle("compositing")),
         Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
         Command("align", "next alignment of the splats", ("g",), _cycle("align")),
         Command(
@@ -548,7 +549,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("probe", "the value under the cursor", ("y",), _probe),
         Command("measure", "distance between two clicked points", ("e",), _measure),
         Command("angle", "angle between three clicked points", (), _angle),
-        *(Command(name, title, keys, run) for name, title, keys, run in SLICES),
+        *(Command(*row) for row in SLICES),
         Command("play", "play a time series, or stop", ("enter",), _play),
         Command("earlier", "the time point before", ("<",), _time(-1), "the time point before, after"),
         Command("later", "the next time point", (">",), _time(1), "the time point before, after"),

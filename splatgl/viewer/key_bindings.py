@@ -7,7 +7,7 @@ quit = "q"
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +16,8 @@ from splatgl.fileio import load_table
 from splatgl.viewer.commands import COMMANDS, MOUSE, Command
 
 MODIFIERS = ("ctrl", "alt", "shift")
+# most letters of the keys in a row of the help
+LONGEST = 22
 # names of keys without a character; function keys are f1 to f12
 NAMED = (
     *("escape", "enter", "tab", "space", "backspace", "insert", "delete", "home", "end", "page_up", "page_down"),
@@ -81,8 +83,14 @@ def help_rows(commands: Iterable[Command]) -> list[tuple[str, str]]:
             rows.setdefault(command.menu, {}).setdefault(command.row or command.title, []).extend(command.keys)
     table = [*rows.items(), ("Mouse", {text: [move] for move, text in MOUSE})]
     return [
-        row for name, texts in table for row in ((name.upper(), ""), *((", ".join(k), t) for t, k in texts.items()))
+        row for name, texts in table for row in ((name.upper(), ""), *((_join_keys(k), t) for t, k in texts.items()))
     ]
+
+
+def _join_keys(keys: Sequence[str]) -> str:
+    """The first keys of a row, as many as a narrow column takes."""
+    count = max(n for n in range(1, len(keys) + 1) if n == 1 or len(", ".join(keys[:n])) <= LONGEST)
+    return ", ".join(keys[:count])
 
 
 def list_bindings(commands: Iterable[Command]) -> str:

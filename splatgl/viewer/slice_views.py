@@ -547,18 +547,19 @@ def _straighten(state: State, document: Document) -> State:
     return with_slices(state, replace(state.slices, turn=STRAIGHT).at(index, document.volume), document.volume)
 
 
-# id, title, keys and effect
-SLICES: tuple[tuple[str, str, tuple[str, ...], Run], ...] = (
-    ("slices", "slices: the wheel and clicks move them", ("z",), _show),
-    ("slice-colors", "slices in grey or in colours", ("shift+z",), _color),
-    ("slices-in-space", "slices as planes in the picture", ("alt+z",), _show_in_space),
+LOOKS, TURNS = "slices in colours; as planes", "turn slices about x, y, z; shift: back"
+# id, title, keys, effect, and the text of a row of the help that several share
+SLICES: tuple[tuple[str, str, tuple[str, ...], Run, str], ...] = (
+    ("slices", "slices: the wheel and clicks move them", ("z",), _show, ""),
+    ("slice-colors", "slices in grey or in colours", ("shift+z",), _color, LOOKS),
+    ("slices-in-space", "slices as planes in the picture", ("alt+z",), _show_in_space, LOOKS),
     *(
-        (f"turn-slices-{name}", f"turn slices about {name}", (f"alt+{n + 1}",), _turn(n, TURN))
+        (f"turn-slices-{name}", f"turn slices about {name}", (f"alt+{n + 1}",), _turn(n, TURN), TURNS)
         for n, name in enumerate("xyz")
     ),
     *(
-        (f"turn-slices-back-{name}", f"turn slices back about {name}", (f"alt+shift+{n + 1}",), _turn(n, -TURN))
+        (f"turn-slices-back-{name}", f"turn slices back about {name}", (f"alt+shift+{n + 1}",), _turn(n, -TURN), TURNS)
         for n, name in enumerate("xyz")
     ),
-    ("straighten-slices", "slices along the axes again", ("alt+0",), _straighten),
+    ("straighten-slices", "slices along the axes again", ("alt+0",), _straighten, ""),
 )
