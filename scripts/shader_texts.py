@@ -82,7 +82,9 @@ class Picture:
 
 
 # changes of a picture that need other programs
-BLENDS: dict[str, dict[str, Any]] = {blend: {"blend": blend} for blend in ("xray", "mip", "minip", "mean")}
+BLENDS: dict[str, dict[str, Any]] = {
+    blend: {"blend": blend} for blend in ("xray", "mip", "attenuated-mip", "minip", "mean")
+}
 LIGHTS: dict[str, dict[str, Any]] = {
     "unlit": {"shading": "off"},
     "glossy": {"light": "glossy"},
@@ -255,8 +257,8 @@ class Recorder(Programs):
     def meshes(self) -> None:
         """Composes the programs of meshes."""
         self.picture = "meshes"
-        for perspective, light in product((True, False), repeat=2):
-            self.for_meshes(perspective, light)
+        for perspective, light, textured in product((True, False), repeat=3):
+            self.for_meshes(perspective, light, textured)
         self.for_screen("surface_clear.frag")
         self.for_screen("surface_over.frag")
         self.for_screen("slots_clear.frag")

@@ -127,9 +127,7 @@ def test_options_of_other_programs(typed: str) -> None:
 def test_meanings_are_options_and_commands() -> None:
     """Every suggestion is there, and no word for it is an option of the command that it is advised for."""
     flags = {flag.strip("-") for name in COMMANDS for flag in command(name)._option_string_actions}
-    # taken where they are there
-    later = {"iso"}
-    assert {suggestion.partition(" ")[0] for suggestion in MEANINGS} - later <= flags | set(COMMANDS)
+    assert {suggestion.partition(" ")[0] for suggestion in MEANINGS} <= flags | set(COMMANDS)
     own = {flag.strip("-") for flag in command("render")._option_string_actions}
     assert {word for words in MEANINGS.values() for word in words.split()} & own <= {"view"}
 
