@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -386,6 +387,8 @@ def window_question(volume: Volume, window: Sequence[float]) -> str:
 
 # Hounsfield units of slices, level 40 and width 400; percentiles of other values
 SLICE_HU, SLICE_PERCENTILES = (-160.0, 240.0), (1.0, 99.5)
+# of volumes: the default transfer function, and the window of slices, None for a single value
+_slice_defaults: WeakKeyDictionary[Volume, tuple[Transfer, tuple[float, float] | None]] = WeakKeyDictionary()
 
 
 def slice_colors(volume: Volume, transfer: Transfer) -> Transfer:
@@ -394,18 +397,19 @@ def slice_colors(volume: Volume, transfer: Transfer) -> Transfer:
     """
     if transfer.labels or volume.labels is not None or volume.color is not None:
         return transfer
-    default, stats = default_transfer(volume), statistics(volume)
-    if not default.shading or volume.hints.colormap or stats.constant:
-        return transfer
-    colors = "gray" if transfer.colormap == default.colormap else base_name(transfer.colormap)
-    window = transfer.window
-    if transfer.window == default.window and volume.hints.window is None:
+    if volume not in _slice_defaults:
+        stats = statistics(volume)
         low, high = SLICE_HU if _is_hounsfield(stats) else [stats.percentile(percent) for percent in SLICE_PERCENTILES]
-        window = (low, high) if low < high else (float(stats.values[0]), float(stats.values[-1]))
-    if base_name(default.colormap) == transfer.colormap and window == transfer.window:
-        # a window that is given has the whole map of surfaces
-        colors = "gray"
-    return replace(transfer, colormap=colors, window=window)
+        ends = (low, high) if low < high else (float(stats.values[0]), float(stats.values[-1]))
+        _slice_defaults[volume] = default_transfer(volume), None if stats.constant else ends
+    default, usual = _slice_defaults[volume]
+    if not default.shading or volume.hints.colormap or usual is None:
+        return transfer
+    # a window that is given has the whole map of surfaces
+    is_usual = base_name(transfer.colormap) == base_name(default.colormap)
+    colors = "gray" if is_usual else base_name(transfer.colormap)
+    is_default = transfer.window == default.window and volume.hints.window is None
+    return replace(transfer, colormap=colors, window=usual if is_default else transfer.window)
 
 
 def is_microscopy(volume: Volume) -> bool:

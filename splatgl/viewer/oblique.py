@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.splat.scene import Layer, Scene
-from splatgl.splat.slices import Slice, SlicePlane, Where, grid_normals, plane_through
+from splatgl.splat.slices import Slice, SlicePlane, Where, grid_normals, parse_slices, plane_through
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
@@ -58,8 +58,13 @@ def middle(slices: Slices, volume: Volume) -> np.ndarray:
 
 def planes(slices: Slices, volume: Volume, up: np.ndarray) -> tuple[SlicePlane, ...]:
     """The slices across the grid's x, y and z, turned."""
-    point = middle(slices, volume)
-    return tuple(plane_through(volume, point, normal, up, grid=True) for normal in normals(slices, volume))
+    return _planes(slices, volume, tuple(up.tolist()))
+
+
+@lru_cache(maxsize=2)
+def _planes(slices: Slices, volume: Volume, up: tuple[float, ...]) -> tuple[SlicePlane, ...]:
+    point, upwards = middle(slices, volume), np.array(up)
+    return tuple(plane_through(volume, point, normal, upwards, grid=True) for normal in normals(slices, volume))
 
 
 def texts(slices: Slices, volume: Volume) -> tuple[str, ...]:
@@ -82,7 +87,24 @@ def slices_of(slices: Slices, given: Sequence[str], volume: Volume) -> Slices:
         made = replace(slices, turn=turn, place=shares(place, volume))
     else:
         return slices
-    return replace(made, in_space=True) if texts(made, volume) == tuple(given) else slices
+    return replace(made, in_space=True) if _are_alike(texts(made, volume), given, volume) else slices
+
+
+def _are_alike(some: Sequence[str], others: Sequence[str], volume: Volume) -> bool:
+    """Whether texts say the same planes, but for rounding, and all are opaque."""
+    if any(Slice(text).opacity < 1 for text in others):
+        return False
+    pairs = zip(*(parse_slices([Slice(text).place for text in texts], volume) for texts in (some, others)), strict=True)
+    size = float(np.ptp(volume.corners, axis=0).max())
+    return all(
+        abs(a.normal @ b.normal) > 1 - SAME and abs((a.point - b.point) @ a.normal) < SAME * size for a, b in pairs
+    )
+
+
+def with_turn(slices: Slices, turn: Turn, volume: Volume) -> Slices:
+    """The slices turned about the point that they contain."""
+    placed = slices.at(slices.index(volume), volume) if slices.turn == STRAIGHT else slices
+    return replace(placed, turn=turn)
 
 
 def with_slices(state: State, slices: Slices, volume: Volume) -> State:
@@ -103,9 +125,9 @@ def slice_meshes(
 
 
 def shares(index: np.ndarray, volume: Volume) -> Triple:
-    """An index (x, y, z) as shares of the volume's box, within it."""
+    """An index (x, y, z) as shares of the volume's box, within it: slices through its corners would have no area."""
     sizes = np.array(volume.shape[::-1])
-    x, y, z = ((np.clip(index, -0.5, sizes - 0.5) + 0.5) / sizes).tolist()
+    x, y, z = ((np.clip(index, -0.49, sizes - 0.51) + 0.5) / sizes).tolist()
     return x, y, z
 
 

@@ -23,7 +23,18 @@ from splatgl.splat.settings import BLENDS
 from splatgl.splat.slices import ANATOMY, pane_axes, world_axes
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer.jobs import Jobs, Kind
-from splatgl.viewer.oblique import STRAIGHT, Turn, TurnedPane, middle, normals, planes, shares, turned, with_slices
+from splatgl.viewer.oblique import (
+    STRAIGHT,
+    Turn,
+    TurnedPane,
+    middle,
+    normals,
+    planes,
+    shares,
+    turned,
+    with_slices,
+    with_turn,
+)
 from splatgl.viewer.segments import segment_name
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
@@ -234,7 +245,7 @@ class SliceTool(Tool):
         """Drags the other two slices, or turns them."""
         if self.turning is not None:
             turn = self.turning.to(pointer.place)
-            return with_slices(state, replace(state.slices, turn=turn), document.volume)
+            return with_slices(state, with_turn(state.slices, turn, document.volume), document.volume)
         if self.dragged is None:
             return None
         both = zip(self.turned_panes(state, document, view), self.panes(state, document, view), strict=True)
@@ -536,8 +547,8 @@ def _show_in_space(state: State, document: Document) -> State:
 def _turn(axis: int, degrees: float) -> Run:
     def turn(state: State, document: Document) -> State:
         slices, about = state.slices, normals(state.slices, document.volume)[axis]
-        made = replace(slices, turn=turned(slices.turn, about, degrees), shown=True)
-        return with_slices(state, made, document.volume)
+        made = with_turn(slices, turned(slices.turn, about, degrees), document.volume)
+        return with_slices(state, replace(made, shown=True), document.volume)
 
     return turn
 
