@@ -178,6 +178,13 @@ CHECKS: dict[str, Callable[[Told, Told], bool]] = {
     "measure": lambda before, after: after["ruler"]["active"] and "click" in after["message"],
     "slices": lambda before, after: after["slices"]["shown"] and after["size"][0] < before["size"][0],
     "slice-colors": lambda before, after: after["slices"]["colored"] and after["slices"]["shown"],
+    "slices-in-space": lambda before, after: after["slices"]["in_space"],
+    **{
+        f"turn-slices-{way}{axis}": lambda before, after: after["slices"]["turn"] != before["slices"]["turn"]
+        for way in ("", "back-")
+        for axis in "xyz"
+    },
+    "straighten-slices": lambda before, after: after["slices"]["turn"] == before["slices"]["turn"],
     "light": lambda before, after: (before["settings"]["light"], after["settings"]["light"]) == ("head", "matte"),
     "fullscreen": lambda before, after: after["fullscreen"] and after["size"] == [640, 480],
     "pin": lambda before, after: after["size"][0] == before["size"][0] // 2,
