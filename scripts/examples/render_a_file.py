@@ -15,7 +15,8 @@ def main(source: str, target: str) -> None:
     with sg.Renderer() as renderer:
         image = sg.check(renderer.render(splats, camera), splats, camera)
     image.save(target)
-    print(f"{len(splats):,} splats; off by at most {image.info['checked']['largest']:.2g} in what was checked")
+    most, share = image.info["checked"]["largest"], image.info["checked"]["share"]
+    print(f"{len(splats):,} splats; off by more than {most:.2g} in at most {share:.1%} of the pixels")
 
 
 if __name__ == "__main__":

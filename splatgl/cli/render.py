@@ -199,7 +199,7 @@ def _draw_on_workers(scene: OpenScene, how: DrawOptions, by: WorkerOptions) -> I
     job = Job(uuid4().hex, file.with_absolute_paths().open, scene.transfer, settings, by.drawing, camera, how.memory)
     notify = None if scene.is_quiet else print
     with by.connected(notify) as client, progress_bar("part", scene.is_quiet) as progress:
-        image = draw_parts(client, job, None, progress, how.check is None)
+        image = draw_parts(client, job, None, progress, how.check)
     if not image.info["splats"]:
         raise scene.nothing_visible()
     return image

@@ -195,9 +195,9 @@ def _none() -> Volume:
 
 
 def draw_parts(
-    client: Client, job: Job, volume: Any = None, progress: Progress | None = None, check: bool = False
+    client: Client, job: Job, volume: Any = None, progress: Progress | None = None, check: int | float | None = 0
 ) -> Image:
-    """Draws the picture of a job. volume: a future, if it is sent to workers. check: compare squares with float64."""
+    """Draws the picture of a job. volume: a future, if it is sent to workers. check: as of `check_bricks`."""
     from distributed import as_completed
 
     from splatgl.distributed.cluster import addresses, outcome
@@ -261,13 +261,13 @@ def _part(job: Job, sent: Volume | None, shell: Shell) -> Part:
     return Part.of(pixels, sum(some.found.values()))
 
 
-def _finished(job: Job, sent: Volume | None, part: Part, check: bool) -> Image:
+def _finished(job: Job, sent: Volume | None, part: Part, check: int | float | None) -> Image:
     """The picture of joined parts, on a worker."""
     from splatgl.reference.check import check_bricks
 
     bricks, _ = _planned(job, sent)
     image = renderer(job.drawing).render_joined(bricks, job.camera, job.settings, part.whole, part.splats)
-    return check_bricks(image, bricks, job.camera, job.settings) if check and part.splats else image
+    return check_bricks(image, bricks, job.camera, job.settings, check) if part.splats else image
 
 
 def _planned(job: Job, sent: Volume | None) -> tuple[Bricks, Plan]:

@@ -198,6 +198,13 @@ def pixel_means(samples: np.ndarray, k: int) -> np.ndarray:
     return samples
 
 
+def mean_weights(k: int) -> np.ndarray:
+    """[k + 2]: weights of a pixel's samples along an axis, and of one more on each side, in `pixel_means`."""
+    weights = np.pad(np.ones(k), 1)
+    np.add.at(weights, [0, 1, k, k + 1], END_CORRECTION * np.array([1, -1, -1, 1]))
+    return weights / k
+
+
 def tile_errors(single: np.ndarray, k: int) -> np.ndarray:
     """float64 [rows, columns]: for tiles of samples, k along each axis of a pixel, the largest second difference, over
     24, of pixels [H, W, C] in each; pixels at the picture's edge repeat. Twin of `shaders/edges.frag`.

@@ -1,30 +1,54 @@
-"""Compares parts of an image with the float64 reference: measures the error where no bound is known."""
+"""Compares a random sample of an image's pixels with the float64 reference, and states what follows for all of them.
+
+Each of n draws takes one pixel of its own stratum; all strata have the weight W/n, W the sum of the weights of all
+pixels, none below 1. Of a set of pixels of weight at least u W the draws meet none with probability Π (1 − uₕ) ≤
+(1 − u)ⁿ, since the mean of the shares uₕ of the strata is u. With u = 1 − αⁿ⁻¹ this is α. Suppose that u W pixels or
+more were off by more than the largest error drawn: then none of them was drawn. So, with confidence 1 − α, fewer are.
+
+How many exceed a limit that is known before is Σ of independent events with mean n u, for which P(Σ ≤ c) is at most
+that of the binomial distribution with the same mean, if c ≤ n u − 1 (Hoeffding 1956): the limit of Clopper and Pearson.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil
+from typing import Self
+from zlib import crc32
 
 import numpy as np
 
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.field import kept_field_integral
-from splatgl.reference.renderer import render_windows, render_windows_of
+from splatgl.reference.renderer import render_pixels, render_pixels_of
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import Window
-from splatgl.splat.grid import distinct
 from splatgl.splat.resolve import select_splats, why_classified_before
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 
+# probability that a statement is wrong
+ALPHA = 0.05
+# pixels that are drawn by default; of a volume in bricks, of which each extracts a column
+PIXELS, BRICK_PIXELS = 160, 10
+# pixels that measure how many a time allows, and the most that are then drawn
+PILOT, MOST = 16, 1 << 14
+# share of additional weight, distributed like the differences of neighbouring pixels
+EDGES = 1 / 3
+# limits of classes: additional weights, and brightnesses over the largest
+WEIGHTS, BRIGHTNESSES = (0.25, 1.0, 4.0), (0.01, 0.25, 0.5)
+# squares along each axis of the picture by which pixels are sorted, a power of two
+TILES = 64
 # a pixel that differs by less from the background counts as background
 UNSEEN = 1e-6
-# number of squares of pixels, and pixels along their sides
-SQUARES, SIDE = 10, 4
 # maximum number of pixels marched through the field, and rays along the sides of an antialiased pixel
 FIELD_PIXELS, FIELD_SAMPLES = 64, 4
+
+Drawn = Callable[[np.ndarray], np.ndarray]
 
 
 def check(
@@ -32,65 +56,59 @@ def check(
     splats: Splats | Scene,
     camera: Camera,
     settings: Settings | None = None,
-    rows: int | None = None,
+    amount: int | float | None = None,
     field: bool = False,
 ) -> Image:
-    """Adds `info["checked"]` to an image of `Renderer.render`: the compared windows, the largest and the mean error.
+    """Adds `info["checked"]` to an image of `Renderer.render`: errors of randomly drawn pixels against the float64
+    reference, and what follows for all pixels.
 
-    Draws SQUARES squares of SIDE pixels in float64, distributed over the non-empty pixels. rows: number of rows of
-    pixels to compare instead. field: also compares some of these pixels with the exact integral of the field, whose
-    values are reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as
+    amount: number of pixels to draw (default PIXELS; 0: none), all if the picture has no more, or seconds, a float.
+    field: also compares some of the pixels that show matter with the exact integral of the field, whose values are
+    reconstructed and classified at every point of a ray: `info["checked"]["field"]`. Raises InputError as
     `check_input`.
     """
     settings = settings or Settings()
-    check_input(splats, camera, settings, rows, field)
-    image, windows, checked = _compared(
-        image, settings, rows, lambda windows: render_windows(splats, camera, settings, windows)
-    )
-    if field and windows:
+    check_input(splats, camera, settings, amount, field)
+
+    def draw(wanted: np.ndarray) -> np.ndarray:
+        return render_pixels(splats, camera, settings, wanted)
+
+    image, drawn = compare_sample(image, settings, PIXELS if amount is None else amount, draw)
+    if field and len(drawn):
         ((layer, look),) = splats.drawn(settings)
-        inside = np.zeros(image.pixels.shape[:2], bool)
-        for w in windows:
-            inside[w.y : w.y + w.height, w.x : w.x + w.width] = True
-        shown = np.flatnonzero(_is_visible(image.pixels, settings) & inside)
+        shown = drawn[_is_visible(image.pixels, settings).ravel()[drawn]]
+        shown = shown if len(shown) else drawn
         pixels = shown[np.linspace(0, len(shown) - 1, min(FIELD_PIXELS, len(shown))).astype(int)]
-        drawn = select_splats(layer, look, False, camera)
+        chosen = select_splats(layer, look, False, camera)
         samples = 1 if settings.antialias == "off" else FIELD_SAMPLES
-        far = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(drawn, camera, pixels, samples, look)
-        checked["field"] = {"pixels": len(pixels), **_errors(far)}
+        off = image.pixels.reshape(-1, 4)[pixels] - kept_field_integral(chosen, camera, pixels, samples, look)
+        errors = {"largest": float(np.abs(off).max()), "rmse": float(np.sqrt((off**2).mean()))}
+        checked = image.info["checked"]
+        assert isinstance(checked, dict)
+        checked["field"] = {"pixels": len(pixels), **errors}
     return image
 
 
-def check_bricks(image: Image, bricks: Bricks, camera: Camera, settings: Settings | None = None) -> Image:
-    """Like `check`, for squares of an image of `Renderer.render_bricks`."""
+def check_bricks(
+    image: Image, bricks: Bricks, camera: Camera, settings: Settings | None = None, amount: int | float | None = None
+) -> Image:
+    """Like `check`, for an image of `Renderer.render_bricks`; by default of BRICK_PIXELS pixels."""
     settings = settings or Settings()
-    return _compared(image, settings, None, lambda windows: render_windows_of(bricks, camera, settings, windows))[0]
+
+    def draw(wanted: np.ndarray) -> np.ndarray:
+        return render_pixels_of(bricks, camera, settings, wanted)
+
+    return compare_sample(image, settings, BRICK_PIXELS if amount is None else amount, draw)[0]
 
 
-def _compared(
-    image: Image, settings: Settings, rows: int | None, draw: Callable[[list[Window]], list[np.ndarray]]
-) -> tuple[Image, list[Window], dict[str, object]]:
-    """The image with `info["checked"]`, the compared windows, and `checked`; the same image if there are none.
-
-    draw: returns the exact pixels of windows.
+def check_input(
+    splats: Splats | Scene, camera: Camera, settings: Settings, amount: int | float | None, field: bool
+) -> None:
+    """Raises InputError, before any drawing, for input that `check` cannot compare: a field of no pixels, or of voxels
+    classified before reconstruction.
     """
-    visible = _is_visible(image.pixels, settings)
-    if rows == 0 or not visible.any():
-        return image, [], {}
-    windows = _squares(visible) if rows is None else _rows(visible, rows)
-    parts = [image.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
-    off = np.concatenate([(part - exact).reshape(-1, 4) for part, exact in zip(parts, draw(windows), strict=True)])
-    checked: dict[str, object] = {"windows": [w.box for w in windows], "pixels": len(off), **_errors(off)}
-    return Image(image.pixels, {**image.info, "checked": checked}), windows, checked
-
-
-def check_input(splats: Splats | Scene, camera: Camera, settings: Settings, rows: int | None, field: bool) -> None:
-    """Raises InputError, before any drawing, for input that `check` cannot compare: a number of rows that the picture
-    does not have, and a field of no rows, or of voxels classified before reconstruction.
-    """
-    least, height = int(field), camera.size[1]
-    if rows is not None and not least <= rows <= height:
-        raise expected("--check", f"{least} to {height} rows" + " with --field" * field, rows)
+    if amount is not None and amount < field:
+        raise expected("--check", "pixels or seconds" + " of at least 1, with --field" * field, amount)
     if not field:
         return
     (layer, settings), *others = splats.drawn(settings)
@@ -102,33 +120,134 @@ def check_input(splats: Splats | Scene, camera: Camera, settings: Settings, rows
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
 
 
+def compare_sample(image: Image, settings: Settings, amount: int | float, draw: Drawn) -> tuple[Image, np.ndarray]:
+    """The image with `info["checked"]`, and the indices of the drawn pixels, ascending; the same image if there are
+    none. draw: returns the exact pixels [P, 4] of ascending indices [P].
+    """
+    flat, sampling = image.pixels.reshape(-1, 4), Sampling.of(image.pixels)
+    count = min(amount if isinstance(amount, int) else _affordable(sampling, draw, amount), len(flat))
+    if count == 0:
+        return image, np.zeros(0, np.int64)
+    wanted, times = sampling.draw(count)
+    off = flat[wanted] - draw(wanted)
+    error = np.abs(off).max(axis=1)
+    row, column = divmod(int(wanted[error.argmax()]), image.pixels.shape[1])
+    allowed = settings.tolerance * (float(flat.max()) if BLENDS[settings.blend].unbounded else 1.0)
+    above = int(times[error > allowed].sum())
+    is_whole = count == len(flat)
+    part = times / (1.0 if is_whole else sampling.weights[wanted])
+    checked: dict[str, object] = {
+        "pixels": count,
+        "seed": sampling.seed,
+        "largest": float(error.max()),
+        "worst": [column, row],
+        "rmse": float(np.sqrt(part @ (off**2).mean(axis=1) / part.sum())),
+        "confidence": 1.0 if is_whole else 1 - ALPHA,
+        "share": 0.0 if is_whole else sampling.share_below(0, count),
+        "share_above_tolerance": above / count if is_whole else sampling.share_below(above, count),
+    }
+    return Image(image.pixels, {**image.info, "checked": checked}), wanted
+
+
+def _affordable(sampling: Sampling, draw: Drawn, seconds: float) -> int:
+    """The number of pixels that are drawn in a time, by that of others, so that it does not depend on their errors."""
+    stamps = [time.perf_counter()]
+    # the first one fills caches, the second one shows what any number takes
+    for count in (1, 1, PILOT):
+        draw(sampling.draw(count, is_pilot=True)[0])
+        stamps.append(time.perf_counter())
+    _, fixed, pilot = np.diff(stamps)
+    each = max((pilot - fixed) / (PILOT - 1), 1e-6)
+    return int(np.clip((seconds - (stamps[-1] - stamps[0]) - fixed) / each, PILOT, MOST))
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """Strata of a picture's pixels. weights [N]: relative probabilities, at least 1. order [N]: pixels, those of a
+    stratum together: by weight, brightness and tile. seed: of the draws, a checksum of the picture.
+    """
+
+    weights: np.ndarray
+    order: np.ndarray
+    seed: int
+
+    @classmethod
+    def of(cls, pixels: np.ndarray) -> Self:
+        """Of pixels [H, W, 4]: densest where neighbours differ, at most about once a pixel."""
+        differ = _differences(pixels)
+        mean = float(differ.mean(dtype=np.float64)) or 1.0
+        extra = np.minimum(differ * (EDGES / mean), differ.size / PIXELS)
+        bright = _largest(pixels)
+        keys = [_rank(extra, WEIGHTS), _rank(bright, np.array(BRIGHTNESSES) * bright.max(initial=0.0))]
+        key = keys[0] << 14 | keys[1] << 12 | _tiles(*differ.shape)
+        order = np.argsort(key.ravel(), kind="stable")
+        return cls(1.0 + extra.ravel().astype(np.float64), order, crc32(np.ascontiguousarray(pixels)))
+
+    def draw(self, count: int, is_pilot: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Ascending indices of pixels, one of each of `count` strata, and how often each was drawn; all pixels, if
+        there are no more.
+        """
+        if count >= len(self.weights):
+            return np.arange(len(self.weights)), np.ones(len(self.weights), np.int64)
+        total = np.cumsum(self.weights[self.order])
+        random = np.random.default_rng((self.seed, int(is_pilot))).random(count)
+        place = np.searchsorted(total, (np.arange(count) + random) * (total[-1] / count), side="right")
+        drawn, times = np.unique(self.order[np.minimum(place, len(total) - 1)], return_counts=True)
+        return drawn, times
+
+    def share_below(self, above: int, drawn: int) -> float:
+        """Upper limit of the share of pixels that are off by more than a limit, which `above` of `drawn` exceed."""
+        weight = share_limit(above, drawn) * float(self.weights.sum())
+        return min((ceil(weight) - 1) / len(self.weights), 1.0)
+
+
+def share_limit(above: int, drawn: int) -> float:
+    """Upper limit of a probability, of which `above` of `drawn` trials came true, by Clopper and Pearson; 1 where
+    Hoeffding's inequality is not known to hold.
+    """
+    if above >= max(drawn - 1, 1):
+        return 1.0
+    number = np.arange(above)
+    binomial = np.append(0.0, np.cumsum(np.log((drawn - number) / (number + 1))))
+    low, high = above / drawn, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        terms = binomial + np.arange(above + 1) * np.log(middle) + (drawn - np.arange(above + 1)) * np.log1p(-middle)
+        low, high = (middle, high) if np.exp(terms).sum() > ALPHA else (low, middle)
+    return high
+
+
+def _differences(pixels: np.ndarray) -> np.ndarray:
+    """[H, W]: largest differences of pixels [H, W, 4] from the four neighbours, over channels."""
+    result = np.zeros(pixels.shape[:2], np.float32)
+    for axis in (0, 1):
+        step = np.moveaxis(_largest(np.diff(pixels, axis=axis)), axis, 0)
+        for beside in (np.moveaxis(result, axis, 0)[1:], np.moveaxis(result, axis, 0)[:-1]):
+            np.maximum(beside, step, out=beside)
+    return result
+
+
+def _largest(pixels: np.ndarray) -> np.ndarray:
+    """[H, W]: largest absolute channels of pixels [H, W, 4]."""
+    return np.asarray(np.maximum.reduce([np.abs(pixels[..., n]) for n in range(4)]))
+
+
+def _rank(values: np.ndarray, limits: Sequence[float] | np.ndarray) -> np.ndarray:
+    """uint16: how many limits values exceed."""
+    return np.sum([values > limit for limit in limits], axis=0, dtype=np.uint16)
+
+
+def _tiles(height: int, width: int) -> np.ndarray:
+    """uint16 [H, W]: the tile of each pixel, so that near ones have near numbers: by interleaved bits (Morton 1966)."""
+    bits = np.arange(TILES)
+    spread = sum(((bits >> n & 1) << 2 * n for n in range(TILES.bit_length() - 1)), np.zeros(TILES, np.int64))
+    down, across = (spread[np.arange(size) * TILES // size].astype(np.uint16) for size in (height, width))
+    return np.asarray(down[:, None] << 1 | across)
+
+
 def _is_visible(pixels: np.ndarray, settings: Settings) -> np.ndarray:
     """bool [H, W]: which pixels show more than the background."""
     if settings.background is None or BLENDS[settings.blend].unbounded:
         return np.asarray(pixels[..., 3] > 0)
     off = [np.abs(pixels[..., n] - np.float64(color)) > UNSEEN for n, color in enumerate(settings.background)]
     return np.asarray(off[0] | off[1] | off[2])
-
-
-def _rows(visible: np.ndarray, count: int) -> list[Window]:
-    """Rows of pixels, evenly distributed over the non-empty rows."""
-    rows = _spread_evenly(np.flatnonzero(visible.any(axis=1)), count)
-    return [Window(0, row, visible.shape[1], 1) for row in rows.tolist()]
-
-
-def _squares(visible: np.ndarray) -> list[Window]:
-    """Squares of a grid, evenly distributed over the non-empty ones; clipped to the picture."""
-    height, width = visible.shape
-    padded = np.pad(visible, ((0, -height % SIDE), (0, -width % SIDE)))
-    down, across = padded.shape[0] // SIDE, padded.shape[1] // SIDE
-    cells = _spread_evenly(np.argwhere(padded.reshape(down, SIDE, across, SIDE).any(axis=(1, 3))) * SIDE, SQUARES)
-    return [Window(x, y, min(SIDE, width - x), min(SIDE, height - y)) for y, x in cells.tolist()]
-
-
-def _spread_evenly(places: np.ndarray, count: int) -> np.ndarray:
-    """At most `count` of the places, at equal steps."""
-    return places[distinct(((np.arange(count) + 0.5) / count * len(places)).astype(int))]
-
-
-def _errors(off: np.ndarray) -> dict[str, float]:
-    return {"largest": float(np.abs(off).max()), "rmse": float(np.sqrt((off**2).mean()))}

@@ -18,10 +18,9 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.reference.layers import crossings
-from splatgl.reference.rays import Rays
+from splatgl.reference.rays import Pixels, Rays
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
-from splatgl.splat.culling import Window
 from splatgl.splat.extract import why_only_pre
 from splatgl.splat.extract_values import gradients
 from splatgl.splat.grid import Grid
@@ -120,12 +119,14 @@ def _surfaces(meshes: Sequence[Mesh], camera: Camera) -> Surfaces:
     if not meshes:
         return Surfaces(np.full((count, 1), np.inf), np.zeros((count, 1)))
     width, height = camera.size
-    bands = [Window(0, top, width, min(BAND, height - top)) for top in range(0, height, BAND)]
-    crossed = [crossings(meshes, camera, band, None) for band in bands]
+    tops = range(0, height, BAND)
+    crossed = [
+        crossings(meshes, camera, Pixels.of_rows(camera.size, top, min(top + BAND, height)), None) for top in tops
+    ]
     most = max(band.distance.shape[1] for band in crossed)
     distance, opacity = np.full((count, most), np.inf), np.zeros((count, most))
-    for band, hits in zip(bands, crossed, strict=True):
-        pixels = slice(band.y * width, (band.y + band.height) * width)
+    for top, hits in zip(tops, crossed, strict=True):
+        pixels = slice(top * width, top * width + len(hits.distance))
         distance[pixels, : hits.distance.shape[1]] = hits.distance
         opacity[pixels, : hits.distance.shape[1]] = hits.light[..., 3]
     return Surfaces(distance / _ray_lengths(camera)[:, None], -np.log1p(-np.minimum(opacity, OPAQUE)))

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.reference.blend import ADD, Band, Part, pixels
-from splatgl.reference.rays import index_rays, pair_values, pixel_boxes
+from splatgl.reference.rays import Pixels, index_rays, pair_values, pixel_boxes, pixel_slopes
 from splatgl.reference.sheets import Pieces
 from splatgl.splat.clipping import FACE, FLUSH
-from splatgl.splat.culling import Window
 from splatgl.splat.lighting import surface_light
 from splatgl.splat.line_integral import Integral
 from splatgl.splat.ordering import back_to_front, order_for
@@ -67,7 +66,7 @@ class BoxRays:
 
 
 class BoxScene:
-    """Data shared by all windows of a picture of boxes, which are the footprints of its splats."""
+    """Data shared by all pixels of a picture of boxes, which are the footprints of its splats."""
 
     def __init__(self, splats: Splats, resolved: Resolved) -> None:
         assert splats.labels is not None
@@ -92,23 +91,23 @@ class BoxScene:
         """Rows of pixels drawn together."""
         return max(1, BAND // self.camera.size[0])
 
-    def part(self, window: Window) -> np.ndarray:
-        """A window of the picture, float64 [h, w, 4]."""
-        return self._light(window, self._rays(window)).reshape(window.height, window.width, 4)
+    def part(self, wanted: Pixels) -> np.ndarray:
+        """Wanted pixels of the picture, float64 [P, 4]."""
+        return self._light(wanted, self._rays(wanted))
 
-    def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-        """Light [P, 4] of a window's pixels between distances [P], world units."""
-        return self._light(window, self._rays(window, near, far))
+    def between(self, wanted: Pixels, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+        """Light [P, 4] of wanted pixels between distances [P], world units."""
+        return self._light(wanted, self._rays(wanted, near, far))
 
-    def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
-        """Pieces of matter along the rays of a window's pixels, or along their parts between distances [P]."""
-        rays = self._rays(window, near, far)
-        chunks = list(self._pass_boxes(window, rays))
+    def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
+        """Pieces of matter along the rays of wanted pixels, or along their parts between distances [P]."""
+        rays = self._rays(wanted, near, far)
+        chunks = list(self._pass_boxes(wanted, rays))
         part = Passed(
             *(np.concatenate([getattr(chunk, name) for chunk in chunks], axis=-1) for name in vars(chunks[0]))
         )
         order = np.argsort(part.pixel, kind="stable")
-        pixel, count = part.pixel[order], np.bincount(part.pixel, minlength=window.width * window.height)
+        pixel, count = part.pixel[order], np.bincount(part.pixel, minlength=len(wanted))
         place = np.arange(len(pixel)) - np.repeat(np.cumsum(count) - count, count)
         ends, matter = np.zeros((len(count), count.max() + 1, 2)), np.zeros((len(count), count.max() + 1, 4))
         world = (rays.stretch * self.spacing)[pixel, None]
@@ -117,29 +116,26 @@ class BoxScene:
         # empty pieces at the end of a ray follow its last one
         return Pieces(np.maximum.accumulate(ends.reshape(len(ends), -1), axis=1).reshape(ends.shape), matter)
 
-    def _rays(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> BoxRays:
-        """Rays of a window's pixels, clipped to distances [P], world units, if given."""
-        view, (width, height) = self.resolved.view, self.camera.size
-        across = (np.arange(window.x, window.x + window.width) + 0.5 - width / 2) * view.pitch
-        down = (np.arange(window.y, window.y + window.height) + 0.5 - height / 2) * view.pitch
-        rays = BoxRays.of(self.resolved, np.stack([slopes.ravel() for slopes in np.meshgrid(across, down)]))
+    def _rays(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> BoxRays:
+        """Rays of wanted pixels, clipped to distances [P], world units, if given."""
+        rays = BoxRays.of(self.resolved, pixel_slopes(wanted.index, self.camera, self.resolved.view.pitch))
         if near is None or far is None:
             return rays
         length = rays.stretch * self.spacing
         return replace(rays, near=np.maximum(rays.near, near / length), far=np.minimum(rays.far, far / length))
 
-    def _pass_boxes(self, window: Window, rays: BoxRays) -> Iterator[Passed]:
+    def _pass_boxes(self, wanted: Pixels, rays: BoxRays) -> Iterator[Passed]:
         """Yields the parts of boxes along rays, in drawing order; at least one chunk."""
         yield Passed(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((2, 0)))
-        for pairs in pair_values(self, self.boxes, self.order, window, self.camera):
+        for pairs in pair_values(self, self.boxes, self.order, wanted, self.camera):
             ends = rays.ends(self.position[pairs.splat], pairs.pixel)
             some = ends[1] > ends[0]
             yield Passed(pairs.splat[some], pairs.pixel[some], ends[:, some])
 
-    def _light(self, window: Window, rays: BoxRays) -> np.ndarray:
-        """Blends the boxes along a window's rays: light [P, 4]."""
-        gathered = Band.empty(window.height * window.width)
-        for part in self._pass_boxes(window, rays):
+    def _light(self, wanted: Pixels, rays: BoxRays) -> np.ndarray:
+        """Blends the boxes along the rays of wanted pixels: light [P, 4]."""
+        gathered = Band.empty(len(wanted))
+        for part in self._pass_boxes(wanted, rays):
             if not len(part.pixel):
                 continue
             matter = self._matter(part, rays)

@@ -13,16 +13,16 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh
 from splatgl.reference.label_boxes import BoxScene
+from splatgl.reference.rays import Boxes, Pixels
 from splatgl.reference.sheets import Pieces, SheetScene, add_behind
 from splatgl.splat.camera import Camera
 from splatgl.splat.colormaps import colors_at
-from splatgl.splat.culling import Window
 from splatgl.splat.lighting import Light, surface_light
 
 
 @dataclass(frozen=True, eq=False)
 class LayerScene:
-    """Data shared by all windows of a picture of layers, drawn in sheets or boxes."""
+    """Data shared by all pixels of a picture of layers, drawn in sheets or boxes."""
 
     layers: Sequence[SheetScene | BoxScene]
 
@@ -30,14 +30,13 @@ class LayerScene:
         """Rows of pixels drawn together."""
         return max(min(layer.band_height() for layer in self.layers) // (2 * len(self.layers)), 1)
 
-    def part(self, window: Window) -> np.ndarray:
-        """A window of the picture, float64 [h, w, 4]."""
-        light = merge_pieces([layer.pieces(window) for layer in self.layers])
-        return light.reshape(window.height, window.width, 4)
+    def part(self, wanted: Pixels) -> np.ndarray:
+        """Wanted pixels of the picture, float64 [P, 4]."""
+        return merge_pieces([layer.pieces(wanted) for layer in self.layers])
 
-    def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-        """Light [P, 4] of a window's pixels between distances [P], world units."""
-        return merge_pieces([layer.pieces(window, near, far) for layer in self.layers])
+    def between(self, wanted: Pixels, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+        """Light [P, 4] of wanted pixels between distances [P], world units."""
+        return merge_pieces([layer.pieces(wanted, near, far) for layer in self.layers])
 
 
 def merge_pieces(layers: Sequence[Pieces]) -> np.ndarray:
@@ -78,7 +77,7 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceScene:
-    """Data shared by all windows of a picture of volumes with meshes. camera: of the samples; light: None: unlit."""
+    """Data shared by all pixels of a picture of volumes with meshes. camera: of the samples; light: None: unlit."""
 
     scene: SheetScene | BoxScene | LayerScene
     meshes: Sequence[Mesh]
@@ -89,56 +88,55 @@ class SurfaceScene:
         """Rows of pixels drawn together."""
         return self.scene.band_height()
 
-    def part(self, window: Window) -> np.ndarray:
-        """A window of the picture, float64 [h, w, 4]."""
-        surfaces = crossings(self.meshes, self.camera, window, self.light)
-        light, near = np.zeros((window.height * window.width, 4)), np.zeros(window.height * window.width)
+    def part(self, wanted: Pixels) -> np.ndarray:
+        """Wanted pixels of the picture, float64 [P, 4]."""
+        surfaces = crossings(self.meshes, self.camera, wanted, self.light)
+        light, near = np.zeros((len(wanted), 4)), np.zeros(len(wanted))
         for far, surface in zip(surfaces.distance.T, surfaces.light.transpose(1, 0, 2), strict=True):
-            for part in (self.scene.between(window, near, far), surface):
+            for part in (self.scene.between(wanted, near, far), surface):
                 light += (1 - light[:, 3:]) * part
             near = far
-        return light.reshape(window.height, window.width, 4)
+        return light
 
 
-def crossings(meshes: Sequence[Mesh], camera: Camera, window: Window, light_by: Light | None) -> Crossings:
-    """Surfaces along the rays of a window's pixels, followed by an empty one at infinity."""
-    across, down = camera.slopes()
-    across, down = across[window.x : window.x + window.width], down[window.y : window.y + window.height]
-    lateral = np.stack([slopes.ravel() for slopes in np.meshgrid(across, down)], axis=1)
+def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: Light | None) -> Crossings:
+    """Surfaces along the rays of wanted pixels, followed by an empty one at infinity."""
+    count = len(wanted)
     shown = [mesh for mesh in meshes if len(mesh) and mesh.opacity > 0]
-    parts = [_cross_mesh(mesh, camera, lateral, (across, down), light_by) for mesh in shown]
-    pixel = np.concatenate([np.arange(len(lateral)), *(part[0] for part in parts)])
-    distance = np.concatenate([np.full(len(lateral), np.inf), *(part[1] for part in parts)])
-    light = np.concatenate([np.zeros((len(lateral), 4)), *(part[2] for part in parts)])
+    parts = [_cross_mesh(mesh, camera, wanted, light_by) for mesh in shown]
+    pixel = np.concatenate([np.arange(count), *(part[0] for part in parts)])
+    distance = np.concatenate([np.full(count, np.inf), *(part[1] for part in parts)])
+    light = np.concatenate([np.zeros((count, 4)), *(part[2] for part in parts)])
     order = np.lexsort((distance, pixel))
     pixel, distance, light = pixel[order], distance[order], light[order]
-    first = np.searchsorted(pixel, np.arange(len(lateral)))
+    first = np.searchsorted(pixel, np.arange(count))
     place = np.arange(len(pixel)) - first[pixel]
-    result = Crossings(np.full((len(lateral), place.max() + 1), np.inf), np.zeros((len(lateral), place.max() + 1, 4)))
+    result = Crossings(np.full((count, place.max() + 1), np.inf), np.zeros((count, place.max() + 1, 4)))
     result.distance[pixel, place], result.light[pixel, place] = distance, light
     return result
 
 
 def _cross_mesh(
-    mesh: Mesh, camera: Camera, lateral: np.ndarray, axes: tuple[np.ndarray, np.ndarray], light_by: Light | None
+    mesh: Mesh, camera: Camera, wanted: Pixels, light_by: Light | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels [N], distances [N] and light [N, 4] where rays through slopes, or lengths, [P, 2] cross a mesh."""
+    """Indices of wanted pixels [N], distances [N] and light [N, 4] where their rays cross a mesh."""
     corners = camera.eye_from_points(mesh.vertices)[mesh.faces]
     ahead = (corners[..., 2] > 0).any(axis=1) if camera.perspective else (corners[..., 2] >= 0).any(axis=1)
     faces = np.flatnonzero(ahead)
-    pixel, triangle = _candidates(corners[faces], camera, *axes)
+    triangle, pixel = wanted.within(_pixel_boxes(corners[faces], camera))
     triangle = faces[triangle]
     a, b, c = (corners[triangle, n] for n in range(3))
-    ray = np.column_stack([lateral[pixel], np.ones(len(pixel))])
+    across, down = camera.slopes()
+    ray = np.column_stack([across[wanted.column[pixel]], down[wanted.row[pixel]], np.ones(len(pixel))])
     start = np.zeros_like(ray)
     if not camera.perspective:
         start[:, :2], ray[:, :2] = ray[:, :2], 0.0
     # Möller and Trumbore 1997
     side, other, from_a = b - a, c - a, start - a
-    across, along = np.cross(ray, other), np.cross(from_a, side)
-    determinant = (side * across).sum(axis=1)
+    aside, along = np.cross(ray, other), np.cross(from_a, side)
+    determinant = (side * aside).sum(axis=1)
     safe = np.where(determinant == 0, 1.0, determinant)
-    u, v, depth = (np.asarray((x * y).sum(axis=1) / safe) for x, y in ((from_a, across), (ray, along), (other, along)))
+    u, v, depth = (np.asarray((x * y).sum(axis=1) / safe) for x, y in ((from_a, aside), (ray, along), (other, along)))
     hit = _unique_hits(
         np.min([u, v, 1 - u - v], axis=0), pixel, np.where((determinant != 0) & (depth > 0), depth, np.nan)
     )
@@ -169,24 +167,16 @@ def _unique_hits(inside: np.ndarray, pixel: np.ndarray, depth: np.ndarray) -> np
     return np.delete(hit, np.flatnonzero(on_edge[1:] & on_edge[:-1] & alike) + 1)
 
 
-def _candidates(
-    corners: np.ndarray, camera: Camera, across: np.ndarray, down: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of pixels and triangles whose screen box contains them; all pixels for triangles that cross the eye's
-    plane. across [W], down [H]: ascending.
-    """
+def _pixel_boxes(corners: np.ndarray, camera: Camera) -> Boxes:
+    """Pixels in the screen boxes of triangles [N, 3, 3]; all pixels for those that cross the eye's plane."""
     depth = corners[..., 2:] if camera.perspective else np.ones_like(corners[..., 2:])
     crosses = np.less_equal(depth, 0).any(axis=(1, 2))
     projected = corners[..., :2] / np.where(depth > 0, depth, 1.0)
     low = np.where(crosses[:, None], -np.inf, projected.min(axis=1))
     high = np.where(crosses[:, None], np.inf, projected.max(axis=1))
-    # the columns and rows of each box
-    (left, right), (top, bottom) = (
-        (np.searchsorted(axis, low[:, n]), np.searchsorted(axis, high[:, n], side="right"))
-        for n, axis in enumerate((across, down))
-    )
-    wide, count = right - left, (right - left) * (bottom - top)
-    triangle = np.repeat(np.arange(len(corners)), count)
-    place = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
-    row, column = np.divmod(place, np.maximum(wide, 1)[triangle])
-    return (row + top[triangle]) * len(across) + column + left[triangle], triangle
+    ends = [
+        np.searchsorted(axis, bound[:, n], side=side)
+        for n, axis in enumerate(camera.slopes())
+        for bound, side in ((low, "left"), (high, "right"))
+    ]
+    return Boxes(*ends)

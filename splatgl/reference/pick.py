@@ -11,10 +11,9 @@ import numpy as np
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
 from splatgl.reference.layers import crossings
-from splatgl.reference.rays import Rays
+from splatgl.reference.rays import Pixels, Rays
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
-from splatgl.splat.culling import Window
 from splatgl.splat.grid import Grid, trilinear
 from splatgl.splat.iso import crossed_depth
 from splatgl.splat.kernels import kernel
@@ -153,10 +152,9 @@ class _Surface:
 
 def _surfaces(scene: Scene, camera: Camera, pixel: int) -> list[_Surface]:
     """Crossings of a pixel's ray with meshes, nearest first."""
-    row, column = divmod(pixel, camera.size[0])
-    surfaces = []
+    wanted, surfaces = Pixels.of(camera.size, np.array([pixel])), list[_Surface]()
     for number, mesh in enumerate(scene.meshes):
-        crossed = crossings([mesh], camera, Window(column, row, 1, 1), None)
+        crossed = crossings([mesh], camera, wanted, None)
         depth = min(-float(np.log1p(-mesh.opacity)), OPAQUE) if mesh.opacity < 1 else OPAQUE
         # a ray through an edge crosses two triangles at one distance
         distances = np.sort(crossed.distance[0][np.isfinite(crossed.distance[0])])

@@ -7,16 +7,17 @@ There is no loop over splats: boxes are unrolled into rows, rows into pixels.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 
 from splatgl.errors import expected
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FLUSH, GRAZING, Clip
-from splatgl.splat.culling import STRETCHED, Window, block_boxes
+from splatgl.splat.culling import STRETCHED, block_boxes
 from splatgl.splat.footprint import ROWS, Quads, Splat, fill_depth, on_quads, table_quad
 from splatgl.splat.grid import Grid
 from splatgl.splat.line_integral import Integral, row1
@@ -29,6 +30,8 @@ MARGIN = 1e-9
 SOME = 1 << 16
 # consecutive splats that are examined as one box
 RUN = 16
+# side, in pixels, of the squares in which pixels are searched for
+SQUARE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,87 @@ class Boxes:
     right: np.ndarray
     top: np.ndarray
     bottom: np.ndarray
+
+    def take(self, some: np.ndarray) -> Boxes:
+        """Some boxes, by number."""
+        return Boxes(self.left[some], self.right[some], self.top[some], self.bottom[some])
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Pixels of a picture of `size` (width, height): int64 row [P] and column [P], row by row."""
+
+    size: tuple[int, int]
+    row: np.ndarray
+    column: np.ndarray
+
+    @classmethod
+    def of(cls, size: tuple[int, int], index: np.ndarray) -> Self:
+        """The pixels of ascending row-major indices [P]."""
+        return cls(size, *np.divmod(np.asarray(index, np.int64), size[0]))
+
+    @classmethod
+    def of_rows(cls, size: tuple[int, int], top: int, bottom: int) -> Self:
+        """All pixels of the rows top ≤ row < bottom."""
+        return cls.of(size, np.arange(top * size[0], bottom * size[0]))
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @property
+    def index(self) -> np.ndarray:
+        """[P]: row-major indices in the picture."""
+        return self.row * self.size[0] + self.column
+
+    @cached_property
+    def _lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """[H + 1]: how many rows before each have pixels; [rows, W + 1]: how many pixels are before each column of a
+        row that has some, with those of earlier rows.
+        """
+        width, height = self.size
+        used, line = np.unique(self.row, return_inverse=True)
+        is_used = np.zeros(height + 1, np.int32)
+        is_used[used + 1] = 1
+        count = np.bincount(line * (width + 1) + self.column + 1, minlength=len(used) * (width + 1))
+        return np.cumsum(is_used), np.cumsum(count).reshape(len(used), width + 1)
+
+    @cached_property
+    def _squares(self) -> np.ndarray:
+        """[rows + 1, columns + 1]: how many pixels are above and to the left of each corner of the squares."""
+        across, down = (-(-side // SQUARE) for side in self.size)
+        square = self.row // SQUARE * across + self.column // SQUARE
+        count = np.bincount(square, minlength=down * across).reshape(down, across)
+        return np.pad(count.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+
+    def most_in(self, boxes: Boxes) -> np.ndarray:
+        """[N]: upper limits on the numbers of pixels in boxes; 0 for empty ones."""
+        if not len(self):
+            return np.zeros(len(boxes.left), np.int64)
+        rank, before = self._lines
+        first, last = int(self.column.min()), int(self.column.max()) + 1
+        wide = np.minimum(boxes.right, last) - np.maximum(boxes.left, first)
+        fullest = int(np.diff(before[:, -1], prepend=0).max())
+        return np.maximum(rank[boxes.bottom] - rank[boxes.top], 0) * np.clip(wide, 0, fullest)
+
+    def within(self, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of boxes and their pixels, box by box and row by row: indices of boxes [M] and of pixels [M]."""
+        rank, before = self._lines
+        owner, line = _unroll(rank[boxes.top], np.maximum(rank[boxes.bottom], rank[boxes.top]))
+        line_part, pixel = _unroll(before[line, boxes.left[owner]], before[line, boxes.right[owner]])
+        return owner[line_part], pixel
+
+    def are_near(self, place: np.ndarray, half: np.ndarray) -> np.ndarray:
+        """bool [N]: whether squares within `half` + 1 pixels [N] of places [2, N] may have a pixel. Pixel i is between
+        places i and i + 1.
+        """
+        ends = []
+        for axis, count in enumerate(self._squares.shape[::-1]):
+            low, high = place[axis] - half - 1, place[axis] + half + 1
+            ends += [np.clip(np.floor(low / SQUARE), 0, count - 1).astype(np.int32)]
+            ends += [np.clip(np.floor(high / SQUARE) + 1, 0, count - 1).astype(np.int32)]
+        left, right, top, bottom = ends
+        squares = self._squares
+        return np.asarray(squares[bottom, right] - squares[top, right] - squares[bottom, left] + squares[top, left] > 0)
 
 
 def pixel_boxes(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
@@ -136,27 +220,25 @@ def _widened_bounds(view: GridView, row: str, voxel: np.ndarray, corner: np.ndar
     return ends.min(axis=0) - half, ends.max(axis=0) + half
 
 
-def may_reach(positions: np.ndarray, view: GridView, windows: Sequence[Window], around: float = 0.0) -> np.ndarray:
-    """bool [N]: whether splats at grid positions [N, 3] may reach one of the windows of the picture; of runs of RUN
+def may_reach(positions: np.ndarray, view: GridView, wanted: Pixels, around: float = 0.0) -> np.ndarray:
+    """bool [N]: whether splats at grid positions [N, 3] may reach one of the pixels of the picture; of runs of RUN
     positions whose box may reach none, no position is examined.
 
     around: also counts splats up to this many grid steps from the positions.
     """
     boxes = block_boxes(positions, RUN)
     within = np.linalg.norm(boxes[:, 3:], axis=1) + around
-    found = np.repeat(_part_may_reach(boxes[:, :3], view, windows, within), RUN)[: len(positions)]
+    found = np.repeat(_part_may_reach(boxes[:, :3], view, wanted, within), RUN)[: len(positions)]
     near = np.flatnonzero(found)
 
     def examine(part: slice) -> None:
-        found[near[part]] = _part_may_reach(positions[near[part]], view, windows, around)
+        found[near[part]] = _part_may_reach(positions[near[part]], view, wanted, around)
 
     in_parts(len(near), SOME, examine)
     return found
 
 
-def _part_may_reach(
-    positions: np.ndarray, view: GridView, windows: Sequence[Window], around: np.ndarray | float
-) -> np.ndarray:
+def _part_may_reach(positions: np.ndarray, view: GridView, wanted: Pixels, around: np.ndarray | float) -> np.ndarray:
     v = view.voxels(positions)
     # a ball around the kernel; beyond z_k footprints grow with depth
     size = float(np.linalg.norm(view.eye_from_index, 2))
@@ -168,12 +250,8 @@ def _part_may_reach(
         # distance from a plane through the eye to a point: difference of slopes times depth, divided by this
         slant = float(np.hypot(1.0, np.abs(np.array(view.size) / 2 + 1).max() * view.pitch))
     half = np.maximum(reach * slant / depth, widest * slant) + further * slant * (1 + widest) / depth
-    may_reach = np.zeros(len(positions), bool)
-    places, half = v[:2] / depth / view.pitch, half / view.pitch
-    for window in windows:
-        x, y = window.x + (window.width - view.size[0]) / 2, window.y + (window.height - view.size[1]) / 2
-        near = np.flatnonzero(np.abs(places[0] - x) <= half + (window.width / 2 + 1))
-        may_reach[near[np.abs(places[1, near] - y) <= half[near] + (window.height / 2 + 1)]] = True
+    places = v[:2] / depth / view.pitch + np.array(view.size)[:, None] / 2
+    may_reach = wanted.are_near(places, half / view.pitch)
     if view.perspective:
         # a splat around a place in front of the eye may be behind it
         may_reach = np.where(v[2] > further, may_reach, v[2] > -reach - further)
@@ -188,7 +266,7 @@ QUAD_ROWS = {"row4": "ray", "row5": "grid"}
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Pairs in drawing order: splat int [P], pixel int [P] (row-major in the window), integral [P]."""
+    """Pairs in drawing order: splat int [P], pixel int [P] (of the wanted ones), integral [P]."""
 
     splat: np.ndarray
     pixel: np.ndarray
@@ -257,23 +335,17 @@ class Footprints(Protocol):
         """Line integrals of splats [P] along rays [2, P]."""
 
 
-def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, window: Window, camera: Camera) -> Iterator[Values]:
-    """Yields the pairs in a window of the image, in chunks; splats in the given order."""
-    across, down = ((np.arange(count) + 0.5 - count / 2) * row.view.pitch for count in camera.size)
-    top, bottom = np.maximum(boxes.top, window.y), np.minimum(boxes.bottom, window.y + window.height)
-    left, right = np.maximum(boxes.left, window.x), np.minimum(boxes.right, window.x + window.width)
-    visible = order[((right > left) & (bottom > top))[order]]
-    count = (right - left)[visible] * (bottom - top)[visible]
-    chunks = np.flatnonzero(np.diff(np.cumsum(count) // PAIRS)) + 1
+def pair_values(row: Footprints, boxes: Boxes, order: np.ndarray, wanted: Pixels, camera: Camera) -> Iterator[Values]:
+    """Yields the pairs of splats and wanted pixels, in chunks; splats in the given order."""
+    slopes, most = pixel_slopes(wanted.index, camera, row.view.pitch), wanted.most_in(boxes)
+    visible = order[most[order] > 0]
+    chunks = np.flatnonzero(np.diff(np.cumsum(most[visible]) // PAIRS)) + 1
     for chunk in np.split(visible, chunks):
-        lines, line = _unroll(top[chunk], bottom[chunk])
-        owner = chunk[lines]
-        spans, column = _unroll(left[owner], right[owner])
-        splat, line = owner[spans], line[spans]
-        integral = row.on(splat, np.stack([across[column], down[line]]))
+        owner, pixel = wanted.within(boxes.take(chunk))
+        splat = chunk[owner]
+        integral = row.on(splat, slopes[:, pixel])
         hit = np.flatnonzero(integral.value != 0)
-        pixel = (line[hit] - window.y) * window.width + column[hit] - window.x
-        yield Values(splat[hit], pixel, Integral(integral.value[hit], integral.peak[hit]))
+        yield Values(splat[hit], pixel[hit], Integral(integral.value[hit], integral.peak[hit]))
 
 
 def _unroll(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

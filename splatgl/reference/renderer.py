@@ -15,14 +15,14 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.mesh import Mesh
 from splatgl.errors import expected
-from splatgl.reference.blend import ADD, Band, Part, over_background, pixel_means, pixels
+from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.layers import LayerScene, SurfaceScene
-from splatgl.reference.rays import Boxes, Row, may_reach, pair_values, pixel_boxes
+from splatgl.reference.rays import Boxes, Pixels, Row, may_reach, pair_values, pixel_boxes
 from splatgl.reference.sheets import SheetScene
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
-from splatgl.splat.culling import Window, clip_behind_eye
+from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.extract_values import post_splats
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
@@ -35,6 +35,8 @@ from splatgl.splat.splats import Splats, in_parts, record_type
 
 # samples per band: their indices fit into 16 bits, which sort fast
 BAND = 1 << 16
+# samples of scattered pixels that are drawn together
+TOGETHER = 1 << 9
 
 Progress = Callable[[Iterator[tuple[int, int]], int], Iterator[tuple[int, int]]]
 
@@ -60,13 +62,11 @@ def render(
     return Image(picture, {**info, "seconds": round(time.perf_counter() - started, 6)})
 
 
-def render_windows(
-    splats: Splats | Scene, camera: Camera, settings: Settings, windows: Sequence[Window]
-) -> list[np.ndarray]:
-    """Windows of pixels of the image, float64 [h, w, 4]: to check other images of many splats."""
-    drawings, _ = _prepare(splats, camera, settings, windows=windows)
-    parts = [_draw_windows(*drawing, windows) for drawing in drawings]
-    return parts[0] if len(parts) == 1 else [join_pictures(part, settings) for part in zip(*parts, strict=True)]
+def render_pixels(splats: Splats | Scene, camera: Camera, settings: Settings, wanted: np.ndarray) -> np.ndarray:
+    """Some pixels of the image, float64 [P, 4]: to check other images of many splats. wanted [P]: row-major indices."""
+    drawings, _ = _prepare(splats, camera, settings, wanted=wanted)
+    parts = [_draw_pixels(*drawing, wanted) for drawing in drawings]
+    return parts[0] if len(parts) == 1 else join_pictures(parts, settings)
 
 
 def _prepare(
@@ -74,17 +74,17 @@ def _prepare(
     camera: Camera,
     settings: Settings,
     row: str = "row1",
-    windows: Sequence[Window] | None = None,
+    wanted: np.ndarray | None = None,
 ) -> tuple[list[tuple[Drawing, Resolved]], dict[str, object]]:
     """The drawing of the picture; in blends without an order, one of each layer, without background. And the picture's
-    info. windows: the only pixels that are drawn; None: all.
+    info. wanted: the only pixels that are drawn; None: all.
     """
     layers, meshes = subject.drawn(settings), subject.surfaces(settings)
     if len(layers) > 1 or meshes:
         shared = common_samples(layers, camera, settings)
         chosen = ((select_splats(splats, look, False, camera), look) for splats, look in shared)
         layers = [(clip_behind_eye(splats, camera), look) for splats, look in chosen]
-        drawings = _prepare_layers(layers, camera, settings, windows, meshes)
+        drawings = _prepare_layers(layers, camera, settings, wanted, meshes)
         names, count = [splats.name for splats, _ in layers], sum(len(splats) for splats, _ in layers)
         background = None if settings.background is None else list(settings.background)
         info = _provenance(layers[0][0], camera, drawings[0][1], "row1")
@@ -95,7 +95,7 @@ def _prepare(
         settings = replace(settings, classification="pre", compositing="splats", kernel=kernel)
     splats = clip_behind_eye(select_splats(splats, settings, False, camera), camera)
     resolved = Resolved.of(splats, camera, settings)
-    scene = _scene(_select_reaching(splats, resolved, windows), resolved, row)
+    scene = _scene(_select_reaching(splats, resolved, wanted), resolved, row)
     return [(scene, resolved)], _provenance(splats, camera, resolved, row)
 
 
@@ -103,18 +103,18 @@ def _prepare_layers(
     layers: Sequence[tuple[Splats, Settings]],
     camera: Camera,
     settings: Settings,
-    windows: Sequence[Window] | None,
+    wanted: np.ndarray | None,
     meshes: Sequence[Mesh],
 ) -> list[tuple[Drawing, Resolved]]:
     if not BLENDS[settings.blend].ordered:
         if meshes:
             raise expected("meshes", "blend composite", settings.blend)
-        return [_prepare(splats, camera, look.but(background=None), windows=windows)[0][0] for splats, look in layers]
+        return [_prepare(splats, camera, look.but(background=None), wanted=wanted)[0][0] for splats, look in layers]
     resolved = with_shared_casters([Resolved.of(splats, camera, look) for splats, look in layers], layers)
     for (splats, _), look in zip(layers, resolved, strict=True):
         check_layer(look, splats.name)
-    near = [(_select_reaching(layer[0], look, windows), look) for layer, look in zip(layers, resolved, strict=True)]
-    shown = [layer for layer in near if len(layer[0])] or near[:1] if windows else near
+    near = [(_select_reaching(layer[0], look, wanted), look) for layer, look in zip(layers, resolved, strict=True)]
+    shown = [layer for layer in near if len(layer[0])] or near[:1] if wanted is not None else near
     scenes = [BoxScene(*layer) if layer[1].boxes else SheetScene(*layer) for layer in shown]
     scene = LayerScene(scenes) if len(scenes) > 1 else scenes[0]
     if not meshes:
@@ -132,24 +132,23 @@ def draw_bands(scene: Drawing, resolved: Resolved, progress: Progress | None = N
     height = max(1, scene.band_height() // resolved.samples) * resolved.samples
     bands = [(top, min(top + height, fine.size[1])) for top in range(0, fine.size[1], height)]
     remaining = progress(iter(bands), len(bands)) if progress else bands
-    drawn = [scene.part(Window(0, top, fine.size[0], end - top)) for top, end in remaining]
-    return _mean(np.concatenate(drawn), resolved)
+    drawn = [scene.part(Pixels.of_rows(fine.size, top, end)) for top, end in remaining]
+    samples = np.concatenate(drawn).reshape(fine.size[1], fine.size[0], 4)
+    return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 
 
-def _select_reaching(splats: Splats, resolved: Resolved, windows: Sequence[Window] | None) -> Splats:
-    """Splats that may reach windows of pixels; None: all."""
-    if windows is None:
+def _select_reaching(splats: Splats, resolved: Resolved, wanted: np.ndarray | None) -> Splats:
+    """Splats that may reach wanted pixels; None: all."""
+    if wanted is None:
         return splats
-    some = may_reach(splats.records["position"], resolved.view, _sample_windows(windows, resolved))
+    some = may_reach(splats.records["position"], resolved.view, _samples_of(wanted, resolved)[0])
     return splats.part(some, among_all=resolved.look.attenuation == "fill")
 
 
-def render_windows_of(
-    bricks: Bricks, camera: Camera, settings: Settings, windows: Sequence[Window]
-) -> list[np.ndarray]:
-    """`render_windows` for a volume in bricks; extracts only bricks that may reach a window."""
+def render_pixels_of(bricks: Bricks, camera: Camera, settings: Settings, wanted: np.ndarray) -> np.ndarray:
+    """`render_pixels` for a volume in bricks; extracts only bricks that may reach a pixel."""
     resolved = Resolved.of(bricks.whole, camera, settings)
-    fine = _sample_windows(windows, resolved)
+    fine, _ = _samples_of(wanted, resolved)
     half = (bricks.high - 1 - bricks.low) / 2
     around = float(np.linalg.norm(half, axis=1).max())
     parts = [np.zeros(0, record_type(bricks.volume.shape, post=True))]
@@ -159,34 +158,33 @@ def render_windows_of(
     records = np.concatenate(parts)
     records = records[np.lexsort(records["position"].T)]
     splats = clip_behind_eye(post_splats(bricks.volume, bricks.post, records), camera)
-    return _draw_windows(_scene(splats, resolved, "row1"), resolved, windows)
+    return _draw_pixels(_scene(splats, resolved, "row1"), resolved, wanted)
 
 
-def _sample_windows(windows: Sequence[Window], resolved: Resolved) -> list[Window]:
-    """The windows in samples, with one more on each side for means; in pixels, if no samples are averaged."""
+def _samples_of(wanted: np.ndarray, resolved: Resolved) -> tuple[Pixels, np.ndarray]:
+    """The samples that pixels [P] need, and int [P, n, n]: which are each pixel's; those beyond the picture repeat
+    those at its edge. n: samples along an axis, with one more on each side for means.
+    """
+    k, size = resolved.samples, resolved.camera.size
     if not resolved.averaged:
-        return list(windows)
-    k, (width, height), fine = resolved.samples, resolved.camera.size, []
-    for window in windows:
-        left, top = max(window.x * k - 1, 0), max(window.y * k - 1, 0)
-        right, bottom = (window.x + window.width) * k + 1, (window.y + window.height) * k + 1
-        fine.append(Window(left, top, min(right, width) - left, min(bottom, height) - top))
-    return fine
+        return Pixels.of(size, wanted), np.arange(len(wanted))[:, None, None]
+    row, column = np.divmod(wanted, size[0] // k)
+    rows, columns = (
+        np.clip(start[:, None] * k + np.arange(-1, k + 1), 0, most - 1)
+        for start, most in ((row, size[1]), (column, size[0]))
+    )
+    index, place = np.unique(rows[:, :, None] * size[0] + columns[:, None], return_inverse=True)
+    return Pixels.of(size, index), place.reshape(len(wanted), k + 2, k + 2)
 
 
-def _draw_windows(scene: Drawing, resolved: Resolved, windows: Sequence[Window]) -> list[np.ndarray]:
-    """Draws windows of the picture of a scene, averages samples and adds the background."""
-    fine, k = _sample_windows(windows, resolved), resolved.samples
-    parts = in_parts(len(fine), 1, lambda one: scene.part(fine[one.start]))
-    if not resolved.averaged:
-        return [_mean(part, resolved) for part in parts]
-    pictures = []
-    for window, near, drawn in zip(windows, fine, parts, strict=True):
-        left, top = (window.x - 1) * k, (window.y - 1) * k
-        right, bottom = left + (window.width + 2) * k, top + (window.height + 2) * k
-        beyond = ((near.y - top, bottom - near.y - near.height), (near.x - left, right - near.x - near.width), (0, 0))
-        pictures.append(_mean(np.pad(drawn, beyond, mode="edge"), resolved)[1:-1, 1:-1])
-    return pictures
+def _draw_pixels(scene: Drawing, resolved: Resolved, wanted: np.ndarray) -> np.ndarray:
+    """Draws some pixels of the picture of a scene, float64 [P, 4]: averages samples and adds the background."""
+    fine, place = _samples_of(wanted, resolved)
+    index = fine.index
+    parts = in_parts(len(fine), TOGETHER, lambda some: scene.part(Pixels.of(fine.size, index[some])))
+    samples = np.concatenate([np.zeros((0, 4)), *parts])[place]
+    weights = mean_weights(resolved.samples) if resolved.averaged else np.ones(1)
+    return over_background(np.einsum("i,pijc,j->pc", weights, samples, weights), resolved)
 
 
 def _scene(splats: Splats, resolved: Resolved, row: str) -> Drawing:
@@ -202,7 +200,7 @@ def _scene(splats: Splats, resolved: Resolved, row: str) -> Drawing:
 
 @dataclass(frozen=True, eq=False)
 class SplatScene:
-    """Data shared by all windows of a picture of splats that composite one by one: footprints, their boxes of pixels,
+    """Data shared by all pixels of a picture of splats that composite one by one: footprints, their boxes of pixels,
     and order, colour, depth and coverage (the remaining share of opacity) of all splats. isolated: see motion_blur.py;
     None for still splats.
     """
@@ -236,10 +234,10 @@ class SplatScene:
         """Rows of pixels drawn together."""
         return max(1, BAND // self.camera.size[0])
 
-    def part(self, window: Window) -> np.ndarray:
-        """A window of the picture, float64 [h, w, 4]."""
-        gathered = Band.empty(window.height * window.width)
-        for pairs in pair_values(self.row, self.boxes, self.order, window, self.camera):
+    def part(self, wanted: Pixels) -> np.ndarray:
+        """Wanted pixels of the picture, float64 [P, 4]."""
+        gathered = Band.empty(len(wanted))
+        for pairs in pair_values(self.row, self.boxes, self.order, wanted, self.camera):
             s, integral = pairs.splat, pairs.integral
             if not len(s):
                 continue
@@ -247,14 +245,10 @@ class SplatScene:
             if self.isolated is not None:
                 depth = moving_depth(depth, self.depth[s] * integral.peak, self.isolated[s])
             ADD[self.blend.join](gathered, Part(pairs.pixel, depth, self.color[s], self.coverage[s]))
-        return pixels(gathered, self.blend).reshape(window.height, window.width, 4)
+        return pixels(gathered, self.blend)
 
 
 Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene
-
-
-def _mean(samples: np.ndarray, resolved: Resolved) -> np.ndarray:
-    return over_background(pixel_means(samples, resolved.samples) if resolved.averaged else samples, resolved)
 
 
 def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str) -> dict[str, object]:

@@ -13,11 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
-from splatgl.reference.rays import Boxes, Rays, Row, Values, pair_values, pixel_boxes
+from splatgl.reference.rays import Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes
 from splatgl.splat.ambient_occlusion import LightVolume
-from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE
-from splatgl.splat.culling import Window
 from splatgl.splat.iso import THIN, spline_crossings
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import Light, apply_light, surface_light
@@ -411,7 +409,7 @@ MOST_SUMS = 2**24
 
 
 class SheetScene:
-    """Data shared by all windows: positions, sheets, and the splats' terms in their sums."""
+    """Data shared by all pixels: positions, sheets, and the splats' terms in their sums."""
 
     def __init__(self, splats: Splats, resolved: Resolved) -> None:
         assert resolved.sheets is not None
@@ -444,38 +442,36 @@ class SheetScene:
         """Rows of pixels whose sums fit into MOST_SUMS."""
         return max(MOST_SUMS // (max(self.many, 1) * self.terms.shape[1] * self.camera.size[0]), 1)
 
-    def part(self, window: Window) -> np.ndarray:
-        """A window of the picture, float64 [h, w, 4]."""
-        sums = self._sums(window)
+    def part(self, wanted: Pixels) -> np.ndarray:
+        """Wanted pixels of the picture, float64 [P, 4]."""
+        sums = self._sums(wanted)
         if self.field is None:
-            light = composite_sums(sums)
-        else:
-            light = self.field.composite(sums, self._rays(window, None, None), self.first, self.sheets)
-        return light.reshape(window.height, window.width, 4)
+            return composite_sums(sums)
+        return self.field.composite(sums, self._rays(wanted, None, None), self.first, self.sheets)
 
-    def _sums(self, window: Window) -> np.ndarray:
-        """Sums [P, sheets, terms] of a window's pixels."""
-        sums = np.zeros((self.terms.shape[1], window.width * window.height * self.many))
-        for pairs in pair_values(self.row, self.boxes, np.arange(len(self.base)), window, self.camera):
+    def _sums(self, wanted: Pixels) -> np.ndarray:
+        """Sums [P, sheets, terms] of wanted pixels."""
+        sums = np.zeros((self.terms.shape[1], len(wanted) * self.many))
+        for pairs in pair_values(self.row, self.boxes, np.arange(len(self.base)), wanted, self.camera):
             self._add(sums, pairs)
         by_sheet = sums.T.reshape(-1, self.many, len(sums))
         if self.near is not None:
-            rays = self._rays(window, None, None)
+            rays = self._rays(wanted, None, None)
             by_sheet[:, : -1 - self.first] = 0
             for sheet in range(-1, self.near.count):
                 by_sheet[:, sheet - self.first] = near_sums(self.near, self.view.kernel, rays, sheet, self.sheets)
         return by_sheet
 
-    def between(self, window: Window, near: np.ndarray, far: np.ndarray) -> np.ndarray:
-        """Light [P, 4] of a window's pixels between distances [P], world units."""
-        sums, rays = self._sums(window), self._rays(window, near, far)
+    def between(self, wanted: Pixels, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+        """Light [P, 4] of wanted pixels between distances [P], world units."""
+        sums, rays = self._sums(wanted), self._rays(wanted, near, far)
         if self.field is None:
             return composite_sums(sums * self._within(rays)[..., None])
         return self.field.composite(sums, rays, self.first, self.sheets)
 
-    def pieces(self, window: Window, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
-        """Pieces of matter along the rays of a window's pixels, or along their parts between distances [P]."""
-        sums, rays = self._sums(window), self._rays(window, near, far)
+    def pieces(self, wanted: Pixels, near: np.ndarray | None = None, far: np.ndarray | None = None) -> Pieces:
+        """Pieces of matter along the rays of wanted pixels, or along their parts between distances [P]."""
+        sums, rays = self._sums(wanted), self._rays(wanted, near, far)
         if self.field is None:
             # a sheet's matter extends by half a sheet to both sides
             middle = self.first + np.arange(self.many)[None, :, None] + np.zeros((len(sums), 1, 1))
@@ -496,10 +492,10 @@ class SheetScene:
                 matter[part.pixel, part.number * both + 1] = self.field.surface_matter(part, rays)
         return Pieces(self._depths(rays, ends), matter)
 
-    def _rays(self, window: Window, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
-        """Rays of a window's pixels, clipped to distances if given; endless for splats classified before."""
+    def _rays(self, wanted: Pixels, near: np.ndarray | None, far: np.ndarray | None) -> Rays:
+        """Rays of wanted pixels, clipped to distances if given; endless for splats classified before."""
         shape = (1, 1, 1) if self.field is None else self.field.post.shape
-        rays = Rays.of(self.view, self.camera, shape, _pixels(window, self.camera), self.resolved.clip)
+        rays = Rays.of(self.view, self.camera, shape, wanted.index, self.resolved.clip)
         if self.field is None:
             rays = replace(rays, near=np.zeros_like(rays.near), far=np.full_like(rays.far, np.inf))
         return rays if near is None or far is None else rays.between(near / self.spacing, far / self.spacing)
@@ -527,12 +523,6 @@ class SheetScene:
             values = term[splat]
             for j, share in enumerate(shares):
                 total += np.bincount(entry + j, share * values, len(total))
-
-
-def _pixels(window: Window, camera: Camera) -> np.ndarray:
-    """Indices of a window's pixels, row by row."""
-    rows = np.arange(window.y, window.y + window.height)[:, None] * camera.size[0]
-    return np.asarray((rows + np.arange(window.x, window.x + window.width)).ravel())
 
 
 def near_sums(near: NearField, kernel: Kernel, rays: Rays, sheet: int, sheets: Sheets) -> np.ndarray:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from math import ceil, floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +31,14 @@ if TYPE_CHECKING:
     from splatgl.splat.camera import Camera
     from splatgl.splat.scene import Scene
     from splatgl.splat.splats import Splats
+
+
+def read_amount(text: str) -> int | float:
+    """The number of pixels, or seconds, a float, of a text such as 160 or 0.5s. Raises ValueError for others."""
+    amount = float(text[:-1]) if text.endswith("s") else int(text)
+    if not (isfinite(amount) and amount >= 0):
+        raise ValueError
+    return amount
 
 
 @dataclass(frozen=True)
@@ -57,10 +66,18 @@ class DrawOptions:
         "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)",
         group=Group.SPEED,
     )
-    check: int | None = option(
+    check: int | float | None = option(
         None,
-        Kind.whole(0, metavar="ROWS"),
-        "number of rows to compare with float64 (0: none; default: some squares, with --field or without a bound)",
+        Kind(
+            "a number of pixels, or seconds such as 0.5s",
+            lambda value: read_amount(str(value) + "s" * isinstance(value, float)),
+            read_amount,
+            "PIXELS|SECONDSs",
+            written="a number of pixels, or seconds such as 0.5s",
+            hint="int | float | str",
+        ),
+        "number of random pixels to compare with float64, or seconds such as 0.5s for them (0: none; default: 160, of "
+        "large volumes 10, with --field or without a bound)",
         group=Group.ACCURACY,
     )
     check_field: bool = option(
@@ -180,8 +197,8 @@ class WorkerOptions:
 # options that pictures of layers, in bricks, and on workers do not support
 UNSUPPORTED = {
     "layers": ("check_field", "savings"),
-    "bricks": ("check", "check_field", "savings"),
-    "workers": ("check", "check_field", "savings", "explain"),
+    "bricks": ("check_field", "savings"),
+    "workers": ("check_field", "savings", "explain"),
 }
 
 
@@ -259,13 +276,12 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
             print(f"splatgl: {note}", file=sys.stderr)
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))
     image = Image(image.pixels, {**image.info, **notes})
-    is_checked = how.check is None and image.info["splats"]
-    return check_bricks(image, bricks, scene.camera, scene.settings) if is_checked else image
+    return check_bricks(image, bricks, scene.camera, scene.settings, how.check) if image.info["splats"] else image
 
 
 def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, how: DrawOptions) -> Image:
     """Draws splats or layers, and compares the picture with float64; prints the output of --explain and --savings."""
-    from splatgl.reference.check import check as compare_rows
+    from splatgl.reference.check import check as compare
     from splatgl.reference.check import check_input
     from splatgl.scene.shared_renderer import measure_savings
 
@@ -275,7 +291,7 @@ def draw_subject(subject: Splats | Scene, camera: Camera, settings: Settings, ho
             print(renderer.plans(subject, camera, settings).explain())
         image = renderer.render(subject, camera, settings)
         if how.check is not None or how.check_field or image.info["error_bound"] is None:
-            image = compare_rows(image, subject, camera, settings, how.check, how.check_field)
+            image = compare(image, subject, camera, settings, how.check, how.check_field)
         if how.explain:
             print(f"{accuracy(image)}, against the float64 reference of the same splats")
         if how.savings:
@@ -389,6 +405,25 @@ def accuracy(image: Image) -> str:
     return f"{text}\n{compared(image)}" if isinstance(info.get("checked"), dict) else text
 
 
+def guarantee(checked: dict[str, Any], relative: str = "") -> str:
+    """What follows from a comparison with float64, in words. relative: to what, of sums."""
+    most = f"{_round_up(checked['largest'])}{relative}"
+    if checked["confidence"] == 1:
+        return f"no pixel is off by more than {most}"
+    above = checked["share_above_tolerance"]
+    text = f"with {100 * checked['confidence']:.0f} % confidence at most {_round_up(100 * checked['share'])} % of the "
+    text += f"pixels are off by more than {most}"
+    return text if above <= checked["share"] else f"{text}, {_round_up(100 * above)} % by more than the tolerance"
+
+
+def _round_up(number: float) -> str:
+    """Two digits of a number, rounded up."""
+    if number <= 0:
+        return "0"
+    step = 10.0 ** (floor(log10(number)) - 1)
+    return f"{ceil(round(number / step, 9)) * step:.2g}"
+
+
 def compared(image: Image) -> str:
     """Text on the errors of compared pixels, to the reference and to the field, a line each."""
     info = image.info
@@ -397,13 +432,11 @@ def compared(image: Image) -> str:
     # sums have no largest possible value; annotations scale them
     blend, scale = str(info["blend"]).partition(" ")[0], float(str(info.get("scale", 1.0)))
     relative = f" of {image.pixels.max() / scale:.3g}" if BLENDS[blend].unbounded else ""
-    count = image.pixels.shape[0] * image.pixels.shape[1]
-    text = f"off by up to {checked['largest']:.2g}{relative}, RMSE {checked['rmse']:.2g}, "
-    text += f"in {checked['pixels']} of {count} pixels drawn in float64"
+    text = guarantee(checked, relative)
+    text += f": {'all ' * (checked['confidence'] == 1)}{checked['pixels']} drawn in float64"
     if info.get("level"):
         text += f", of level {info['level']}'s voxels"
-    if int(checked["pixels"]) < count:
-        text += "; the others were not compared"
+    text += f"; RMSE {checked['rmse']:.2g}, worst at {checked['worst'][0]}, {checked['worst'][1]}"
     field = checked.get("field")
     if field is None:
         return text

@@ -9,9 +9,8 @@ import splatgl as sg
 from splatgl.data.scenes import letter_f
 from splatgl.reference import rays
 from splatgl.reference.blend import ADD, Band, Part, Sum, pixel_means
-from splatgl.reference.rays import Boxes, may_reach, pixel_boxes
-from splatgl.reference.renderer import render, render_windows
-from splatgl.splat.culling import Window
+from splatgl.reference.rays import Boxes, Pixels, may_reach, pixel_boxes
+from splatgl.reference.renderer import render, render_pixels
 from splatgl.splat.footprint import ROWS, Splat
 from splatgl.splat.kernels import kernel
 from splatgl.splat.line_integral import row1
@@ -306,26 +305,24 @@ def test_letter_reads_as_drawn() -> None:
 
 @pytest.mark.parametrize("compositing", ["splats", "sheets"])
 @pytest.mark.parametrize("antialias", ["off", "auto", "supersample"])
-def test_windows_are_those_of_the_picture(antialias: str, compositing: str) -> None:
+def test_scattered_pixels_are_those_of_the_picture(antialias: str, compositing: str) -> None:
     splats = sg.extract(
         sg.Volume(np.random.default_rng(3).random((6, 6, 6))), sg.Transfer([(0.4, 0), (1, 0.8)]), classification="pre"
     )
     camera = sg.Camera.orbit(splats, 30, 20, size=(20, 16), zoom=1.6)
     settings = SPLATS.but(antialias=antialias, samples=3, compositing=compositing, background=(0.1, 0.2, 0.3))
-    windows, whole = (
-        [Window(0, 7, 20, 1), Window(0, 0, 3, 2), Window(9, 6, 5, 4), Window(17, 13, 3, 3)],
-        render(splats, camera, settings),
-    )
-    parts = [whole.pixels[w.y : w.y + w.height, w.x : w.x + w.width] for w in windows]
-    assert min(np.ptp(parts[0]), np.ptp(parts[2])) > 0.3
-    for found, part in zip(render_windows(splats, camera, settings, windows), parts, strict=True):
-        assert found.shape == part.shape and np.abs(found - part).max() < 1e-12
+    whole = render(splats, camera, settings).pixels.reshape(-1, 4)
+    random = np.flatnonzero(np.random.default_rng(1).random(320) < 0.1)
+    for wanted in (np.array([0, 19, 20, 300, 319]), np.arange(140, 160), random, random[:0]):
+        found = render_pixels(splats, camera, settings, wanted)
+        assert found.shape == (len(wanted), 4) and np.abs(found - whole[wanted]).max(initial=0.0) < 1e-12
+    assert np.ptp(whole[random]) > 0.3
 
 
 @pytest.mark.parametrize("name", ["fitted", "close", "wide", "parallel", "far", "parallel, far"])
 @pytest.mark.parametrize("grid", GRIDS)
-def test_only_splats_that_reach_a_window_are_drawn(grid: str, name: str) -> None:
-    """No splat whose box meets the window is left out, and few others are kept."""
+def test_only_splats_that_reach_pixels_are_drawn(grid: str, name: str) -> None:
+    """No splat whose box contains a pixel is left out, and few others are kept."""
     splats = noise(grid)
     camera = views(splats)[name]
     resolved = Resolved.of(splats, camera, SPLATS)
@@ -333,10 +330,17 @@ def test_only_splats_that_reach_a_window_are_drawn(grid: str, name: str) -> None
     boxes = pixel_boxes(view, "row1", view.voxels(splats.positions), camera)
     width, height = camera.size
     kept = []
-    for window in (Window(width // 2, height // 2, 2, 1), Window(0, 0, 3, 2), Window(0, height // 3, width, 1)):
-        meet = (boxes.right > boxes.left) & (boxes.right > window.x) & (boxes.left < window.x + window.width)
-        meet &= (boxes.bottom > window.y) & (boxes.top < window.y + window.height)
-        found = may_reach(splats.records["position"], view, [window])
+    middle = height // 2 * width + width // 2
+    for some in ([middle, middle + 1], [0, 1, 2, width, width + 1], range(width), [5, 3 * width + 2, middle]):
+        wanted = Pixels.of(camera.size, np.array(some))
+        meet = np.zeros(len(splats), bool)
+        for row, column in zip(wanted.row, wanted.column, strict=True):
+            inside = (boxes.left <= column) & (column < boxes.right)
+            meet |= inside & (boxes.top <= row) & (row < boxes.bottom)
+        owner, pixel = wanted.within(boxes)
+        assert np.array_equal(np.unique(owner), np.flatnonzero(meet)) and (wanted.most_in(boxes) >= meet).all()
+        assert ((boxes.left[owner] <= wanted.column[pixel]) & (wanted.row[pixel] < boxes.bottom[owner])).all()
+        found = may_reach(splats.records["position"], view, wanted)
         assert not (meet & ~found).any()
         kept.append(found.mean())
     assert min(kept) < 0.6 or "far" in name

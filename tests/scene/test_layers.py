@@ -299,7 +299,7 @@ def test_what_a_layer_is(text: str, volume: str, transfer: dict[str, str], opaci
         (["--layer", "a:b.npy:nothing"], "colormap: expected one of"),
         (["--layer", "a:b.npy", "--field"], "--field: expected a picture of one volume"),
         (["--layer", "a:b.npy", "--workers", "1"], "layers: expected none, with --workers"),
-        (["--layer", "a:b.npy", "--check", "99"], "--check: expected 0 to 40 rows"),
+        (["--layer", "a:b.npy", "--check", "2.5"], "expected a number of pixels, or seconds such as 0.5s, got '2.5'"),
         (["--layer", "a:b.npy", "--memory", "300KiB"], "a layer that fits into 300"),
     ],
 )

@@ -14,9 +14,9 @@ from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.errors import InputError
 from splatgl.reference.layers import crossings
+from splatgl.reference.rays import Pixels
 from splatgl.scene.meshes import MeshFile
 from splatgl.scene.scene_file import SceneFile
-from splatgl.splat.culling import Window
 from splatgl.splat.lighting import AMBIENT, DIFFUSE, LIGHTS
 from tests.helpers.meshes import PLAIN, RED, along_y, block, cloud, knots
 
@@ -105,7 +105,7 @@ def test_rays_cross_balls_where_spheres_are() -> None:
     """Distances and normals of a fine ball against the closed form of a sphere."""
     ball = sg.Mesh.of_points([[0, 30, 0]], 5.0, color=(1, 1, 1))
     camera = sg.Camera.look_at((0, 0, 0), (0, 1, 0), (0, 0, 1), 15, (32, 32))
-    found = crossings([ball], camera, Window(0, 0, 32, 32), LIGHTS["head"])
+    found = crossings([ball], camera, Pixels.of_rows((32, 32), 0, 32), LIGHTS["head"])
     x, y = np.meshgrid(*camera.slopes())
     ray = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
     ray /= np.linalg.norm(ray, axis=1)[:, None]

@@ -11,9 +11,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.reference import streaks
-from splatgl.reference.rays import pair_values
+from splatgl.reference.rays import Pixels, pair_values
 from splatgl.reference.renderer import SplatScene, _scene
-from splatgl.splat.culling import Window
 from splatgl.splat.error_bound import MOVED, ULP, Bound, bound
 from splatgl.splat.kernels import kernel
 from splatgl.splat.ray_overlap import cells_of, ray_overlap
@@ -180,7 +179,9 @@ def met(splats: sg.Splats, camera: sg.Camera) -> tuple[float, float]:
     pixels = camera.size[0] * camera.size[1]
     count, depth = np.zeros(pixels), np.zeros(pixels)
     length, share = splats.records["optical_depth"], scene.row.coverage()
-    for found in pair_values(scene.row, scene.boxes, scene.order, Window(0, 0, *camera.size), camera):
+    for found in pair_values(
+        scene.row, scene.boxes, scene.order, Pixels.of_rows(camera.size, 0, camera.size[1]), camera
+    ):
         count += np.bincount(found.pixel, minlength=pixels)
         weight = length[found.splat] * share[found.splat]
         depth += np.bincount(found.pixel, weight * (1.0 if splats.grid.cubic else 0.0), minlength=pixels)
