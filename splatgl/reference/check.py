@@ -23,7 +23,7 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.errors import expected
 from splatgl.reference.field import kept_field_integral
-from splatgl.reference.renderer import render_pixels, render_pixels_of
+from splatgl.reference.renderer import reachable, reachable_of, render_pixels, render_pixels_of
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
 from splatgl.splat.resolve import select_splats, why_classified_before
@@ -34,7 +34,7 @@ from splatgl.splat.splats import Splats
 # probability that a statement is wrong
 ALPHA = 0.05
 # pixels that are drawn by default; of a volume in bricks, of which each extracts a column
-PIXELS, BRICK_PIXELS = 160, 10
+PIXELS, BRICK_PIXELS = 60, 10
 # pixels that measure how many a time allows, and the most that are then drawn
 PILOT, MOST = 16, 1 << 14
 # share of additional weight, distributed like the differences of neighbouring pixels
@@ -73,7 +73,10 @@ def check(
     def draw(wanted: np.ndarray) -> np.ndarray:
         return render_pixels(splats, camera, settings, wanted)
 
-    image, drawn = compare_sample(image, settings, PIXELS if amount is None else amount, draw)
+    if amount == 0:
+        return image
+    reached = reachable(splats, camera, settings)
+    image, drawn = compare_sample(image, settings, PIXELS if amount is None else amount, draw, reached)
     if field and len(drawn):
         ((layer, look),) = splats.drawn(settings)
         shown = drawn[_is_visible(image.pixels, settings).ravel()[drawn]]
@@ -98,7 +101,8 @@ def check_bricks(
     def draw(wanted: np.ndarray) -> np.ndarray:
         return render_pixels_of(bricks, camera, settings, wanted)
 
-    return compare_sample(image, settings, BRICK_PIXELS if amount is None else amount, draw)[0]
+    reached = reachable_of(bricks, camera, settings) if amount != 0 else None
+    return compare_sample(image, settings, BRICK_PIXELS if amount is None else amount, draw, reached)[0]
 
 
 def check_input(
@@ -120,33 +124,52 @@ def check_input(
         raise expected("--field", "values classified after reconstruction", f"voxels classified before ({why})")
 
 
-def compare_sample(image: Image, settings: Settings, amount: int | float, draw: Drawn) -> tuple[Image, np.ndarray]:
+def compare_sample(
+    image: Image, settings: Settings, amount: int | float, draw: Drawn, reached: np.ndarray | None = None
+) -> tuple[Image, np.ndarray]:
     """The image with `info["checked"]`, and the indices of the drawn pixels, ascending; the same image if there are
-    none. draw: returns the exact pixels [P, 4] of ascending indices [P].
+    none. draw: returns the exact pixels [P, 4] of ascending indices [P]. reached: bool [H, W], pixels to draw from,
+    None for all; the others, which are exactly the background, are all compared with it.
     """
-    flat, sampling = image.pixels.reshape(-1, 4), Sampling.of(image.pixels)
-    count = min(amount if isinstance(amount, int) else _affordable(sampling, draw, amount), len(flat))
-    if count == 0:
+    if not amount:
         return image, np.zeros(0, np.int64)
+    height, width = image.pixels.shape[:2]
+    reached = np.ones((height, width), bool) if reached is None or not reached.any() else reached
+    flat, sampling = image.pixels.reshape(-1, 4), Sampling.of(image.pixels, reached)
+    count = min(amount if isinstance(amount, int) else _affordable(sampling, draw, amount), len(sampling.order))
     wanted, times = sampling.draw(count)
-    off = flat[wanted] - draw(wanted)
-    error = np.abs(off).max(axis=1)
-    row, column = divmod(int(wanted[error.argmax()]), image.pixels.shape[1])
+    # of the others only those that are not the background
+    nothing = _empty(settings)
+    wrong = np.flatnonzero(~reached.ravel() & (flat != nothing.astype(flat.dtype)).any(axis=1))
+    places, exact = np.append(wanted, wrong), np.concatenate([draw(wanted), np.tile(nothing, (len(wrong), 1))])
+    square = (flat[places] - exact) ** 2
+    error = np.sqrt(square.max(axis=1))
     allowed = settings.tolerance * (float(flat.max()) if BLENDS[settings.blend].unbounded else 1.0)
-    above = int(times[error > allowed].sum())
-    is_whole = count == len(flat)
+    drawn_above, above = int(times[error[: len(wanted)] > allowed].sum()), int((error[len(wanted) :] > allowed).sum())
+    is_whole = count == len(sampling.order)
     part = times / (1.0 if is_whole else sampling.weights[wanted])
+    part = np.append(part * (len(sampling.order) / part.sum()), np.ones(len(wrong)))
+    worst = int(places[error.argmax()])
+    above += drawn_above if is_whole else sampling.most_above(drawn_above, count)
     checked: dict[str, object] = {
         "pixels": count,
+        "empty": len(flat) - len(sampling.order),
         "seed": sampling.seed,
         "largest": float(error.max()),
-        "worst": [column, row],
-        "rmse": float(np.sqrt(part @ (off**2).mean(axis=1) / part.sum())),
+        "worst": [worst % width, worst // width],
+        "rmse": float(np.sqrt(part @ square.mean(axis=1) / len(flat))),
         "confidence": 1.0 if is_whole else 1 - ALPHA,
-        "share": 0.0 if is_whole else sampling.share_below(0, count),
-        "share_above_tolerance": above / count if is_whole else sampling.share_below(above, count),
+        "share": 0.0 if is_whole else sampling.most_above(0, count) / len(flat),
+        "share_above_tolerance": above / len(flat),
     }
     return Image(image.pixels, {**image.info, "checked": checked}), wanted
+
+
+def _empty(settings: Settings) -> np.ndarray:
+    """[4]: the pixel that no splat reaches."""
+    if settings.background is None or BLENDS[settings.blend].unbounded:
+        return np.zeros(4)
+    return np.array([*settings.background, 1.0])
 
 
 def _affordable(sampling: Sampling, draw: Drawn, seconds: float) -> int:
@@ -163,8 +186,8 @@ def _affordable(sampling: Sampling, draw: Drawn, seconds: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Strata of a picture's pixels. weights [N]: relative probabilities, at least 1. order [N]: pixels, those of a
-    stratum together: by weight, brightness and tile. seed: of the draws, a checksum of the picture.
+    """Strata of some of a picture's pixels. weights [all pixels]: relative probabilities, at least 1. order [N]: the
+    pixels, those of a stratum together: by weight, brightness and tile. seed: of the draws, a checksum of the picture.
     """
 
     weights: np.ndarray
@@ -172,33 +195,36 @@ class Sampling:
     seed: int
 
     @classmethod
-    def of(cls, pixels: np.ndarray) -> Self:
-        """Of pixels [H, W, 4]: densest where neighbours differ, at most about once a pixel."""
-        differ = _differences(pixels)
+    def of(cls, pixels: np.ndarray, among: np.ndarray) -> Self:
+        """Of pixels [H, W, 4], of which those `among` [H, W] are drawn: densest where neighbours differ, at most about
+        once a pixel.
+        """
+        some = np.flatnonzero(among)
+        differ, bright = (values.ravel()[some] for values in (_differences(pixels), _largest(pixels)))
         mean = float(differ.mean(dtype=np.float64)) or 1.0
-        extra = np.minimum(differ * (EDGES / mean), differ.size / PIXELS)
-        bright = _largest(pixels)
-        keys = [_rank(extra, WEIGHTS), _rank(bright, np.array(BRIGHTNESSES) * bright.max(initial=0.0))]
-        key = keys[0] << 14 | keys[1] << 12 | _tiles(*differ.shape)
-        order = np.argsort(key.ravel(), kind="stable")
-        return cls(1.0 + extra.ravel().astype(np.float64), order, crc32(np.ascontiguousarray(pixels)))
+        extra = np.minimum(differ * (EDGES / mean), len(some) / PIXELS)
+        keys = [_rank(extra, WEIGHTS), _rank(bright, np.array(BRIGHTNESSES) * bright.max())]
+        key = keys[0] << 14 | keys[1] << 12 | _tiles(*among.shape).ravel()[some]
+        weights = np.ones(among.size)
+        weights[some] += extra
+        return cls(weights, some[np.argsort(key, kind="stable")], crc32(pixels.tobytes()))
 
     def draw(self, count: int, is_pilot: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Ascending indices of pixels, one of each of `count` strata, and how often each was drawn; all pixels, if
         there are no more.
         """
-        if count >= len(self.weights):
-            return np.arange(len(self.weights)), np.ones(len(self.weights), np.int64)
+        if count >= len(self.order):
+            return np.sort(self.order), np.ones(len(self.order), np.int64)
         total = np.cumsum(self.weights[self.order])
         random = np.random.default_rng((self.seed, int(is_pilot))).random(count)
         place = np.searchsorted(total, (np.arange(count) + random) * (total[-1] / count), side="right")
         drawn, times = np.unique(self.order[np.minimum(place, len(total) - 1)], return_counts=True)
         return drawn, times
 
-    def share_below(self, above: int, drawn: int) -> float:
-        """Upper limit of the share of pixels that are off by more than a limit, which `above` of `drawn` exceed."""
-        weight = share_limit(above, drawn) * float(self.weights.sum())
-        return min((ceil(weight) - 1) / len(self.weights), 1.0)
+    def most_above(self, above: int, drawn: int) -> int:
+        """Upper limit of the number of pixels that are off by more than a limit, which `above` of `drawn` exceed."""
+        weight = share_limit(above, drawn) * float(self.weights[self.order].sum())
+        return min(ceil(weight) - 1, len(self.order))
 
 
 def share_limit(above: int, drawn: int) -> float:
@@ -242,7 +268,8 @@ def _tiles(height: int, width: int) -> np.ndarray:
     bits = np.arange(TILES)
     spread = sum(((bits >> n & 1) << 2 * n for n in range(TILES.bit_length() - 1)), np.zeros(TILES, np.int64))
     down, across = (spread[np.arange(size) * TILES // size].astype(np.uint16) for size in (height, width))
-    return np.asarray(down[:, None] << 1 | across)
+    tiles: np.ndarray = down[:, None] << 1 | across
+    return tiles
 
 
 def _is_visible(pixels: np.ndarray, settings: Settings) -> np.ndarray:

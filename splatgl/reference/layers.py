@@ -174,9 +174,7 @@ def _pixel_boxes(corners: np.ndarray, camera: Camera) -> Boxes:
     projected = corners[..., :2] / np.where(depth > 0, depth, 1.0)
     low = np.where(crosses[:, None], -np.inf, projected.min(axis=1))
     high = np.where(crosses[:, None], np.inf, projected.max(axis=1))
-    ends = [
-        np.searchsorted(axis, bound[:, n], side=side)
-        for n, axis in enumerate(camera.slopes())
-        for bound, side in ((low, "left"), (high, "right"))
-    ]
+    ends = []
+    for n, axis in enumerate(camera.slopes()):
+        ends += [np.searchsorted(axis, low[:, n]), np.searchsorted(axis, high[:, n], side="right")]
     return Boxes(*ends)

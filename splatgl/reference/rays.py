@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -115,14 +116,19 @@ class Pixels:
         """bool [N]: whether squares within `half` + 1 pixels [N] of places [2, N] may have a pixel. Pixel i is between
         places i and i + 1.
         """
-        ends = []
-        for axis, count in enumerate(self._squares.shape[::-1]):
-            low, high = place[axis] - half - 1, place[axis] + half + 1
-            ends += [np.clip(np.floor(low / SQUARE), 0, count - 1).astype(np.int32)]
-            ends += [np.clip(np.floor(high / SQUARE) + 1, 0, count - 1).astype(np.int32)]
-        left, right, top, bottom = ends
+        left, right, top, bottom = _squares_around(place, half, self.size)
         squares = self._squares
         return np.asarray(squares[bottom, right] - squares[top, right] - squares[bottom, left] + squares[top, left] > 0)
+
+
+def _squares_around(place: np.ndarray, half: np.ndarray, size: tuple[int, int]) -> list[np.ndarray]:
+    """left, right, top and bottom [N] of the squares of a picture within `half` + 1 pixels [N] of places [2, N]."""
+    ends = []
+    for at, side in zip(place, size, strict=True):
+        last = -(-side // SQUARE)
+        for end, more in ((at - half - 1, 0), (at + half + 1, 1)):
+            ends.append(np.clip(np.floor(end / SQUARE) + more, 0, last).astype(np.int32))
+    return ends
 
 
 def pixel_boxes(view: GridView, row: str, voxel: np.ndarray, camera: Camera) -> Boxes:
@@ -220,42 +226,86 @@ def _widened_bounds(view: GridView, row: str, voxel: np.ndarray, corner: np.ndar
     return ends.min(axis=0) - half, ends.max(axis=0) + half
 
 
-def may_reach(positions: np.ndarray, view: GridView, wanted: Pixels, around: float = 0.0) -> np.ndarray:
-    """bool [N]: whether splats at grid positions [N, 3] may reach one of the pixels of the picture; of runs of RUN
-    positions whose box may reach none, no position is examined.
+_run_boxes: WeakKeyDictionary[Splats, np.ndarray] = WeakKeyDictionary()
 
-    around: also counts splats up to this many grid steps from the positions.
+
+def run_boxes(splats: Splats) -> np.ndarray:
+    """[runs, 6]: centres and half sides of the boxes of RUN splats each, cached for their lifetime."""
+    boxes = _run_boxes.get(splats)
+    if boxes is None:
+        boxes = _run_boxes[splats] = block_boxes(splats.records["position"], RUN)
+    return boxes
+
+
+def splats_may_reach(splats: Splats, view: GridView, wanted: Pixels) -> np.ndarray:
+    """bool [N]: whether splats may reach one of the pixels of the picture; of runs of RUN splats whose box may reach
+    none, no position is examined.
     """
-    boxes = block_boxes(positions, RUN)
-    within = np.linalg.norm(boxes[:, 3:], axis=1) + around
-    found = np.repeat(_part_may_reach(boxes[:, :3], view, wanted, within), RUN)[: len(positions)]
+    boxes, positions = run_boxes(splats), splats.records["position"]
+    found = np.repeat(may_reach(boxes[:, :3], view, wanted, np.linalg.norm(boxes[:, 3:], axis=1)), RUN)[
+        : len(positions)
+    ]
     near = np.flatnonzero(found)
 
     def examine(part: slice) -> None:
-        found[near[part]] = _part_may_reach(positions[near[part]], view, wanted, around)
+        found[near[part]] = may_reach(positions[near[part]], view, wanted)
 
     in_parts(len(near), SOME, examine)
     return found
 
 
-def _part_may_reach(positions: np.ndarray, view: GridView, wanted: Pixels, around: np.ndarray | float) -> np.ndarray:
-    v = view.voxels(positions)
-    # a ball around the kernel; beyond z_k footprints grow with depth
-    size = float(np.linalg.norm(view.eye_from_index, 2))
-    reach, further = view.kernel.radius * size, around * size
-    widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
-    depth, slant = np.ones(len(positions)), 1.0
-    if view.perspective:
-        depth = np.where(v[2] > 0, v[2], 1.0)
-        # distance from a plane through the eye to a point: difference of slopes times depth, divided by this
-        slant = float(np.hypot(1.0, np.abs(np.array(view.size) / 2 + 1).max() * view.pitch))
-    half = np.maximum(reach * slant / depth, widest * slant) + further * slant * (1 + widest) / depth
-    places = v[:2] / depth / view.pitch + np.array(view.size)[:, None] / 2
-    may_reach = wanted.are_near(places, half / view.pitch)
-    if view.perspective:
-        # a splat around a place in front of the eye may be behind it
-        may_reach = np.where(v[2] > further, may_reach, v[2] > -reach - further)
-    return may_reach
+def may_reach(positions: np.ndarray, view: GridView, wanted: Pixels, around: np.ndarray | float = 0.0) -> np.ndarray:
+    """bool [N]: whether splats up to `around` grid steps from grid positions [N, 3] may reach one of the pixels of the
+    picture.
+    """
+    discs = Discs.of(positions, view, around)
+    return np.where(discs.is_ahead, wanted.are_near(discs.place, discs.half), discs.surrounds_eye)
+
+
+@dataclass(frozen=True, eq=False)
+class Discs:
+    """Discs of pixels that splats may reach. place [2, N]: their middles, pixel i being between i and i + 1; half [N]:
+    their radii. is_ahead [N]: whether all of a disc's splats are before the eye; surrounds_eye [N]: whether they may
+    reach any pixel.
+    """
+
+    place: np.ndarray
+    half: np.ndarray
+    is_ahead: np.ndarray
+    surrounds_eye: np.ndarray
+
+    @classmethod
+    def of(cls, positions: np.ndarray, view: GridView, around: np.ndarray | float) -> Self:
+        """Of splats up to `around` grid steps from grid positions [N, 3]."""
+        v = view.voxels(positions)
+        # a ball around the kernel; beyond z_k footprints grow with depth
+        size = float(np.linalg.norm(view.eye_from_index, 2))
+        reach, further = view.kernel.radius * size, around * size
+        widest = STRETCHED * view.kernel.radius * view.pitch * view.antialias
+        depth, slant, is_ahead = np.ones(len(positions)), 1.0, np.ones(len(positions), bool)
+        if view.perspective:
+            # a splat around a place in front of the eye may be behind it
+            is_ahead, depth = v[2] > further, np.where(v[2] > 0, v[2], 1.0)
+            # distance from a plane through the eye to a point: difference of slopes times depth, divided by this
+            slant = float(np.hypot(1.0, np.abs(np.array(view.size) / 2 + 1).max() * view.pitch))
+        half = np.maximum(reach * slant / depth, widest * slant) + further * slant * (1 + widest) / depth
+        place = v[:2] / depth / view.pitch + np.array(view.size)[:, None] / 2
+        return cls(place, half / view.pitch, is_ahead, ~is_ahead & (v[2] > -reach - further))
+
+
+def reached_squares(positions: np.ndarray, view: GridView, around: np.ndarray) -> np.ndarray:
+    """bool [rows, columns]: which squares of SQUARE pixels of the picture may be reached by splats up to `around` [N]
+    grid steps from grid positions [N, 3].
+    """
+    discs = Discs.of(positions, view, around)
+    down, across = (-(-side // SQUARE) for side in view.size[::-1])
+    if discs.surrounds_eye.any():
+        return np.ones((down, across), bool)
+    ahead = discs.is_ahead
+    left, right, top, bottom = _squares_around(discs.place[:, ahead], discs.half[ahead], view.size)
+    ends = np.concatenate([(row * (across + 1) + column) for row in (top, bottom) for column in (left, right)])
+    count = np.bincount(ends, np.repeat([1, -1, -1, 1], len(left)), (down + 1) * (across + 1))
+    return count.reshape(down + 1, across + 1).cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0.5
 
 
 # pairs per chunk: temporaries of 2 MB stay in the cache

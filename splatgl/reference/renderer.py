@@ -18,7 +18,18 @@ from splatgl.errors import expected
 from splatgl.reference.blend import ADD, Band, Part, mean_weights, over_background, pixel_means, pixels
 from splatgl.reference.label_boxes import BoxScene
 from splatgl.reference.layers import LayerScene, SurfaceScene
-from splatgl.reference.rays import Boxes, Pixels, Row, may_reach, pair_values, pixel_boxes
+from splatgl.reference.rays import (
+    SQUARE,
+    Boxes,
+    Pixels,
+    Row,
+    may_reach,
+    pair_values,
+    pixel_boxes,
+    reached_squares,
+    run_boxes,
+    splats_may_reach,
+)
 from splatgl.reference.sheets import SheetScene
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.camera import Camera
@@ -141,7 +152,7 @@ def _select_reaching(splats: Splats, resolved: Resolved, wanted: np.ndarray | No
     """Splats that may reach wanted pixels; None: all."""
     if wanted is None:
         return splats
-    some = may_reach(splats.records["position"], resolved.view, _samples_of(wanted, resolved)[0])
+    some = splats_may_reach(splats, resolved.view, _samples_of(wanted, resolved)[0])
     return splats.part(some, among_all=resolved.look.attenuation == "fill")
 
 
@@ -159,6 +170,36 @@ def render_pixels_of(bricks: Bricks, camera: Camera, settings: Settings, wanted:
     records = records[np.lexsort(records["position"].T)]
     splats = clip_behind_eye(post_splats(bricks.volume, bricks.post, records), camera)
     return _draw_pixels(_scene(splats, resolved, "row1"), resolved, wanted)
+
+
+def reachable(subject: Splats | Scene, camera: Camera, settings: Settings) -> np.ndarray:
+    """bool [H, W]: pixels that splats may reach; all of them with meshes. The others show the background alone."""
+    if subject.surfaces(settings):
+        return np.ones(camera.size[::-1], bool)
+    layers = subject.drawn(settings)
+    reached = np.zeros(camera.size[::-1], bool)
+    for splats, look in common_samples(layers, camera, settings) if len(layers) > 1 else layers:
+        chosen = clip_behind_eye(select_splats(splats, look, False, camera), camera)
+        reached |= _reachable(run_boxes(chosen), Resolved.of(chosen, camera, look))
+    return reached
+
+
+def reachable_of(bricks: Bricks, camera: Camera, settings: Settings) -> np.ndarray:
+    """bool [H, W]: pixels that splats of a volume in bricks may reach."""
+    half = (bricks.high - 1 - bricks.low) / 2
+    return _reachable(np.concatenate([bricks.low + half, half], axis=1), Resolved.of(bricks.whole, camera, settings))
+
+
+def _reachable(boxes: np.ndarray, resolved: Resolved) -> np.ndarray:
+    """bool [H, W]: pixels of whose samples, with those beside for means, splats in boxes [N, 6] may reach one."""
+    k = resolved.samples
+    squares = reached_squares(boxes[:, :3], resolved.view, np.linalg.norm(boxes[:, 3:], axis=1))
+    for axis in (0, 1):
+        for _ in range(k // (2 * SQUARE) + 1):
+            padded = np.pad(squares, [(1, 1) if n == axis else (0, 0) for n in (0, 1)])
+            squares = np.any([np.take(padded, n + np.arange(squares.shape[axis]), axis) for n in range(3)], axis=0)
+    rows, columns = ((np.arange(side // k) * k + k // 2) // SQUARE for side in resolved.camera.size[::-1])
+    return squares[rows[:, None], columns]
 
 
 def _samples_of(wanted: np.ndarray, resolved: Resolved) -> tuple[Pixels, np.ndarray]:

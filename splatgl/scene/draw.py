@@ -76,7 +76,7 @@ class DrawOptions:
             written="a number of pixels, or seconds such as 0.5s",
             hint="int | float | str",
         ),
-        "number of random pixels to compare with float64, or seconds such as 0.5s for them (0: none; default: 160, of "
+        "number of random pixels to compare with float64, or seconds such as 0.5s for them (0: none; default: 60, of "
         "large volumes 10, with --field or without a bound)",
         group=Group.ACCURACY,
     )

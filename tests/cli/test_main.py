@@ -232,7 +232,7 @@ def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = capsys.readouterr().out
     assert "align exact" in told and "3 share a splat, classified after reconstruction" in told
     assert re.search(
-        r"off by up to \S+, RMSE \S+, in 160 of 256 pixels drawn in float64; the others were not compared, against",
+        r"at most \S+ % of the pixels are off by more than \S+: 60 drawn in float64; RMSE \S+, worst at \S+ \d+, ag",
         told,
     )
     assert main(["render", "noise.npy", "--size", "16", "--explain", "--like", "0.1"]) == 0
@@ -314,35 +314,38 @@ def test_defaults_of_an_earlier_version(tmp_path: Path, monkeypatch: pytest.Monk
         sg.Settings.like("1998")
 
 
-def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pixels_are_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Where no error bound is known, and where it is asked for; what is compared is the picture."""
     monkeypatch.chdir(tmp_path)
     np.save("noise.npy", np.random.default_rng(1).random((8, 8, 8)))
     asked = ["render", "noise.npy", "--size", "24", "-o", "x.png"]
     assert main(asked) == 0
-    found = r"drawn in \S+ s by [^;]+; off by up to \S+, RMSE \S+, in 160 of 576 pixels drawn in float64; the others"
-    assert re.search(found, capsys.readouterr().out)
+    found = r"drawn in \S+ s by [^;]+; with 95 % confidence at most (\S+) % of the pixels are off by more than \S+: "
+    matched = re.search(found + r"60 drawn in float64; RMSE \S+, worst at \d+, \d+", capsys.readouterr().out)
+    assert matched
     checked: Any = sg.Image.load("x.png").info["checked"]
-    assert 0 < checked["rmse"] < checked["largest"] < 0.02 and len(checked["windows"]) == 10
+    assert 0 < checked["rmse"] < checked["largest"] < 0.02 and checked["pixels"] == 60
+    assert 0 <= float(matched[1]) / 100 - checked["share"] < 0.001 and checked["confidence"] == 0.95
     assert main([*asked, "--like", "0.1"]) == 0 and "drawn in float64" not in capsys.readouterr().out
-    for rows, told in (("5", "120 of 576 pixels"), ("0", "")):
-        assert main([*asked, "--check", rows]) == 0
+    for amount, told in (("100", "at most "), ("0.001s", ": 16 drawn"), ("576", "no pixel is off by more"), ("0", "")):
+        assert main([*asked, "--check", amount]) == 0
         said = capsys.readouterr().out
         assert ("drawn in float64" in said) == bool(told) and told in said
-        assert ("were not compared" in said) == (rows == "5")
-    assert main([*asked, "--check", "25"]) == 2 and "expected 0 to 24 rows, got 25" in capsys.readouterr().err
     # beside its own error, how far it is from the field; coarser sheets are farther
     assert main([*asked, "--field"]) == 0 and "off the field itself by up to" in capsys.readouterr().out
     # of a small picture, all
     assert (
         main([*asked, "--size", "24x1", "--points", "0:0.5,1:0.5"]) == 0
-        and " in 8 of 24 pixels " in capsys.readouterr().out
+        and "no pixel is off by more" in capsys.readouterr().out
     )
     # a picture that is wrong is told from one that is right
-    monkeypatch.setattr("splatgl.reference.check.render_windows", lambda *_: [np.full((1, 24, 4), 0.5)] * 2)
-    assert main([*asked, "--check", "2"]) == 0
+    monkeypatch.setattr("splatgl.reference.check.render_pixels", lambda *given: np.full((len(given[-1]), 4), 0.5))
+    assert main([*asked, "--check", "20"]) == 0
     checked = sg.Image.load("x.png").info["checked"]
-    assert checked["largest"] > 0.3
+    assert checked["largest"] > 0.3 and checked["share_above_tolerance"] > 0.9
+    assert re.search(r", \S+ % by more than the tolerance: 20 drawn", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize(
@@ -351,8 +354,7 @@ def test_rows_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         (["--field", "--like", "0.1"], "values classified after reconstruction, got voxels classified before (class"),
         (["--field", "--threshold", "0.1"], "reconstruction, got voxels classified before (threshold)"),
         (["--field", "--classification", "pre"], "reconstruction, got voxels classified before (classification pre)"),
-        (["--field", "--check", "0"], "--check: expected 1 to 24 rows with --field, got 0"),
-        (["--check", "25"], "--check: expected 0 to 24 rows, got 25"),
+        (["--field", "--check", "0"], "--check: expected pixels or seconds of at least 1, with --field, got 0"),
     ],
     ids=str,
 )
@@ -369,9 +371,9 @@ def test_what_cannot_be_checked_is_refused_before_drawing(
 
 def test_an_annotated_xray_is_summed_up(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Errors are relative to the brightest sum, not to the scale of the annotated picture."""
-    arguments = ("--blend", "xray", "--size", "64", "--check", "1", "-o", "x.png")
+    arguments = ("--blend", "xray", "--size", "64", "--check", "30", "-o", "x.png")
     assert main(["render", "balls", *arguments]) == 0
     plain = capsys.readouterr().out
     assert main(["render", "balls", *arguments, "--annotate", "scale"]) == 0
-    error = re.compile(r"off by up to [^,]* of [^,]*")
+    error = re.compile(r"off by more than \S* of [^,;:]*")
     assert error.search(capsys.readouterr().out)[0] == error.search(plain)[0]  # type: ignore[index]

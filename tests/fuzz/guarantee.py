@@ -19,6 +19,7 @@ import numpy as np
 
 import splatgl as sg
 from splatgl.reference.check import ALPHA, compare_sample
+from splatgl.reference.renderer import reachable
 
 Random = np.random.Generator
 
@@ -81,13 +82,15 @@ def outcome(renderer: sg.Renderer, seed: int) -> Outcome:
     volume = sg.Volume(cells_of(rng, scene))
     transfer = sg.Transfer([(0.3, 0.0), (1.0, float(rng.choice([0.05, 0.4, 0.95])))], colormap="hot", window=(0, 1))
     pre = damage == "form" or rng.random() < 0.3
-    splats = sg.extract(volume, transfer, classification="pre" if pre else "post")
+    blend = str(rng.choice(["composite", "composite", "xray", "mip"])) if damage != "form" else "composite"
+    after = "post-all" if blend == "mip" else "post"
+    splats = sg.extract(volume, transfer, classification="pre" if pre and blend != "mip" else after)
     zoom, size = float(rng.choice([0.5, 1.0, 2.0])), (int(rng.integers(20, 48)), int(rng.integers(20, 40)))
     camera = sg.Camera.orbit(volume, rng.uniform(-180, 180), rng.uniform(-80, 80), size=size, zoom=zoom)
     background = (None, (1.0, 1.0, 1.0))[rng.integers(2)]
-    settings = sg.Settings(background=background, blend=str(rng.choice(["composite", "composite", "xray", "mip"])))  # type: ignore[arg-type]
+    settings = sg.Settings(background=background, blend=blend)  # type: ignore[arg-type]
     if damage == "form":
-        settings = settings.but(align=str(rng.choice(["ray", "grid"])), target="rgba8", blend="composite")
+        settings = settings.but(align=str(rng.choice(["ray", "grid"])), target="rgba8", compositing="splats")
     right = sg.reference.render(splats, camera, settings).pixels
     drawn = splats.part(rng.random(len(splats)) > 0.05) if damage == "lost" else splats
     pixels = renderer.render(drawn, camera, settings, verify_bound=False).pixels.copy()
@@ -96,7 +99,12 @@ def outcome(renderer: sg.Renderer, seed: int) -> Outcome:
         pixels[rows] = np.roll(pixels[rows], 1, axis=1)
     image = sg.Image(changed(rng, pixels) if damage == "changed" else pixels)
     flat = right.reshape(-1, 4)
-    checked: Any = compare_sample(image, settings, int(rng.choice(DRAWN)), lambda some: flat[some])[0].info["checked"]
+    reached = reachable(splats, camera, settings)
+    empty = np.zeros(4) if background is None or blend == "xray" else np.ones(4)
+    assert np.abs(right[~reached] - empty).max(initial=0.0) < 1e-12, f"seed {seed}: matter in what no splat reaches"
+    known = reached if rng.random() < 0.8 else None
+    count = int(rng.choice(DRAWN))
+    checked: Any = compare_sample(image, settings, count, lambda some: flat[some], known)[0].info["checked"]
     error = np.abs(image.pixels - right).max(axis=2)
     allowed = settings.tolerance * (float(image.pixels.max()) if settings.blend == "xray" else 1.0)
     true, above = float((error > checked["largest"]).mean()), float((error > allowed).mean())

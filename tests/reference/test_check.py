@@ -57,7 +57,7 @@ def test_draws_are_one_of_each_stratum_and_densest_at_edges() -> None:
     near = np.zeros(pixels.shape[:2], bool)
     near[:, 39:42] = True
     times, seeds = np.zeros(near.size), 400
-    sampling = Sampling.of(pixels)
+    sampling = Sampling.of(pixels, np.ones(pixels.shape[:2], bool))
     assert sampling.weights.min() == 1 and 1.1 < sampling.weights.mean() <= 4 / 3 + 1e-6
     for seed in range(seeds):
         drawn, often = Sampling(sampling.weights, sampling.order, seed).draw(PIXELS)
@@ -90,12 +90,12 @@ def test_a_wrong_thread_is_found() -> None:
 
 def test_all_pixels_of_a_small_picture_are_compared() -> None:
     rng = np.random.default_rng(1)
-    pixels = rng.random((9, 11, 4)).astype(np.float32)
-    right = pixels + rng.choice([0.0, 0.02], (9, 11, 1))
+    pixels = rng.random((4, 11, 4)).astype(np.float32)
+    right = pixels + rng.choice([0.0, 0.02], (4, 11, 1))
     found = stated(pixels, right, PIXELS)
     off = np.abs(pixels - right)
-    assert found["pixels"] == 99 and (found["confidence"], found["share"]) == (1.0, 0.0)
-    assert found["largest"] == off.max() and abs(found["rmse"] - np.sqrt((off**2).mean())) < 1e-9
+    assert found["pixels"] == 44 and (found["confidence"], found["share"]) == (1.0, 0.0)
+    assert abs(found["largest"] - off.max()) < 1e-12 and abs(found["rmse"] - np.sqrt((off**2).mean())) < 1e-9
     assert found["share_above_tolerance"] == (off.max(axis=2) > 0.01).mean()
 
 
@@ -114,10 +114,10 @@ def test_as_many_pixels_are_drawn_as_a_time_allows(monkeypatch: pytest.MonkeyPat
         now[0] += 0.02 + 1e-3 * len(some)
         return np.zeros((len(some), 4))
 
-    for seconds, count in ((0.5, 402), (0.0, PILOT), (0.15, 52)):
+    for seconds, count in ((0.5, 402), (0.01, PILOT), (0.15, 52)):
         now[0] = 0.0
         checked: Any = compare_sample(sg.Image(flat()), SETTINGS, seconds, draw)[0].info["checked"]
-        assert abs(checked["pixels"] - count) <= 2 and (seconds == 0 or now[0] <= seconds + 1e-9)
+        assert abs(checked["pixels"] - count) <= 2 and (seconds < 0.1 or now[0] <= seconds + 1e-9)
 
 
 @pytest.mark.parametrize("first", [0, pytest.param(20, marks=pytest.mark.long)])

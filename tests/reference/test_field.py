@@ -361,7 +361,7 @@ def test_pixels_of_kept_values(blend: str, renderer: sg.Renderer) -> None:
     assert right.max() > 0.3 and np.abs(found - right).max() < 1e-3 * max(right.max(), 1.0)
     off = []
     for chosen in (settings, settings.but(sheets=2, steps=1)):
-        image = sg.check(renderer.render(splats, camera, chosen), splats, camera, chosen, rows=8, field=True)
+        image = sg.check(renderer.render(splats, camera, chosen), splats, camera, chosen, 320, field=True)
         checked: Any = image.info["checked"]
         off.append(checked["field"]["rmse"])
     assert 0 < off[0] < 0.02 and (blend != "composite" or off[0] < 0.5 * off[1])
@@ -381,29 +381,28 @@ def test_pixels_of_the_matter_are_compared_not_of_the_background(renderer: sg.Re
         found.append(image.info["checked"])
         seen = renderer.render(splats, camera, settings.but(background=None)).pixels[..., 3] > 0
         assert seen.mean() < 0.5
-        for x, y, width, height in found[-1]["windows"]:
-            assert seen[y : y + height, x : x + width].any()
     assert all(0 < each["largest"] < 2e-3 and 0 < each["field"]["rmse"] < 0.02 for each in found)
-    assert found[0]["windows"] == found[1]["windows"]
+    # of the drawn pixels, those that no splat reaches are left out, and show matter half of the time at least
+    assert all(each["empty"] > 500 and each["field"]["pixels"] > 20 for each in found)
 
 
 @pytest.mark.parametrize(
-    ("settings", "rows", "said"),
+    ("settings", "amount", "said"),
     [
         (sg.Settings(compositing="splats"), None, "got voxels classified before \\(compositing splats\\)"),
         (sg.Settings(classification="pre"), None, "got voxels classified before \\(classification pre\\)"),
-        (sg.Settings(), 0, "--check: expected 1 to 6 rows with --field, got 0"),
+        (sg.Settings(), 0, "--check: expected pixels or seconds of at least 1, with --field, got 0"),
     ],
     ids=str,
 )
 def test_a_field_that_is_no_picture_is_refused_before_work(
-    settings: sg.Settings, rows: int | None, said: str, monkeypatch: pytest.MonkeyPatch
+    settings: sg.Settings, amount: int | None, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     volume = sg.scenes.ball(6)
     splats, camera = sg.extract(volume, sg.default_transfer(volume)), sg.Camera.orbit(volume, size=(8, 6))
-    monkeypatch.setattr("splatgl.reference.check.render_windows", lambda *_: pytest.fail("pixels are drawn"))
+    monkeypatch.setattr("splatgl.reference.check.render_pixels", lambda *_: pytest.fail("pixels are drawn"))
     with pytest.raises(sg.InputError, match=said):
-        sg.check(sg.Image(np.ones((6, 8, 4), np.float32)), splats, camera, settings, rows, field=True)
+        sg.check(sg.Image(np.ones((6, 8, 4), np.float32)), splats, camera, settings, amount, field=True)
 
 
 @pytest.mark.long

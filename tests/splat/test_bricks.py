@@ -21,7 +21,8 @@ from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.large_volumes import render_slabs
 from splatgl.readers import chunked, ome_zarr
 from splatgl.readers.chunked import Chunked
-from splatgl.reference.check import check_bricks
+from splatgl.reference.check import check_bricks, compare_sample
+from splatgl.reference.renderer import reachable, reachable_of, render_pixels
 from splatgl.splat import bricks as bricking
 from splatgl.splat import opaque_bounds
 from splatgl.splat.bricks import Bricks, bricks_of, required_bricks
@@ -96,27 +97,29 @@ def test_no_dispatch_has_more_tiles_than_it_may(
 
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "grid"), [("outside", "sheared"), ("inside", "cubes"), ("parallel", "sheared")])
-def test_squares_of_bricks_are_compared_as_those_of_the_whole(
+def test_pixels_of_bricks_are_compared_as_those_of_the_whole(
     grid: str, name: str, renderer: sg.Renderer, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To float64's rounding, for which only bricks that may reach a square are extracted; wrong pixels are found."""
+    """To float64's rounding, for which only bricks that may reach a pixel are extracted; wrong pixels are found."""
     volume = sg.Volume(noise(rng, (40, 36, 44)), **GRIDS[grid])
     camera = cameras(volume)[name]
     bricks, read = in_bricks(volume, RAMP, ALL, 6), set[int]()
     image = renderer.render_bricks(bricks, camera, ALL)
     records = Bricks.records
     monkeypatch.setattr(Bricks, "records", lambda self, n: read.add(n) or records(self, n))
-    monkeypatch.setattr("splatgl.reference.check.SQUARES", 1)
-    found: Any = check_bricks(image, bricks, camera, ALL).info["checked"]
+    found: Any = check_bricks(image, bricks, camera, ALL, 1).info["checked"]
     assert len(read) < (0.9 if name == "inside" else 0.45) * len(bricks.low)
-    right: Any = sg.check(image, sg.extract(volume, RAMP), camera, ALL).info["checked"]
-    assert found["windows"] == right["windows"] and found["largest"] < 2e-4
-    assert abs(found["largest"] - right["largest"]) + abs(found["rmse"] - right["rmse"]) < 1e-12
+    splats = sg.extract(volume, RAMP)
+    reached = reachable_of(bricks, camera, ALL)
+    right = render_pixels(splats, camera, ALL, np.arange(reached.size))
+    assert not right[~reached.ravel()].any() and not right[~reachable(splats, camera, ALL).ravel()].any()
+    again: Any = compare_sample(image, ALL, 1, lambda some: right[some], reached)[0].info["checked"]
+    assert {**found, "rmse": 0} == {**again, "rmse": 0} | {"largest": found["largest"]} and found["largest"] < 2e-4
+    assert abs(found["largest"] - again["largest"]) + abs(found["rmse"] - again["rmse"]) < 1e-12
     wrong = sg.Image(image.pixels + np.float32(0.01), image.info)
     found = check_bricks(wrong, bricks, camera, ALL).info["checked"]
     assert abs(found["largest"] - 0.01) < 1e-4
-    nothing = sg.Image(np.zeros_like(image.pixels), image.info)
-    assert "checked" not in check_bricks(nothing, bricks, camera, ALL).info
+    assert "checked" not in check_bricks(image, bricks, camera, ALL, 0).info
 
 
 @pytest.mark.long
