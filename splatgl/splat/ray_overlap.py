@@ -1,7 +1,7 @@
 """Largest number, and largest total optical depth, of the splats whose footprints one ray of a picture meets.
 
 Two upper bounds. By planes: a ray meets at most the cells of an ellipse in each lattice plane that it crosses. By
-positions: few splats, or few blocks of them, are counted in screen squares as large as the largest footprint.
+positions: few splats, or few blocks of them, are counted in each cell of the screen that their footprints may touch.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ TILES = 8
 # up to FEW splats, and up to FEW_POINTS that lie on no lattice, are counted individually; more in blocks of BLOCK cells
 # a side, if at most FEW of at most MOST_BLOCKS blocks are occupied. Points lie on surfaces, which fill blocks little.
 FEW, FEW_POINTS, BLOCK, MOST_BLOCKS = 8192, 2**20, 8, 2**22
-# a splat or block nearer than this share of the median depth counts for the whole picture
-NEAR = 1 / 3
-# maximum number of squares along each axis of the picture
-SQUARES = 512
+# cells along half of a median footprint, and their maximum number along each axis of the picture
+FINE, CELLS = 4, 256
+# relative error of sums of depths in float64
+ROUNDED = 1e-9
 # splats counted at a time
 PART = 2**20
 # beyond z_k a footprint reaches at most 2 R pixels: culling.STRETCHED
@@ -121,36 +121,57 @@ def _overlap_by_planes(splats: Splats, view: GridView, radius: float) -> RayOver
 
 
 def _overlap_by_places(groups: Groups, view: GridView, reach: float) -> RayOverlap:
-    (x, y, z), longest = view.voxels(groups.place), _longest_reach(view)
-    radius = (reach + groups.radius) * longest
+    voxel, size = view.voxels(groups.place), reach + groups.radius
+    # of a ball around the members' kernels, an ellipsoid in eye axes
+    quadric = view.eye_from_index @ view.eye_from_index.T
+    deep = size * np.sqrt(quadric[2, 2])
+    before, behind = (voxel[2] > deep, voxel[2] <= -deep) if view.perspective else (voxel[2] > -deep, voxel[2] <= -deep)
+    low, high = _outlines(voxel[:, before], size[before], quadric, view)
+    everywhere = ~before & ~behind
+    many, depth = float(groups.count[everywhere].sum()), float(groups.depth[everywhere].sum())
+    if before.any():
+        most, deepest = _stack(low, high, view.edge, groups.count[before], groups.depth[before])
+        many, depth = many + most, depth + deepest + ROUNDED * float(groups.depth.sum())
+    return RayOverlap(many, depth * _longest_reach(view))
+
+
+def _outlines(
+    voxel: np.ndarray, size: np.ndarray, quadric: np.ndarray, view: GridView
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest slopes, or x and y, [2, N] each, of ellipsoids size² · quadric around voxels [3, N] before the
+    eye, and of stretched footprints in them: planes through the eye are tangent where (n·v)² = nᵀ Q n.
+    """
     wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0
-    if view.perspective:
-        # a sphere's outline from the eye, and a stretched footprint in pixels, widened by its members' extent
-        ahead = z > np.maximum(2 * radius, NEAR * max(float(np.median(z)), 0.0))
-        safe = np.where(ahead, z, 1e30)
-        slope, ratio = np.maximum(np.abs(x), np.abs(y)) / safe, radius / safe
-        half = ratio * (np.sqrt(1 + slope * slope) + slope * ratio) / (1 - ratio**2) + wide * (1 + slope)
-        x, y = x / safe, y / safe
-    else:
-        ahead = z >= -radius
-        half = radius + wide
-    everywhere = ~ahead & (z > -radius)
-    many, deep = float(groups.count[everywhere].sum()), float(groups.depth[everywhere].sum())
-    if ahead.any():
-        # squares at least as large as every footprint, so that each touches at most four
-        place = _squares(x[ahead], y[ahead], half[ahead])
-        many += float(np.bincount(place, np.repeat(groups.count[ahead], 4)).max())
-        deep += float(np.bincount(place, np.repeat(groups.depth[ahead], 4)).max())
-    return RayOverlap(many, deep * longest)
+    square = size * size
+    if not view.perspective:
+        half = size * np.sqrt(np.diag(quadric)[:2, None]) + wide
+        return voxel[:2] - half, voxel[:2] + half
+    z, zz = voxel[2], square * quadric[2, 2]
+    scale, ends = z * z - zz, []
+    for a, aa, az in zip(voxel[:2], np.diag(quadric), quadric[2], strict=False):
+        middle = a * z - square * az
+        root = np.sqrt(np.maximum(middle * middle - scale * (a * a - square * aa), 0.0))
+        ends.append([(middle - root) / scale, (middle + root) / scale])
+    low, high = np.array(ends).swapaxes(0, 1)
+    wide = wide * (1 + np.maximum(np.abs(low), np.abs(high)).max(axis=0))
+    return low - wide, high + wide
 
 
-def _squares(x: np.ndarray, y: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """[4 N]: the squares of the picture that boxes of half size `half` [N] around x, y [N] may touch."""
-    across = max(float(np.ptp(x)), float(np.ptp(y)))
-    size = max(2 * float(half.max()), across / SQUARES)
-    columns, rows = (np.floor((n - half - (n - half).min()) / size).astype(np.int64) for n in (x, y))
-    width = int(columns.max()) + 2
-    return np.asarray((rows[:, None] + [0, 0, 1, 1]) * width + columns[:, None] + [0, 1, 0, 1]).ravel()
+def _stack(low: np.ndarray, high: np.ndarray, edge: np.ndarray, *weights: np.ndarray) -> list[float]:
+    """The largest sum of each of the `weights` [N] of boxes, from low to high [2, N], over a point of the picture; a
+    box counts for the whole of a cell that it touches. edge [2]: of the picture, from its middle.
+    """
+    size = np.maximum(np.median(high - low, axis=1) / (2 * FINE), 2 * edge / CELLS)
+    count = np.maximum(np.ceil(2 * edge / size), 1).astype(int)
+    (left, top), (right, bottom) = (
+        np.clip(np.floor((end + edge[:, None]) / size[:, None]) + more, 0, count[:, None]).astype(np.int64)
+        for more, end in ((0, low), (1, high))
+    )
+    across, down = (int(n) + 1 for n in count)
+    place = np.concatenate([top * across + left, bottom * across + right, top * across + right, bottom * across + left])
+    signs = np.repeat([1.0, 1.0, -1.0, -1.0], len(left))
+    stacks = (np.bincount(place, signs * np.tile(weight, 4), down * across) for weight in weights)
+    return [float(stack.reshape(down, across).cumsum(axis=0).cumsum(axis=1).max()) for stack in stacks]
 
 
 _cells: WeakKeyDictionary[Splats, Cells] = WeakKeyDictionary()
