@@ -260,7 +260,7 @@ def _largest(pixels: np.ndarray) -> np.ndarray:
 
 def _rank(values: np.ndarray, limits: Sequence[float] | np.ndarray) -> np.ndarray:
     """uint16: how many limits values exceed."""
-    return np.sum([values > limit for limit in limits], axis=0, dtype=np.uint16)
+    return np.asarray(np.sum([values > limit for limit in limits], axis=0, dtype=np.uint16))
 
 
 def _tiles(height: int, width: int) -> np.ndarray:

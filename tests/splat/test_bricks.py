@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -111,9 +112,9 @@ def test_pixels_of_bricks_are_compared_as_those_of_the_whole(
     assert len(read) < (0.9 if name == "inside" else 0.45) * len(bricks.low)
     splats = sg.extract(volume, RAMP)
     reached = reachable_of(bricks, camera, ALL)
-    right = render_pixels(splats, camera, ALL, np.arange(reached.size))
-    assert not right[~reached.ravel()].any() and not right[~reachable(splats, camera, ALL).ravel()].any()
-    again: Any = compare_sample(image, ALL, 1, lambda some: right[some], reached)[0].info["checked"]
+    for near in (reached, reachable(splats, camera, ALL)):
+        assert not render_pixels(splats, camera, ALL, np.flatnonzero(~near)[::9]).any()
+    again: Any = compare_sample(image, ALL, 1, partial(render_pixels, splats, camera, ALL), reached)[0].info["checked"]
     assert {**found, "rmse": 0} == {**again, "rmse": 0} | {"largest": found["largest"]} and found["largest"] < 2e-4
     assert abs(found["largest"] - again["largest"]) + abs(found["rmse"] - again["rmse"]) < 1e-12
     wrong = sg.Image(image.pixels + np.float32(0.01), image.info)
