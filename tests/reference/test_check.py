@@ -123,6 +123,6 @@ def test_as_many_pixels_are_drawn_as_a_time_allows(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("first", [0, pytest.param(20, marks=pytest.mark.long)])
 def test_statements_hold_of_random_pictures(renderer: sg.Renderer, first: int) -> None:
     """The short form of tests/fuzz/guarantee.py."""
-    count = 20 if first == 0 else 150
+    count = 6 if first == 0 else 150
     wrong = np.sum([guarantee.outcome(renderer, seed).wrong for seed in range(first, first + count)], axis=0)
     assert guarantee.chance(int(max(wrong)), count) > 1e-3
