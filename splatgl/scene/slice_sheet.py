@@ -104,6 +104,7 @@ def draw_slices(scene: OpenScene) -> Image:
         "slices": [_provenance(plane, box) for plane, box in zip(planes, boxes, strict=True)],
         "background": None if background is None else list(background),
         "seconds": round(time.perf_counter() - started, 6),
+        **({} if file.view.dpi is None else {"dpi": file.view.dpi}),
     }
     return _annotated(Image(pixels, {**info, **provenance_of(file, scene.transfer)}), scene, sheet)
 

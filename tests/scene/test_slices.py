@@ -142,10 +142,21 @@ def test_sheets_have_one_scale_and_all_slices(tmp_path: Path) -> None:
     """Twelve slices of two shapes; spacing counts; nothing lies over another, and the PNG says where each is."""
     np.save(tmp_path / "a.npy", np.random.default_rng(1).random((10, 20, 30)).astype(np.float32))
     command = ["render", str(tmp_path / "a.npy"), "--spacing", "1,2,3", "--slice", "z=0:10", "--slice", "x=4"]
-    command += ["--slice", "0,10,5:1,2,0", "--size", "300x200", "--quiet", "-o", str(tmp_path / "a.png")]
+    command += [
+        "--slice",
+        "0,10,5:1,2,0",
+        "--size",
+        "300x200",
+        "--dpi",
+        "300",
+        "--quiet",
+        "-o",
+        str(tmp_path / "a.png"),
+    ]
     assert main(command) == 0
     with Image.open(tmp_path / "a.png") as picture:
         info = json.loads(picture.info["splatgl"])
+        assert round(picture.info["dpi"][0]) == 300
     boxes = np.array([row["pixels"] for row in info["slices"]])
     assert len(boxes) == 12 and [row["title"] for row in info["slices"]][9:11] == ["z 9", "x 4"]
     sides = (boxes[:, 2:] - boxes[:, :2]) * info["pitch"]
