@@ -148,7 +148,9 @@ def told(hands: Hands, file: str, wide: tuple[int, int], times: int) -> str:
         parts = [" ".join(f"{each:5.2f}" for each in opened) + " s"]
         if times:
             assert process.stdout is not None
-            parts += waits(hands, times, json.loads(process.stdout.readline()))
+            # the latest are those of the file, which is read behind an empty window
+            lines = os.read(process.stdout.fileno(), 1 << 16).splitlines()
+            parts += waits(hands, times, json.loads(lines[-1]))
         return " | ".join(parts)
     finally:
         process.terminate()
@@ -156,7 +158,7 @@ def told(hands: Hands, file: str, wide: tuple[int, int], times: int) -> str:
 
 
 def serve(arguments: list[str]) -> None:
-    """Runs `splatgl view`; prints once where the panel has its list of presets and a point of the curve."""
+    """Runs `splatgl view`; prints where the panel has its list of presets and a point of the curve."""
     from imgui_bundle import imgui
 
     from splatgl.cli.main import main as run_command
@@ -174,13 +176,17 @@ def serve(arguments: list[str]) -> None:
         return drawn
 
     def note_curve(curve: Curve, transfer: Any, *given: Any) -> Any:
-        drawn, is_first = draw_curve(curve, transfer, *given), "node" not in places
+        drawn, before = draw_curve(curve, transfer, *given), dict(places)
         (left, top, wide, high), (low, up) = curve.box, curve.range
         # one that the axis shows, as high as any
-        value, opacity = max((point for point in transfer.points if low < point[0] < up), key=lambda point: point[1])
+        value, opacity = max(
+            (point for point in transfer.points if low <= point[0] <= up),
+            key=lambda point: point[1],
+            default=(low, 0.0),
+        )
         share = (float(rise(opacity)) - ROOM[0]) / (ROOM[1] - ROOM[0])
         places["node"] = left + wide * (value - low) / (up - low), top + high * (1 - share)
-        if wide > 1 and is_first:
+        if wide > 1 and places != before:
             print(json.dumps(places), flush=True)
         return drawn
 
