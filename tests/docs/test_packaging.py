@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import subprocess
 import sys
 import tarfile
@@ -51,6 +53,32 @@ def test_wheel_from_sdist_is_the_same(tmp_path: Path) -> None:
     (source,) = (tmp_path / "unpacked").iterdir()
     wheel = build(source, "wheel", tmp_path / "wheel")
     assert packed_shaders(wheel) == shaders(ROOT)
+
+
+@pytest.mark.long
+def test_the_readme_installs_it(tmp_path: Path) -> None:
+    """The README's first command, without the dependencies, in an environment of its own."""
+    command = re.search(r"```sh\npip (.+)\n", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert command is not None
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    python = tmp_path / "venv" / "bin" / "python"
+    alone = ["--quiet", "--no-deps"]
+    subprocess.run([python, "-m", "pip", *shlex.split(command[1]), *alone], cwd=ROOT, check=True)
+    where = [python, "-I", "-c", "import splatgl; print(splatgl.__file__)"]
+    found = subprocess.run(where, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert Path(found.stdout.strip()).is_relative_to(tmp_path)
+
+
+@pytest.mark.parametrize("address", ["", "https://example.org/splatgl"])
+def test_links_of_the_long_description(tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An index shows the README alone: its links to files are absolute, or text where no address is known."""
+    monkeypatch.setenv("SPLATGL_ADDRESS", address)
+    with zipfile.ZipFile(build(ROOT, "wheel", tmp_path)) as wheel:
+        text = wheel.read(f"splatgl-{sg.__version__}.dist-info/METADATA").decode()
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert ("Three commands" in text) and (len(links) > 10) == bool(address)
+    assert all(link.startswith("https://") for link in links)
+    assert not address or ("![a skull in CT" in text and f"({address}/splatgl/docs/pictures/front.png)" in text)
 
 
 def test_core_is_six_packages() -> None:
