@@ -65,6 +65,8 @@ def find_version(rehearsal: bool) -> str:
         )
     if not re.search(rf"^## {re.escape(version)} \(\d{{4}}-\d\d-\d\d\)$", changelog(), re.M):
         raise Failure(f"changelog: expected the heading '## {version} (YYYY-MM-DD)', got none")
+    if f"\nversion: {version}\n" not in (REPOSITORY / ".github/CITATION.cff").read_text():
+        raise Failure(f".github/CITATION.cff: expected version {version}, got another")
     if run("git", "status", "--porcelain").strip():
         raise Failure("files: expected all changes committed, got others; commit them, or use --rehearsal")
     return version

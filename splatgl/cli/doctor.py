@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
-from importlib.metadata import PackageNotFoundError, version
+import re
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,8 @@ from splatgl.gl.large_volumes import render_slabs
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.selfcheck import Check, run_checks
 from splatgl.platforms import BACKENDS
+from splatgl.readers import load
+from splatgl.readers.contents import identify
 from splatgl.splat.camera import Camera
 from splatgl.splat.extract import extract
 from splatgl.splat.motion import Motion
@@ -36,30 +40,60 @@ FEW_BYTES = 1 << 20
 BRICKS = "bricks"
 
 
-def report(backend: str = "auto", device: int | None = None) -> tuple[str, bool]:
-    """Report as text, and whether images of `backend` are correct.
+def report(backend: str = "auto", device: int | None = None, file: str | None = None) -> tuple[str, bool]:
+    """Report as text, and whether images of `backend` are correct. file: of which the header is described, "" for none,
+    for a report of a fault; None: no report of one.
 
-    They are not if no context opens, if float32 blending or filtering is wrong, or if an image differs from the float64
-    reference. Raises InputError for an invalid backend or device.
+    They are not correct if no context opens, if float32 blending or filtering is wrong, or if an image differs from the
+    float64 reference. Raises InputError for an invalid backend or device.
     """
     if backend not in ("auto", *BACKENDS):
         raise expected("backend", " | ".join(("auto", *BACKENDS)), backend)
     if device is not None and device < 0:
         raise expected("device", "an EGL device number from 0", device)
     lines, ok = _check_backend(backend, device)
-    parts = (["versions", *_versions()], ["backends", *_backends()], lines)
+    parts = [["versions", *_versions(PACKAGES if file is None else _installed())], ["backends", *_backends()], lines]
+    if file:
+        parts.append(["file", *describe_header(file)])
     return "\n\n".join("\n".join(part) for part in parts), ok
 
 
-def _versions() -> list[str]:
+def _versions(packages: Sequence[str]) -> list[str]:
     """Versions of Python and the packages, one per line."""
-    lines = [f"  {'Python':9} {platform.python_version()} on {platform.platform()}"]
-    for name in PACKAGES:
-        try:
-            lines.append(f"  {name:9} {version(name)}")
-        except PackageNotFoundError:
-            lines.append(f"  {name:9} not installed")
-    return lines
+    width = max(map(len, packages))
+    lines = [f"  {'Python':{width}} {platform.python_version()} on {platform.platform()}"]
+    return lines + [f"  {name:{width}} {_version(name) or 'not installed'}" for name in packages]
+
+
+def _installed() -> tuple[str, ...]:
+    """The core packages, and those of the extras that are installed."""
+    names = (re.split(r"[^\w.-]", line)[0] for line in requires("splatgl") or ())
+    extras = {name for name in names if name not in (*PACKAGES, "splatgl") and _version(name)}
+    return (*PACKAGES, *sorted(extras, key=str.lower))
+
+
+def describe_header(path: str) -> list[str]:
+    """Lines that describe a file without its name, its texts and its values; how it is refused, if it is."""
+    source = Path(path)
+    lines = [f"  ends in    {''.join(source.suffixes[-2:]) or 'nothing'}"]
+    if source.is_file():
+        lines.append(f"  bytes      {source.stat().st_size:,}, {identify(source) or 'contents of no known kind'}")
+    try:
+        volume = load(path)
+    except InputError as error:
+        text = str(error)
+        for word in filter(None, (path, source.name, source.stem)):
+            text = text.replace(word, "FILE")
+        return [*lines, f"  refused    {text}"]
+    x, y, z = volume.spacing
+    return [
+        *lines,
+        f"  samples    {' × '.join(map(str, volume.shape))} {volume.samples.dtype}, "
+        f"{len(volume.channels) or 1} channels, {volume.times} times, {len(volume.labels or ())} labels",
+        f"  spacing    {x:g} × {y:g} × {z:g} {volume.unit or 'of no unit'}, frame {volume.frame or 'unknown'}",
+        f"  direction  {np.round(volume.direction, 3).tolist()}",
+        f"  colours    {volume.color is not None}, vectors {volume.vectors is not None}",
+    ]
 
 
 def _backends() -> list[str]:

@@ -24,6 +24,13 @@ def add_doctor_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl doctor`."""
     parser.add_argument("--backend", default="auto", help=CHOICES)
     parser.add_argument("--device", type=int, help="index of the EGL device")
+    parser.add_argument(
+        "--report",
+        nargs="?",
+        const="",
+        metavar="FILE",
+        help="for a report of a fault: versions of all packages, and FILE's header without names and values",
+    )
     parser.set_defaults(run=_doctor)
 
 
@@ -60,6 +67,6 @@ def _info(parser: Parser, args: argparse.Namespace) -> int:
 def _doctor(args: argparse.Namespace) -> int:
     from splatgl.cli.doctor import report
 
-    text, right = report(args.backend, args.device)
+    text, right = report(args.backend, args.device, args.report)
     print(text)
     return 0 if right else 1

@@ -227,6 +227,23 @@ def test_info_and_doctor(here: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "OpenGL" in capsys.readouterr().out
 
 
+def test_a_report_of_a_fault_has_no_names(tmp_path: Path) -> None:
+    """Type, spacing and how the file is refused, without its name, its folder and its texts."""
+    from splatgl.cli.doctor import describe_header
+
+    path = tmp_path / "Smith_John.nrrd"
+    text = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 2 3\nencoding: raw\nid:=Smith\n\n" + bytes(
+        8
+    )
+    path.write_bytes(text)
+    lines = "\n".join(describe_header(str(path)))
+    assert "2 × 2 × 2 uint8, 1 channels" in lines and "spacing    1 × 2 × 3 of no unit" in lines and "NRRD" in lines
+    path.write_bytes(text[:-3])
+    refused = "\n".join(describe_header(str(path)))
+    assert "refused    FILE: " in refused
+    assert not any(word in lines + refused for word in ("Smith", str(tmp_path)))
+
+
 def test_explain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "noise.npy", "--size", "16", "--explain"]) == 0
     told = capsys.readouterr().out
