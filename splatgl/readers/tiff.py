@@ -12,6 +12,7 @@ import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -411,9 +412,14 @@ OTHER_KINDS = ("avs", "bif", "eer", "mmstack", "ndpi", "ndtiff", "philips", "qpi
 def open_tiff(path: Path) -> Any:
     """Opens the file in tifffile, without the other files that OME's metadata name."""
     tifffile = import_extra("tifffile", "TIFF files", "tifffile", "readers")
-    kinds: Any = {f"is_{kind}": False for kind in OTHER_KINDS}
     with decoder_errors("TIFF"):
-        return tifffile.TiffFile(path, _multifile=False, **kinds)
+        return _plain_class(tifffile.TiffFile)(path, _multifile=False)
+
+
+@cache
+def _plain_class(tiff_file: type) -> Any:
+    """The class of files to which no file is of OTHER_KINDS; some versions refuse a part of these as arguments."""
+    return type("PlainTiff", (tiff_file,), {f"is_{kind}": False for kind in OTHER_KINDS})
 
 
 def read_in_parts(
