@@ -180,8 +180,9 @@ def test_other_programs_exist() -> None:
         program, *arguments = shlex.split(line)
         if program == "pip":
             assert arguments[0] == "install"
-            name, extras = re.fullmatch(r"(\w+)\[([\w,]+)\]", arguments[1]).groups()
-            assert name == project["name"] and set(extras.split(",")) <= set(project["optional-dependencies"])
+            name, extras = re.fullmatch(r"(\w+|\.)\[([\w,]+)\]", arguments[1]).groups()
+            assert name in (project["name"], ".")
+            assert set(extras.split(",")) <= set(project["optional-dependencies"])
         elif program not in ("splatgl", "pytest"):
             assert (ROOT / program).is_file(), line
 
@@ -510,7 +511,8 @@ OTHERS |= {"--force-regen", "--regen-all"}
 def known_options() -> frozenset[str]:
     """Options of all commands, of the pytest plugin, and of scripts/test and scripts/gpu_check."""
     known = set(re.findall(r'"(--splatgl[\w-]+)"', (ROOT / "splatgl" / "comparison" / "pytest_plugin.py").read_text()))
-    known |= set(re.findall(r"(--all)\b", (ROOT / "scripts" / "test").read_text())) | {"--help"}
+    scripts = "".join((ROOT / "scripts" / name).read_text() for name in ("test", "release"))
+    known |= set(re.findall(r"(--all|--rehearsal)\b", scripts)) | {"--help"}
     known |= set(re.findall(r'"(--[a-z]+)"', (ROOT / "scripts" / "gpu_check.py").read_text()))
     for name in COMMANDS:
         parser = _parser([name])
