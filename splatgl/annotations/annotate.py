@@ -12,7 +12,8 @@ import numpy as np
 
 import splatgl.annotations as package
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Subject
-from splatgl.data.figure import Color, Figure
+from splatgl.data.color import Color
+from splatgl.data.figure import Figure
 from splatgl.data.image import Image
 from splatgl.data.image_files import density
 from splatgl.data.volume import Volume

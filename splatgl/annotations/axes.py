@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect
-from splatgl.data.figure import Color
+from splatgl.data.color import Color
 from splatgl.splat.camera import Camera
 
 # colours of x, y, z, linear RGB, legible on black and on white

@@ -11,7 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from splatgl.annotations.text import MICRO, line_length, plain, write_line
-from splatgl.data.figure import HALO_ALPHA, AreaMark, Color, Halo, LinesMark, Mark, PatchMark, TextMark
+from splatgl.data.color import Color
+from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, PatchMark, TextMark
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import error_prefix, expected

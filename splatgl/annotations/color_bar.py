@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Scale
 from splatgl.annotations.scale_bar import log_ticks, ticks
-from splatgl.data.figure import Color
+from splatgl.data.color import Color
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.transfer import Transfer
 

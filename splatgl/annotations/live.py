@@ -10,8 +10,7 @@ import numpy as np
 
 from splatgl.annotations.annotate import check, compose, draw_behind
 from splatgl.annotations.canvas import BLACK, AnnotationView, Canvas, Subject, Touched, ink_on
-from splatgl.data.color import srgb_from_linear
-from splatgl.data.figure import Color
+from splatgl.data.color import Color, srgb_from_linear
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from splatgl.data.color import srgb_from_linear
+from splatgl.data.color import Color, srgb_from_linear
 from splatgl.errors import import_extra
 
 # endings of pages, and the dots per inch of a picture that states none: pixels of CSS
@@ -21,8 +21,6 @@ VECTOR, SCREEN_DPI = (".svg", ".pdf"), 96.0
 POINTS = 72.0
 # opacity of halos
 HALO_ALPHA = 0.7
-
-Color = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from splatgl.annotations.annotate import LEAST_SIDE
 from splatgl.annotations.canvas import BLACK, WHITE, Measure, Subject
 from splatgl.annotations.live import LiveOverlay
 from splatgl.annotations.text import label, place_label
-from splatgl.data.figure import Color
+from splatgl.data.color import Color
 from splatgl.data.volume import Volume
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.splat.camera import Camera

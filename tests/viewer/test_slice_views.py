@@ -16,6 +16,7 @@ from splatgl.annotations.axes import letters
 from splatgl.data.color import srgb_from_linear
 from splatgl.gl.screen import Stroke
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.slices import world_axes
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import append_slices
 from splatgl.viewer.slice_views import (
@@ -29,7 +30,6 @@ from splatgl.viewer.slice_views import (
     read_slice,
     thin_out,
     window_of,
-    world_axes,
 )
 from splatgl.viewer.state import Slices, State
 from splatgl.viewer.tool import View

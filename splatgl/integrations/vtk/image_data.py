@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import Coordinate, make_lattice, spacing_and_direction
-from splatgl.data.arrays import ArrayOptions, check_samples
+from splatgl.data.arrays import check_samples
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import Volume, triple
+from splatgl.data.volume import ArrayOptions, Volume, triple
 from splatgl.errors import expected, missing_extra
 
 # names of unnamed arrays

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.annotations.canvas import BLACK, Canvas, Color, Rect
-from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.annotations.canvas import BLACK, Canvas, Rect
+from splatgl.data.color import Color, linear_from_srgb, srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.integrations.vtk.scene import DRAWN_OVER, items, list_differences, renderer_of
 from splatgl.splat.settings import BLENDS

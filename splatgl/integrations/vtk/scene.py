@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.affine import spacing_and_direction
-from splatgl.data.arrays import ArrayOptions
 from splatgl.data.color import linear_from_srgb
-from splatgl.data.volume import Volume, triple
+from splatgl.data.volume import ArrayOptions, Volume, triple
 from splatgl.errors import expected
 from splatgl.integrations import opacity_nodes
 from splatgl.integrations.vtk.image_data import select_array, volumes_from_components
