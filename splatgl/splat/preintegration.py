@@ -83,9 +83,26 @@ class ClassIntegral:
         end = self._cells(last)
         alike = (apart == 0) | ((end == cell) & (self._outside(first) == self._outside(last)))
         some = np.flatnonzero(~alike)
-        between = self.until(last[some], end[some]) - self.until(first[some], cell[some])
-        same[some] = between / apart[some, None]
+        turned = apart[some] < 0
+        low, high = np.where(turned, last[some], first[some]), np.where(turned, first[some], last[some])
+        cells = np.where(turned, end[some], cell[some]), np.where(turned, cell[some], end[some])
+        same[some] = self._between(low, high, *cells) / (high - low)[:, None]
         return np.maximum(same, 0.0)
+
+    def _between(self, low: np.ndarray, high: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """[N, 4]: integrals from low to high [N], in cells `first` and `last` that differ, or beyond the ends: sums of
+        parts, as differences of integrals from the first knot lose all digits of values close together beside a knot.
+        """
+        below, above = low < self.knots[0], high >= self.knots[-1]
+        rest = np.where(below, 0.0, self.knots[first + 1] - low)[:, None]
+        part = np.where(above, 0.0, high - self.knots[last])[:, None]
+        width = np.diff(self.knots)[:, None]
+        slope = (self.high - self.low) / width / 2
+        whole = self.below[np.where(above, len(width), last)] - self.below[np.where(below, 0, first + 1)]
+        ends = rest * (self.high[first] - rest * slope[first]) + part * (self.low[last] + part * slope[last])
+        beyond = np.where(below, self.knots[0] - low, 0.0)[:, None] * self.outside[0]
+        beyond += np.where(above, high - self.knots[-1], 0.0)[:, None] * self.outside[1]
+        return np.asarray(whole + ends + beyond)
 
     def table(self, cells: int) -> tuple[np.ndarray, float]:
         """uint32 [cells + 1, 4]: integrals from the first knot to the ends of `cells` equal cells, per cell width; and

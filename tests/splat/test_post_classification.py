@@ -555,3 +555,12 @@ def test_flat_matter_at_a_point_of_opacity_1_is_opaque(
     at = (np.arange(2**18) + 0.5) / 2**18 * points[-1][0]
     mean = transfer.extinction(transfer.opacity(at), 1.0).mean()
     assert abs(integral.mean(np.zeros(1), np.array([points[-1][0]]))[0, 3] / mean - 1) < 2e-3
+
+
+def test_means_of_values_close_together_keep_their_digits() -> None:
+    """Beside every knot, and beyond the ends, in either order: the mean of one opacity is its extinction."""
+    integral = ClassIntegral.of(sg.Transfer([(-100.0, 0.05)]), 0.0, 24.0, 24)
+    for apart in 10.0 ** np.arange(-15, 2):
+        low, high = integral.knots - apart / 2, integral.knots + apart / 2
+        for first, last in ((low, high), (high, low)):
+            np.testing.assert_allclose(integral.mean(first, last)[:, 3], -np.log1p(-0.05), rtol=1e-12)
