@@ -173,7 +173,7 @@ ensure_peers() { # for the long tests only: libraries of Qt's windows, a browser
         apt_install glslang-tools ||
             say "the tests by the reference compiler are skipped; to run them: sudo apt-get install glslang-tools"
     fi
-    if ! command -v xauth >/dev/null || ! ldconfig -p | grep -q libxcb-cursor; then
+    if ! command -v xauth >/dev/null || lacks_libraries libxcb-cursor libxcb-icccm libxcb-keysyms libxcb-render-util; then
         # shellcheck disable=SC2086
         apt_install $window_packages ||
             say "the tests in napari's window are skipped; to run them: sudo apt-get install $window_packages"
@@ -181,6 +181,13 @@ ensure_peers() { # for the long tests only: libraries of Qt's windows, a browser
     if ! command -v chromium >/dev/null && ! command -v google-chrome >/dev/null; then
         apt_install chromium || say "the tests in a browser are skipped; to run them: sudo apt-get install chromium"
     fi
+}
+
+lacks_libraries() { # names; true if the system lacks one of them
+    local name known
+    known=$(ldconfig -p)
+    for name in "$@"; do [[ $known == *"$name.so"* ]] || return 0; done
+    return 1
 }
 
 disturbs_others() { # packages…; true if apt would upgrade or remove what is installed

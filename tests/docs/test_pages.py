@@ -217,6 +217,9 @@ def write_nrrd(name: str) -> None:
     if name == "seg.nrrd":
         x, y, _ = np.meshgrid(*(np.linspace(-1, 1, 16),) * 3, indexing="ij")
         samples, header = (3 * (x < 0.3) + 4 * (y > 0.8)).astype(np.uint8), {"spacings": [1, 0.9, 0.9]}
+    if name == "tooth.nhdr":
+        # regions lie at the values of a tooth
+        samples = (samples / samples.max() * 1250).astype(np.uint16)
     nrrd.write(name, samples, header)
 
 

@@ -50,6 +50,12 @@ PLUMBING = {
     *("between", "is_single"),
     # quads on a card, which tests/gl/test_shapes.py compares
     *("filtered", "give_place", "quad_place"),
+    # iso-surfaces, which tests/gl/test_iso.py compares with closed forms and float64
+    *("begin_segments", "close_segment", "segment_of", "crossings", "meets_iso", "lit_surface", "light_direction"),
+    # textures of meshes, which tests/scene/test_slices.py compares with float64
+    *("is_hole", "keys_weights", "mesh_paint", "texel_at"),
+    # how rows of a tile join values, which tests/splat/test_one_value.py compares with float64
+    "join_values",
     *("set_column", "begin_matter", "set_layer", "keep_piece", "boxed", "within_depths"),
 }
 # Python names of functions that GLSL names otherwise

@@ -596,3 +596,12 @@ def test_one_value_of_sheets(blend: str, renderer: sg.Renderer, twin: Twin, rng:
     found = twin("sheet_draw.comp", expression, plan, splats, state, **inputs)
     right = close_sheet(field, sums, rays, sheets)
     assert right[3].max() > 0.5 and np.abs(found.T - right).max() < 5e-4
+
+
+def test_attenuated_maxima(twin: Twin, rng: np.random.Generator) -> None:
+    """Parts of rays, some without length, behind some light or none."""
+    light = np.column_stack([rng.uniform(0, 1, (COUNT, 2)), np.zeros(COUNT), rng.exponential(1, COUNT)])
+    shares, depth = rng.uniform(0, 1, (COUNT, 3)), rng.exponential(1, COUNT)
+    length = rng.uniform(0, 1, COUNT) * (rng.random(COUNT) < 0.8)
+    found = twin("optics.glsl", "result = join_attenuated(l, s, x, d)", l=light, s=shares, x=length, d=depth)
+    assert np.abs(found - blends.join_attenuated(light, shares.T, length, depth)).max() < 5e-6

@@ -260,7 +260,7 @@ def test_layers_of_the_command_line(
     assert "60 drawn in float64" in capsys.readouterr().out
     volumes = [sg.load(name) for name in files]
     other = replace(sg.default_transfer(volumes[1]), colormap="viridis")
-    points = sg.Transfer([(0.4, 0), (0.7, 0.6)])
+    points = replace(sg.default_transfer(volumes[0]), points=((0.4, 0.0), (0.7, 0.6)))
     scene = sg.Scene([sg.Layer(volumes[0], points), sg.Layer(volumes[1], other, opacity=0.5)])
     camera = ViewOptions(size=(40, 40)).camera(volumes[0], scene)
     pixels = np.load(out)

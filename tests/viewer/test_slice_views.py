@@ -346,7 +346,9 @@ def test_samples_in_parts_are_read_behind_the_window(tmp_path: Path) -> None:
     values = np.tensordot([400.0, 20.0, 1.0], np.indices((16, 16, 16)), 1).astype(np.float32)
     zarr.save(str(tmp_path / "grid.zarr"), values)
     # slices are grey by the window of the colours
-    scene = SceneFile(str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (6315.0, 0.5))})
+    scene = SceneFile(
+        str(tmp_path / "grid.zarr"), transfer={"points": ((0.0, 0.0), (6315.0, 0.5)), "window": (0.0, 6315.0)}
+    )
     (tmp_path / "scene.toml").write_text(scene.to_toml(tmp_path))
     window = Window(tmp_path / "scene.toml", tmp_path, size=(400, 300), whole=1000)
     told = window.key("z")
