@@ -220,6 +220,10 @@ def _check_las(path: Path) -> None:
         points = max(points, int.from_bytes(head[247:255], "little") if head[25] >= 4 else 0)
         require_plausible(points * size, there)
         if head[104] >> 6 == 2:
+            # LASzip 3: kind, bytes and version of the items of a point
+            items = np.frombuffer(packing[34 : 34 + 6 * int.from_bytes(packing[32:34], "little")], "<u2")
+            if len(items) % 3 or items[1::3].sum() != size or not size:
+                raise expected("packed points", f"items of {size} bytes together", "others", "the file is damaged")
             _check_chunks(file, start, there, packing)
 
 

@@ -42,7 +42,9 @@ _MARKS = ("vtkGhostType", "vtkGhostLevels", "vtkValidPointMask")
 def _even_counts(span: np.ndarray, steps: np.ndarray, cells: int) -> np.ndarray:
     """Voxels along x, y, z of a box at these steps, or fewer."""
     most = max(min(max(_MOST_FINER * cells, _FREE_VOXELS), _MOST_VOXELS, budget() // _VOXEL_BYTES), 1)
-    counts = np.maximum(np.ceil(span / np.minimum(steps, span) - 0.01), 1.0)
+    with np.errstate(all="ignore"):
+        # damaged coordinates give steps of no length, or none at all
+        counts = np.clip(np.nan_to_num(np.ceil(span / np.minimum(steps, span) - 0.01), nan=1.0), 1.0, most)
     while counts.prod() > most:
         counts = np.maximum(np.floor(counts * (most / counts.prod()) ** (1 / 3)), 1.0)
     return counts.astype(np.int64)

@@ -201,6 +201,11 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
         (tmp_path / "b.laz").write_bytes(changed)
         with pytest.raises(sg.InputError, match="chunks"):
             sg.load(tmp_path / "b.laz")
+    # items without bytes, by which the decoder would divide and print a trace
+    item = packed.index(b"laszip encoded") - 2 + 54 + 36
+    (tmp_path / "b.laz").write_bytes(packed[:item] + bytes(2) + packed[item + 2 :])
+    with pytest.raises(sg.InputError, match="packed points: expected items of"):
+        sg.load(tmp_path / "b.laz")
     assert median_spacing(np.array([[0, 0, 0], [0, 0, 5e-320]])) == 1.0
     plain = rng.integers(0, 9, 16).astype(np.uint8).tobytes() * 50 + bytes(300)
     assert unpack_lzf(pack_lzf(plain), len(plain)) == plain

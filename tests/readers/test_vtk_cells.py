@@ -11,7 +11,7 @@ import pytest
 
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError
-from splatgl.readers import load
+from splatgl.readers import load, vtk_cells
 
 vtk = pytest.importorskip("vtk")
 SLOPE = np.array([1.0, 10, -3])
@@ -179,7 +179,6 @@ def test_pieces_of_cells_are_joined(tmp_path: Path, kind: str) -> None:
 
 
 def test_grids_of_cells_fit_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatgl.readers import vtk_cells
 
     path = save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("hexahedra"))
     monkeypatch.setattr(vtk_cells, "budget", lambda: 64 * 60)
@@ -275,3 +274,9 @@ def test_files_of_cells_are_known_by_their_contents(tmp_path: Path) -> None:
     path = save(vtk.vtkXMLUnstructuredGridWriter(), tmp_path / "a.vtu", mesh("hexahedra"))
     want = load(path).samples
     np.testing.assert_array_equal(load(path.rename(tmp_path / "scan")).samples, want)
+
+
+def test_steps_of_damaged_cells_give_few_voxels() -> None:
+    for span, steps in ((1e30, 1e-300), (1.0, np.nan), (0.0, 0.0), (np.inf, 1.0)):
+        counts = vtk_cells._even_counts(np.array([1.0, 1.0, span]), np.array([1.0, 1.0, steps]), 8)
+        assert counts.min() >= 1 and counts.prod() <= vtk_cells._FREE_VOXELS
