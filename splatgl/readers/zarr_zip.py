@@ -74,6 +74,8 @@ def open_zip(path: Path) -> tuple[Any, ZipPath, str]:
         archive = zipfile.ZipFile(path)
         store = zarr.storage.ZipStore(path, mode="r", read_only=True)
     members = archive.infolist()
+    if sum(member.compress_size for member in members) > path.stat().st_size:
+        raise expected("zip", "separate members", "members that overlap", "the file is damaged")
     for member in members:
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.flag_bits & 1:
             raise expected(member.filename, "stored or deflated data", "another compression", "zip the folder again")

@@ -150,6 +150,12 @@ def test_a_store_in_a_zip(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(ome_zarr, "WHOLE_BYTES", 100)
     parts = load(tmp_path / name)
     assert isinstance(parts.samples, Chunked) and np.array_equal(parts.samples[:], whole.samples)
+    # packed bytes of the first member in the zip's directory, which would be allocated
+    data = (tmp_path / name).read_bytes()
+    size = data.index(b"PK\x01\x02") + 20
+    (tmp_path / name).write_bytes(data[:size] + b"\xfe\xff\xff\xff" + data[size + 4 :])
+    with pytest.raises(InputError, match="zip: expected separate members"):
+        load(tmp_path / name)
 
 
 def test_damaged_children_print_nothing(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
