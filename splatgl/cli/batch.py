@@ -29,7 +29,7 @@ ALONE = {"depth": "--depth", "ref": "--ref"}
 
 @dataclass(frozen=True)
 class Same:
-    """What all pictures share: the camera, and keys of the transfer function."""
+    """The camera and the keys of the transfer function that all pictures share."""
 
     camera: Camera
     transfer: dict[str, Any]

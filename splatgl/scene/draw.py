@@ -406,7 +406,7 @@ def accuracy(image: Image) -> str:
 
 
 def guarantee(checked: dict[str, Any], relative: str = "") -> str:
-    """What follows from a comparison with float64, in words. relative: to what, of sums."""
+    """The statement that follows from a comparison with float64. relative: to what, of sums."""
     most = f"{_round_up(checked['largest'])}{relative}"
     if checked["confidence"] == 1:
         return f"no pixel is off by more than {most}"
