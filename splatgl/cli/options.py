@@ -135,7 +135,9 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
             raise expected("--time", "one time point", "several", "splatgl animate draws them")
         del given["time"]
     path, background = Path(source), given.get("background")
-    is_open = background is None and not (source.endswith(".toml") or "like" in given or given.get("paper"))
+    # before version 0.2 pictures had no background
+    is_bare = source.endswith(".toml") or given.get("like") == "0.1" or given.get("paper")
+    is_open = background is None and not is_bare
     if background == AUTO:
         given["background"] = CLEAR
     scene = SceneFile.from_toml(path) if path.suffix == ".toml" and not is_address(source) else SceneFile(source)

@@ -39,7 +39,7 @@ from splatgl.splat.kernels import tabulate
 from splatgl.splat.lighting import Light, apply_light
 from splatgl.splat.motion_blur import moving_depth
 from splatgl.splat.ordering import back_to_front, order_for
-from splatgl.splat.resolve import PRE_KERNEL, Resolved, select_splats
+from splatgl.splat.resolve import Resolved, select_splats, voxel_kernel
 from splatgl.splat.scene import Scene, check_layer, common_samples, join_pictures, with_shared_casters
 from splatgl.splat.settings import BLENDS, BlendMode, Settings
 from splatgl.splat.splats import Splats, in_parts, record_type
@@ -102,8 +102,7 @@ def _prepare(
         return drawings, {**info, "background": background, "layers": names, "splats": count}
     splats, settings = layers[0]
     if row != "row1":
-        kernel = settings.kernel if settings.kernel != "auto" else PRE_KERNEL
-        settings = replace(settings, classification="pre", compositing="splats", kernel=kernel)
+        settings = replace(settings, classification="pre", compositing="splats", kernel=voxel_kernel(settings))
     splats = clip_behind_eye(select_splats(splats, settings, False, camera), camera)
     resolved = Resolved.of(splats, camera, settings)
     scene = _scene(_select_reaching(splats, resolved, wanted), resolved, row)

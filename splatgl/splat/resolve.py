@@ -17,7 +17,7 @@ from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.clipping import Clip, clip_splats
 from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
 from splatgl.splat.hidden_interior import LIGHT, REACH, TOLERANCE
-from splatgl.splat.kernels import BOX, Kernel, has_negative, kernel
+from splatgl.splat.kernels import BOX, FREE, Kernel, has_negative, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
 from splatgl.splat.motion_blur import MOTIONS
@@ -176,10 +176,15 @@ class Resolved:
         )
 
 
+def voxel_kernel(settings: Settings) -> str:
+    """The kernel of voxels that are classified before reconstruction. One without limits is of values alone."""
+    return PRE_KERNEL if settings.kernel in ("auto", FREE) else settings.kernel
+
+
 def kernel_name(splats: Splats, settings: Settings) -> str:
     """The kernel that reconstructs; InputError if values were extracted for another."""
     if splats.post is None:
-        return settings.kernel if settings.kernel != "auto" else PRE_KERNEL
+        return voxel_kernel(settings)
     if settings.kernel not in ("auto", splats.post.kernel):
         raise expected("kernel", f"auto or {splats.post.kernel}", settings.kernel, "extract the volume for that kernel")
     return splats.post.kernel
@@ -359,7 +364,7 @@ def draws_boxes(splats: Splats, settings: Settings, moving: bool) -> bool:
 
     moving: whether the picture has streaks.
     """
-    plain = settings.kernel == "auto" and settings.attenuation != "opacity" and settings.antialias != "paper"
+    plain = settings.kernel in ("auto", FREE) and settings.attenuation != "opacity" and settings.antialias != "paper"
     return splats.labels is not None and plain and has_radial_footprints(settings) and not moving
 
 

@@ -24,7 +24,7 @@ from splatgl.options import (
     with_keywords,
 )
 from splatgl.splat.clipping import Plane, check_planes
-from splatgl.splat.kernels import KERNELS, import_kernel
+from splatgl.splat.kernels import FREE, KERNELS, import_kernel
 from splatgl.splat.lighting import check_place
 
 if TYPE_CHECKING:
@@ -121,7 +121,10 @@ MAX_MOMENTS = 4096
 LEAST_SHEETS, MOST_SHEETS, MOST_STEPS = 2, 4, 8
 
 # the defaults of earlier versions
-LIKE: dict[str, dict[str, Any]] = {"0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"}}
+LIKE: dict[str, dict[str, Any]] = {
+    "0.1": {"classification": "pre", "compositing": "splats", "antialias": "paper"},
+    "0.2": {"kernel": FREE, "motion": "moments"},
+}
 
 
 _picture = partial(option, group=Group.PICTURE)
@@ -352,7 +355,7 @@ class Settings:
 
     @classmethod
     def like(cls, version: str, **changes: Unpack[SettingsKeywords]) -> Settings:
-        """The defaults of an earlier version, "0.1": its default picture, within its error bound."""
+        """The defaults of an earlier version, "0.1" or "0.2": its default picture, but for faults mended since."""
         if version not in LIKE:
             raise expected("like", f"a version that is known: {', '.join(LIKE)}", repr(version))
         return cls(**LIKE[version]).but(**changes)
