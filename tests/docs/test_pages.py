@@ -45,7 +45,7 @@ PAGES = [TOP, ROOT / ".github" / "CONTRIBUTING.md", ROOT / ".github" / "SECURITY
 IDS = [path.relative_to(ROOT).as_posix() for path in PAGES]
 MOST_LINES = 120
 # pages of the guide without a picture, or without a reference at the end
-NO_PICTURE, NO_REFERENCE = {"api", "changelog"}, {"api", "changelog", "index"}
+NO_PICTURE, NO_REFERENCE = {"api", "changelog", "stability"}, {"api", "changelog", "index"}
 # of code blocks; text is output, and holds no command
 LANGUAGES = ("sh", "python", "toml", "yaml", "text")
 # what begins a command line
