@@ -5,23 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from splatgl.annotations.axes import letters
 from splatgl.annotations.canvas import clip_segments
 from splatgl.annotations.text import label
-from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError
 from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.camera import Camera
-from splatgl.splat.resample import sample_raster
 from splatgl.splat.settings import BLENDS
 from splatgl.splat.slices import ANATOMY, pane_axes, world_axes
-from splatgl.splat.transfer import Transfer
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.oblique import (
     STRAIGHT,
@@ -36,6 +33,7 @@ from splatgl.viewer.oblique import (
     with_turn,
 )
 from splatgl.viewer.segments import segment_name
+from splatgl.viewer.slice_pixels import colored_pixels, grey_pixels, read_slice, thin_out, turned_pixels, window_of
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 from splatgl.viewer.trackball import project_segment, up_direction
@@ -51,8 +49,6 @@ Box = tuple[float, float, float, float]
 WIDEST = 0.5
 # pixels around a slice in its pane, at a content scale of 1
 MARGIN = 6.0
-# entries of the colour table
-COLORS = 4096
 
 
 @dataclass(frozen=True)
@@ -118,65 +114,6 @@ def _fit_box(room: Box, sides: Sequence[float], margin: float) -> Box:
     width, height = max(sides[0] * factor, 1.0), max(sides[1] * factor, 1.0)
     left, top = (room[0] + room[2] - width) / 2, (room[1] + room[3] - height) / 2
     return left, top, left + width, top + height
-
-
-def read_slice(array: Any, pane: Pane, index: int) -> np.ndarray:
-    """The samples or colours [rows, columns, …] of a slice as its pane shows them; reads only the slice."""
-    cut: list[Any] = [slice(None)] * 3
-    cut[2 - pane.axis] = index
-    pixels = np.asarray(array[tuple(cut)])
-    # rows are along the later axis of the grid
-    if pane.down < pane.across:
-        pixels = pixels.swapaxes(0, 1)
-    pixels = pixels[:, ::-1] if pane.back[0] else pixels
-    return pixels[::-1] if pane.back[1] else pixels
-
-
-def thin_out(pixels: np.ndarray, pane: Pane) -> np.ndarray:
-    """Every n-th sample of a slice: at most about two per pixel along each side."""
-    sides = pane.box[3] - pane.box[1], pane.box[2] - pane.box[0]
-    steps = [max(1, int(size / (2 * side))) for size, side in zip(pixels.shape, sides, strict=False)]
-    return pixels[:: steps[0], :: steps[1]]
-
-
-def window_of(transfer: Transfer) -> tuple[float, float]:
-    """The values from black to white."""
-    low, high = transfer.color_range
-    return (low, high) if low < high else (low - 0.5, low + 0.5)
-
-
-def grey_pixels(values: np.ndarray, window: tuple[float, float], logarithmic: bool = False) -> np.ndarray:
-    """Grey pixels uint8 [H, W, 4] by a window, or by logarithms; NaN is black."""
-    low, high = window
-    with np.errstate(all="ignore"):
-        if logarithmic:
-            values, low, high = np.log(np.maximum(values, low)), float(np.log(low)), float(np.log(high))
-        shade = (values.astype(np.float32) - np.float32(low)) * np.float32(255.0 / (high - low))
-    pixels = np.full((*values.shape, 4), 255, np.uint8)
-    pixels[..., :3] = np.clip(np.nan_to_num(shade, nan=0.0), 0.0, 255.0).astype(np.uint8)[..., None]
-    return pixels
-
-
-def colored_pixels(values: np.ndarray, transfer: Transfer) -> np.ndarray:
-    """Pixels uint8 [H, W, 4] in the colours of the transfer function; hidden segments are black."""
-    if transfer.labels:
-        linear = transfer.color(values) * (transfer.opacity(values) > 0)[..., None]
-    elif transfer.logarithmic:
-        linear = transfer.color(values)
-    else:
-        low, high = window_of(transfer)
-        with np.errstate(all="ignore"):
-            place = (values.astype(np.float64) - low) * ((COLORS - 1) / (high - low))
-        entries = np.clip(np.nan_to_num(place, nan=0.0), 0, COLORS - 1).astype(np.intp)
-        table = srgb_from_linear(np.clip(transfer.color(np.linspace(low, high, COLORS)), 0.0, 1.0))
-        return _opaque(np.rint(table * 255).astype(np.uint8)[entries])
-    return _opaque(np.rint(srgb_from_linear(np.clip(linear, 0.0, 1.0)) * 255).astype(np.uint8))
-
-
-def _opaque(rgb: np.ndarray) -> np.ndarray:
-    pixels = np.full((*rgb.shape[:2], 4), 255, np.uint8)
-    pixels[..., :3] = rgb
-    return pixels
 
 
 # sRGB of the slices across x, y and z of the grid, and of the background
@@ -404,27 +341,6 @@ def _link_slices(state: State, document: Document, shown: TurnedPane, pane: Pane
     if slices.turn != STRAIGHT:
         return with_slices(state, replace(slices, place=_shares_of(shown.point(place), volume)), volume)
     return with_slices(state, slices.at(pane.index(place, slices.index(volume), volume), volume), volume)
-
-
-def turned_pixels(
-    volume: Volume, shown: TurnedPane, look: Transfer | tuple[float, float], logarithmic: bool
-) -> np.ndarray:
-    """Pixels uint8 [H, W, 4] of a turned slice, clear beside the volume."""
-    left, top, right, bottom = shown.box
-    size = max(round(right - left), 1), max(round(bottom - top), 1)
-    low, high = shown.plane.box
-    raster = shown.plane.raster(volume, low, ((high - low) / size).tolist(), size)
-    nearest = isinstance(look, Transfer) and bool(look.labels)
-    values, known = sample_raster(volume, raster, nearest)
-    if volume.color is not None:
-        shade = np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)
-        pixels = np.dstack([shade, np.full(shade.shape[:2], 255, np.uint8)])
-    elif isinstance(look, tuple):
-        pixels = grey_pixels(values, look, logarithmic)
-    else:
-        pixels = colored_pixels(values, look)
-    pixels[~known] = 0
-    return pixels
 
 
 def _cross(pane: TurnedPane, slices: Slices, volume: Volume, scale: float) -> list[Stroke]:

@@ -14,7 +14,8 @@ from splatgl.splat.slices import parse_slices
 from splatgl.viewer.document import Document
 from splatgl.viewer.oblique import STRAIGHT, TurnedPane, middle, normals, planes, slices_of, texts, turned
 from splatgl.viewer.saving import save_scene, scene_of
-from splatgl.viewer.slice_views import SliceTool, turn_dots, turned_pixels
+from splatgl.viewer.slice_pixels import turned_pixels
+from splatgl.viewer.slice_views import SliceTool, turn_dots
 from splatgl.viewer.state import History, Slices, State
 from splatgl.viewer.tool import Pointer, View
 from tests.helpers.commands import acted

@@ -27,7 +27,7 @@ from splatgl.viewer.segments import (
     with_only,
     with_shown,
 )
-from splatgl.viewer.slice_views import colored_pixels
+from splatgl.viewer.slice_pixels import colored_pixels
 from splatgl.viewer.state import History, State
 from tests.helpers.commands import acted
 from tests.helpers.window import MISSING, Window, pointed

@@ -19,18 +19,8 @@ from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.slices import world_axes
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import append_slices
-from splatgl.viewer.slice_views import (
-    Pane,
-    SliceTool,
-    clip_strokes,
-    colored_pixels,
-    column_width,
-    grey_pixels,
-    panes,
-    read_slice,
-    thin_out,
-    window_of,
-)
+from splatgl.viewer.slice_pixels import colored_pixels, grey_pixels, read_slice, thin_out, window_of
+from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes
 from splatgl.viewer.state import Slices, State
 from splatgl.viewer.tool import View
 from tests.helpers.blobs import blob
