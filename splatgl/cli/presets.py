@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from splatgl.splat.camera import Camera
 
 
-# pixels of an image's side, of a label's height and of its letters; images in a row
+# pixels of an image's side by default, of a label's height and of its letters; images in a row
 SIDE, LABEL, LETTERS, ROW = 256, 22, 14, 6
 # larger volumes are subsampled, voxels
 MOST = 1 << 26
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     camera = scene.view.camera(volume, volume)
     with record_of(args, DrawOptions).renderer() as renderer:
         pictures = {name: draw_preset(renderer, scene, volume, camera, look) for name, look in looks.items()}
-    write_file(output, sheet(pictures))
+    write_file(output, sheet(pictures, scene.view.size))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")
     return 0
 
@@ -128,8 +128,8 @@ def draw_preset(
     return Pillow.fromarray(samples, "RGB")
 
 
-def sheet(pictures: dict[str, Picture | None]) -> bytes:
-    """PNG of labelled pictures in rows."""
+def sheet(pictures: dict[str, Picture | None], size: tuple[int, int]) -> bytes:
+    """PNG of labelled pictures of a size, pixels, in rows."""
     from io import BytesIO
 
     from PIL import Image as Pillow
@@ -137,13 +137,14 @@ def sheet(pictures: dict[str, Picture | None]) -> bytes:
 
     columns = min(ROW, len(pictures))
     rows = -(-len(pictures) // columns)
-    page = Pillow.new("RGB", (columns * SIDE, rows * (SIDE + LABEL)), PAPER)
+    wide, high = size
+    page = Pillow.new("RGB", (columns * wide, rows * (high + LABEL)), PAPER)
     pen, font = ImageDraw.Draw(page), ImageFont.load_default(LETTERS)
     for number, (name, picture) in enumerate(pictures.items()):
-        x, y = number % columns * SIDE, number // columns * (SIDE + LABEL)
-        pen.text((x + SIDE / 2, y + LABEL / 2), name, INK, font, "mm")
+        x, y = number % columns * wide, number // columns * (high + LABEL)
+        pen.text((x + wide / 2, y + LABEL / 2), name, INK, font, "mm")
         if picture is None:
-            pen.text((x + SIDE / 2, y + LABEL + SIDE / 2), "nothing is visible", INK, font, "mm")
+            pen.text((x + wide / 2, y + LABEL + high / 2), "nothing is visible", INK, font, "mm")
         else:
             page.paste(picture, (x, y + LABEL))
     file = BytesIO()

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 import splatgl as sg
+from splatgl.cli import presets
 from splatgl.cli.main import main
 from splatgl.data.image import Image
 
@@ -126,6 +129,14 @@ def test_records_have_the_keys_of_the_guide(here: Path, capsys: Said) -> None:
     assert {row["name"] for row in plain} == set(sg.presets())
     assert all(set(row) == set(keys_of("presets")) for row in fitted)
     assert all(set(row) == set(keys_of("presets")) - {"points", "window"} for row in plain)
+
+
+def test_a_sheet_of_presets_holds_whole_pictures() -> None:
+    """Of whatever size, beside each other under their names."""
+    red, blue = (Pillow.new("RGB", (160, 40), color) for color in ("#ff0000", "#0000ff"))
+    page = np.asarray(Pillow.open(BytesIO(presets.sheet({"a": red, "b": None, "c": blue}, (160, 40)))))
+    assert page.shape == (presets.LABEL + 40, 480, 3)
+    assert (page[presets.LABEL :, :160] == (255, 0, 0)).all() and (page[presets.LABEL :, 320:] == (0, 0, 255)).all()
 
 
 def test_json_of_errors_and_choices(here: Path, capsys: Said) -> None:
