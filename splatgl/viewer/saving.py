@@ -109,8 +109,10 @@ def _white(image: Image) -> np.float32:
 RENDERED = "splatgl render draws it, as large as it is"
 
 
-def scene_of(state: State, document: Document) -> SceneFile:
-    """The scene equivalent to the window's state."""
+def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFile:
+    """The scene equivalent to the window's state. on_paper: of the size on paper that the document's scene has, else of
+    the window's pixels.
+    """
     # motion blur does not affect a still image, but it does affect an animation of the scene
     settings = state.settings if state.blur == "off" else state.moving
     shown = document.with_styles(state.styles, state.mesh_files, settings)
@@ -119,8 +121,10 @@ def scene_of(state: State, document: Document) -> SceneFile:
     pairs = zip(shown.layers, shown.styles, strict=True)
     first_scene, *others = [_layer_scene(layer, style) for layer, style in pairs]
     meshes = tuple(file for file in state.mesh_files if file != MeshFile(document.scene.volume))
-    # a window that is too small shows no annotations
-    annotate = state.annotate if min(state.pose.camera.size) >= LEAST_SIDE else ()
+    view, given = state.pose.view(), document.scene.view
+    view = replace(view, dpi=given.dpi, width=given.width) if on_paper else view
+    # a picture that is too small has no annotations
+    annotate = state.annotate if min(view.size) >= LEAST_SIDE else ()
     names = ("title", "load", "transfer", "threshold", "opacity", "visible")
     look = {name: getattr(first_scene, name) for name in names}
     scissors = shown.styles[0].scissors
@@ -135,7 +139,7 @@ def scene_of(state: State, document: Document) -> SceneFile:
     scene = replace(document.scene, **look, **parts)
     if state.movie != Movie.of(scene.animation, document.volume):
         scene = replace(scene, animation=state.movie.table(document, state.times))
-    return replace(scene, view=state.pose.view(), settings=settings, annotate=annotate)
+    return replace(scene, view=view, settings=settings, annotate=annotate)
 
 
 def _style(scene: SceneFile, layer: LayerSplats) -> LayerStyle:
@@ -178,7 +182,8 @@ def save_picture(state: State, document: Document, draw: Draw, folder: Path, add
 def _save_picture(state: State, document: Document, draw: Draw, target: Path, add: Add) -> str:
     if document.exceeds_budget:
         raise expected("picture", "splats that fit into memory", "too many", f"save the scene: {RENDERED}")
-    scene, document = scene_of(state, document), document.with_styles(state.styles, state.mesh_files, state.settings)
+    scene = scene_of(state, document, on_paper=False)
+    document = document.with_styles(state.styles, state.mesh_files, state.settings)
     background = scene.settings.background if BLENDS[scene.settings.blend].unbounded else None
     add(render_scene(scene, document, draw)).save(target, background=background)
     return f"saved {target.name}"

@@ -14,11 +14,12 @@ from splatgl.cli.main import main
 from splatgl.errors import Choice, InputError
 from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.view import ViewOptions
 from splatgl.viewer.commands import why_not
 from splatgl.viewer.document import Document
 from splatgl.viewer.file_watch import watched_files
 from splatgl.viewer.loading import open_document
-from splatgl.viewer.saving import render_scene, save_scene, scene_of
+from splatgl.viewer.saving import render_scene, save_picture, save_scene, scene_of
 from splatgl.viewer.state import History, State
 from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
@@ -112,6 +113,19 @@ def test_a_saved_scene_renders_equal(
 
 
 @pytest.mark.long
+def test_a_saved_scene_keeps_its_size_on_paper(folder: Path, renderer: sg.Renderer, tmp_path: Path) -> None:
+    """Its floats are those of render at that size; a picture is as large as in the window."""
+    view = ViewOptions(size=(48, 36), dpi=72.0, width="1in")
+    document = Document.open(SceneFile(str(folder / "blob.npy"), view=view))
+    state = State.of(document, SIZE)
+    name = save_scene(state, document, renderer.render, tmp_path).split()[-1]
+    again = SceneFile.from_toml(tmp_path / name).view
+    assert (again.dpi, again.width, again.size) == (72.0, "1in", (72, round(72 * SIZE[1] / SIZE[0])))
+    assert np.load((tmp_path / name).with_suffix(".npy")).shape[:2] == again.size[::-1]
+    picture = save_picture(state, document, renderer.render, tmp_path).split()[-1]
+    assert sg.Image.load(tmp_path / picture).pixels.shape[:2] == SIZE[::-1]
+
+
 def test_hidden_parts_are_not_drawn(state: State, document: Document, renderer: sg.Renderer, folder: Path) -> None:
     """The first one hidden, all hidden but meshes, and the volume alone, which is the picture of one volume."""
     first, second = state.styles
