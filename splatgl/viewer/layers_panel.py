@@ -13,7 +13,7 @@ from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.scene import MOST_LAYERS
 from splatgl.viewer.document import Document
-from splatgl.viewer.panel_sections import CommandWidgets, label_left, pick_color, pick_opacity
+from splatgl.viewer.panel_sections import CommandWidgets, label_left, pick_color, pick_opacity, shorten
 from splatgl.viewer.state import LayerStyle, State
 
 # share of the panel's width that names take, and width of the menu of a row at a content scale of 1
@@ -74,7 +74,8 @@ def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> Stat
     room = imgui.get_content_region_avail().x
     imgui.push_style_color(imgui.Col_.header, imgui.get_style_color_vec4(imgui.Col_.button_hovered))
     imgui.align_text_to_frame_padding()
-    if imgui.selectable(plain(name), state.selected == number, size=(room * NAME, 0.0))[0]:
+    shown = shorten(plain(name), room * NAME)
+    if imgui.selectable(shown, state.selected == number, size=(room * NAME, 0.0))[0]:
         state = replace(state, selected=number)
     imgui.pop_style_color()
     imgui.set_item_tooltip(f"{plain(name)}: a click selects it. Its curve or segments below, and keys, edit it.")
@@ -95,7 +96,7 @@ def _draw_mesh(state: State, document: Document, number: int, mesh: MeshFile) ->
     imgui.same_line()
     room, left = imgui.get_content_region_avail().x, imgui.get_cursor_pos_x()
     imgui.align_text_to_frame_padding()
-    imgui.text(plain(mesh.name))
+    imgui.text(shorten(plain(mesh.name), room * NAME))
     imgui.set_item_tooltip(plain(mesh.name))
     opacity = pick_opacity(mesh.opacity, room, left + room * NAME + imgui.get_style().item_spacing.x)
     data = document.mesh(mesh)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -38,6 +39,14 @@ from splatgl.viewer.state import MOST_PLANES, THEMES, Cuts, State
 
 # share of the panel's width that labels at the left of widgets take
 LABELS = 0.3
+
+
+def shorten(text: str, room: float) -> str:
+    """A text, or as much of its start as fits into `room`, screen units, with an ellipsis behind it."""
+    if imgui.calc_text_size(text).x <= room:
+        return text
+    ends = range(1, len(text))
+    return text[: bisect_right(ends, room, key=lambda end: imgui.calc_text_size(f"{text[:end]}…").x)].rstrip() + "…"
 
 
 def label_left(text: str) -> str:
@@ -115,7 +124,8 @@ def draw_files(state: State, document: Document, widgets: CommandWidgets, recent
         imgui.same_line()
         state = widgets.button(f"copy-{form.value.lower()}", form.value, state, document)
     for number, path in enumerate(recent):
-        if imgui.selectable(f"{plain(Path(path).name)}##{number}", False)[0]:
+        name = shorten(plain(Path(path).name), imgui.get_content_region_avail().x)
+        if imgui.selectable(f"{name}##{number}", False)[0]:
             widgets.effects.append(Open((path,)))
         imgui.set_item_tooltip(legible(path))
     if recent and imgui.small_button("forget these"):

@@ -18,7 +18,7 @@ from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
-from splatgl.viewer.panel_sections import label_left
+from splatgl.viewer.panel_sections import label_left, shorten
 from splatgl.viewer.stand_in import subsample
 from splatgl.viewer.thumbnails import MOST_VOXELS, reduce_volume
 from splatgl.viewer.trackball import Pose
@@ -78,7 +78,7 @@ class PresetGallery:
         if active:
             imgui.pop_style_color()
         imgui.set_item_tooltip(PRESETS[name].about)
-        imgui.text(name if imgui.calc_text_size(name).x <= side else f"{name[:11]}…")
+        imgui.text(shorten(name, side))
         imgui.end_group()
         return clicked
 

@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 from splatgl.annotations.text import plain
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.viewer.document import Document, LayerSplats
-from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity
+from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity, shorten
 from splatgl.viewer.segments import (
     Segment,
     find_segments,
@@ -77,7 +77,8 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     color = pick_color(tuple(map(float, linear_from_srgb(np.array(srgb_of_name(segment.color)) / 255))))
     imgui.same_line()
     imgui.align_text_to_frame_padding()
-    clicked = imgui.selectable(plain(segment.name), False, size=(room * NAME, 0.0))[0]
+    name = shorten(plain(segment.name), room * NAME)
+    clicked = imgui.selectable(name, False, size=(room * NAME, 0.0))[0]
     imgui.set_item_tooltip(
         f"{plain(segment.name)}, number {number}: a click centres it and fits the view to it, a right click renames it."
     )

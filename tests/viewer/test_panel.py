@@ -114,6 +114,27 @@ def test_edits_are_asked_for_before_the_window_closes(panel: Window) -> None:
     panel.ask("reset")
 
 
+def test_long_names_end_with_an_ellipsis() -> None:
+    """As many letters as there is room for."""
+    gui = pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]").imgui
+    from splatgl.viewer.panel_sections import shorten
+
+    context = gui.create_context()
+    gui.get_io().backend_flags |= gui.BackendFlags_.renderer_has_textures
+    gui.get_io().set_ini_filename("")
+    gui.get_io().display_size = gui.ImVec2(200, 200)
+    gui.new_frame()
+    name = "Left ventricular myocardium"
+    whole = gui.calc_text_size(name).x
+    assert shorten(name, whole) == name and shorten(name, 1.0) == "…"
+    for room in (40.0, 90.0, whole - 1):
+        short = shorten(name, room)
+        assert name.startswith(short[:-1]) and short.endswith("…") and gui.calc_text_size(short).x <= room
+        assert gui.calc_text_size(f"{name[: len(short) + 1]}…").x > room
+    gui.end_frame()
+    gui.destroy_context(context)
+
+
 def test_a_shift_moves_points_and_window() -> None:
     shifted = pytest.importorskip("splatgl.viewer.preset_gallery", exc_type=ImportError).shifted
     linear = Transfer([(100, 0.0), (300, 0.5)], window=(50, 400))
