@@ -1,6 +1,6 @@
 """Random input for the window: keys, drags, wheel, drops and resizes by real events; tracebacks and memory are watched.
 
-    .venv/bin/python -m tests.fuzz.window [FILE …] [--seconds S] [--seed N]
+    .venv/bin/python -m tests.fuzz.window [FILE …] [--seconds S] [--seed N] [--log FILE]
 
 Needs Xvfb and xdotool. FILE: what is opened first, and dropped now and then; two small files of its own by default.
 Memory is compared where the same picture is at rest: now and then the first file is shown as it was at first. Ends with
@@ -20,8 +20,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -177,8 +179,8 @@ class Session:
         return self.errors.read()
 
 
-def run(files: Sequence[Path], seed: int, seconds: float, folder: Path) -> list[str]:
-    """What went wrong in so many seconds of random input."""
+def run(files: Sequence[Path], seed: int, seconds: float, folder: Path, log: TextIO | None = None) -> list[str]:
+    """What went wrong in so many seconds of random input. log: gets seconds, megabytes and input."""
     session = Session(files, seed, folder)
     begun, memory, wrong = time.monotonic(), [], []
     rests: list[tuple[int, float]] = []
@@ -197,6 +199,8 @@ def run(files: Sequence[Path], seed: int, seconds: float, folder: Path) -> list[
             break
         if session.window.poll() is None:
             memory.append((gone, session.megabytes))
+            if log is not None:
+                print(f"{gone:.1f} {memory[-1][1]:.0f} {session.done[-1]}", file=log, flush=True)
     if not wrong and session.window.poll() is not None:
         wrong.append(f"ended with {session.window.returncode} after {session.done[-5:]}")
     said = session.end()
@@ -232,9 +236,10 @@ def main() -> int:
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--log", type=Path, help="write seconds, megabytes and what was done after each input")
     args = parser.parse_args()
-    with tempfile.TemporaryDirectory() as place:
-        wrong = run(args.files or own_files(Path(place)), args.seed, args.seconds, Path(place))
+    with tempfile.TemporaryDirectory() as place, args.log.open("w") if args.log else nullcontext() as log:
+        wrong = run(args.files or own_files(Path(place)), args.seed, args.seconds, Path(place), log)
     print("\n".join(wrong))
     return int(bool(wrong))
 
