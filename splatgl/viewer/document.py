@@ -37,6 +37,7 @@ from splatgl.viewer.adaptive_quality import STRIDES
 from splatgl.viewer.movie_track import Movie
 from splatgl.viewer.oblique import slice_meshes
 from splatgl.viewer.segments import style_with_segments
+from splatgl.viewer.slice_pixels import layer_looks
 from splatgl.viewer.stand_in import StandIn, choose_stand_in
 from splatgl.viewer.state import LayerStyle
 from splatgl.viewer.trackball import Pose
@@ -478,8 +479,7 @@ class Document:
         """The visible meshes in their colours and opacities, as `MeshFile.open` reads them."""
         visible = [file for file in self.mesh_files if file.visible and source_key(file) in self.read]
         styled = (styled_mesh(file, self.read[source_key(file)]) for file in visible)
-        volumes, transfers = zip(*((layer.volume, layer.transfer) for layer in self.drawn_layers), strict=True)
-        return (*styled, *self.lines, *slice_meshes(volumes, transfers, self.slice_planes))
+        return (*styled, *self.lines, *slice_meshes(layer_looks(self.pool, self.styles), self.slice_planes))
 
     def with_planes(self, slice_planes: Sequence[str]) -> Document:
         """The document with these slices in space; this one if it has them."""

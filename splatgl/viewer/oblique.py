@@ -13,9 +13,10 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.splat.scene import Layer, Scene
 from splatgl.splat.slices import Slice, SlicePlane, Where, grid_normals, parse_slices, plane_through
-from splatgl.splat.transfer import Transfer
+from splatgl.viewer.slice_pixels import Look
 
 if TYPE_CHECKING:
+    from splatgl.viewer.slice_pixels import Look
     from splatgl.viewer.state import Slices, State
 
 Turn = tuple[float, ...]
@@ -114,14 +115,11 @@ def with_slices(state: State, slices: Slices, volume: Volume) -> State:
 
 
 @lru_cache(maxsize=1)
-def slice_meshes(
-    volumes: tuple[Volume, ...], transfers: tuple[Transfer, ...], slice_planes: tuple[str, ...]
-) -> tuple[Mesh, ...]:
+def slice_meshes(looks: tuple[Look, ...], slice_planes: tuple[str, ...]) -> tuple[Mesh, ...]:
     """The planes in space of layers, as `splatgl render` draws them; the latest are cached."""
     if not slice_planes:
         return ()
-    layers = [Layer(volume, transfer) for volume, transfer in zip(volumes, transfers, strict=True)]
-    return tuple(Scene(layers, slices=slice_planes).meshes)
+    return tuple(Scene([Layer(*look) for look in looks], slices=slice_planes).meshes)
 
 
 def shares(index: np.ndarray, volume: Volume) -> Triple:
@@ -151,6 +149,15 @@ class TurnedPane:
         """Side of a pixel, world units."""
         low, high = self.plane.box
         return float((high[0] - low[0]) / (self.box[2] - self.box[0]))
+
+    @property
+    def grid(self) -> tuple[np.ndarray, tuple[float, float], tuple[int, int]]:
+        """Low end, sides of a pixel and size of the slice's raster, as of `SlicePlane.raster`."""
+        left, top, right, bottom = self.box
+        size = max(round(right - left), 1), max(round(bottom - top), 1)
+        low, high = self.plane.box
+        across, down = ((high - low) / size).tolist()
+        return low, (across, down), size
 
     def point(self, place: tuple[float, float]) -> np.ndarray:
         """World point [3] at a pixel."""

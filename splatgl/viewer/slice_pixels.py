@@ -1,19 +1,27 @@
-"""Pixels of slices: the samples of a volume in a pane, in grey or in colours."""
+"""Pixels of slices: the samples of a volume in a pane, in grey or in colours, and several layers blended."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from splatgl.data.color import srgb_from_linear
 from splatgl.data.volume import Volume
+from splatgl.scene.meshes import is_mesh
 from splatgl.splat.resample import sample_raster
+from splatgl.splat.scene import Layer, Scene
+from splatgl.splat.slice_images import Painter
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
+    from splatgl.viewer.document import LayerSplats
     from splatgl.viewer.oblique import TurnedPane
     from splatgl.viewer.slice_views import Pane
+    from splatgl.viewer.state import LayerStyle
 
 # entries of the colour table
 COLORS = 4096
@@ -82,18 +90,49 @@ def turned_pixels(
     volume: Volume, shown: TurnedPane, look: Transfer | tuple[float, float], logarithmic: bool
 ) -> np.ndarray:
     """Pixels uint8 [H, W, 4] of a turned slice, clear beside the volume."""
-    left, top, right, bottom = shown.box
-    size = max(round(right - left), 1), max(round(bottom - top), 1)
-    low, high = shown.plane.box
-    raster = shown.plane.raster(volume, low, ((high - low) / size).tolist(), size)
     nearest = isinstance(look, Transfer) and bool(look.labels)
-    values, known = sample_raster(volume, raster, nearest)
+    values, known = sample_raster(volume, shown.plane.raster(volume, *shown.grid), nearest)
     if volume.color is not None:
-        shade = np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)
-        pixels = np.dstack([shade, np.full(shade.shape[:2], 255, np.uint8)])
+        pixels = _opaque(np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8))
     elif isinstance(look, tuple):
         pixels = grey_pixels(values, look, logarithmic)
     else:
         pixels = colored_pixels(values, look)
     pixels[~known] = 0
     return pixels
+
+
+# volume, transfer function and opacity of a visible layer
+Look = tuple[Volume, Transfer, float]
+
+
+def layer_looks(pool: Mapping[int, LayerSplats], styles: Sequence[LayerStyle]) -> tuple[Look, ...]:
+    """What slices show of layers in styles: the visible ones with voxels; the first if there are none. pool: layers by
+    the numbers that styles name.
+    """
+    pairs = [(pool[style.number], style) for style in styles if style.number in pool]
+    seen = [
+        (layer, style)
+        for layer, style in pairs
+        if style.is_shown and layer.volume.points is None and not is_mesh(layer.scene.volume)
+    ]
+    return tuple((layer.volume, style.stated, style.opacity) for layer, style in seen or pairs[:1])
+
+
+@lru_cache(maxsize=2)
+def layer_painter(layers: tuple[Look, ...], colored: bool) -> Painter:
+    """The painter of slices of layers, as of `splatgl render --slice`. colored: else the first is grey, by its window,
+    unless the layers add up.
+    """
+    painter = Scene([Layer(*look) for look in layers]).painter
+    first = painter.layers[0]
+    if colored or first.nearest or all(layer.glows for layer in painter.layers):
+        return painter
+    return Painter([first._replace(transfer=replace(first.transfer, colormap="gray")), *painter.layers[1:]])
+
+
+def painted_pixels(painter: Painter, shown: TurnedPane) -> np.ndarray:
+    """Pixels uint8 [H, W, 4] of a slice of several layers, clear beside all of them."""
+    light = painter.pixels(shown.plane, *shown.grid)
+    light[..., :3] = srgb_from_linear(np.clip(light[..., :3], 0.0, 1.0))
+    return np.rint(light * 255).astype(np.uint8)

@@ -18,6 +18,7 @@ from splatgl.gl.screen import LineColor, Marks, Sprite, Stroke
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.camera import Camera
 from splatgl.splat.settings import BLENDS
+from splatgl.splat.slice_images import Painter
 from splatgl.splat.slices import ANATOMY, pane_axes, world_axes
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.oblique import (
@@ -33,7 +34,17 @@ from splatgl.viewer.oblique import (
     with_turn,
 )
 from splatgl.viewer.segments import segment_name
-from splatgl.viewer.slice_pixels import colored_pixels, grey_pixels, read_slice, thin_out, turned_pixels, window_of
+from splatgl.viewer.slice_pixels import (
+    colored_pixels,
+    grey_pixels,
+    layer_looks,
+    layer_painter,
+    painted_pixels,
+    read_slice,
+    thin_out,
+    turned_pixels,
+    window_of,
+)
 from splatgl.viewer.state import Slices
 from splatgl.viewer.tool import Place, Pointer, Tool, View
 from splatgl.viewer.trackball import project_segment, up_direction
@@ -119,6 +130,8 @@ def _fit_box(room: Box, sides: Sequence[float], margin: float) -> Box:
 # sRGB of the slices across x, y and z of the grid, and of the background
 LINES: tuple[LineColor, ...] = ((1.0, 0.42, 0.36, 0.9), (0.45, 0.86, 0.42, 0.9), (0.45, 0.62, 1.0, 0.9))
 BACKGROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
+# most samples of a plane of one of several layers that is drawn at once
+QUICK = 1 << 20
 # longest wait of a saved picture for slices, seconds
 LONGEST = 20.0
 # pixels at a content scale of 1: of lines, between labels and edges, of the dots that turn slices, and around these
@@ -225,7 +238,7 @@ class SliceTool(Tool):
             self.drawn.clear()
             self.failed.clear()
             return Marks()
-        scale, volume, index = view.scale, document.volume, state.slices.index(document.volume)
+        scale, volume = view.scale, document.volume
         left = visible[0].room[0]
         sprites = [Sprite(BACKGROUND, (left, 0.0, float(view.size[0]), float(view.size[1])))]
         strokes: list[Stroke] = []
@@ -237,11 +250,10 @@ class SliceTool(Tool):
             name = _title(pane, state.slices, volume)
             sprites += _labels(name, shown, volume, scale)
             strokes += _cross(shown, state.slices, volume, scale)
-        if isinstance(volume.samples, np.ndarray):
-            sample = volume.samples[index[::-1]]
-            value = f"{sample:.6g} {segment_name(state.styles[0], volume, sample) or volume.value_unit}".rstrip()
+        values = slice_values(state, document)
+        if values:
             corner = left + GAP * scale, view.size[1] - GAP * scale
-            sprites.append(_label_at(value, corner, (0.0, 1.0), scale))
+            sprites.append(_label_at(values, corner, (0.0, 1.0), scale))
         return Marks(tuple(sprites), tuple(strokes))
 
     def complete_marks(self, state: State, document: Document, view: View) -> Marks:
@@ -257,10 +269,15 @@ class SliceTool(Tool):
         return marks
 
     def _pixels(self, pane: Pane, shown: TurnedPane, state: State, document: Document) -> np.ndarray | None:
-        """Pixels of a slice; where samples are read in parts, the previous ones until a thread has read them."""
+        """Pixels of a slice of all visible layers; where samples are read in parts, or planes are large, the previous
+        ones until a thread has made them.
+        """
         volume, transfer, colored = document.volume, state.styles[0].stated, state.slices.colored
         index = state.slices.index(volume)[pane.axis]
-        look = transfer if colored or transfer.labels else window_of(transfer)
+        looks = layer_looks(document.pool, state.styles)
+        volumes = [shown_volume for shown_volume, _, _ in looks]
+        painter = None if volumes == [volume] else layer_painter(looks, colored)
+        look = painter or (transfer if colored or transfer.labels else window_of(transfer))
         logarithmic = transfer.logarithmic
         is_straight = state.slices.turn == STRAIGHT
         place = index if is_straight else (state.slices.turn, state.slices.place)
@@ -271,6 +288,8 @@ class SliceTool(Tool):
             return known[1]
 
         def work() -> tuple[int, Key, np.ndarray]:
+            if isinstance(look, Painter):
+                return pane.axis, key, painted_pixels(look, shown)
             if not is_straight:
                 return pane.axis, key, turned_pixels(volume, shown, look, logarithmic)
             if volume.color is not None:
@@ -280,7 +299,7 @@ class SliceTool(Tool):
             shade = grey_pixels(values, look, logarithmic) if isinstance(look, tuple) else colored_pixels(values, look)
             return pane.axis, key, shade
 
-        if isinstance(volume.samples, np.ndarray):
+        if _are_quick(volumes, look):
             self.drawn[pane.axis] = key, work()[2]
         elif pane.axis in self.failed and self.failed[pane.axis][0] == key:
             return None
@@ -289,6 +308,28 @@ class SliceTool(Tool):
             self.jobs.submit(Kind.SLICE, "reading a slice", work)
         latest = self.drawn.get(pane.axis)
         return None if latest is None else latest[1]
+
+
+def _are_quick(volumes: Sequence[Volume], look: object) -> bool:
+    """Whether a slice of volumes takes no longer than a frame."""
+    is_small = not isinstance(look, Painter) or all(each.count / min(each.shape) <= QUICK for each in volumes)
+    return is_small and all(isinstance(each.samples, np.ndarray) for each in volumes)
+
+
+def slice_values(state: State, document: Document) -> tuple[str, ...]:
+    """Value of each visible layer at the common point of the slices, after its name if there are several."""
+    pool, volume, texts = document.pool, document.volume, {}
+    point = middle(state.slices, volume)
+    shown = [style for style in state.styles if style.is_shown and style.number in pool] or state.styles[:1]
+    for style in shown:
+        layer = pool[style.number]
+        part = layer.volume.placed(volume.frame)
+        place = np.rint(np.linalg.solve(part.world_from_index, point - np.asarray(part.origin))).astype(int)
+        is_inside = (place >= 0).all() and (place < part.shape[::-1]).all()
+        if is_inside and isinstance(part.samples, np.ndarray):
+            sample = part.samples[tuple(place[::-1])]
+            texts[style.title or layer.name] = f"{sample:.6g} {segment_name(style, part, sample) or part.value_unit}"
+    return tuple(f"{name}: {text}".rstrip() if len(shown) > 1 else text.rstrip() for name, text in texts.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,9 +440,9 @@ def _direction(frame: str | None, towards: np.ndarray) -> str:
     return "xyz"[axis] if towards[axis] > 0 else ""
 
 
-def _label_at(text: str, place: Place, anchor: Place, scale: float) -> Sprite:
-    """A label at a place. anchor: the point of the label there, in shares of its size."""
-    pixels = label((text,), scale)
+def _label_at(text: str | tuple[str, ...], place: Place, anchor: Place, scale: float) -> Sprite:
+    """A label of a line, or several, at a place. anchor: the point of the label there, in shares of its size."""
+    pixels = label((text,) if isinstance(text, str) else text, scale)
     high, wide = pixels.shape[:2]
     left, top = round(place[0] - anchor[0] * wide), round(place[1] - anchor[1] * high)
     return Sprite(pixels, (left, top, left + wide, top + high))

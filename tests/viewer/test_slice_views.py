@@ -20,12 +20,12 @@ from splatgl.splat.slices import world_axes
 from splatgl.viewer.document import Document
 from splatgl.viewer.saving import append_slices
 from splatgl.viewer.slice_pixels import colored_pixels, grey_pixels, read_slice, thin_out, window_of
-from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes
+from splatgl.viewer.slice_views import Pane, SliceTool, clip_strokes, column_width, panes, slice_values
 from splatgl.viewer.state import Slices, State
 from splatgl.viewer.tool import View
 from tests.helpers.blobs import blob
 from tests.helpers.commands import acted
-from tests.helpers.window import MISSING, Window
+from tests.helpers.window import MISSING, Window, resized
 
 driven = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
 UP = np.array([0.0, 0.0, 1.0])
@@ -202,6 +202,52 @@ def test_keys_show_them(tmp_path: Path) -> None:
     assert moved.slices.colored and moved.opened(document).slices == Slices(shown=True, colored=True)
 
 
+def slice_colors_at(state: State, document: Document, index: tuple[int, int, int]) -> list[int]:
+    """sRGB and opacity of the first slice at a voxel."""
+    tool, view = SliceTool(lambda: None), View((400, 300))
+    pane = tool.panes(state, document, view)[0]
+    sprite = next(sprite for sprite in tool.marks(state, document, view).sprites if sprite.place == pane.box)
+    (x, y), (left, top, right, bottom) = pane.place(index, document.volume), sprite.place
+    high, wide = sprite.pixels.shape[:2]
+    found = sprite.pixels[int((y - top) / (bottom - top) * high), int((x - left) / (right - left) * wide)]
+    return [int(part) for part in found]
+
+
+def test_slices_show_every_visible_layer_as_pictures_of_slices_do(tmp_path: Path) -> None:
+    """Amounts add up; a segmentation lies over a volume, which is grey by its window unless colours are asked for."""
+    left, upper = np.zeros((2, 8, 8, 8), np.float32)
+    left[..., :4], upper[:, 4:] = 1.0, 1.0
+    labels = np.zeros((8, 8, 8), np.uint8)
+    labels[:, 4:] = 2
+    for name, values in (("left", left), ("upper", upper), ("labels", labels)):
+        np.save(tmp_path / f"{name}.npy", values)
+    ramp = {"points": ((0.0, 0.0), (1.0, 0.5)), "shading": False}
+    one, other = (
+        SceneFile(str(tmp_path / f"{name}.npy"), transfer={**ramp, "colormap": color})
+        for name, color in (("left", "#ff0000"), ("upper", "#00ff00"))
+    )
+    document = Document.open(replace(one, layers=(other,)))
+    state = State.of(document, (300, 300))
+    state = replace(state, slices=replace(state.slices, shown=True))
+    places = (1, 6, 4), (6, 6, 4), (1, 1, 4), (6, 1, 4)
+    found = [slice_colors_at(state, document, place)[:3] for place in places]
+    assert found == [[255, 255, 0], [0, 255, 0], [255, 0, 0], [0, 0, 0]]
+    alone = state.with_style(0, replace(state.styles[0], visible=False))
+    assert [slice_colors_at(alone, document, place)[:3] for place in places] == [[0, 255, 0]] * 2 + [[0, 0, 0]] * 2
+    # the values of both at the point
+    assert slice_values(state, document) == ("left: 0", "upper: 1") and slice_values(alone, document) == ("1",)
+    # a third of a segment over a volume
+    segments = SceneFile(str(tmp_path / "labels.npy"), transfer={"labels": ((2, "#0000ff", 0.5),)}, opacity=0.3)
+    document = Document.open(replace(one, transfer={**ramp, "colormap": "#ff0000"}, layers=(segments,)))
+    state = replace(State.of(document, (300, 300)), slices=replace(state.slices, colored=True))
+    expected = (srgb_from_linear(np.array([0.7, 0.0, 0.3])) * 255).round().tolist()
+    assert slice_colors_at(state, document, (1, 6, 4))[:3] == expected
+    grey = replace(state, slices=replace(state.slices, colored=False))
+    assert slice_colors_at(grey, document, (1, 1, 4)) == [255] * 4
+    expected = (srgb_from_linear(np.array([0.7, 0.7, 1.0])) * 255).round().tolist()
+    assert slice_colors_at(grey, document, (1, 6, 4))[:3] == expected
+
+
 # --- driven -------------------------------------------------------------------------------------------------------
 
 
@@ -276,6 +322,31 @@ def test_slices_are_shown_moved_and_hidden(window: Window) -> None:
     assert np.array_equal(window.shot(), plain) and window.ask("look")["size"] == before["size"]
     name = window.key("s")["message"].split()[-1]
     assert sg.Image.load(window.folder / name).pixels.shape[1] == 400
+
+
+def shares_of_corners(told: dict[str, Any], sides: float) -> np.ndarray:
+    """Places [8, 2] of the corners of a cube of voxels in the picture, from -1 to 1."""
+    corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * sides + told["middle"]
+    eye = (corners - told["eye"]) @ np.array(told["axes"]).T
+    width, height = told["size"]
+    return np.asarray(eye[:, :2] / eye[:, 2:] / told["extent"] * 2 * [height / width, 1.0])
+
+
+@driven
+def test_a_view_that_nobody_moved_is_fitted_to_what_is_left_of_the_window(window: Window) -> None:
+    before = window.ask("reset")
+    narrow = 150
+    with resized(window, narrow, 300):
+        fitted = window.ask("look")
+        assert fitted["eye"] != before["eye"] and 0.7 < np.abs(shares_of_corners(fitted, 14)).max() < 1
+        beside = window.key("z")
+        assert beside["size"][0] < 100 and np.abs(shares_of_corners(beside, 14)).max() < 1
+        assert window.key("z")["eye"] == fitted["eye"]
+    assert window.ask("look")["eye"] == before["eye"]
+    # a view that somebody moved stays
+    moved = window.drag(1, (100, 90), (150, 60))
+    assert window.key("z")["eye"] == moved["eye"]
+    assert window.key("z")["eye"] == moved["eye"]
 
 
 @pytest.mark.long
