@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -272,7 +273,7 @@ class Scene:
         """Points [N, 3], world units, whose hull contains the opaque samples and the meshes."""
         return np.concatenate([*(box.outline for box in self._subjects), *(mesh.vertices for mesh in self.meshes)])
 
-    @property
+    @cached_property
     def _subjects(self) -> list[Opaque]:
         # voxels also where surfaces are drawn: both have the same view
         return [Opaque(layer.volume, layer.transfer or layer.seen) for layer in self.shown]

@@ -30,7 +30,7 @@ from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.remembered import Arrangement, Recent
 from splatgl.viewer.slice_views import SliceTool, column_width
 from splatgl.viewer.state import THEMES, History, State, changed_fields, stated_transfers
-from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width
+from splatgl.viewer.tool import MouseEvent, Pointer, View, docked_width, is_roomy
 from splatgl.viewer.window import Window
 
 # screen units of the first window
@@ -97,9 +97,8 @@ class Display:
             # the next document, whose coarsest splats are being extracted
             self.coming: Document | None = None
             if self.options.panel and find_spec("imgui_bundle"):
-                # over the picture it is opened when it is wanted
-                docked = docked_width(self.window.size, self.window.scale) > 0
-                self.state = replace(self.state, panel=docked and arrangement.panel)
+                is_open = arrangement.panel and is_roomy(self.window.size, self.window.scale)
+                self.state = replace(self.state, panel=is_open)
                 self._open_panel()
         except BaseException:
             self.screen.close()
@@ -146,9 +145,8 @@ class Display:
 
     def remember(self) -> None:
         """Stores how the window stands for the next one."""
-        # over the picture, the panel is open only while it is wanted
-        is_docked = docked_width(self.window.size, self.window.scale) > 0
-        panel = self.state.panel if is_docked else Arrangement.of(os.environ).panel
+        # in narrow windows, the panel is open only while it is wanted
+        panel = self.state.panel if is_roomy(self.window.size, self.window.scale) else Arrangement.of(os.environ).panel
         size, slices, theme = self.window.unit_size, self.state.slices.shown, self.state.theme
         Arrangement(size, panel, slices, theme).remember(os.environ)
 
@@ -221,10 +219,13 @@ class Display:
         return replace(pointer, place=(x - self.right_edge, y))
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Fits the view to a window of `size` in pixels; a minimised one keeps its last size."""
+        """Fits the view to a window of `size` in pixels; a minimised one keeps its last size. A view that nobody has
+        moved is fitted anew to what is visible, any other one keeps its height.
+        """
         if min(size) > 0:
-            before = self.state.pose
-            pose = before.resized(self.size)
+            before, document = self.state.pose, self.document
+            is_first = before.view() == document.home(before.camera.size).view()
+            pose = document.home(self.size) if is_first else before.resized(self.size)
             self.state = replace(self.state, pose=pose)
             # the same view in another size
             self.history.resize(before, pose)

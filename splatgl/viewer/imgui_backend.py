@@ -93,6 +93,12 @@ class Gui:
         return self.panel.covers(*self.cursor) or self.held
 
     @property
+    def left_edge(self) -> float:
+        """Left edge of the panel, pixels."""
+        width, _ = self.window.glfw.get_window_size(self.window.handle)
+        return self.panel.place[0] * self.window.size[0] / max(width, 1)
+
+    @property
     def held(self) -> bool:
         """Whether a widget of the panel is being dragged."""
         return bool(self.io.want_capture_mouse and imgui.is_any_item_active())

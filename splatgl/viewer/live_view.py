@@ -169,4 +169,6 @@ class LiveView(Display):
             return slices
         covered = self.panel is not None and self.panel.touched
         cursor = None if covered or self.input.is_dragging else self.input.cursor
-        return self.overlays.marks(self.state, self.document, self.view, cursor, slices)
+        lies_over = self.panel is not None and self.state.panel and self.view.size[0] == self.window.size[0]
+        edge = self.panel.left_edge if lies_over else self.size[0]
+        return self.overlays.marks(self.state, self.document, self.view, cursor, slices, edge)

@@ -121,11 +121,16 @@ class Overlays:
     def __init__(self) -> None:
         self.legend = Legend()
 
-    def marks(self, state: State, document: Document, view: View, cursor: Place | None, slices: Marks) -> Marks:
-        """All marks: annotations, handles, ruler, the value under the cursor (None: hidden), and those of slices."""
+    def marks(
+        self, state: State, document: Document, view: View, cursor: Place | None, slices: Marks, edge: float
+    ) -> Marks:
+        """All marks: annotations that end left of `edge`, pixels, from where on the panel lies over the picture;
+        handles, ruler, the value under the cursor (None: hidden), and those of slices.
+        """
         camera, scale = state.pose.camera, view.scale
         inputs = state.styles[0].transfer, camera, state.settings.blend, background_of(state)
         legend = self.legend.sprites(AnnotationInputs(state.annotate, document.volume, *inputs, state.measures))
+        legend = tuple(sprite for sprite in legend if sprite.place[2] <= edge)
         strokes = [*handle_strokes(state.cuts, document.volume, camera, scale), *lasso_strokes(state.lasso, scale)]
         lines, labels = ruler_marks(state.ruler, camera, scale), list[Sprite]()
         if state.probe and cursor is not None:

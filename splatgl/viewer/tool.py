@@ -14,13 +14,19 @@ Place = tuple[float, float]
 MouseEvent = Literal["press", "move", "release", "wheel"]
 
 
-# width of the panel, and of the narrowest window that it stands beside the picture in, at a content scale of 1
-PANEL, DOCKED = 330.0, 800.0
+# width of the panel, the least of the picture beside it, and that of windows in which the panel is open at first, at a
+# content scale of 1
+PANEL, BESIDE, ROOMY = 330.0, 310.0, 800.0
 
 
 def docked_width(window: tuple[int, int], scale: float) -> int:
     """Pixels of the panel beside the picture; 0 in windows so narrow that it lies over the picture."""
-    return round(PANEL * scale) if window[0] >= DOCKED * scale else 0
+    return round(PANEL * scale) if window[0] >= (PANEL + BESIDE) * scale else 0
+
+
+def is_roomy(window: tuple[int, int], scale: float) -> bool:
+    """Whether a window opens with its panel; in narrower ones the panel is opened when it is wanted."""
+    return window[0] >= ROOMY * scale
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "recent": viewer.recent.paths,
         "scale": viewer.window.scale,
         "place": viewer.panel and viewer.panel.panel.place,
+        "marks": [sprite.place for sprite in viewer._marks().sprites],
         "dialog": viewer.dialogs.process is not None or bool(viewer.panel and viewer.panel.panel.popup),
         "pictures": len(viewer.panel.panel.gallery.textures) if viewer.panel else 0,
         "plot": viewer.panel and (viewer.panel.panel.curve.box, viewer.panel.panel.curve.range),

@@ -333,7 +333,7 @@ def test_the_window_shows_what_is_saved(window: Window, folder: Path) -> None:
     whole = window.ask("settle")
     before = window.shot().astype(int)
     # the list of layers begins below the headers of files and layers; its third row is the ball's
-    hidden = click(window, 319, 156)
+    hidden = click(window, 327, 128)
     shown = window.shot().astype(int)
     assert (np.abs(shown - before)[:, :300].max() > 60) and hidden["message"] == ""
     assert window.key("ctrl+z")["message"] == "undone"

@@ -198,6 +198,23 @@ def test_the_first_frame_has_the_panel_and_the_help_hides_it(folder: Path) -> No
 
 @pytest.mark.long
 @driven
+def test_the_panel_covers_no_annotation(folder: Path) -> None:
+    """The picture ends at it; where it lies over the picture, what it would cover is not drawn."""
+    pytest.importorskip("imgui_bundle", reason=WITH_GUI)
+    window = Window(folder / "blob.npy", folder, size=(640, 480), panel=True)
+    assert window.state["size"] == [310, 480] and window.state["place"][:2] == [310, 0]
+    count = len(window.state["marks"])
+    for width in (639, 420):
+        window.hands("windowsize", "--sync", window.identity, width, 480)
+        narrow = window.ask("settle")
+        assert narrow["size"] == [width, 480] and narrow["place"][0] < width - 330
+        assert all(right <= narrow["place"][0] for _, _, right, _ in narrow["marks"])
+    assert len(narrow["marks"]) < count == len(window.key("tab")["marks"])
+    window.end()
+
+
+@pytest.mark.long
+@driven
 def test_everything_is_twice_as_large_at_a_scale_of_two(folder: Path) -> None:
     """Text, panel, slices' letters and the reach of handles: as in a window of half the pixels at a scale of one."""
     pytest.importorskip("imgui_bundle", reason=WITH_GUI)
