@@ -185,6 +185,7 @@ class PictureKeywords(TypedDict, total=False):
     slice_plane: str | Sequence[Any]
     labels: Any
     clip_meshes: bool
+    caps: Literal["plain", "volume"]
     vectors: Literal["magnitude", "direction"]
     streamlines: int
     arrows: int

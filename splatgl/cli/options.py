@@ -13,7 +13,7 @@ from splatgl.options import Group, Option, declared, names_of
 from splatgl.platforms import CHOICES
 from splatgl.readers.options import LoadOptions, inside
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import VECTORS, Vectors, is_mesh
+from splatgl.scene.meshes import VECTORS, MeshFile, Vectors, is_mesh
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.transfer_choice import TransferChoice
 from splatgl.scene.view import ViewOptions
@@ -78,6 +78,7 @@ def add_drawing(parser: argparse.ArgumentParser, backend: str = "auto", size: st
     )
     labels.summary = labels.help
     group.add_argument("--clip-meshes", action="store_true", default=None, help="--clip and --crop clip meshes, too")
+    add_options(parser, MeshFile)
     for name, field in VECTORS.items():
         add_option(parser, name, declared(Vectors)[field])
     add_settings(parser)

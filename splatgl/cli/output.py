@@ -120,7 +120,7 @@ def slice_summary(output: Path, image: Image, scene: OpenScene) -> str:
     return "\n".join(
         [
             f"{output}: {width}×{height} pixels, {count} slice{'s' * (count != 1)}{_behind(image, output)}",
-            f"colours: {_colors(scene.scene.painter.layers[0].transfer, scene.volume)}",
+            f"colours: {_colors(scene.scene.painter('slice').layers[0].transfer, scene.volume)}",
             f"{info['pitch']:.4g} {unit} a pixel; drawn in {info['seconds']:.2f} s",
         ]
     )

@@ -22,6 +22,8 @@ SIDES = 8
 COLOR = "#e8dcc8"
 # colour map of values
 COLORMAP = "viridis"
+# colours of caps
+PLAIN, OF_VOLUME = CAPS = ("plain", "volume")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +61,9 @@ class Mesh:
     values float64 [N]: numbers of vertices, drawn in the colours of `colormap` over `window` (None: from the least to
     the largest) unless there are colours; NaN is drawn in `color`. quantity: their name.
     clipped: whether clipping planes of scenes and settings cut it, too. corner_normals [M, 3, 3]: normals of the
-    corners of triangles, instead of the surface's. texture: gives the colours by place. Raises InputError for other
-    shapes and numbers.
+    corners of triangles, instead of the surface's. texture: gives the colours by place. caps: a mesh that scenes clip
+    is closed by planes in "plain" colour, or in those of the "volume" there; "": it stays open. Raises InputError for
+    other shapes and numbers.
     """
 
     vertices: np.ndarray
@@ -77,6 +80,7 @@ class Mesh:
     clipped: bool = False
     corner_normals: np.ndarray | None = None
     texture: Texture | None = None
+    caps: str = ""
 
     def __post_init__(self) -> None:
         vertices = _array("vertices", self.vertices, np.float64)
@@ -100,6 +104,10 @@ class Mesh:
             object.__setattr__(self, "window", _window(self.window))
         if self.corner_normals is not None and np.shape(self.corner_normals) != (len(faces), 3, 3):
             raise expected("corner_normals", f"an array {(len(faces), 3, 3)}", np.shape(self.corner_normals))
+        if self.caps:
+            if self.caps not in CAPS:
+                raise expected("caps", " or ".join(CAPS), repr(self.caps)[:80])
+            object.__setattr__(self, "clipped", True)
 
     def __len__(self) -> int:
         """The number of triangles."""
@@ -161,8 +169,15 @@ class Mesh:
         """Whether values or texels are drawn in the colours of a map."""
         return self.mapped or (self.texture is not None and self.texture.mapped)
 
+    @property
+    def area(self) -> float:
+        """The area of all triangles, square world units."""
+        corners = self.vertices[self.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return float(np.linalg.norm(across, axis=1).sum()) / 2
+
     def cut(self, planes: Sequence[Sequence[float]]) -> Mesh:
-        """The part where n · x ≥ d for all planes (n_x, n_y, n_z, d); triangles of any size are cut."""
+        """The part where n · x ≥ d for all planes (n_x, n_y, n_z, d), open there; triangles of any size are cut."""
         rows = np.asarray(planes, np.float64).reshape(-1, 4)
         if not len(self) or (self.vertices @ rows[:, :3].T >= rows[:, 3]).all():
             return self
@@ -187,6 +202,7 @@ class Mesh:
             values=None if self.values is None else flat[:, -1],
             window=self.ranged if self.mapped else self.window,
             corner_normals=_normalize(corners[..., 3:6]),
+            caps="",
         )
 
     def to_pyvista(self) -> Any:

@@ -18,7 +18,7 @@ from splatgl.options import by_fields, checked, keyword, keywords_of, names_of, 
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.draw import DrawOptions, depths, draw, draw_subject
-from splatgl.scene.meshes import VECTORS, Vectors
+from splatgl.scene.meshes import VECTORS, MeshFile, Vectors
 from splatgl.scene.mixing import DISPLAY, LINEAR, MIXING, display_image, display_scene, display_settings
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 # options of the transfer function that are keywords; `shading` is a setting
 TRANSFER = names_of(TransferChoice, Transfer)
 # options of a scene that are keywords; the last ones are those of settings as a whole
-SCENE = (*names_of(SceneFile), "labels", "clip_meshes", *VECTORS, "like", "paper")
+SCENE = (*names_of(SceneFile), "labels", "clip_meshes", *names_of(MeshFile), *VECTORS, "like", "paper")
 _vectors = keywords_of(Vectors)
 # keywords of all pictures: by record, those of a source last
 KEYWORDS = {
@@ -46,6 +46,7 @@ KEYWORDS = {
     **keywords_of(Transfer, *names_of(Transfer), flags=True),
     **keywords_of(SceneFile, *names_of(SceneFile), flags=True),
     **{name: keyword(name, hint) for name, hint in (("labels", "Any"), ("clip_meshes", "bool"))},
+    **keywords_of(MeshFile, *names_of(MeshFile)),
     **{name: _vectors[item].replace(name=name) for name, item in VECTORS.items()},
     **{name: keyword(name, hint) for name, hint in (("like", "str | None"), ("paper", "bool"))},
     **keywords_of(DrawOptions, "memory"),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splatgl.data.mesh import CAPS, OF_VOLUME
 from splatgl.data.volume import Volume, empty_volume
 from splatgl.errors import InputError, error_prefix, expected
 from splatgl.fileio import toml_value
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 class MeshFile:
     """A mesh of a scene. color: #rrggbb, a CSS name, or a colour map for its values; "": the file's colour. radius: of
     lines, world units, or None. array: name of the values, "": the file's first array; window: of these values. clip:
-    whether the scene's planes clip the mesh. visible: whether it is drawn. title: its name in lists; "": the file's.
+    whether the scene's planes clip the mesh; caps: and close it, as of `Mesh`. visible: whether it is drawn. title: its
+    name in lists; "": the file's.
     """
 
     file: str = field(metadata={"option": Option(Kind.instance("the name of a file", str))})
@@ -37,6 +39,12 @@ class MeshFile:
     array: str = option("", Kind.instance("the name of an array", str))
     window: tuple[float, float] | None = option(None, Kind.interval())
     clip: bool = option(False, Kind.flag())
+    caps: str = option(
+        "",
+        Kind.choice(CAPS),
+        "close meshes where --clip and --crop cut them, in their colour or with the volume's values there",
+        group=Group.LAYERS,
+    )
     visible: bool = option(True, Kind.flag())
     title: str = option("", Kind.instance("a name", str))
     held: Mesh | None = None
@@ -53,7 +61,7 @@ class MeshFile:
             return mesh if isinstance(mesh, MeshFile) else cls(str(mesh))
         if not isinstance(mesh, Mesh):
             raise expected("meshes", "meshes, or names of files", type(mesh).__name__)
-        return cls(mesh.name, opacity=mesh.opacity, clip=mesh.clipped, held=mesh)
+        return cls(mesh.name, opacity=mesh.opacity, clip=mesh.clipped, caps=mesh.caps, held=mesh)
 
     @classmethod
     def read(cls, text: str) -> MeshFile:
@@ -85,7 +93,7 @@ class MeshFile:
         """The mesh in the colour and opacity of this entry. mesh: of the same file."""
         from splatgl.readers.meshes import color_mesh
 
-        styled = replace(mesh, opacity=self.opacity, clipped=self.clip)
+        styled = replace(mesh, opacity=self.opacity, clipped=self.clip, caps=self.caps)
         return color_mesh(styled, self.linear or self.color or None)
 
     @classmethod
@@ -108,7 +116,7 @@ class MeshFile:
 
 def source_key(file: MeshFile) -> MeshFile:
     """Key of the data of a mesh, whatever its style."""
-    return replace(file, color="", opacity=1.0, visible=True, title="")
+    return replace(file, color="", opacity=1.0, clip=False, caps="", visible=True, title="")
 
 
 def read_meshes(files: Sequence[MeshFile]) -> dict[MeshFile, Mesh]:
@@ -158,7 +166,10 @@ def stage(meshes: Sequence[Mesh], name: str = "") -> Volume:
 
 
 def surfaces_of(scene: SceneFile) -> list[MeshFile]:
-    """The meshes of a scene; a source that is a mesh file is the first."""
+    """The meshes of a scene; a source that is a mesh file is the first. InputError for caps that show no volume."""
+    if is_mesh(scene.volume) and any(mesh.caps == OF_VOLUME for mesh in scene.meshes):
+        fix = "name the volume first and meshes by --mesh, or --caps plain"
+        raise expected("caps", "a volume, whose values they show", f"the mesh {scene.volume}", fix)
     alone = is_mesh(scene.volume) and scene.volume not in [mesh.file for mesh in scene.meshes]
     return [MeshFile(scene.volume), *scene.meshes] if alone else [*scene.meshes]
 

@@ -33,7 +33,7 @@ def display_scene(scene: Scene) -> Scene:
     """The scene in the colours whose linear light is their display value."""
     changed = copy(scene)
     object.__setattr__(changed, "layers", tuple(_layer(layer) for layer in scene.shown))
-    object.__setattr__(changed, "meshes", tuple(_mesh(mesh) for mesh in scene.meshes))
+    changed.place_meshes([(_mesh(mesh), planes) for mesh, planes in scene.whole])
     object.__setattr__(changed, "made", {})
     return changed
 

@@ -344,9 +344,10 @@ class SceneFile:
             chosen = {name: transfer.pop(name, ()) for name in ("only_labels", "name_of")}
             layers = (*layers, replace(self._find_labels(options["labels"], reading), transfer=chosen))
         meshes = (*self.meshes, *map(MeshFile.of, several(scene_options.pop("meshes", ()))))
-        if options.get("clip_meshes"):
+        if options.get("clip_meshes") or options.get("caps"):
             adds_volume = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
-            meshes = tuple(replace(mesh, clip=True) for mesh in [MeshFile(self.volume)] * adds_volume + [*meshes])
+            cut = {"clip": True, **({"caps": options["caps"]} if options.get("caps") else {})}
+            meshes = tuple(replace(mesh, **cut) for mesh in [MeshFile(self.volume)] * adds_volume + [*meshes])
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
         settings = {name: options[name] for name in names_of(Settings) if name in options}

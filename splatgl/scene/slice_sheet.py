@@ -85,7 +85,7 @@ def draw_slices(scene: OpenScene) -> Image:
     part = round(size[0] - right), round(size[1] - top - bottom)
     sides = np.array([plane.box[1] - plane.box[0] for plane in planes])
     sheet = Sheet.of(part, round(top), sides, file.view.zoom or 1.0)
-    painter, boxes = scene.scene.painter, []
+    painter, boxes = scene.scene.painter("slice"), []
     for number, plane in enumerate(planes):
         box, light = _paint(painter, plane, sheet, number)
         pixels[box[1] : box[3], box[0] : box[2]] = light
@@ -167,7 +167,7 @@ def _annotated(image: Image, scene: OpenScene, sheet: Sheet) -> Image:
     size, names = scene.file.view.size, scene.file.annotate
     center, high = scene.volume.center, sheet.pitch * size[1]
     camera = Camera.orthographic(center - np.array([0, 2 * high, 0]), center, (0, 0, 1), high, size)
-    subject, transfer = Subject.of(scene.volume), scene.scene.painter.layers[0].transfer
+    subject, transfer = Subject.of(scene.volume), scene.scene.painter("slice").layers[0].transfer
     if not (transfer.labels or subject.colored):
         low, high = transfer.color_range
         scale = Scale(transfer.colormap, float(low), float(high), subject.value_name)

@@ -224,6 +224,13 @@ def crop_ends(text: str, shape: Sequence[int]) -> list[tuple[int, int]]:
     return found
 
 
+def box_planes(volume: Volume) -> list[Plane]:
+    """The six planes around a volume's box."""
+    sides = [(axis, size) for axis, size in enumerate(volume.shape[::-1])]
+    ends = [(axis, sign, end - 0.5) for axis, size in sides for sign, end in ((1, 0), (-1, size))]
+    return [index_plane(volume, *end) for end in ends]
+
+
 def index_plane(volume: Volume, axis: int, sign: int, place: float) -> Plane:
     """Plane at a grid index along an axis; it keeps larger indices for sign 1, smaller ones for −1."""
     index = np.zeros(3)

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from splatgl.data.caps import cap_meshes
 from splatgl.data.mask import parse_mask
-from splatgl.data.mesh import Mesh
+from splatgl.data.mesh import OF_VOLUME, Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.camera import Camera
@@ -152,6 +153,9 @@ class Scene:
     made: dict[Settings, tuple[Splats, ...]] = field(default_factory=dict, repr=False)
     # of each visible layer
     planes: tuple[tuple[Plane, ...], ...] = field(default=(), init=False, repr=False)
+    # meshes before they are clipped, and planes that clip those that are `clipped`; and slices
+    whole: tuple[tuple[Mesh, tuple[Plane, ...]], ...] = field(default=(), init=False, repr=False)
+    sliced: tuple[Mesh, ...] = field(default=(), init=False, repr=False)
     notes: tuple[str, ...] = field(default=(), init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -164,9 +168,8 @@ class Scene:
         own = [parse_planes(x.clip, Box.of([x.volume])) if x.clip is not None else planes for x in self.shown]
         object.__setattr__(self, "planes", tuple(own))
         meshes = [mesh.placed(first) for mesh in self.meshes]
-        meshes = [mesh.cut(planes) if mesh.clipped and planes else mesh for mesh in meshes]
         surfaces, notes = self._segment_surfaces()
-        object.__setattr__(self, "meshes", (*meshes, *surfaces, *self._slice_meshes()))
+        self.place_meshes([*((mesh, planes) for mesh in meshes), *surfaces])
         object.__setattr__(self, "notes", tuple(notes))
 
     @classmethod
@@ -196,28 +199,33 @@ class Scene:
         """The frame of all layers and meshes: LPS, RAS or None."""
         return _frame(self.layers)
 
-    def _segment_surfaces(self) -> tuple[list[Mesh], list[str]]:
-        surfaces, notes = list[Mesh](), list[str]()
+    def _segment_surfaces(self) -> tuple[list[tuple[Mesh, tuple[Plane, ...]]], list[str]]:
+        surfaces, notes = list[tuple[Mesh, tuple[Plane, ...]]](), list[str]()
         for layer, planes in zip(self.shown, self.planes, strict=True):
             if layer.surfaces is not None:
                 segments, off = smooth_surfaces(layer.volume, layer.transfer, layer.surfaces, closed=False)
-                surfaces += [replace(mesh.cut(planes), clipped=True) for mesh in segments]
+                surfaces += [(replace(mesh, clipped=True), planes) for mesh in segments]
                 count = f"{len(segments)} segment{'s' * (len(segments) != 1)}"
                 told = f"{count} drawn as smoothed surfaces ({layer.surfaces:g})"
                 notes.append(f"{layer.volume.name or 'labels'}: {told}, up to {off:.2g} voxels off the faces of voxels")
         return surfaces, notes
 
-    @property
-    def painter(self) -> Painter:
-        """The colours of slices. Raises InputError for clouds of points."""
-        self.require_voxels("slice")
+    def painter(self, what: str) -> Painter:
+        """The colours of a slice or caps, as `what` says. Raises InputError for clouds of points."""
+        self.require_voxels(what)
         looks = [(x, x.transfer) for x in self.shown if x.transfer is not None]
         return Painter([Painted(x.volume, slice_colors(x.volume, look), x.opacity) for x, look in looks])
+
+    def place_meshes(self, whole: Sequence[tuple[Mesh, tuple[Plane, ...]]]) -> None:
+        """Sets the meshes of a scene that is being made: `whole`, clipped, their caps, and slices."""
+        object.__setattr__(self, "whole", tuple(whole))
+        object.__setattr__(self, "sliced", tuple(self._slice_meshes()))
+        object.__setattr__(self, "meshes", self._clipped_meshes(()))
 
     def _slice_meshes(self) -> list[Mesh]:
         if not self.slices:
             return []
-        meshes, painter = list[Mesh](), self.painter
+        meshes, painter = list[Mesh](), self.painter("slice")
         for item in self.slices:
             one = item if isinstance(item, Slice) else Slice(item)
             meshes += [painter.mesh(plane, one.opacity) for plane in parse_slices(one.place, self.shown[0].volume)]
@@ -225,7 +233,17 @@ class Scene:
 
     def surfaces(self, settings: Settings) -> tuple[Mesh, ...]:
         """The meshes; those that are `clipped` are clipped by the planes of the settings, too."""
-        return tuple(mesh.cut(settings.clip) if mesh.clipped and settings.clip else mesh for mesh in self.meshes)
+        return self._clipped_meshes(settings.clip) if settings.clip else tuple(self.meshes)
+
+    def _clipped_meshes(self, clip: tuple[Plane, ...]) -> tuple[Mesh, ...]:
+        """The meshes, their caps, and slices. clip: further planes."""
+        meshes = list[Mesh]()
+        for mesh, planes in self.whole:
+            both = (*planes, *clip) if mesh.clipped else ()
+            meshes.append(mesh.cut(both) if both else mesh)
+            for plane, cap in cap_meshes(mesh, both) if mesh.caps else ():
+                meshes += self.painter("caps").cap(cap, plane) if mesh.caps == OF_VOLUME else [cap]
+        return (*meshes, *self.sliced)
 
     @property
     def shown(self) -> tuple[Layer, ...]:

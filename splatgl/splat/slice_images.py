@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +11,11 @@ import numpy as np
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.data.volume import Volume
+from splatgl.splat.clipping import Plane, box_planes
 from splatgl.splat.colormaps import FURTHEST, UNKNOWN, colormap
 from splatgl.splat.grid import Grid
 from splatgl.splat.resample import level_for, sample_places, sample_raster
-from splatgl.splat.slices import SlicePlane
+from splatgl.splat.slices import SlicePlane, plane_through
 from splatgl.splat.transfer import Transfer
 
 # sides of a pixel along right and down, world units
@@ -23,6 +24,8 @@ Pitch = tuple[float, float]
 TEXELS, MOST_TEXELS, MOST_VOXELS = 4, 1 << 20, 1 << 24
 # texels beyond the edges of a plane, which cubics need
 MARGIN = 2
+# area of a cap, as a share of the square of a volume's longest side, that is only rounding
+LEAST_AREA = 1e-12
 
 
 class Painted(NamedTuple):
@@ -125,6 +128,23 @@ class Painter:
 
     def mesh(self, plane: SlicePlane, opacity: float) -> Mesh:
         """The part of a plane in the first layer's volume, with its colours."""
+        faces = [[0, n, n + 1] for n in range(1, len(plane.corners) - 1)]
+        name, frame = f"slice {plane.title}", self.layers[0].volume.frame
+        return self._painted(Mesh(plane.corners, np.array(faces), opacity=opacity, name=name, frame=frame), plane)
+
+    def cap(self, mesh: Mesh, clip: Plane) -> list[Mesh]:
+        """Parts of a cap in a clipping plane: in the first layer's volume with the colours there, elsewhere plain."""
+        volume, parts = self.layers[0].volume, list[Mesh]()
+        for x, y, z, d in box_planes(volume):
+            parts.append(mesh.cut([(-x, -y, -z, -d)]))
+            mesh = mesh.cut([(x, y, z, d)])
+        if mesh.area > LEAST_AREA * float(np.ptp(volume.corners, axis=0).max()) ** 2:
+            plane = plane_through(volume, mesh.vertices.mean(axis=0), np.array(clip[:3]), np.eye(3)[2])
+            mesh = self._painted(mesh, plane)
+        return [part for part in (*parts, mesh) if len(part)]
+
+    def _painted(self, mesh: Mesh, plane: SlicePlane) -> Mesh:
+        """A mesh in a plane, with the colours there."""
         volume, nearest = self.layers[0].volume, any(layer.nearest for layer in self.layers)
         pitch, size = self._texel_grid(plane)
         low = plane.box[0]
@@ -139,17 +159,7 @@ class Painter:
         rows = np.array([plane.right / pitch[0], plane.down / pitch[1]])
         matrix = np.column_stack([rows, MARGIN - 0.5 - rows @ plane.point - low / np.array(pitch)])
         texture = Texture(self.light, texels.astype(np.float32), matrix, not nearest)
-        corners = plane.corners
-        faces = [[0, n, n + 1] for n in range(1, len(corners) - 1)]
-        return Mesh(
-            corners,
-            np.array(faces),
-            opacity=opacity,
-            name=f"slice {plane.title}",
-            frame=volume.frame,
-            colormap=self.layers[0].transfer.colormap,
-            texture=texture,
-        )
+        return replace(mesh, colormap=self.layers[0].transfer.colormap, texture=texture)
 
     def _texel_grid(self, plane: SlicePlane) -> tuple[Pitch, tuple[int, int]]:
         """Sides of a texel, world units, and columns and rows: the voxels of a plane along the axes of the only

@@ -114,7 +114,7 @@ def test_what_planes_refuse(renderer: sg.Renderer) -> None:
         sg.Scene([sg.Layer(block(), FOG)], slices=["y=40"])
     scene = sg.Scene([sg.Layer(block(), FOG)], slices=["y=4"])
     pytest.importorskip("pyvista")
-    with pytest.raises(InputError, match="slices: expected none in a plotter"):
+    with pytest.raises(InputError, match="slices and caps: expected none in a plotter"):
         scene.to_pyvista(off_screen=True)
     with pytest.raises(InputError, match="expected blend composite, got mip"):
         renderer.render(scene, ahead(), PLAIN.but(blend="mip"))

@@ -43,7 +43,7 @@ def plotter_of(scene: Scene, camera: Camera | None, settings: Settings | None, o
         planes = (*settings.clip, *layer_planes)
         plotter.add_actor(_volume(pyvista, layer, light, settings, planes), reset_camera=False)
     if any(mesh.texture is not None for mesh in scene.surfaces(settings)):
-        raise expected("slices", "none in a plotter", "a plane with colours by place", "PyVista's slice shows them")
+        raise expected("slices and caps", "none in a plotter", "colours by place", "PyVista's slice shows them")
     for mesh in map(paint_vertices, (*scene.surfaces(settings), *_iso_meshes(scene, settings))):
         color = srgb_from_linear(np.array(mesh.color)).tolist()
         look = {"scalars": "colors", "rgb": True} if mesh.colors is not None else {"color": color}
