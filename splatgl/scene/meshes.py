@@ -51,6 +51,8 @@ class MeshFile:
 
     def __post_init__(self) -> None:
         check_options(self)
+        # caps close what is cut
+        object.__setattr__(self, "clip", self.clip or bool(self.caps))
 
     @classmethod
     def of(cls, mesh: Any) -> MeshFile:

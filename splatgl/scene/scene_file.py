@@ -346,8 +346,8 @@ class SceneFile:
         meshes = (*self.meshes, *map(MeshFile.of, several(scene_options.pop("meshes", ()))))
         if options.get("clip_meshes") or options.get("caps"):
             adds_volume = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
-            cut = {"clip": True, **({"caps": options["caps"]} if options.get("caps") else {})}
-            meshes = tuple(replace(mesh, **cut) for mesh in [MeshFile(self.volume)] * adds_volume + [*meshes])
+            cut = [MeshFile(self.volume)] * adds_volume + [*meshes]
+            meshes = tuple(replace(mesh, clip=True, caps=options.get("caps") or mesh.caps) for mesh in cut)
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
         settings = {name: options[name] for name in names_of(Settings) if name in options}

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
+from splatgl.data.mesh import OF_VOLUME, PLAIN
 from splatgl.scene.meshes import MeshFile, is_mesh
 from splatgl.splat.colormaps import colormap
 from splatgl.splat.scene import MOST_LAYERS
@@ -19,6 +20,13 @@ from splatgl.viewer.state import LayerStyle, State
 # share of the panel's width that names take, and width of the menu of a row at a content scale of 1
 NAME, MENU = 0.4, 220.0
 UP, DOWN, REMOVE = "move up", "move down", "remove"
+# whether planes clip a mesh, and its caps
+CUTS = {
+    "leave it whole": (False, ""),
+    "open it": (True, ""),
+    "close it in its colour": (True, PLAIN),
+    "show the volume in it": (True, OF_VOLUME),
+}
 FIRST = "The first layer gives the picture its axes, grid and slices: it can be hidden, and stays first."
 
 T = TypeVar("T", LayerStyle, MeshFile)
@@ -84,8 +92,7 @@ def _draw_layer(state: State, number: int, style: LayerStyle, name: str) -> Stat
     if style.base.colormap.startswith("#"):
         color = pick_color(tuple(map(float, colormap(style.base.colormap)[-1])))
         edited = edited if color is None else replace(edited, base=replace(style.base, colormap=color))
-    title, action = _draw_menu(style.title, name, number > 0)
-    edited = replace(edited, title=title)
+    edited, action = _draw_menu(edited, name, number > 0)
     state = state if edited == style else state.with_style(number, edited)
     return move_layer(state, number, action) if action else state
 
@@ -104,9 +111,8 @@ def _draw_mesh(state: State, document: Document, number: int, mesh: MeshFile) ->
     linear = mesh.linear or (data.color if data is not None and uniform else None)
     # a mesh with colours of vertices or values shows grey until a colour is chosen
     color = pick_color((0.5, 0.5, 0.5) if linear is None else tuple(map(float, linear)))
-    title, action = _draw_menu(mesh.title, mesh.name, True)
-    changes: dict[str, Any] = {"visible": visible, "opacity": opacity, "title": title}
-    edited = replace(mesh, **changes, color=mesh.color if color is None else color)
+    edited = replace(mesh, visible=visible, opacity=opacity, color=mesh.color if color is None else color)
+    edited, action = _draw_menu(edited, mesh.name, True)
     files = state.mesh_files
     if edited != mesh:
         files = (*files[:number], edited, *files[number + 1 :])
@@ -114,8 +120,8 @@ def _draw_mesh(state: State, document: Document, number: int, mesh: MeshFile) ->
     return state if files == state.mesh_files else replace(state, mesh_files=files)
 
 
-def _draw_menu(title: str, name: str, is_movable: bool) -> tuple[str, str]:
-    """A button that opens the menu of a row. Returns the chosen title, and what is chosen besides; "" for nothing.
+def _draw_menu(entry: T, name: str, is_movable: bool) -> tuple[T, str]:
+    """A button that opens the menu of a row. Returns the edited entry, and what is chosen besides; "" for nothing.
     is_movable: whether it can be moved and removed.
     """
     imgui.same_line()
@@ -127,8 +133,13 @@ def _draw_menu(title: str, name: str, is_movable: bool) -> tuple[str, str]:
     imgui.set_next_window_size((MENU * imgui.get_style().font_scale_main, 0.0))
     action = ""
     if imgui.begin_popup("##menu"):
-        changed, typed = imgui.input_text_with_hint(label_left("name"), plain(name), title)
-        title = typed if changed else title
+        changed, typed = imgui.input_text_with_hint(label_left("name"), plain(name), entry.title)
+        entry = replace(entry, title=typed) if changed else entry
+        if isinstance(entry, MeshFile):
+            cuts = [(entry.clip, entry.caps) == cut for cut in CUTS.values()]
+            chosen, number = imgui.combo(label_left("cuts"), cuts.index(True), list(CUTS))
+            changes: dict[str, Any] = dict(zip(("clip", "caps"), list(CUTS.values())[number], strict=True))
+            entry = replace(entry, **changes) if chosen else entry
         imgui.begin_disabled(not is_movable)
         for choice in (UP, DOWN, REMOVE):
             if imgui.selectable(choice, False)[0]:
@@ -137,4 +148,4 @@ def _draw_menu(title: str, name: str, is_movable: bool) -> tuple[str, str]:
         if not is_movable:
             imgui.text_wrapped(FIRST)
         imgui.end_popup()
-    return title, action
+    return entry, action
