@@ -124,7 +124,7 @@ def layer_painter(layers: tuple[Look, ...], colored: bool) -> Painter:
     """The painter of slices of layers, as of `splatgl render --slice`. colored: else the first is grey, by its window,
     unless the layers add up.
     """
-    painter = Scene([Layer(*look) for look in layers]).painter
+    painter = Scene([Layer(*look) for look in layers]).painter("slice")
     first = painter.layers[0]
     if colored or first.nearest or all(layer.glows for layer in painter.layers):
         return painter
