@@ -18,7 +18,7 @@ from splatgl.data.volume import Slab, Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.extract_values import extract_post, gradients
 from splatgl.splat.grid import Grid
-from splatgl.splat.hidden_interior import REACH, HiddenInterior
+from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
 from splatgl.splat.preintegration import (
@@ -76,7 +76,7 @@ class Source:
         return why_only_pre(self.volume, self.transfer, self.threshold)
 
     def splats(self, classification: str, kernel: str, reach: int = 0) -> Splats:
-        """Extracts splats once for each classification, kernel and reach; reach: see `_extract_visible`, 0: of all
+        """Extracts splats once for each classification, kernel and reach; reach: see `_extract_visible`; 0: of all
         voxels, hidden ones included.
         """
         key = classification, kernel, reach
@@ -165,11 +165,11 @@ def _extract_visible(
     slab: int | None,
     progress: Progress | None = None,
     kernel: str = POST_KERNEL,
-    reach: int = REACH,
+    reach: int = 1,
 ) -> Splats:
     """Extracts the values of a volume without hidden interiors; colours of all voxels if there are more than MOST_KEPT.
 
-    reach: voxels that the kernels of pictures reach.
+    reach: cells of hidden_interior.py that the kernels of pictures reach.
     """
     post = ValueClassifier.of(transfer, kernel, volume.shape[::-1])
     hidden = HiddenInterior.of(volume, post, transfer.unit or Grid.of(volume).mean_spacing, reach)

@@ -1,12 +1,12 @@
 """Interiors of solid matter: voxels from which hardly any light reaches an eye outside the volume's box.
 
-The volume is divided into cells of REACH³ voxels, or more for wide pixels. Three lower bounds follow from each other.
+The volume is divided into cells of SIDE³ voxels. Three lower bounds follow from each other.
 
-1. Extinction. The values in a cell are means over the voxels of the cells around it: kernels reach two voxels, as many
-   more as a pixel is wider than a voxel, and all voxels further away have 10⁻⁵ of the weight, in any direction of the
-   rays; a cell is as wide as they reach. The extinction in a cell is therefore at
-   least the transfer function's minimum over the interval of the samples there, widened by SLACK for means that exceed
-   the samples beside a peak. Missing and masked voxels, and those beyond the ends, count as transparent.
+1. Extinction. The values in a cell are means over the voxels within the reach of the kernels around it: one cell, as
+   many more as a pixel is wider than a voxel; all voxels further away have 10⁻⁵ of the weight, in any direction of the
+   rays. The extinction in a cell is therefore at least the transfer function's minimum over the interval of the samples
+   there, widened by SLACK for means that exceed the samples beside a peak. Missing and masked voxels, and those beyond
+   the ends, count as transparent.
 2. Optical depth. Let a ray come from outside along (1, a, b) with 0 ≤ a, b ≤ 1, in cells. One cell further back along
    x, a point of cell (i, j, k) lies in cell (i − 1, j or j − 1, k or k − 1); between the two the ray passes only these
    eight cells, over at least the thickness of a cell. So the optical depth before any point of a cell is at least
@@ -16,9 +16,9 @@ The volume is divided into cells of REACH³ voxels, or more for wide pixels. Thr
    with D = 0 outside. Exchanged axes and signs give 24 cones that cover all directions; the least of their D is the
    bound for every eye outside. Rays are straight: a cavity behind matter is hidden although a bent channel leads to
    it, and a tunnel shows what lies along it.
-3. Light. If no cell around a cell has D < −log LIGHT, all points whose values depend on its voxels send less than LIGHT
-   to an eye outside. Without these voxels no ray changes before it has lost all light but LIGHT, and what lies behind,
-   colours and opacities up to 1, changes its pixel by less than LIGHT.
+3. Light. If no cell within reach of a cell has D < −log LIGHT, all points whose values depend on its voxels send less
+   than LIGHT to an eye outside. Without these voxels no ray changes before it has lost all light but LIGHT, and what
+   lies behind, colours and opacities up to 1, changes its pixel by less than LIGHT.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import FREE, kernel
 from splatgl.splat.preintegration import CELLS, ValueClassifier
 
-# voxels that kernels of values reach where no pixel is wider than a voxel
-REACH = 2
+# voxels along a cell, which kernels of values reach where no pixel is wider than a voxel
+SIDE = 2
 # largest change of a pixel: 1/13 of the least tolerance of a picture without the interior, which is one level of 8 bits
 # where sRGB is steepest
 TOLERANCE = 1 / 255
@@ -54,16 +54,14 @@ PROBE = 4
 
 @dataclass(frozen=True, eq=False)
 class HiddenInterior:
-    """Cells of hidden voxels. cells bool [Z, Y, X]: of side³ voxels each, the first at the volume's first voxel."""
+    """Cells of hidden voxels. cells bool [Z, Y, X]: of SIDE³ voxels each, the first at the volume's first voxel."""
 
     cells: np.ndarray
-    side: int
 
     @classmethod
-    def of(cls, volume: Volume, post: ValueClassifier, unit: float, side: int = REACH) -> HiddenInterior | None:
+    def of(cls, volume: Volume, post: ValueClassifier, unit: float, reach: int = 1) -> HiddenInterior | None:
         """The hidden interior of a volume in memory; None if there is none, or a small one, and for vectors, as
-        voxels may move along these. unit: reference length of opacities, world units. side: voxels, a power of two
-        from REACH on, that kernels reach.
+        voxels may move along these. unit: reference length of opacities, world units. reach: cells that kernels reach.
         """
         unsuitable = not isinstance(volume.samples, np.ndarray) or volume.vectors is not None
         if volume.count < LEAST or unsuitable or not _is_bounded(post):
@@ -72,25 +70,25 @@ class HiddenInterior:
         probe = _codes(post, volume.samples[::PROBE, ::PROBE, ::PROBE])
         if not _is_worth_it((extinction > 0)[probe], PROBE):
             return None
-        low, high = (least_around(ends) for ends in _ends(volume, post, side))
+        low, high = (least_around(ends, reach) for ends in _ends(volume, post))
         interval = (low.astype(np.uint16) << 8) + (FULL - high)
-        if not _is_worth_it(_depth_table(np.where(extinction > 0, np.inf, 0.0))[interval] > 0, side):
+        if not _is_worth_it(_depth_table(np.where(extinction > 0, np.inf, 0.0))[interval] > 0, SIDE):
             return None
         grid = Grid.of(volume)
-        thickness = side / np.linalg.norm(np.linalg.inv(grid.world_from_index), axis=1)
+        thickness = SIDE / np.linalg.norm(np.linalg.inv(grid.world_from_index), axis=1)
         tables = [_depth_table(extinction * (width / unit)) for width in thickness]
         depth = depths_from_outside([np.take(table, interval) for table in tables])
-        hidden = least_around(depth) == FULL
-        return cls(hidden[1:-1, 1:-1, 1:-1], side) if int(hidden.sum()) * side**3 >= LEAST else None
+        hidden = cls((least_around(depth, reach) == FULL)[1:-1, 1:-1, 1:-1])
+        return hidden if hidden.count >= LEAST else None
 
     @property
     def count(self) -> int:
         """Number of voxels in the cells."""
-        return int(self.cells.sum()) * self.side**3
+        return int(self.cells.sum()) * SIDE**3
 
     def inside(self, low: Places, high: Places) -> np.ndarray:
         """bool: whether voxels low ≤ (z, y, x) < high are hidden."""
-        z, y, x = (np.arange(a, b) // self.side for a, b in zip(low, high, strict=True))
+        z, y, x = (np.arange(a, b) // SIDE for a, b in zip(low, high, strict=True))
         return np.asarray(self.cells[np.ix_(z, y, x)])
 
 
@@ -101,7 +99,7 @@ def _is_worth_it(dense: np.ndarray, side: int) -> bool:
 
 def _is_bounded(post: ValueClassifier) -> bool:
     """Whether the range of the samples bounds the extinction around them."""
-    free = post.kernel == FREE or kernel(post.kernel).radius > REACH
+    free = post.kernel == FREE or kernel(post.kernel).radius > SIDE
     return not (free or post.every or post.lean or post.transfer.needs_gradients)
 
 
@@ -143,40 +141,43 @@ def _depth_table(depths: np.ndarray) -> np.ndarray:
     return np.where((low > 0) & (low <= high), minima[first, last], 0).astype(np.uint8).ravel()
 
 
-def _ends(volume: Volume, post: ValueClassifier, side: int) -> tuple[np.ndarray, np.ndarray]:
+def _ends(volume: Volume, post: ValueClassifier) -> tuple[np.ndarray, np.ndarray]:
     """uint8 [Z, Y, X], twice: the lowest code in each cell, FULL less the highest; 0 in a layer around all cells."""
     depth, height, width = volume.shape
-    count = [-(-size // side) for size in volume.shape]
+    count = [-(-size // SIDE) for size in volume.shape]
     low, high = (np.zeros([size + 2 for size in count], np.uint8) for _ in range(2))
-    planes = max(PART // (height * width) // side, 1) * side
+    planes = max(PART // (height * width) // SIDE, 1) * SIDE
     for first in range(0, depth, planes):
         last = min(first + planes, depth)
         code = _codes(post, volume.samples[first:last])
         if volume.masks:
             code = np.where(volume.kept((first, 0, 0), (last, height, width)), code, np.uint8(0))
-        code = np.pad(code, [(0, -size % side) for size in code.shape])
-        inner = (slice(1 + first // side, 1 + -(-last // side)), slice(1, -1), slice(1, -1))
-        low[inner] = _least_of_cells(code, side)
-        high[inner] = _least_of_cells(FULL - code, side)
+        code = np.pad(code, [(0, -size % SIDE) for size in code.shape])
+        inner = (slice(1 + first // SIDE, 1 + -(-last // SIDE)), slice(1, -1), slice(1, -1))
+        low[inner] = _least_of_cells(code)
+        high[inner] = _least_of_cells(FULL - code)
     return low, high
 
 
-def _least_of_cells(a: np.ndarray, side: int) -> np.ndarray:
-    """The minimum in each cell of a [side · Z, side · Y, side · X]. side: a power of two."""
-    while side > 1:
-        for axis in range(3):
-            a = np.moveaxis(a, axis, 0)
-            a = np.moveaxis(np.minimum(a[::2], a[1::2]), 0, axis)
-        side //= 2
+def _least_of_cells(a: np.ndarray) -> np.ndarray:
+    """The minimum in each cell of a [2 · Z, 2 · Y, 2 · X]."""
+    for axis in range(3):
+        a = np.moveaxis(a, axis, 0)
+        a = np.moveaxis(np.minimum(a[::SIDE], a[1::SIDE]), 0, axis)
     return a
 
 
-def least_around(a: np.ndarray) -> np.ndarray:
-    """The minimum over each element and its 26 neighbours; 0 beside the ends."""
-    for axis in range(3):
-        least, along = np.zeros_like(a), np.moveaxis(a, axis, 0)
-        np.minimum(np.minimum(along[:-2], along[2:]), along[1:-1], out=np.moveaxis(least, axis, 0)[1:-1])
-        a = least
+def least_around(a: np.ndarray, reach: int = 1) -> np.ndarray:
+    """The minimum over each element and all within `reach` along each axis; 0 within reach of the ends."""
+    covered = 0
+    while covered < reach:
+        step = min(covered + 1, reach - covered)
+        for axis in range(3):
+            least, along = np.zeros_like(a), np.moveaxis(a, axis, 0)
+            middle = np.moveaxis(least, axis, 0)[step:-step]
+            np.minimum(np.minimum(along[: -2 * step], along[2 * step :]), along[step:-step], out=middle)
+            a = least
+        covered += step
     return a
 
 

@@ -161,8 +161,8 @@ class ValueClassifier:
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
     kept [n, 2]: intervals of values around which voxels were kept. lean: without the voxels that only the rims of
     kernels need. faced: gradients at the volume's ends assume transparent neighbours, which lights the end faces; not
-    if gradients weight opacity, which would make the end faces visible. hollow: voxels that the kernels of pictures may
-    reach for which hidden interiors are left out, 0: none are, see hidden_interior.py.
+    if gradients weight opacity, which would make the end faces visible. hollow: cells of
+    hidden_interior.py that the kernels of pictures may reach, 0: hidden interiors are not left out.
     """
 
     transfer: Transfer

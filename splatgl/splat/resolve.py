@@ -16,7 +16,7 @@ from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera, check_reach
 from splatgl.splat.clipping import Clip, clip_splats
 from splatgl.splat.extract import POST_KERNEL, Progress, Source, extract, why_only_pre
-from splatgl.splat.hidden_interior import LIGHT, REACH, TOLERANCE
+from splatgl.splat.hidden_interior import LIGHT, TOLERANCE
 from splatgl.splat.kernels import BOX, FREE, Kernel, has_negative, kernel
 from splatgl.splat.lighting import LIGHTS, Light
 from splatgl.splat.mask_field import MaskField
@@ -473,7 +473,7 @@ AROUND_EYE = 8.0
 
 
 def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> int:
-    """Voxels, a power of two, that kernels reach in a picture from outside; 0 if it may show, or light by, matter that
+    """Cells, a power of two, that kernels reach in a picture from outside; 0 if it may show, or light by, matter that
     hollow splats lack; see hidden_interior.py.
     """
     cut = settings.clip or settings.ambient_occlusion > 0 or settings.shadows > 0
@@ -488,13 +488,13 @@ def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> 
     elif depths[0] < 0:
         return 0
     if settings.antialias == "off":
-        return REACH
+        return 1
     # kernels are as much wider as a pixel is wider than a voxel
     smallest = splats.grid.smallest_spacing
     samples = _samples(settings, float(camera.pixel_pitch(depths[1])) / smallest, camera.size, [])
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
     wider = max(float(depths[1]) / fine.z_k(smallest), 1.0)
-    return REACH * 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
+    return 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
 
 
 def why_classified_before(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> str | None:

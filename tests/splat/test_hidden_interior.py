@@ -39,11 +39,11 @@ def inside(distance: np.ndarray) -> np.ndarray:
     return np.clip(100 - 50 * distance, 0, 200)
 
 
-def hidden(samples: np.ndarray, transfer: sg.Transfer = SOLID, **volume: object) -> np.ndarray:
+def hidden(samples: np.ndarray, transfer: sg.Transfer = SOLID, reach: int = 1, **volume: object) -> np.ndarray:
     """bool: which samples are hidden."""
     whole = sg.Volume(samples.astype(np.float32), **volume)  # type: ignore[arg-type]
     post = ValueClassifier.of(transfer, "b-spline", whole.shape[::-1])
-    found = HiddenInterior.of(whole, post, transfer.unit or 1.0)
+    found = HiddenInterior.of(whole, post, transfer.unit or 1.0, reach)
     return np.zeros(samples.shape, bool) if found is None else found.inside((0, 0, 0), whole.shape)
 
 
@@ -104,6 +104,14 @@ def test_what_is_seen_along_a_tunnel_and_in_a_cavity(small_interiors: None) -> N
     channel = np.minimum(2 - across, -place[:, None, None])
     opened = hidden(inside(np.maximum(np.maximum(r - 22, 3 - r), channel)))
     assert 0 < opened.sum() < ball.sum() / 4 and not opened[r < 8].any()
+
+
+@pytest.mark.parametrize("reach", [1, 2, 4])
+def test_wider_kernels_reach_further(small_interiors: None, reach: int) -> None:
+    r = radius(96)
+    ball = hidden(inside(r - 46), reach=reach)
+    # twice along the diagonal of as many cells of 2 voxels: around values, and around what depends on a voxel
+    assert 46 - r[~ball].min() == pytest.approx(5 + 4 * 3**0.5 * reach, abs=1)
 
 
 def test_no_thin_or_translucent_matter_hides(small_interiors: None) -> None:
@@ -202,7 +210,7 @@ def test_wide_pixels_leave_out_less(small_interiors: None, renderer: sg.Renderer
         assert drawn.post is not None and len(splats) <= len(drawn) < len(whole)
         assert select_splats(splats, settings, False, view) is drawn
         reaches.append(drawn.post.hollow)
-    assert reaches == [2, 4]
+    assert reaches == [1, 2]
     pixels = renderer.render(splats, camera, settings).pixels
     assert np.abs(pixels - renderer.render(whole, camera, settings).pixels).max() <= LIGHT
 
