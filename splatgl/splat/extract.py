@@ -173,13 +173,13 @@ def _extract_visible(
     """
     post = ValueClassifier.of(transfer, kernel, volume.shape[::-1])
     hidden = HiddenInterior.of(volume, post, transfer.unit or Grid.of(volume).mean_spacing, reach)
-    post = replace(post, hollow=reach if hidden else 0)
     splats = _extract_values(volume, post, slab, progress, hidden)
     many = len(splats) + (hidden.count if hidden else 0) > MOST_KEPT
     if many and len(splats) > MOST_KEPT:
         _check_iso(volume, transfer, f"more than {MOST_KEPT:,} values")
-        splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress)
-    return replace(splats, frame=volume.frame, source=Source(volume, transfer, threshold, slab, many))
+        splats = extract_pre(volume, transfer, threshold, _planes(volume, slab), progress, hidden)
+    source = Source(volume, transfer, threshold, slab, many)
+    return replace(splats, frame=volume.frame, source=source, hollow=reach if hidden else 0)
 
 
 def _extract_values(
@@ -288,9 +288,14 @@ class Lookup:
 
 
 def extract_pre(
-    volume: Volume, transfer: Transfer, threshold: float, planes: int, progress: Progress | None = None
+    volume: Volume,
+    transfer: Transfer,
+    threshold: float,
+    planes: int,
+    progress: Progress | None = None,
+    interior: HiddenInterior | None = None,
 ) -> Splats:
-    """Splats of all finite voxels with t > threshold, in row order; planes: of a slab."""
+    """Splats of all finite voxels with t > threshold, in row order, without a hidden interior; planes: of a slab."""
     depth = volume.shape[0]
     grid = Grid.of(volume)
     lookup = Lookup.of(transfer, volume.samples.dtype, threshold, record_type(volume.shape, post=False))
@@ -305,6 +310,9 @@ def extract_pre(
         inner = part.samples[part.before : part.before + part.stop - part.start]
         # voxels whose opacity may exceed the threshold
         hidden = None if not volume.masks else ~_unmasked(volume, part.start, len(inner))
+        if interior:
+            within = interior.inside((part.start, 0, 0), (part.stop, *volume.shape[1:]))
+            hidden = within if hidden is None else hidden | within
         flat = np.flatnonzero(lookup.keeps(inner) if hidden is None else lookup.keeps(inner) & ~hidden)
         color = None if volume.color is None or not len(flat) else np.asarray(volume.color[part.start : part.stop])
         if normals is not None:

@@ -228,7 +228,7 @@ def _in_cells(splats: Splats, flow: np.ndarray) -> np.ndarray:
     """World velocities [N, 3] of all splats in grid steps. InputError for another number of splats, and for hollow
     ones, whose interior they might open.
     """
-    if splats.post is not None and splats.post.hollow:
+    if splats.hollow:
         raise expected("flow", "all splats", "those without hidden interiors", 'extract with classification="post"')
     if flow.shape != (len(splats), 3):
         raise expected("flow", f"velocities of {len(splats)} splats", flow.shape)

@@ -161,8 +161,7 @@ class ValueClassifier:
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
     kept [n, 2]: intervals of values around which voxels were kept. lean: without the voxels that only the rims of
     kernels need. faced: gradients at the volume's ends assume transparent neighbours, which lights the end faces; not
-    if gradients weight opacity, which would make the end faces visible. hollow: cells of
-    hidden_interior.py that the kernels of pictures may reach, 0: hidden interiors are not left out.
+    if gradients weight opacity, which would make the end faces visible.
     """
 
     transfer: Transfer
@@ -173,7 +172,6 @@ class ValueClassifier:
     kept: np.ndarray
     lean: bool = False
     faced: bool = True
-    hollow: int = 0
 
     @classmethod
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> ValueClassifier:
@@ -209,7 +207,7 @@ class ValueClassifier:
 
     def holds(self, transfer: Transfer) -> bool:
         """Whether the records serve another transfer function: they contain all voxels that it needs, and resolve its
-        range. Never without hidden interiors, which depend on it.
+        range.
         """
         low, high = self.with_transfer(transfer).range
         furthest = max(abs(low), abs(high))
@@ -217,7 +215,7 @@ class ValueClassifier:
         starts, ends = self.kept.T
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
         covered = ((starts - slack <= a) & (b <= ends + slack) for a, b in wanted_intervals(transfer, self.span))
-        resolved &= not self.hollow and self.faced != transfer.needs_gradients
+        resolved &= self.faced != transfer.needs_gradients
         return resolved and all(interval.any() for interval in covered)
 
     @property

@@ -453,12 +453,14 @@ def _classified(splats: Splats, settings: Settings, moving: bool, camera: Camera
         return splats
     how, kernel = extraction_kind(settings, moving, source.only_pre, source.volume.count)
     if post is None:
-        serves = how == "pre" or (how == "post" and source.many and settings.classification == "auto")
+        serves = (how == "pre" and not splats.hollow) or (
+            how == "post" and source.many and settings.classification == "auto"
+        )
     else:
         serves = how != "pre" and post.kernel == kernel and (how == "post" or post.every)
-    if serves and post is not None and post.hollow:
+    if serves and splats.hollow:
         reach = reach_outside(splats, settings, camera)
-        if 0 < reach <= post.hollow:
+        if 0 < reach <= splats.hollow and (post is not None or kernel == POST_KERNEL):
             return splats
         if settings.classification != "auto":
             return source.splats(how, kernel)
@@ -511,12 +513,14 @@ def why_classified_before(source: Source | None, selected: Splats, settings: Set
 
 def classification_notes(source: Source | None, selected: Splats, settings: Settings, moving: bool) -> list[str]:
     """Notes on why `auto` classifies voxels instead of reconstructed values, or leaves some out, if it does."""
-    if selected.post is not None and selected.post.hollow:
-        return [f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them"]
+    inner = f"inner voxels left out: less than {LIGHT:.1g} of their light leaves the matter around them"
+    notes = [inner] if selected.hollow else []
     if source is None or settings.classification != "auto":
-        return []
+        return notes
     why = why_classified_before(source, selected, settings, moving)
-    return [f"classification after reconstruction left out: {why}; the picture would be another"] if why else []
+    return (
+        [*notes, f"classification after reconstruction left out: {why}; the picture would be another"] if why else notes
+    )
 
 
 def check_blur_supported(what: str, settings: Settings, flow: bool) -> None:

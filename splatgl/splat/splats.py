@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from splatgl.splat.label_normals import LabelNormals
     from splatgl.splat.mask_field import MaskField
     from splatgl.splat.settings import Settings
+    from splatgl.splat.transfer import Transfer
 
 
 class Same:
@@ -218,7 +219,8 @@ class Splats:
     dropped_depth: largest optical depth that the threshold removed from one axis line. source: volume from which
     pictures extract splats of the other classification; None for parts. mask: clips rays through values. frame: the
     volume's anatomical frame. labels: normals of labels, which are drawn as boxes; None for other splats.
-    unmasked: number of missing samples that `mask` ignores: matter is up to a voxel wider there.
+    unmasked: number of missing samples that `mask` ignores: matter is up to a voxel wider there. hollow: cells of
+    hidden_interior.py that the kernels of pictures may reach, as hidden interiors are left out; 0: they are not.
     """
 
     records: np.ndarray
@@ -237,6 +239,7 @@ class Splats:
     frame: str | None = None
     labels: LabelNormals | None = None
     unmasked: int = 0
+    hollow: int = 0
     notes: ClassVar[tuple[str, ...]] = ()
 
     def __len__(self) -> int:
@@ -246,6 +249,10 @@ class Splats:
         """Number and kind of the splats in one line."""
         kind = "values" if self.post is not None else "classified" + ", shaded" * self.shaded
         return f"<Splats {self.name!r}: {len(self):,} {kind}, spacing {self.grid.mean_spacing:.4g}>"
+
+    def holds(self, transfer: Transfer) -> bool:
+        """Whether these values serve another transfer function; never without hidden interiors, which depend on it."""
+        return self.post is not None and not self.hollow and self.post.holds(transfer)
 
     @classmethod
     def from_points(

@@ -198,7 +198,7 @@ class LayerSplats:
         made = {
             stride: splats.with_classifier(splats.post.with_transfer(self._transfer_at(stride, transfer)))
             for stride, splats in post.made.copy().items()
-            if splats.post is not None and splats.post.holds(transfer)
+            if splats.post is not None and splats.holds(transfer)
         }
         layer = replace(self, transfer=transfer, threshold=threshold, kind=post.kind, estimates=self.counts)
         return replace(layer, made=made, shells=made.copy(), variants={})

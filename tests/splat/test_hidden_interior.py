@@ -9,7 +9,7 @@ import pytest
 
 import splatgl as sg
 from splatgl.errors import InputError
-from splatgl.splat import hidden_interior
+from splatgl.splat import extract, hidden_interior
 from splatgl.splat.bricks import Bricks
 from splatgl.splat.hidden_interior import LIGHT, HiddenInterior, depths_from_outside
 from splatgl.splat.preintegration import ValueClassifier
@@ -160,8 +160,8 @@ def test_only_bounded_values_are_hidden(small_interiors: None) -> None:
         assert (HiddenInterior.of(samples, post, 1.0) is not None) == is_hidden
     # voxels that may move
     flowing = replace(samples, vectors=np.zeros((*samples.shape, 3), np.float32))
-    assert sg.extract(samples, SOLID).post.hollow  # type: ignore[union-attr]
-    assert not sg.extract(flowing, SOLID).post.hollow  # type: ignore[union-attr]
+    assert sg.extract(samples, SOLID).hollow  # type: ignore[union-attr]
+    assert not sg.extract(flowing, SOLID).hollow  # type: ignore[union-attr]
 
 
 @pytest.fixture
@@ -209,7 +209,7 @@ def test_wide_pixels_leave_out_less(small_interiors: None, renderer: sg.Renderer
         drawn = select_splats(splats, settings, False, view)
         assert drawn.post is not None and len(splats) <= len(drawn) < len(whole)
         assert select_splats(splats, settings, False, view) is drawn
-        reaches.append(drawn.post.hollow)
+        reaches.append(drawn.hollow)
     assert reaches == [1, 2]
     pixels = renderer.render(splats, camera, settings).pixels
     assert np.abs(pixels - renderer.render(whole, camera, settings).pixels).max() <= LIGHT
@@ -229,10 +229,10 @@ INTERIOR = {
 @pytest.mark.parametrize("name", INTERIOR)
 def test_other_pictures_get_all_voxels(ball: sg.Volume, camera: sg.Camera, name: str) -> None:
     splats = sg.extract(ball, SOLID)
-    assert splats.post is not None and splats.post.hollow
+    assert splats.post is not None and splats.hollow
     drawn = select_splats(splats, INTERIOR[name], False, camera)
     whole = sg.extract(ball, SOLID, classification="post-all" if name == "mean" else "post")
-    assert drawn.post is not None and not drawn.post.hollow
+    assert drawn.post is not None and not drawn.hollow
     assert len(drawn) == len(select_splats(whole, INTERIOR[name], False, camera))
 
 
@@ -242,13 +242,26 @@ def test_eyes_inside_and_wide_pixels_get_all_voxels(ball: sg.Volume, camera: sg.
     near = sg.Camera.look_at((24, -4, 24), (24, 24, 24), (0, 0, 1), size=(32, 32))
     cutting = sg.Camera.orthographic((24, 24, 24), (24, 48, 24), (0, 0, 1), 50, (32, 32))
     for view in (near, cutting, camera.resized((4, 4)), None):
-        assert not select_splats(splats, settings, False, view).post.hollow  # type: ignore[union-attr]
+        assert not select_splats(splats, settings, False, view).hollow  # type: ignore[union-attr]
+
+
+def test_too_many_values_are_classified_before_without_the_interior(
+    ball: sg.Volume, camera: sg.Camera, renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(extract, "MOST_KEPT", 10_000)
+    splats, whole = sg.extract(ball, SOLID), sg.extract(ball, SOLID, classification="pre")
+    assert splats.post is None and splats.hollow and len(splats) < len(whole)
+    assert select_splats(splats, sg.Settings(), False, camera) is splats
+    pictures = [renderer.render(drawn, camera, sg.Settings()).pixels for drawn in (splats, whole)]
+    assert pictures[0].max() > 0.5 and np.abs(np.subtract(*pictures)).max() <= LIGHT
+    for changed in (*INTERIOR.values(), sg.Settings(classification="pre")):
+        drawn = select_splats(splats, changed, False, camera)
+        assert not drawn.hollow and len(drawn) >= len(select_splats(whole, changed, False, camera))
 
 
 def test_a_hollow_set_serves_no_other_transfer_function(ball: sg.Volume, camera: sg.Camera) -> None:
     splats = sg.extract(ball, SOLID)
     whole = sg.extract(ball, SOLID, classification="post")
-    assert splats.post is not None and whole.post is not None
-    assert whole.post.holds(SOLID) and not splats.post.holds(SOLID)
+    assert whole.holds(SOLID) and not splats.holds(SOLID)
     with pytest.raises(InputError, match="flow: expected all splats"):
         sg.Motion(flow=np.ones((len(splats), 3))).move(splats, 0.5)
