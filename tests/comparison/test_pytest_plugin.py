@@ -38,7 +38,7 @@ ONE = TEST + "\ndef test_it(splatgl_image):\n    splatgl_image(picture(float(os.
 @pytest.fixture(autouse=True)
 def quick(pytester: pytest.Pytester) -> None:
     """Other packages' plugins take a second to load in each run."""
-    others = ("hypothesispytest", "zarr", "napari", "napari-plugin-engine", "npe2", "platformdirs")
+    others = ("zarr", "napari", "napari-plugin-engine", "npe2", "platformdirs")
     pytester.makeini(f"[pytest]\naddopts = {' '.join(f'-p no:{name}' for name in others)}")
 
 

@@ -18,7 +18,7 @@ from splatgl.errors import InputError
 from splatgl.readers import load
 from splatgl.readers.common import map_array
 
-for _library in ("hypothesis", "h5py", "mrcfile", "nibabel", "nrrd", "tifffile", "zarr"):
+for _library in ("h5py", "mrcfile", "nibabel", "nrrd", "tifffile", "zarr"):
     pytest.importorskip(_library, reason="the extras dev and readers write and read the files")
 
 from tests.fuzz import seed_files  # noqa: E402
