@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shutil
 import textwrap
 from html import escape
 from pathlib import Path
@@ -31,7 +32,33 @@ STYLE = """
 .md-typeset table:not([class]) td:last-child { min-width: 8rem; }
 .md-typeset pre > code { font-size: .74em; }
 .md-typeset details { font-size: inherit; }
-@media (max-width: 44.9em) { .md-typeset pre > code { white-space: pre-wrap; overflow-wrap: anywhere; } }
+.md-typeset h1 { color: var(--md-default-fg-color); font-weight: 400; }
+.md-typeset table:not([class]) :is(td, th) { padding: .7em .6em; }
+.md-typeset :is(.language-sh, .language-python) pre > code { white-space: pre-wrap; overflow-wrap: anywhere; }
+.md-typeset .language-sh pre > code { padding-right: 3em; }
+.md-tabs__link { opacity: 1; }
+.md-tabs__item--active .md-tabs__link { font-weight: 700; }
+@media (max-width: 44.9em) {
+  .md-typeset pre > code { white-space: pre-wrap; overflow-wrap: anywhere; }
+  .md-typeset .language-sh pre > code { white-space: pre-line; }
+}
+"""
+# browsers start no workers for pages of a folder: there the search runs in a frame
+WORKER = """
+if (location.protocol === "file:") window.Worker = class extends EventTarget {
+  constructor(url) {
+    super();
+    const frame = document.createElement("iframe"), script = document.createElement("script");
+    frame.hidden = true;
+    document.body.append(frame);
+    this.inside = frame.contentWindow;
+    this.inside.postMessage = data => this.dispatchEvent(new MessageEvent("message", {data}));
+    script.src = url;
+    this.loaded = new Promise(resolve => { script.onload = resolve; });
+    this.inside.document.body.append(script);
+  }
+  postMessage(data) { this.loaded.then(() => this.inside.dispatchEvent(new MessageEvent("message", {data}))); }
+};
 """
 
 
@@ -122,7 +149,7 @@ def site_page(text: str) -> str:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Adds the generated pages and the style sheet."""
+    """Adds the generated pages, the style sheet and the script."""
     from mkdocs.structure.files import File
 
     for name, source in ELSEWHERE.items():
@@ -130,7 +157,16 @@ def on_files(files: Any, config: Any) -> Any:
         files.append(File.generated(config, name, content=text.replace("../splatgl/docs/", "")))
     files.append(File.generated(config, "commands.md", content=command_reference()))
     files.append(File.generated(config, "site.css", content=STYLE))
+    files.append(File.generated(config, "iframe-worker.js", content=WORKER))
     return files
+
+
+def on_post_build(config: Any) -> None:
+    """Removes a quarter of the site, which no browser loads: maps of sources, and the search of other languages."""
+    scripts = Path(config["site_dir"]) / "assets" / "javascripts"
+    shutil.rmtree(scripts / "lunr")
+    for path in Path(config["site_dir"]).rglob("*.map"):
+        path.unlink()
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -6,6 +6,7 @@ import argparse
 import inspect
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -44,6 +45,8 @@ GUIDE = sorted(DOCS.glob("*.md"))
 PAGES = [TOP, ROOT / ".github" / "CONTRIBUTING.md", ROOT / ".github" / "SECURITY.md", *GUIDE]
 IDS = [path.relative_to(ROOT).as_posix() for path in PAGES]
 MOST_LINES = 120
+# of the site: pictures are half of it
+MOST_SITE_BYTES = 10_000_000
 # pages of the guide without a picture, or without a reference at the end
 NO_PICTURE, NO_REFERENCE = {"api", "changelog", "stability"}, {"api", "changelog", "index"}
 # of code blocks; text is output, and holds no command
@@ -587,6 +590,7 @@ def test_the_api_has_every_public_name() -> None:
 
 @pytest.mark.long
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    """It loads nothing from elsewhere, no page links to a file that is not there, and a folder's pages are searched."""
     for module in ("mkdocs", "material", "mkdocstrings"):
         pytest.importorskip(module, reason="scripts/docs needs the extra docs")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", "scripts/mkdocs.yml", "-d", str(tmp_path)]
@@ -594,3 +598,16 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     assert built.returncode == 0, built.stderr
     page = (tmp_path / "api.html").read_text()
     assert "splatgl.Renderer" in page and "<li><code>transfer</code>: a Transfer" in page
+    for path in tmp_path.glob("*.html"):
+        html = path.read_text(encoding="utf-8")
+        assert not re.search(r'(?:src="|<link [^>]*href=")https?:', html), path
+        links = {link.partition("#")[0].partition("?")[0] for link in re.findall(r'(?:href|src)="([^"]+)"', html)}
+        local = {link for link in links - {""} if not re.match(r"\w+:", link)}
+        assert not [link for link in local if not (tmp_path / link.lstrip("/")).exists()], path
+    assert sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file()) < MOST_SITE_BYTES
+    if browser := shutil.which("chromium") or shutil.which("google-chrome"):
+        found = (tmp_path / "index.html").as_uri() + "?q=kernel"
+        options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'user'}", "--dump-dom"]
+        dump = [browser, *options, "--virtual-time-budget=4000", found]
+        page = subprocess.run(dump, capture_output=True, text=True, check=True, timeout=600).stdout
+        assert re.search(r"\d+ matching documents", page)
