@@ -5,8 +5,8 @@
 In order, and ending at the first failure: the version and its entry in the changelog; wheel and source archive, built
 twice with the same bytes; twine's check; for every Python from 3.11 on that the machine has, the wheel with its newest
 extras and the tests in the source archive, then the core built from the source archive; the lowest versions that
-pyproject.toml allows, by the oldest Python; a list of components (CycloneDX) and checksums. Prints the command that
-uploads the archives.
+pyproject.toml allows, by the oldest Python; conda-forge's recipe with the source archive's checksum; a list of
+components (CycloneDX) and checksums. Prints the command that uploads the archives.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ def run(*command: str | Path, folder: Path = REPOSITORY, **environment: str) -> 
     done = subprocess.run(
         [str(part) for part in command],
         cwd=folder,
-        env={**os.environ, **environment},
+        # a path to the repository would hide what is installed
+        env={**{name: value for name, value in os.environ.items() if name != "PYTHONPATH"}, **environment},
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -65,8 +66,12 @@ def find_version(rehearsal: bool) -> str:
         )
     if not re.search(rf"^## {re.escape(version)} \(\d{{4}}-\d\d-\d\d\)$", changelog(), re.M):
         raise Failure(f"changelog: expected the heading '## {version} (YYYY-MM-DD)', got none")
-    if f"\nversion: {version}\n" not in (REPOSITORY / ".github/CITATION.cff").read_text():
-        raise Failure(f".github/CITATION.cff: expected version {version}, got another")
+    for name, line in (
+        (".github/CITATION.cff", f"version: {version}"),
+        ("scripts/recipe.yaml", f'  version: "{version}"'),
+    ):
+        if f"\n{line}\n" not in (REPOSITORY / name).read_text():
+            raise Failure(f"{name}: expected version {version}, got another")
     if run("git", "status", "--porcelain").strip():
         raise Failure("files: expected all changes committed, got others; commit them, or use --rehearsal")
     return version
@@ -210,6 +215,8 @@ def main() -> None:
         wheel, source = build(folder, args.address)
         core = check(wheel, source, work, args.tests or (REHEARSED if args.rehearsal else quick_tests()))
         components = folder / f"splatgl-{version}.cdx.json"
+        recipe = (REPOSITORY / "scripts/recipe.yaml").read_text()
+        (folder / "recipe.yaml").write_text(recipe.replace("0" * 64, checksums(folder)[source.name]))
         run(sys.executable, "-m", "cyclonedx_py", "environment", "--output-reproducible", "-o", components, core.python)
         sums = "".join(f"{digest}  {name}\n" for name, digest in checksums(folder).items())
         (folder / "SHA256SUMS").write_text(sums)

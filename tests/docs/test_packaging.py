@@ -1,4 +1,6 @@
-"""The wheel carries the shaders, from the repository and from an sdist; the core depends on six packages."""
+"""The wheel carries the shaders, from the repository and from an sdist; the core depends on six packages, by the recipe
+for conda-forge, too; versions agree.
+"""
 
 from __future__ import annotations
 
@@ -85,3 +87,32 @@ def test_core_is_six_packages() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert {line.split(">=")[0] for line in project["dependencies"]} == CORE
     assert project["scripts"] == {"splatgl": "splatgl.cli.main:main"}
+
+
+def test_the_recipe_is_that_of_the_package() -> None:
+    """Version, Python, entry point and dependencies, two of which have other names on conda-forge."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    text = (ROOT / "scripts" / "recipe.yaml").read_text(encoding="utf-8")
+    assert f'version: "{sg.__version__}"\n' in text and f"summary: {project['project']['description']}\n" in text
+    assert f'python_min: "{project["project"]["requires-python"].removeprefix(">=")}"\n' in text
+    (backend,) = project["build-system"]["requires"]
+    assert f"- {backend.replace('>=', ' >=')}\n" in text
+    ((name, place),) = project["project"]["scripts"].items()
+    assert f"- {name} = {place}\n" in text
+    run = re.findall(r"(?m)^    - (.+ >=.+)$", text.partition("\n  run:\n")[2].partition("\n\n")[0])
+    named = [line.replace(">=", " >=").replace("glfw", "pyglfw").lower() for line in project["project"]["dependencies"]]
+    assert sorted(run) == sorted(["python >=${{ python_min }}", *named])
+
+
+def test_the_citation_has_the_version() -> None:
+    assert f"\nversion: {sg.__version__}\n" in (ROOT / ".github" / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_the_image_has_what_the_set_up_installs() -> None:
+    """Software OpenGL, and the files that the wheel is built from."""
+    image = (ROOT / "scripts" / "Dockerfile").read_text(encoding="utf-8")
+    packages = re.search(r'mesa_packages="([^"]+)"', (ROOT / "scripts" / "setup.sh").read_text(encoding="utf-8"))
+    assert packages is not None and f"python3 {packages[1]} " in image
+    copied = re.findall(r"(?m)^COPY (?!--)(.+) \S+$", image)
+    assert copied and all((ROOT / name).exists() for line in copied for name in line.split())
+    assert re.search(r"(?m)^USER (?!root)", image)
