@@ -39,7 +39,7 @@ MARKS: dict[Any, str] = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Paramete
 
 
 def python_names() -> Iterator[str]:
-    """Functions with their parameters, those with defaults by `=`; classes also with methods and properties."""
+    """Functions with their parameters; classes also with methods and properties."""
     for name in sg.__all__:
         value = getattr(sg, name)
         if isinstance(value, ModuleType):
@@ -67,15 +67,14 @@ def owned(item: Any) -> bool:
 
 
 def lines_of(name: str, value: Any) -> Iterator[str]:
-    """A line with the parameters of a function or class, in order, and one for each that is a keyword only."""
+    """A line with the parameters that a function or class needs, in order, and one for each that has a default."""
     if not callable(value) or (inspect.isclass(value) and issubclass(value, BaseException)):
         yield name
         return
     found = inspect.signature(value).parameters.values()
-    only = [item.name for item in found if item.kind is item.KEYWORD_ONLY]
-    placed = [f"{MARKS.get(item.kind, '')}{item.name}{'=' * (item.default is not item.empty)}" for item in found]
-    yield f"{name}({', '.join(text for text in placed if text.strip('=') not in only)})"
-    yield from (f"{name}(… {keyword}=)" for keyword in only)
+    needed = [MARKS.get(item.kind, "") + item.name for item in found if item.default is item.empty]
+    yield f"{name}({', '.join(needed)})"
+    yield from (f"{name}(… {item.name}=)" for item in found if item.default is not item.empty)
 
 
 def command_names() -> Iterator[str]:

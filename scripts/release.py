@@ -72,6 +72,8 @@ def find_version(rehearsal: bool) -> str:
     ):
         if f"\n{line}\n" not in (REPOSITORY / name).read_text():
             raise Failure(f"{name}: expected version {version}, got another")
+    # new public names are listed
+    run(sys.executable, "scripts/public_names.py")
     if run("git", "status", "--porcelain").strip():
         raise Failure("files: expected all changes committed, got others; commit them, or use --rehearsal")
     return version
