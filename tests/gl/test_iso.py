@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial, reduce
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import splatgl as sg
+from splatgl.cli.main import main
+from splatgl.distributed.render import Part, join_parts
 from splatgl.gl.shader import compose
 from splatgl.reference.depth_map import depths
 from splatgl.reference.field import field_integral
 from splatgl.reference.pick import pick
+from splatgl.splat import bricks
 from splatgl.splat.iso import spline_crossings
 
 SIZE, CENTER, RADIUS = 26, np.array([12.7, 12.4, 12.2]), 8.0
@@ -84,6 +89,18 @@ def test_a_half_transparent_surface_is_crossed_exactly_twice(draw: Any, way: tup
 
 
 @pytest.mark.parametrize("way", WAYS)
+def test_a_thin_layer_is_crossed_twice_within_a_sheet(draw: Any, way: tuple[str, str]) -> None:
+    """One plane of voxels, just below the largest value there."""
+    samples = np.zeros((20, 20, 20), np.float32)
+    samples[:, 10] = 1.0
+    splats = sg.extract(sg.Volume(samples), sg.Transfer([(0, 0), (1, 0)], iso=[(0.97, "red", 0.5)]))
+    middle = np.array([9.5, 9.5, 9.6])
+    for away, sheets in itertools.product((40.0, 40.13, 40.25), (2, 4)):
+        camera = sg.Camera.orthographic(middle - (0, away, 0), middle, (0, 0, 1), height=8, size=(8, 8))
+        assert np.abs(draw(way, splats, camera, EXACT.but(sheets=sheets))[..., 3] - 0.75).max() < 1e-5
+
+
+@pytest.mark.parametrize("way", WAYS)
 def test_a_mesh_hides_what_lies_behind_it(draw: Any, way: tuple[str, str]) -> None:
     """A plane leaves a cap of the ball before it, whose rim tells the depth of the surface."""
     camera, height = parallel(away=(0.0, -1.0, 0.0)), 6.0
@@ -106,10 +123,13 @@ def test_a_clip_plane_opens_it(draw: Any, way: tuple[str, str]) -> None:
     assert np.abs(pixels[inside, 3] - 0.5).max() < 1e-5
 
 
+REGIONS = ["box:8,16,0.5,1.2:#ff8800:0.2", "gaussian:12,18,0.2,1.1:lime:0.1"]
 SUBJECTS = {
     "surfaces": surface((12.0, "red", 0.4), (14.5, "#00ff00", 0.5), (9.0, "", 0.3)),
     "with matter": surface((12.0, "red", 0.5), points=[(11.0, 0.0), (12.0, 0.0), (15.0, 0.4)]),
     "unshaded matter": surface((12.0, "red", 0.5), points=[(8.0, 0.0), (15.0, 0.1)], shading=False),
+    "regions": surface((12.0, "red", 0.5), points=[(8.0, 0.0), (15.0, 0.1)], regions=REGIONS),
+    "regions alone": surface((12.0, "red", 0.5), regions=REGIONS),
     "weighted": surface((12.0, "red", 0.5), points=[(8.0, 0.0), (15.0, 0.3)], gradient=[(0.0, 0.3), (1.2, 1.0)]),
 }
 CHANGES = {
@@ -132,14 +152,56 @@ def test_pictures_agree_with_float64(draw: Any, kind: str, change: str, way: tup
     assert np.sort(off.ravel())[-3] < 2e-4
 
 
-@pytest.mark.parametrize("kind", ["surfaces", "with matter"])
+@pytest.mark.parametrize("kind", ["surfaces", "with matter", "regions"])
 def test_float64_agrees_with_the_field(kind: str) -> None:
     """Marched in small steps, with no sheets."""
     volume, camera = ball(), parallel(size=12)
     sheets = sg.reference.render(sg.extract(volume, SUBJECTS[kind]), camera, EXACT).pixels
     marched = field_integral(volume, SUBJECTS[kind], camera, steps_per_voxel=4).pixels
     inside = distance_of(camera) < RADIUS - 2
-    assert np.abs(sheets - marched)[inside].max() < 4e-3
+    # between sheets, regions are means over lines of value and gradient
+    assert np.abs(sheets - marched)[inside].max() < (6e-3 if kind == "regions" else 4e-3)
+
+
+def test_a_picture_within_memory_is_that_of_the_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--memory` reads a file in bricks."""
+    np.save(tmp_path / "ball.npy", ball().samples)
+    options = ["--iso", "12:red", "--points", "0:0,20:0", "--size", "24", "--check", "0"]
+    pictures = []
+    for memory in ("1TiB", "1KB"):
+        command = ["render", str(tmp_path / "ball.npy"), *options, "--memory", memory]
+        assert main([*command, "-o", str(tmp_path / "a.npy")]) == 0
+        assert ("drawn in 1 bricks" in capsys.readouterr().out) == (memory == "1KB")
+        pictures.append(np.load(tmp_path / "a.npy"))
+    assert pictures[0][..., 3].sum() > 50
+    # at a rim, float32 may find or miss a pair of crossings
+    assert np.sort(np.abs(pictures[0] - pictures[1]).max(axis=-1).ravel())[-3] < 1e-4
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("kind", ["surfaces", "with matter", "regions"])
+def test_bricks_and_parts_of_a_picture_agree_with_float64(
+    kind: str, renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Parts as workers draw them, between whose sheets surfaces pass."""
+    monkeypatch.setattr(bricks, "BATCH", 200)
+    volume, camera, settings = ball(), parallel(size=24), EXACT.but(occlusion="off")
+    right = sg.reference.render(sg.extract(volume, SUBJECTS[kind]), camera, settings).pixels
+    found = bricks.bricks_of(volume, SUBJECTS[kind], settings)
+    assert found is not None
+    some = bricks.Bricks.of(volume, found.post, 8)
+    whole = renderer.render_bricks(some, camera, settings)
+    chosen = renderer.plan_bricks(some, camera, settings)
+    assert chosen.resolved.sheets is not None and whole.info["bricks"] == 64
+    shells = some.shells(chosen.resolved.sheets, chosen.view, 4)
+    reached = [some.within(chosen.resolved.sheets, chosen.view, shell) for shell in shells]
+    parts = [Part.of(renderer.render_part(each, camera, settings), sum(each.found.values())) for each in reached]
+    joined = reduce(partial(join_parts, chosen.program.look.blend.join), parts)
+    picture = renderer.render_joined(some, camera, settings, joined.whole, joined.splats)
+    assert len(parts) == 4 and right[..., 3].max() > 0.5
+    # at a rim, float32 may find or miss a pair of crossings
+    assert np.sort(np.abs(whole.pixels - right).max(axis=-1).ravel())[-3] < 2e-4
+    assert np.sort(np.abs(picture.pixels - whole.pixels).max(axis=-1).ravel())[-3] < 5e-5
 
 
 @pytest.mark.few(2)
