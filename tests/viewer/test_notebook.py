@@ -90,9 +90,9 @@ def test_drags_rotate_pan_and_zoom(session: Timed) -> None:
 
 def test_frames_are_reduced_while_it_moves_and_refined_once_still(session: Timed) -> None:
     session.frame()
-    # as if full pictures took a second, and others a moment
+    # as if pictures of all pixels took a second, and others a moment
     for level in (*range(len(LADDER)), *range(len(LADDER))):
-        session.refiner.pace = session.refiner.pace.drawn(level, 0.01 if level else 1.0)
+        session.refiner.pace = session.refiner.pace.drawn(level, 0.01 if level > 1 else 1.0)
     session.clock = 10.0
     session.handle(event("pointer_down", 48, 32, button=1))
     session.handle(event("pointer_move", 60, 32))
