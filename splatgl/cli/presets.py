@@ -70,11 +70,14 @@ def run(args: argparse.Namespace) -> int:
     scene, volume = scene.cut(volume), subsampled(volume)
     looks = {DEFAULT: (default_transfer(volume), scene.settings), **dict(looks_of(volume, scene.settings))}
     from splatgl.fileio import write_file
-    from splatgl.scene.draw import DrawOptions
+    from splatgl.scene.draw import DrawOptions, progress_bar
 
     camera = scene.view.camera(volume, volume)
-    with record_of(args, DrawOptions).renderer() as renderer:
-        pictures = {name: draw_preset(renderer, scene, volume, camera, look) for name, look in looks.items()}
+    pictures: dict[str, Picture | None] = {}
+    with record_of(args, DrawOptions).renderer() as renderer, progress_bar("preset", is_quiet=False) as progress:
+        for name, look in looks.items():
+            pictures[name] = draw_preset(renderer, scene, volume, camera, look)
+            progress(len(pictures), len(looks))
     write_file(output, sheet(pictures, scene.view.size))
     print(f"{output}: {len(pictures)} pictures of {volume.name or 'the volume'}, from the same eye")
     return 0
