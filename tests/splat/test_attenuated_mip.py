@@ -41,6 +41,7 @@ def drawn(
     return renderer.render(splats, camera, settings, verify_bound=False).pixels[..., 3]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", ["tiles", "quads"])
 def test_rising_values_are_largest_where_attenuation_takes_as_much_as_they_rise(
     renderer: sg.Renderer, technique: Technique
@@ -51,8 +52,10 @@ def test_rising_values_are_largest_where_attenuation_takes_as_much_as_they_rise(
     volume = along_x(RISE * np.arange(LENGTH))
     for changes in ({}, {"sheets": 2, "steps": 1}, {"sheets": 4, "steps": 8}):
         settings = BLEND.but(mip_attenuation=strength, technique=technique, **changes)
-        assert np.abs(drawn(volume, view(volume), settings, renderer) - right).max() < 4e-4
         assert np.abs(drawn(volume, view(volume), settings) - right).max() < 4e-4
+        # shaders of many parts take long to compile
+        if settings.steps != 8:
+            assert np.abs(drawn(volume, view(volume), settings, renderer) - right).max() < 4e-4
     # twice as fine, the same length
     fine = along_x(RISE / 2 * np.arange(2 * LENGTH), spacing=(0.5, 0.5, 0.5))
     settings = BLEND.but(mip_attenuation=strength / 2, technique=technique)
@@ -110,8 +113,7 @@ def test_pictures_are_those_of_a_marcher(renderer: sg.Renderer) -> None:
         found = renderer.render(splats, camera, settings, verify_bound=False).pixels
         off = np.abs(found - right)[..., 3]
         assert right[..., 3].max() > 0.7 and off.max() < 0.015 and np.sqrt((off**2).mean()) < 0.0025
-        plain = renderer.render(splats, camera, BLEND.but(blend="mip"), verify_bound=False).pixels
-        assert np.abs(plain - right).max() > 0.05
+        assert np.abs(march(splats, camera, "mip") - right).max() > 0.05
 
 
 def rays(rng: np.random.Generator, count: int = 200, parts: int = 40) -> np.ndarray:

@@ -65,6 +65,7 @@ def test_means_over_lines(text: str, painting: str) -> None:
     assert np.abs(found - right).max() < (GAUSS_ERROR + 4e-4) * region.extinction
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("technique", TECHNIQUES)
 def test_a_ramp_has_one_gradient(renderer: sg.Renderer, technique: Technique) -> None:
     """A box then is a function of values alone; a triangle has half its extinction; others are empty, exactly."""
