@@ -18,8 +18,8 @@ _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
 _PROBE = Path(__file__).with_name("hdf5_probe.py")
 # seconds until the probe of a file is ended, which limits its processor time itself where the system can
 _PROBE_TIMEOUT = 60.0
-# files that passed the probe: path, bytes, time
-_PROBED: set[tuple[str, int, int]] = set()
+# whether the library fails on a file: by path, bytes, time
+_FAILED: dict[tuple[str, int, int], bool] = {}
 
 
 def open_hdf5(path: Path) -> Any:
@@ -36,8 +36,14 @@ def probe(path: Path) -> None:
     """
     status = path.stat()
     key = (str(path.resolve()), status.st_size, status.st_mtime_ns)
-    if key in _PROBED:
-        return
+    if key not in _FAILED:
+        _FAILED[key] = _fails(path)
+    if _FAILED[key]:
+        raise InputError("cannot be read: the format's library fails on the file, which may be damaged")
+
+
+def _fails(path: Path) -> bool:
+    """Whether a process that reads the file's metadata crashes or exceeds its limits."""
     # -P: the folder of the script holds modules with common names
     run = [sys.executable, "-P", str(_PROBE), str(path)]
     none, out = subprocess.DEVNULL, subprocess.PIPE
@@ -46,15 +52,12 @@ def probe(path: Path) -> None:
     try:
         ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PROBE_TIMEOUT, creationflags=flags)
         # a probe that failed before it opened the file proves nothing
-        failed = ended.returncode != 0 and bool(ended.stdout)
+        return ended.returncode != 0 and bool(ended.stdout)
     except subprocess.TimeoutExpired:
-        failed = True
+        return True
     except OSError:
         # the program that Python is embedded in, or none
-        failed = False
-    if failed:
-        raise InputError("cannot be read: the format's library fails on the file, which may be damaged")
-    _PROBED.add(key)
+        return False
 
 
 def find_datasets(file: Any) -> dict[str, Any]:

@@ -152,14 +152,19 @@ def test_a_file_that_ends_hdf5_is_told_there_too(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(hdf5_file, "_PROBE_TIMEOUT", 2.0)
     for code in ("print(1, flush=True)\nwhile True: pass", "print(1, flush=True)\nimport os; os._exit(3)"):
         probe.write_text(code)
+        hdf5_file._FAILED.clear()
         with pytest.raises(hdf5_file.InputError, match="the format's library fails on the file"):
             hdf5_file.probe(file)
+    # a file that takes the process to its limit is tried once
+    probe.write_text("print(1)")
+    with pytest.raises(hdf5_file.InputError, match="the format's library fails on the file"):
+        hdf5_file.probe(file)
     for code in ("import nothing_of_that_name", "print(1)"):
         probe.write_text(code)
-        hdf5_file._PROBED.clear()
+        hdf5_file._FAILED.clear()
         hdf5_file.probe(file)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
-    hdf5_file._PROBED.clear()
+    hdf5_file._FAILED.clear()
     hdf5_file.probe(file)
 
 
