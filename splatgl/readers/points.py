@@ -19,7 +19,7 @@ from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import MOST_LENGTH, Volume, empty_volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import require_memory
-from splatgl.readers.common import decoder_errors, read_text, require_bytes, require_plausible
+from splatgl.readers.common import MAX_BYTES, decoder_errors, read_text, require_bytes, require_plausible
 from splatgl.readers.options import LoadOptions
 
 # bytes of the header of a record of variable length in LAS
@@ -224,14 +224,16 @@ def _check_las(path: Path) -> None:
             items = np.frombuffer(packing[34 : 34 + 6 * int.from_bytes(packing[32:34], "little")], "<u2")
             if len(items) % 3 or items[1::3].sum() != size or not size:
                 raise expected("packed points", f"items of {size} bytes together", "others", "the file is damaged")
-            _check_chunks(file, start, there, packing)
+            _check_chunks(file, start, (points, size), packing)
 
 
-def _check_chunks(file: BinaryIO, start: int, there: int, packing: bytes) -> None:
+def _check_chunks(file: BinaryIO, start: int, points: tuple[int, int], packing: bytes) -> None:
     """Raises InputError for more or longer chunks of LAZ than the file can hold: the decoder would allocate them.
 
-    start: of the points; packing: contents of the record that describes them.
+    start: of the points; points: their number and bytes each; packing: contents of the record that describes them.
     """
+    count, size = points
+    there = file.seek(0, io.SEEK_END)
     lazrs = import_extra("lazrs", "LAZ files", "laspy[lazrs]", "points")
     file.seek(start)
     table = int.from_bytes(file.read(8), "little", signed=True)
@@ -244,7 +246,12 @@ def _check_chunks(file: BinaryIO, start: int, there: int, packing: bytes) -> Non
     require_bytes(start + int.from_bytes(file.read(4), "little"), there, "chunks")
     file.seek(start)
     chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(packing))
-    require_bytes(start + sum(size for _, size in chunks), there, "chunks")
+    require_bytes(start + sum(packed for _, packed in chunks), there, "chunks")
+    # the decoder allocates the points of a whole chunk, of which the last may hold fewer
+    largest, most = max((held for held, _ in chunks), default=0), max(count, MAX_BYTES // size)
+    if largest > most or sum(held for held, _ in chunks) < count:
+        got = f"{largest} in one, {sum(held for held, _ in chunks)} in all"
+        raise expected("chunks", f"{count} points in all, at most {most} in one", got, "the file is damaged")
 
 
 def _las_unit(header: Any) -> str:

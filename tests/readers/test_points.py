@@ -201,8 +201,13 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
         (tmp_path / "b.laz").write_bytes(changed)
         with pytest.raises(sg.InputError, match="chunks"):
             sg.load(tmp_path / "b.laz")
+    # a chunk of a billion points, for which the decoder would end the process
+    record = packed.index(b"laszip encoded") - 2 + 54
+    (tmp_path / "b.laz").write_bytes(packed[: record + 12] + b"9999" + packed[record + 16 :])
+    with pytest.raises(sg.InputError, match="chunks: expected 3 points in all"):
+        sg.load(tmp_path / "b.laz")
     # items without bytes, by which the decoder would divide and print a trace
-    item = packed.index(b"laszip encoded") - 2 + 54 + 36
+    item = record + 36
     (tmp_path / "b.laz").write_bytes(packed[:item] + bytes(2) + packed[item + 2 :])
     with pytest.raises(sg.InputError, match="packed points: expected items of"):
         sg.load(tmp_path / "b.laz")
