@@ -178,4 +178,4 @@ def _serve(ours: int, answer: int) -> None:
 
 def uses_hdf5(names: Sequence[str]) -> bool:
     """Whether files of these names are read by HDF5's library."""
-    return any(re.search(r"\.(h5|hdf5|he5|nc|ims|emd|nxs|mat|vtkhdf)$", name) for name in names)
+    return any(re.search(r"\.(h5|hdf5|he5|nc|mnc|ims|emd|nxs|mat|vtkhdf)$", name) for name in names)
