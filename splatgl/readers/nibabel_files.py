@@ -85,11 +85,12 @@ def _read_pair(form: Any, title: str, header: Path, data: Path, options: LoadOpt
     """The volume of a header in text and its data."""
     if header.stat().st_size > _HEADER_BYTES:
         raise expected(header.name, f"at most {_HEADER_BYTES} bytes", header.stat().st_size, "is this a header?")
-    with decoder_errors(title):
-        image = form.from_filename(str(header))
-        shape, affine = [int(size) for size in image.shape], np.asarray(image.affine, np.float64)
-        stored, zooms = np.dtype(image.get_data_dtype()), [float(zoom) for zoom in image.header.get_zooms()]
+    with header.open(encoding="latin-1") as file, decoder_errors(title):
+        head = form.header_class.from_fileobj(file)
+        shape, zooms = [int(size) for size in head.get_data_shape()], [float(zoom) for zoom in head.get_zooms()]
+        affine, stored = np.asarray(head.get_affine(), np.float64), np.dtype(head.get_data_dtype())
     packed = data.name.lower().endswith(".gz")
+    # before nibabel makes a scale for each of a damaged number of time points
     _check(shape, shape[:3], data, packed)
     if not packed:
         require_bytes(byte_count(shape, stored), data.stat().st_size, data.name)
@@ -97,7 +98,8 @@ def _read_pair(form: Any, title: str, header: Path, data: Path, options: LoadOpt
 
     def read_samples(time: int) -> np.ndarray:
         with decoder_errors(title):
-            return np.asarray(image.dataobj[(..., time) if len(shape) > 3 else ...]).T
+            stack = form.ImageArrayProxy(str(data), head)
+            return np.asarray(stack[(..., time) if len(shape) > 3 else ...]).T
 
     return _volume(read_samples, shape[3] if len(shape) > 3 else 1, step, (affine[:3, :3], affine[:3, 3]), options)
 

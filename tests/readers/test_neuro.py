@@ -10,7 +10,7 @@ import pytest
 from splatgl.errors import InputError
 from splatgl.readers import load
 from tests.fuzz.seed_files import CUBE, Seed
-from tests.fuzz.seed_neuro import nrrd_list, write_vti, write_vtk
+from tests.fuzz.seed_neuro import afni, nrrd_list, write_vti, write_vtk
 
 NAMES = ("minc1_4d.mnc", "minc2_4d.mnc", "minc2_1_scale.mnc", "tiny.mnc", "example4d+orig.HEAD", "phantom_varscale.PAR")
 
@@ -40,6 +40,16 @@ def test_a_pair_needs_both(tmp_path: Path) -> None:
     (tmp_path / "a.par").write_text("# === DATA DESCRIPTION FILE ===")
     with pytest.raises(InputError, match=r"pair: expected a\.REC beside it, got none"):
         load(tmp_path / "a.par")
+
+
+def test_a_damaged_number_of_sub_bricks_is_refused_before_nibabel_allocates_their_scales(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    header, data = afni()[0].files.items()
+    assert (rank := b" 3 1 0 0 0") in header[1]
+    (tmp_path / header[0]).write_bytes(header[1].replace(rank, b" 3 1000000000000 0 0 0"))
+    (tmp_path / data[0]).write_bytes(data[1])
+    with pytest.raises(InputError, match="data: expected"):
+        load(tmp_path / header[0])
 
 
 @pytest.mark.parametrize("seed", nrrd_list(), ids=["pattern", "list"])
