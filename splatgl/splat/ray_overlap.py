@@ -6,6 +6,7 @@ positions: few splats, or few blocks of them, are counted in each cell of the sc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
@@ -23,8 +24,9 @@ OFF = np.sqrt(3.0) / 2
 TILES = 8
 # up to FEW splats, and up to FEW_POINTS that lie on no lattice, are counted individually; more in blocks of BLOCK cells
 # a side, if at most FEW of at most MOST_BLOCKS blocks are occupied. Points lie on surfaces, which fill blocks little.
-FEW, FEW_POINTS, BLOCK, MOST_BLOCKS = 8192, 2**20, 8, 2**22
-# cells along half of a median footprint, and their maximum number along each axis of the picture
+FEW, FEW_POINTS, BLOCK, MOST_BLOCKS = 8192, 2**22, 8, 2**22
+# cells along half of a median footprint, and along each axis of the picture at most CELLS, or the root of the number of
+# splats or blocks if that is more
 FINE, CELLS = 4, 256
 # relative error of sums of depths in float64
 ROUNDED = 1e-9
@@ -121,17 +123,26 @@ def _overlap_by_planes(splats: Splats, view: GridView, radius: float) -> RayOver
 
 
 def _overlap_by_places(groups: Groups, view: GridView, reach: float) -> RayOverlap:
-    voxel, size = view.voxels(groups.place), reach + groups.radius
     # of a ball around the members' kernels, an ellipsoid in eye axes
     quadric = view.eye_from_index @ view.eye_from_index.T
-    deep = size * np.sqrt(quadric[2, 2])
-    before, behind = (voxel[2] > deep, voxel[2] <= -deep) if view.perspective else (voxel[2] > -deep, voxel[2] <= -deep)
-    low, high = _outlines(voxel[:, before], size[before], quadric, view)
-    everywhere = ~before & ~behind
-    many, depth = float(groups.count[everywhere].sum()), float(groups.depth[everywhere].sum())
-    if before.any():
-        most, deepest = _stack(low, high, view.edge, groups.count[before], groups.depth[before])
-        many, depth = many + most, depth + deepest + ROUNDED * float(groups.depth.sum())
+    many, depth, screen = 0.0, ROUNDED * float(groups.depth.sum(dtype=np.float64)), None
+    parts = -(-len(groups.place) // PART)
+    for first in range(parts):
+        # every part is spread over all groups
+        part = slice(first, None, parts)
+        count, deep = groups.count[part], groups.depth[part]
+        voxel, size = view.voxels(groups.place[part]), reach + groups.radius[part]
+        ahead = size * np.sqrt(quadric[2, 2])
+        before = voxel[2] > (ahead if view.perspective else -ahead)
+        everywhere = ~before & (voxel[2] > -ahead)
+        many, depth = many + float(count[everywhere].sum()), depth + float(deep[everywhere].sum(dtype=np.float64))
+        if before.any():
+            low, high = _outlines(voxel[:, before], size[before], quadric, view)
+            screen = screen or _Screen.of(low, high, view.edge, len(groups.place))
+            screen.add(low, high, count[before], deep[before])
+    if screen is not None:
+        most, deepest = screen.largest()
+        many, depth = many + most, depth + deepest
     return RayOverlap(many, depth * _longest_reach(view))
 
 
@@ -157,21 +168,41 @@ def _outlines(
     return low - wide, high + wide
 
 
-def _stack(low: np.ndarray, high: np.ndarray, edge: np.ndarray, *weights: np.ndarray) -> list[float]:
-    """The largest sum of each of the `weights` [N] of boxes, from low to high [2, N], over a point of the picture; a
-    box counts for the whole of a cell that it touches. edge [2]: of the picture, from its middle.
+@dataclass(frozen=True, eq=False)
+class _Screen:
+    """Cells of the picture; a box counts for the whole of a cell that it touches. edge [2]: of the picture, from its
+    middle; size [2]: of a cell; steps [2, rows, columns]: of the number and of the depth of boxes from cell to cell.
     """
-    size = np.maximum(np.median(high - low, axis=1) / (2 * FINE), 2 * edge / CELLS)
-    count = np.maximum(np.ceil(2 * edge / size), 1).astype(int)
-    (left, top), (right, bottom) = (
-        np.clip(np.floor((end + edge[:, None]) / size[:, None]) + more, 0, count[:, None]).astype(np.int64)
-        for more, end in ((0, low), (1, high))
-    )
-    across, down = (int(n) + 1 for n in count)
-    place = np.concatenate([top * across + left, bottom * across + right, top * across + right, bottom * across + left])
-    signs = np.repeat([1.0, 1.0, -1.0, -1.0], len(left))
-    stacks = (np.bincount(place, signs * np.tile(weight, 4), down * across) for weight in weights)
-    return [float(stack.reshape(down, across).cumsum(axis=0).cumsum(axis=1).max()) for stack in stacks]
+
+    edge: np.ndarray
+    size: np.ndarray
+    steps: np.ndarray
+
+    @classmethod
+    def of(cls, low: np.ndarray, high: np.ndarray, edge: np.ndarray, boxes: int) -> _Screen:
+        """Empty cells for so many boxes, of sizes such as those from low to high [2, N]."""
+        cells = max(CELLS, math.isqrt(boxes))
+        size = np.maximum(np.median(high - low, axis=1) / (2 * FINE), 2 * edge / cells)
+        across, down = (int(n) + 1 for n in np.maximum(np.ceil(2 * edge / size), 1))
+        return cls(edge, size, np.zeros((2, down, across)))
+
+    def add(self, low: np.ndarray, high: np.ndarray, *weights: np.ndarray) -> None:
+        """Adds boxes from low to high [2, N] with two weights [N] each."""
+        _, down, across = self.steps.shape
+        most = np.array([[across - 1], [down - 1]])
+        (left, top), (right, bottom) = (
+            np.clip(np.floor((end + self.edge[:, None]) / self.size[:, None]) + more, 0, most).astype(np.int64)
+            for more, end in ((0, low), (1, high))
+        )
+        corners = ((top, left, 1), (bottom, right, 1), (top, right, -1), (bottom, left, -1))
+        for row, column, sign in corners:
+            place = row * across + column
+            for steps, weight in zip(self.steps, weights, strict=True):
+                steps += sign * np.bincount(place, weight, down * across).reshape(down, across)
+
+    def largest(self) -> list[float]:
+        """The largest sum of each of the weights over a point of the picture."""
+        return [float(steps.cumsum(axis=0).cumsum(axis=1).max()) for steps in self.steps]
 
 
 _cells: WeakKeyDictionary[Splats, Cells] = WeakKeyDictionary()
@@ -214,7 +245,7 @@ def _group(splats: Splats, few: int) -> Groups | None:
     """Single splats if there are at most `few`, else blocks of them."""
     position, depth = splats.records["position"], splats.records["optical_depth"]
     if len(position) <= few:
-        return Groups(position.astype(np.float64), np.zeros(len(position)), np.ones(len(position)), depth.astype(float))
+        return Groups(position, np.broadcast_to(0.0, len(position)), np.broadcast_to(1.0, len(position)), depth)
     first, last = splats.index_bounds
     wide = np.floor((last - first) / BLOCK) + 1
     if float(wide.prod()) > MOST_BLOCKS:

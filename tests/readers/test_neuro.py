@@ -45,8 +45,8 @@ def test_a_pair_needs_both(tmp_path: Path) -> None:
 def test_a_damaged_number_of_sub_bricks_is_refused_before_nibabel_allocates_their_scales(tmp_path: Path) -> None:
     pytest.importorskip("nibabel")
     header, data = afni()[0].files.items()
-    assert (rank := b" 3 1 0 0 0") in header[1]
-    (tmp_path / header[0]).write_bytes(header[1].replace(rank, b" 3 1000000000000 0 0 0"))
+    damaged = header[1].replace(b" 3 1 0 0 0", b" 3 1000000000000 0 0 0")
+    (tmp_path / header[0]).write_bytes(damaged)
     (tmp_path / data[0]).write_bytes(data[1])
     with pytest.raises(InputError, match="data: expected"):
         load(tmp_path / header[0])
