@@ -19,8 +19,15 @@ SIEMENS_TAGS = (COUNT, MATRIX, CSA)
 MOST_TILES = 1024
 # entry of a CSA header: name, multiplicity, type, code, number of items, code
 _ENTRY = struct.Struct("<64si4siii")
-# first bytes of version 2; version 1 of scanners before 2004 is not read
+# first bytes of version 2; version 1, of scanners before 2004, begins with the number of entries
 _VERSION_2 = b"SV10"
+# third number of an item, last of an entry
+_MARKS = (77, 205)
+# most entries of version 1
+_MOST_ENTRIES = 1000
+# how descriptions of version 1 differ: an item's length by its second number, or by the first less the number of items
+# of the first entry, where items end at a negative length (SPM); texts padded by up to three bytes, or by one to four
+_LAYOUTS = ((1, 3), (0, 3), (1, 4), (0, 4))
 
 
 @dataclass(frozen=True)
@@ -93,22 +100,52 @@ def _value(tags: Any, tag: int) -> Any:
 
 
 def csa_numbers(tags: Any, name: str) -> tuple[float, ...]:
-    """The numbers, at most three, of an entry of the CSA header (version 2), () without them.
-
-    An item of an entry: four lengths, the second is its own, and text padded to four bytes.
-    """
+    """The numbers, at most three, of an entry of the CSA header, () without them."""
     data = _value(tags, CSA)
-    data = data if isinstance(data, bytes) and data.startswith(_VERSION_2) else b""
-    at = data.find(name.encode() + b"\0")
-    if at < 0 or len(data) < at + _ENTRY.size:
+    data = data if isinstance(data, bytes) else b""
+    if data.startswith(_VERSION_2):
+        found = _read_entry(data, data.find(name.encode() + b"\0"), (1, 3), 0)
+        many, texts = (0, []) if found is None else found[1:3]
+    else:
+        many, texts = _read_version_1(data).get(name, (0, []))
+    try:
+        numbers = tuple(float(text) for text in texts[: min(many, 3)])
+    except ValueError:
         return ()
-    _, many, _, _, count, _ = _ENTRY.unpack_from(data, at)
-    at, numbers = at + _ENTRY.size, list[float]()
-    for _ in range(min(many, count, 3)):
-        size = max(int.from_bytes(data[at + 4 : at + 8], "little", signed=True), 0)
-        try:
-            numbers.append(float(data[at + 16 : at + 16 + size].strip(b"\0 ")))
-        except ValueError:
-            return ()
-        at += 16 + -(-size // 4) * 4
-    return tuple(numbers) if all(map(math.isfinite, numbers)) else ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
+
+
+def _read_version_1(data: bytes) -> dict[str, tuple[int, list[bytes]]]:
+    """Entries by name: how many items count, and all; by the layout in which every entry and item has its mark."""
+    if len(data) < 8 + _ENTRY.size:
+        return {}
+    count, first = int.from_bytes(data[:4], "little"), _ENTRY.unpack_from(data, 8)[4]
+    for layout in _LAYOUTS if 0 < count <= _MOST_ENTRIES else ():
+        entries, at = dict[str, tuple[int, list[bytes]]](), 8
+        while len(entries) < count and (found := _read_entry(data, at, layout, first)):
+            name, many, texts, at = found
+            entries[name] = many, texts
+        if len(entries) == count:
+            return entries
+    return {}
+
+
+def _read_entry(data: bytes, at: int, layout: tuple[int, int], first: int) -> tuple[str, int, list[bytes], int] | None:
+    """Name, multiplicity and texts of the entry at a byte, and the byte behind it; None if it lacks a mark.
+
+    An item of an entry: four numbers, and its text. layout: of `_LAYOUTS`; first: items of the first entry.
+    """
+    if at < 0 or len(data) < at + _ENTRY.size:
+        return None
+    title, many, _, _, count, mark = _ENTRY.unpack_from(data, at)
+    at, texts, (word, padding) = at + _ENTRY.size, list[bytes](), layout
+    for _ in range(count if mark in _MARKS else 0):
+        numbers = struct.unpack_from("<4i", data, at) if len(data) >= at + 16 else (0, 0, 0, 0)
+        if numbers[2] not in _MARKS:
+            return None
+        at, size = at + 16, numbers[word] - (0 if word else first)
+        if size < 0:
+            break
+        texts.append(data[at : at + size].split(b"\0")[0].strip())
+        at += size + (-size % 4 if padding == 3 else 4 - size % 4)
+    return (title.split(b"\0")[0].decode("latin-1"), many, texts, at) if mark in _MARKS else None

@@ -81,15 +81,19 @@ def enhanced(array: np.ndarray, step: float = 3.0) -> Any:
     return data
 
 
-def csa(**entries: tuple[object, ...]) -> bytes:
-    """A CSA header of Siemens, version 2, of numbers and texts."""
-    data = struct.pack("<4s4sII", b"SV10", b"\4\3\2\1", len(entries), 77)
+def csa(version: int = 2, length: int = 1, padding: int = 3, **entries: tuple[object, ...]) -> bytes:
+    """A CSA header of Siemens of numbers and texts. Descriptions of version 1 differ in the number of an item that
+    states its length, 0 or 1, and in whether up to 3 or 4 bytes are behind it.
+    """
+    data = (b"SV10\4\3\2\1" if version == 2 else b"") + struct.pack("<II", len(entries), 77)
     for name, values in entries.items():
         kind = {str: b"SH", int: b"US"}.get(type(values[0]), b"FD")
+        texts = [f"{value}\0".encode() for value in values] + [b""] * (6 - len(values))
         data += struct.pack("<64si4siii", name.encode(), len(values), kind, 4, 6, 77)
-        for n in range(6):
-            text = f"{values[n]}\0".encode() if n < len(values) else b""
-            data += struct.pack("<4i", 0, len(text), 77, 0) + text.ljust(-(-len(text) // 4) * 4, b"\0")
+        for text in texts:
+            filled = -len(text) % 4 if padding == 3 else 4 - len(text) % 4
+            words = [len(text), len(text)] if length else [len(text) + 6, 0]
+            data += struct.pack("<4i", *words, 77, 0) + text + bytes(filled)
     return data
 
 
@@ -177,6 +181,8 @@ def dicom_seeds(packed: bool, written: Written) -> list[Seed]:
     padded = image(CUBE[0].astype(np.int16), PixelPaddingValue=5, RescaleSlope="0.5")
     plain = [image(CUBE[0].astype(np.int16)), enhanced(wide), image(CUBE), image(rgb), padded]
     header = csa(NumberOfImagesInMosaic=(len(CUBE),), SliceNormalVector=(0.0, 0.0, -1.0))
-    plain += [mosaic_image(CUBE, {"csa": header}), mosaic_image(CUBE, {"count": len(CUBE), "matrix": "9*11"})]
+    first = csa(1, NumberOfImagesInMosaic=(len(CUBE),), SliceNormalVector=(0.0, 0.0, 1.0))
+    plain += [mosaic_image(CUBE, {"csa": header}), mosaic_image(CUBE, {"csa": first})]
+    plain += [mosaic_image(CUBE, {"count": len(CUBE), "matrix": "9*11"})]
     files = [written("a.dcm", partial(save, data)) for data in plain]
     return [*files, written("a", series), written("a", series), written("a.zip", zipped)]

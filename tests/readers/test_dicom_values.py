@@ -191,6 +191,19 @@ def test_a_scanners_header_as_nibabel_reads_it() -> None:
     assert csa_numbers(tags, "AcquisitionMatrixText") == csa_numbers({}, "B_value") == ()
 
 
+@pytest.mark.parametrize("layout", [(1, 3), (0, 3), (1, 4), (0, 4)])
+def test_mosaics_of_the_first_version(layout: tuple[int, int], tmp_path: Path) -> None:
+    """Of scanners before 2004: marks tell which description a header follows, and a damaged one has no numbers."""
+    about: dict[str, Any] = {"NumberOfImagesInMosaic": (5,), "SliceNormalVector": (0.0, 0.0, -1.0)}
+    header = csa(1, *layout, AcquisitionMatrixText=("4p*6",), **about, B_value=("",))
+    slices = mosaic(tmp_path / "a.dcm", {"csa": header})
+    np.testing.assert_array_equal(sg.load(tmp_path / "a.dcm").samples, slices[::-1])
+    tags = {CSA: SimpleNamespace(value=header)}
+    assert csa_numbers(tags, "SliceNormalVector") == (0.0, 0.0, -1.0) and csa_numbers(tags, "B_value") == ()
+    for damaged in (header[:-1000], header[:200] + header[201:], bytes(400), header.replace(b"M\0\0\0", bytes(4))):
+        assert csa_numbers({CSA: SimpleNamespace(value=damaged)}, "NumberOfImagesInMosaic") == ()
+
+
 def test_mosaics_by_private_tags_and_in_time(tmp_path: Path) -> None:
     slices = mosaic(tmp_path / "a.dcm", {"count": 5})
     volume = sg.load(tmp_path / "a.dcm")
