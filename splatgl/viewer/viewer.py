@@ -132,7 +132,9 @@ class Viewer(LiveView):
             self.say(message)
         elif progressed:
             self.refresh()
-        resting = now - self.touched >= REST and not self.window.held
+        # the panel handles one event a frame: it may not know yet that a button was released
+        is_held = self.window.held or (self.panel is not None and self.panel.held)
+        resting = now - self.touched >= REST and not is_held
         if resting and not self.effects:
             self.history.note(state)
         self.trim.look(self.painter.frame, resting, now)
