@@ -10,6 +10,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
+from splatgl.data.volume import Volume
 from splatgl.options import declared
 from splatgl.scene.meshes import is_mesh
 from splatgl.splat.colormaps import CORE
@@ -27,6 +28,7 @@ from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.popups import Palette, Questions
 from splatgl.viewer.preset_gallery import EDITED, PresetGallery, Shift, with_gradient
 from splatgl.viewer.record_section import draw_record
+from splatgl.viewer.region_editor import RegionEditor
 from splatgl.viewer.segments_panel import SegmentList
 from splatgl.viewer.state import BLURS, State
 from splatgl.viewer.tool import PANEL
@@ -70,7 +72,7 @@ class Panel:
 
     def __init__(self, commands: Iterable[Command], has_strip: bool = True) -> None:
         self.has_strip = has_strip
-        self.curve, self.segments = Curve(), SegmentList()
+        self.curve, self.regions, self.segments = Curve(), RegionEditor(), SegmentList()
         self.browser, self.widgets = Browser(), CommandWidgets(commands)
         self.palette, self.questions = Palette(), Questions()
         self.gallery, self.shift = PresetGallery(), Shift()
@@ -209,11 +211,24 @@ class Panel:
         base = self.gallery.draw(style.stated, layer.volume, stats)
         # a preset leaves the surfaces
         base = base if base.iso == style.stated.iso else replace(base, iso=style.stated.iso)
-        base = _colors(self.curve.draw(base, layer.volume), stats)
+        base = _colors(self._functions(base, layer.volume, stats), stats)
         low, high = transfer_editor.value_range(stats)
         base = self.shift.draw(base, high - low)
         base = _gradient(base, (high - low) / float(np.mean(layer.volume.spacing)) / transfer_editor.STEPS)
         return state if base == style.stated else state.edit(base=base, extinction=1.0)
+
+    def _functions(self, base: Transfer, volume: Volume, stats: Statistics) -> Transfer:
+        """Tabs of the curve over values, and of the regions over values and gradients."""
+        if imgui.begin_tab_bar("##functions"):
+            if imgui.begin_tab_item("value")[0]:
+                base = self.curve.draw(base, volume)
+                imgui.end_tab_item()
+            # colours of a file have no gradient
+            if volume.color is None and imgui.begin_tab_item("value × gradient")[0]:
+                base = self.regions.draw(base, volume, stats)
+                imgui.end_tab_item()
+            imgui.end_tab_bar()
+        return base
 
     def _iso(self, state: State, layer: LayerSplats) -> State:
         """The surfaces at values; the curve stays as it is."""

@@ -28,6 +28,7 @@ from splatgl.readers import ome_zarr
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.transfer_nodes import color_points
 from splatgl.viewer import hud, stand_in, trackball
+from splatgl.viewer.adaptive_quality import REST
 from splatgl.viewer.commands import Request
 from splatgl.viewer.display import Options
 from splatgl.viewer.document import Document, LayerSplats
@@ -94,6 +95,7 @@ def told(viewer: Viewer) -> dict[str, Any]:
         "window": state.style.stated.window,
         "colors": color_points(state.style.stated),
         "iso": state.style.stated.iso,
+        "regions": list(map(str, state.style.stated.regions)),
         "source": viewer.document.scene.volume,
         "splats": viewer.document.counts[0],
         "level": frame and str(frame.level),
@@ -221,6 +223,18 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
             viewer.raw(kind, *values)
         viewer.raw("cursor", *after)
         return answer(viewer, {"do": "settle"})
+    elif what == "hesitate":
+        # a drag on the panel that rests halfway, whose end is there before the panel sees it
+        start, middle, stop = ask["places"]
+        for events in ((("cursor", *start), ("button", 0, 1, 0)), (("cursor", *middle),)):
+            for kind, *values in events:
+                viewer.raw(kind, *values)
+            until(viewer, lambda: not viewer.panel.waiting)
+            viewer.step(0.0)
+        time.sleep(REST)
+        viewer.raw("cursor", *stop)
+        viewer.raw("button", 0, 0, 0)
+        return answer(viewer, {"do": "settle"})
     elif what == "click":
         return clicked(viewer, tuple(ask["place"]))
     elif what == "set":
@@ -243,6 +257,8 @@ def answer(viewer: Viewer, ask: dict[str, Any]) -> dict[str, Any]:
             viewer.step(0.0)
         except InputError as error:
             return {"message": str(error)}
+    elif what == "paste":
+        return {"text": viewer.window.glfw.get_clipboard_string(None).decode()}
     elif what == "shot":
         np.save(ask["path"], viewer.shot())
     elif what == "reset":

@@ -16,11 +16,11 @@ from tests.helpers.blobs import blob
 from tests.helpers.window import MISSING, Window, pointed
 
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISSING)}: apt-get install xvfb xdotool")
-# places in a window of 600 × 560 pixels: the fields of the extinction and of the threshold, and lists
-EXTINCTION, THRESHOLD, COLORS = (463, 501), (400, 526), (450, 401)
-PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 451)
+# places in a window of 600 × 585 pixels: the fields of the extinction and of the threshold, and lists
+EXTINCTION, THRESHOLD, COLORS = (463, 526), (400, 551), (450, 426)
+PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 476)
 # the list of shapes and its first one; two places of the strip of colours, without a point
-SHAPES, STEP, STRIP, ASIDE = (500, 377), (460, 421), (510, 331), (540, 331)
+SHAPES, STEP, STRIP, ASIDE = (500, 402), (460, 446), (510, 356), (540, 356)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def shared_panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Window]:
     pytest.importorskip("imgui_bundle", reason="needs the extra gui: pip install splatgl[gui]")
     folder = tmp_path_factory.mktemp("panel")
     np.save(folder / "blob.npy", blob().samples)
-    window = Window(folder / "blob.npy", folder, size=(600, 560), panel=True)
+    window = Window(folder / "blob.npy", folder, size=(600, 585), panel=True)
     yield window
     window.end()
 
