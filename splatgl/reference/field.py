@@ -30,12 +30,13 @@ from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE, Clip
 from splatgl.splat.culling import clip_behind_eye
-from splatgl.splat.extract_values import gradients, prefilter, select_needed
+from splatgl.splat.extract_values import gradients, select_needed
 from splatgl.splat.grid import Grid, dilate, trilinear
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.lighting import LIGHTS, Light, surface_light
 from splatgl.splat.mask_field import MaskField, face_share
+from splatgl.splat.prefilter import prefilter
 from splatgl.splat.preintegration import ClassIntegral, ValueClassifier, surface_levels
 from splatgl.splat.regions import mean_matter
 from splatgl.splat.resolve import Resolved

@@ -13,8 +13,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.reference.field import field_integral, kept_field_integral, kernel_field, trilinear_field
-from splatgl.splat.extract_values import margin_of, prefilter
 from splatgl.splat.kernels import FREE, kernel
+from splatgl.splat.prefilter import margin_of, prefilter
 from splatgl.splat.preintegration import ValueClassifier
 from splatgl.splat.resolve import select_splats
 from splatgl.splat.settings import BLENDS

@@ -19,7 +19,7 @@ from splatgl.gl import sheet_tiles, tiles
 from splatgl.gl.sheet_quads import first_sheets
 from splatgl.reference.rays import Rays
 from splatgl.reference.renderer import render_pixels
-from splatgl.splat import extract_values
+from splatgl.splat import extract_values, prefilter
 from splatgl.splat.culling import tiles_beside_box
 from splatgl.splat.motion import Motion
 from splatgl.splat.preintegration import CELLS, ClassIntegral, ValueClassifier, opaque_intervals
@@ -292,9 +292,9 @@ def test_records_do_not_depend_on_parts(monkeypatch: pytest.MonkeyPatch) -> None
     holes = cells().copy()
     holes[3:6, 4:7, 5:8] = np.nan
     right = sg.extract(sg.Volume(holes), RAMP, classification="post").records.tobytes()
-    monkeypatch.setattr(extract_values, "PLANES", 3)
-    monkeypatch.setattr(extract_values, "LEAST_ROWS", 2)
-    monkeypatch.setattr(extract_values, "BLOCK_VOXELS", 1)
+    monkeypatch.setattr(prefilter, "PLANES", 3)
+    monkeypatch.setattr(prefilter, "LEAST_ROWS", 2)
+    monkeypatch.setattr(prefilter, "BLOCK_VOXELS", 1)
     monkeypatch.setattr(extract_values, "RECORDS", 37)
     for slab in (None, 1, 4):
         assert sg.extract(sg.Volume(holes), RAMP, slab=slab, classification="post").records.tobytes() == right
@@ -305,11 +305,11 @@ def test_boxes_of_sparse_voxels_give_the_records_of_the_whole(monkeypatch: pytes
     samples = np.zeros((24, 30, 40), np.float32)
     samples[2:4, 3, 5:9], samples[17, 22:, 30:], samples[20, 1, 38] = 0.7, 0.9, 0.4
     volume, filtered = sg.Volume(samples), list[int]()
-    right = extract_values.prefilter
-    monkeypatch.setattr(extract_values, "prefilter", lambda u, kernel: filtered.append(u.size) or right(u, kernel))
+    right = prefilter.prefilter
+    monkeypatch.setattr(prefilter, "prefilter", lambda u, kernel: filtered.append(u.size) or right(u, kernel))
     found = [sg.extract(volume, RAMP, classification="post").records.tobytes()]
     boxes, small = len(filtered), sum(filtered)
-    monkeypatch.setattr(extract_values, "DENSE", 0.0)
+    monkeypatch.setattr(prefilter, "DENSE", 0.0)
     found.append(sg.extract(volume, RAMP, classification="post").records.tobytes())
     assert found[0] == found[1] and boxes > 1 and small < 0.7 * filtered[-1]
 
