@@ -1,8 +1,8 @@
 """Extraction of values and gradients, which are classified after reconstruction.
 
 A point's value is a mean of the coefficients around it. A voxel is kept if the interval of the samples within the
-kernel's reach contains a value of non-zero opacity; the others only contribute to transparent points, which only blends
-of one value show.
+kernel's reach contains a value of non-zero opacity and, where only steep places have one, gradients around it are as
+steep; the others only contribute to transparent points, which only blends of one value show.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from splatgl.data.volume import Places, Volume
 from splatgl.splat.grid import Grid, dilate
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.mask_field import MaskField
-from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, coefficients, margin_of
+from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, Sides, coefficients, in_blocks, margin_of
 from splatgl.splat.preintegration import ValueClassifier, clear_isolated
 from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, record_type
 
@@ -34,6 +34,11 @@ GRADIENT_HALO = 2
 
 # reach of the kernels for values, in whole voxels
 KERNEL_REACH = 2
+# voxels from one to the furthest that adds to a gradient with it, and samples on which these gradients depend
+STEEP_REACH = 2 * KERNEL_REACH
+STEEP_HALO = STEEP_REACH + GRADIENT_HALO
+# share of the largest record value by which rounding may change a gradient, per voxel
+ROUNDED = 1e-6
 
 # maps record values [N] to the values of missing neighbours, and whether the former are opaque
 Around = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -99,6 +104,7 @@ def box_records(
     """
     low, high = box
     halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
+    halo = max(halo, STEEP_HALO) if post.steepness.any() else halo
     mask = MaskField.of(volume)
     near = None if mask is None else mask.near(low, high)
     if hidden is not None:
@@ -187,7 +193,10 @@ def post_records(
     affect places that are seen; None: all.
     """
     u, first, inner = part
-    keep, beside = select_needed(u, 1 if post.lean else int(kernel.radius), post.wanted)
+    spacing, reach = Grid.of(volume).mean_spacing, 1 if post.lean else int(kernel.radius)
+    world = np.linalg.inv(volume.world_from_index) * spacing
+    is_steep = _steep_places(part, world, post.steepness * spacing)
+    keep, beside = select_needed(u, reach, post.wanted, is_steep)
     wanted = keep[inner] & np.isfinite(u[inner])
     if near is not None:
         wanted &= near
@@ -199,10 +208,56 @@ def post_records(
         place += own.start or 0
     around = post.around if post.faced else None
     values = Values(u, *coefficients(u, kernel, places), beside, around)
-    spacing = Grid.of(volume).mean_spacing
-    world = np.linalg.inv(volume.world_from_index) * spacing
     in_parts(len(records), RECORDS, partial(_fill, records, values, places, first, world))
     return records
+
+
+def _steep_places(part: Samples, world: np.ndarray, least: np.ndarray) -> Callable[[int], np.ndarray] | None:
+    """Returns a function of an interval's number: bool [d, h, w], voxels near which gradients of `least` [n] per mean
+    spacing may be reconstructed, as means of those of the voxels around; None if any gradient will do. world: of
+    differences per grid step.
+    """
+    if not least.any():
+        return None
+    squares = _squared_gradients(part, world)
+    rounded = ROUNDED * float(np.nanmax(np.abs(part.u))) * np.abs(world).sum()
+
+    def near(number: int) -> np.ndarray:
+        steep = squares >= max(least[number] - rounded, 0.0) ** 2
+        for _ in range(STEEP_REACH if least[number] else 0):
+            steep = dilate(steep)
+        return steep
+
+    return near
+
+
+def _squared_gradients(part: Samples, world: np.ndarray) -> np.ndarray:
+    """Squares [d, h, w] of the magnitudes of the gradients of a part's samples, times `world`; NaN beyond STEEP_REACH
+    from its own, and where a sample is missing.
+    """
+    u, own = part.u, (side.indices(size) for side, size in zip(part.own, part.u.shape, strict=True))
+    squares = np.full(u.shape, np.nan, np.float32)
+
+    def slope(block: np.ndarray, axis: int) -> np.ndarray:
+        a = block.swapaxes(0, axis)[:, 2:-2, 2:-2]
+        return np.asarray((8 * (a[3:-1] - a[1:-3]) - (a[4:] - a[:-4])) / 12).swapaxes(0, axis)
+
+    def square(outer: Sides, some: Sides, inner: Sides) -> None:
+        block, along = np.full_like(u[outer], np.nan), [slope(u[outer], axis) for axis in (2, 1, 0)]
+        columns = world.T.astype(np.float32)
+        block[2:-2, 2:-2, 2:-2] = sum(
+            np.square(sum(each * share for each, share in zip(along, column, strict=True) if share != 0))
+            for column in columns
+        )
+        squares[some] = block[inner]
+
+    if min(u.shape) > 2 * GRADIENT_HALO:
+        in_blocks(u.shape, GRADIENT_HALO, square)
+    # beside the volume's ends and missing samples
+    near = tuple(slice(max(low - STEEP_REACH, 0), high + STEEP_REACH) for low, high, _ in own)
+    z, y, x = (i + side.start for i, side in zip(np.nonzero(np.isnan(squares[near])), near, strict=True))
+    squares[z, y, x] = np.square(gradients(u, x, y, z) @ world).sum(axis=1)
+    return squares
 
 
 class Values(NamedTuple):
@@ -258,19 +313,24 @@ def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
     return tabulate(samples, post.relative)
 
 
-def select_needed(u: np.ndarray, around: int, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def select_needed(
+    u: np.ndarray, around: int, wanted: np.ndarray, places: Callable[[int], np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """bool, twice: where the interval of u within `around` of a voxel meets one of `wanted` [n, 2]; and where that of
     its 26 neighbours does.
 
-    around: 1: the 26 neighbours; 2: also voxels two steps along one axis.
+    around: 1: the 26 neighbours; 2: also voxels two steps along one axis. places: of an interval's number, to which
+    the former is limited.
     """
     keep, near = np.zeros(u.shape, bool), np.zeros(u.shape, bool)
-    for start, end in wanted.astype(np.float64).tolist():
+    for number, (start, end) in enumerate(wanted.astype(np.float64).tolist()):
         above, below = dilate(u >= np.float64(start)), dilate(u <= np.float64(end))
-        near |= above & below
+        beside = above & below
+        near |= beside
         for axis in range(3) if around > 1 else ():
-            keep |= dilate(above, (axis,)) & dilate(below, (axis,))
-    return keep | near, near
+            beside |= dilate(above, (axis,)) & dilate(below, (axis,))
+        keep |= beside if places is None else beside & places(number)
+    return keep, near
 
 
 def extremes(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

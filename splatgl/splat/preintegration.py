@@ -159,9 +159,10 @@ class ValueClassifier:
     """Classifies reconstructed values by `transfer`. kernel: name of the kernel whose coefficients the records hold.
 
     shape: voxels along x, y, z; rays end at the box of their cells. low, span: record values are (ρ − low)/span.
-    kept [n, 2]: intervals of values around which voxels were kept. lean: without the voxels that only the rims of
-    kernels need. faced: gradients at the volume's ends assume transparent neighbours, which lights the end faces; not
-    if gradients weight opacity, which would make the end faces visible.
+    kept [n, 3]: intervals of values around which voxels were kept, and the least gradient near them, values per world
+    length. lean: without the voxels that only the rims of kernels need. faced: gradients at the volume's ends assume
+    transparent neighbours, which lights the end faces; not if gradients weight opacity, which would make the end faces
+    visible.
     """
 
     transfer: Transfer
@@ -178,18 +179,23 @@ class ValueClassifier:
         """Classifier with record values relative to the range over which the transfer function varies."""
         low, high = active_range(transfer)
         span = high - low if high > low else max(abs(low), 1.0) * 1e-3
-        kept = np.array([[-np.inf, np.inf]]) if every else wanted_intervals(transfer, span)
+        kept = np.array([[-np.inf, np.inf, 0.0]]) if every else wanted_intervals(transfer, span)
         return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.needs_gradients)
 
     @property
     def every(self) -> bool:
         """Whether voxels of all values are kept."""
-        return bool(np.isinf(self.kept).all(axis=1).any())
+        return bool(np.isinf(self.kept[:, :2]).all(axis=1).any())
 
     @property
     def wanted(self) -> np.ndarray:
         """[n, 2]: intervals of record values around which voxels are kept."""
-        return np.asarray((self.kept - self.low) / self.span)
+        return np.asarray((self.kept[:, :2] - self.low) / self.span)
+
+    @property
+    def steepness(self) -> np.ndarray:
+        """[n]: least gradients near these, record values per world length; 0: any."""
+        return np.asarray(self.kept[:, 2] / self.span)
 
     def relative(self, values: np.ndarray) -> np.ndarray:
         """Record values, float32, of samples [...]."""
@@ -212,9 +218,10 @@ class ValueClassifier:
         low, high = self.with_transfer(transfer).range
         furthest = max(abs(low), abs(high))
         resolved = furthest <= FURTHEST and high - low >= RESOLVED * furthest
-        starts, ends = self.kept.T
+        starts, ends, least = self.kept.T
         slack = 2 * INWARDS * self.span * max(high - low, 1.0)
-        covered = ((starts - slack <= a) & (b <= ends + slack) for a, b in wanted_intervals(transfer, self.span))
+        wanted = wanted_intervals(transfer, self.span)
+        covered = ((starts - slack <= a) & (b <= ends + slack) & (least <= size) for a, b, size in wanted)
         resolved &= self.faced != transfer.needs_gradients
         return resolved and all(interval.any() for interval in covered)
 
@@ -336,15 +343,21 @@ def surface_levels(transfer: Transfer, span: float) -> np.ndarray:
 
 
 def wanted_intervals(transfer: Transfer, span: float) -> np.ndarray:
-    """[n, 2]: closed intervals of the values with non-zero opacity or an iso-surface. span: as of `surface_levels`."""
+    """[n, 3]: closed intervals of the values with non-zero opacity or an iso-surface, and their least gradients, values
+    per world length. span: as of `surface_levels`.
+    """
     levels = surface_levels(transfer, span)
-    return np.concatenate([opaque_intervals(transfer), np.stack([levels, levels], axis=1)])
+    intervals = np.concatenate([opaque_intervals(transfer, 0.0), np.stack([levels, levels], axis=1)])
+    steep = [region for region in transfer.regions if region.densest > 0 and region.gradients[0] > 0]
+    rows = [(*region.values, region.gradients[0]) for region in steep]
+    return np.concatenate([np.pad(intervals, ((0, 0), (0, 1))), np.reshape(rows, (-1, 3))])
 
 
-def opaque_intervals(transfer: Transfer) -> np.ndarray:
-    """[n, 2]: ascending, disjoint, closed intervals of the values with non-zero opacity, at any gradient."""
-    of_regions = [region.values for region in transfer.regions if region.densest > 0]
-    return _merge(np.concatenate([_of_points(transfer), np.array(of_regions, np.float64).reshape(-1, 2)]))
+def opaque_intervals(transfer: Transfer, steepest: float = np.inf) -> np.ndarray:
+    """[n, 2]: ascending, disjoint, closed intervals of values with non-zero opacity at a gradient up to `steepest`."""
+    opaque = [region for region in transfer.regions if region.densest > 0 and region.gradients[0] <= steepest]
+    of_regions = np.reshape([region.values for region in opaque], (-1, 2))
+    return _merge(np.concatenate([_of_points(transfer), of_regions]))
 
 
 def _of_points(transfer: Transfer) -> np.ndarray:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.helpers.bricks import noise
+
 # over noise, whose values are about 0.5 and gradients about 0.1
 SOME = (
     "box:0.3,0.55,0.03,0.12:#ff8800:0.5",
@@ -23,3 +25,8 @@ def painting(tmp_path_factory: pytest.TempPathFactory) -> str:
     pixels[::2, ::3, 3] = 0
     Image.fromarray(pixels, "RGBA").save(path)
     return str(path)
+
+
+def half_flat(rng: np.random.Generator) -> np.ndarray:
+    """Noise at one end along x, and one value at the other."""
+    return np.asarray(0.5 + (noise(rng, (18, 15, 36)) - 0.5) * np.clip((np.arange(36) - 18) / 4, 0, 1), np.float32)

@@ -34,6 +34,7 @@ from splatgl.splat.sheets import Sheets
 from splatgl.splat.view import GridView
 from tests.helpers.bricks import ALL, PICTURES, RAMP, VIEWS, cameras, noise
 from tests.helpers.noise import GRIDS
+from tests.helpers.regions import half_flat
 from tests.helpers.splatting import spread
 
 
@@ -69,6 +70,20 @@ def test_bricks_draw_the_picture_of_the_whole(
     assert found.info["bricks"] == 3 * 3 * 3 and found.info["classification"] == "post"
     if name in ("outside", "parallel"):
         assert found.info["splats"] == right.info["splats"]
+
+
+@pytest.mark.long
+def test_bricks_draw_regions_over_gradients(renderer: sg.Renderer, rng: np.random.Generator) -> None:
+    """Of the voxels near steep ones alone, which bricks find beyond their sides; as in float64."""
+    volume = sg.Volume(half_flat(rng), **GRIDS["sheared"])
+    transfer = sg.Transfer(regions=["box:0.3,0.7,0.12,0.5:#ff8800:0.7"])
+    camera, settings = cameras(volume)["outside"].resized((18, 13)), ALL.but(tolerance=1e-6, antialias="off")
+    splats, bricks = sg.extract(volume, transfer, classification="post"), in_bricks(volume, transfer, settings)
+    found = renderer.render_bricks(bricks, camera, settings)
+    assert found.info["splats"] == len(splats) < 0.7 * volume.count
+    assert np.abs(found.pixels - renderer.render(splats, camera, settings, verify_bound=False).pixels).max() < 5e-6
+    right = sg.reference.render(splats, camera, settings).pixels
+    assert right[..., 3].max() > 0.3 and np.abs(found.pixels - right).max() < 1.5e-4
 
 
 @pytest.mark.compute

@@ -17,7 +17,7 @@ from splatgl.splat.settings import Technique
 from splatgl.splat.transfer_files import load_transfer
 from tests.helpers.bricks import noise
 from tests.helpers.noise import GRIDS, inside, views
-from tests.helpers.regions import SOME
+from tests.helpers.regions import SOME, half_flat
 from tests.helpers.regions import painting as painting
 
 EXACT = sg.Settings(tolerance=1e-6, antialias="off")
@@ -174,6 +174,23 @@ def test_no_visible_voxel_is_lost() -> None:
     camera = sg.Camera.orbit(every, 30, 20, size=(20, 16))
     pictures = [sg.reference.render(one, camera, EXACT).pixels for one in (some, every)]
     assert pictures[1][..., 3].max() > 0.3 and np.abs(pictures[0] - pictures[1]).max() < 1e-4
+
+
+@pytest.mark.parametrize("grid", ["cubes", "sheared"])
+def test_only_voxels_near_steep_ones_are_kept(grid: str) -> None:
+    """Pictures of all voxels are those of the kept ones: where gradients are flat everywhere around, none is."""
+    samples = half_flat(np.random.default_rng(6))
+    samples[4, 5, 26] = np.nan
+    volume = sg.Volume(samples, **GRIDS[grid])
+    flat, steep = (sg.Transfer(regions=[f"box:0.4,0.7,{least},9:#ff8800:0.9"]) for least in (0.0, 0.12))
+    by_value = sg.extract(volume, flat, classification="post")
+    some, every = (sg.extract(volume, steep, classification=kind) for kind in ("post", "post-all"))
+    assert len(some) < 0.8 * len(by_value)
+    camera = sg.Camera.orbit(every, 30, 20, size=(20, 16))
+    pictures = [sg.reference.render(one, camera, EXACT).pixels for one in (some, every)]
+    assert pictures[1][..., 3].max() > 0.3 and np.abs(pictures[0] - pictures[1]).max() < 1e-6
+    # values that were kept for steep gradients do not serve flat ones
+    assert by_value.post.holds(steep) and some.post.holds(steep) and not some.post.holds(flat)
 
 
 def test_voxels_classified_before(renderer: sg.Renderer) -> None:
