@@ -135,6 +135,17 @@ def test_a_picture_in_parts(client: Any, renderer: sg.Renderer, saved: Path, ble
 
 
 @pytest.mark.long
+def test_regions_in_parts(client: Any, saved: Path) -> None:
+    """Workers take the regions over gradients, as in float64."""
+    volume, settings = sg.load(saved), Settings(occlusion="off")
+    transfer = sg.Transfer(regions=["box:0.3,0.7,0.12,0.5:#ff8800:0.7", "triangle:0.3,0.8,0,0.4:#2266ff:0.3"])
+    camera = sg.Camera.orbit(volume, 30, 20, size=(20, 15))
+    right = sg.reference.render(sg.extract(volume, transfer, classification="post"), camera, settings).pixels
+    image = render_slabs(saved, transfer, camera, settings, None, None, client)
+    assert right[..., 3].max() > 0.3 and np.abs(image.pixels - right).max() < 2e-4
+
+
+@pytest.mark.long
 def test_memory_is_said_in_words(saved: Path) -> None:
     camera = sg.Camera.orbit(sg.load(saved), size=(8, 8))
     found = [sg.render_slabs(saved, RAMP, camera, memory=memory).info["bricks"] for memory in ("1MB", "64GiB", None)]
