@@ -332,7 +332,7 @@ def test_names_of_any_kind(name: str, environment: dict[str, str], here: Path) -
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("typed", ["render --help", "info noise.npy", "--help", "compare --help", "doctor"])
+@pytest.mark.parametrize("typed", ["render --help", "info noise.npy", "--help", "compare --help"])
 def test_a_reader_that_leaves_is_no_error(typed: str, here: Path) -> None:
     read, write = os.pipe()
     os.close(read)
