@@ -12,7 +12,6 @@ import numpy as np
 
 from splatgl.splat.resolve import END_CORRECTION, Resolved
 from splatgl.splat.settings import COMBINE, BlendMode
-from splatgl.splat.technique import COLUMNS
 from splatgl.splat.transfer import Transfer
 
 # largest opacity below 1: limits the paper's attenuation of an opaque splat that is widened by rounding only
@@ -203,35 +202,3 @@ def mean_weights(k: int) -> np.ndarray:
     weights = np.pad(np.ones(k), 1)
     np.add.at(weights, [0, 1, k, k + 1], END_CORRECTION * np.array([1, -1, -1, 1]))
     return weights / k
-
-
-def tile_errors(single: np.ndarray, k: int) -> np.ndarray:
-    """float64 [rows, columns]: for tiles of samples, k along each axis of a pixel, the largest second difference, over
-    24, of pixels [H, W, C] in each; pixels at the picture's edge repeat. Twin of `shaders/edges.frag`.
-    """
-    padded = np.pad(single, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    along, across = padded[1:-1], padded[:, 1:-1]
-    second = [np.abs(along[:, 2:] + along[:, :-2] - 2 * single), np.abs(across[2:] + across[:-2] - 2 * single)]
-    error = np.max(second, axis=(0, 3)) / 24
-    height, width = (-(-size // (COLUMNS // k)) for size in error.shape)
-    side = COLUMNS // k
-    missing = [(0, tiles * side - size) for tiles, size in zip((height, width), error.shape, strict=True)]
-    return np.asarray(np.pad(error, missing, mode="edge").reshape(height, side, width, side).max(axis=(1, 3)))
-
-
-def spared_means(samples: np.ndarray, single: np.ndarray, allowed: float, k: int) -> np.ndarray:
-    """float64 [H, W, C]: pixels of samples [H k, W k, C]; in tiles with errors of at most `allowed` of one sample a
-    pixel [H, W, C]. Twin of `shaders/resolve.frag`.
-    """
-    kept = tile_errors(single, k) <= allowed
-    height, width = samples.shape[:2]
-    kept = np.repeat(np.repeat(kept, COLUMNS, axis=0), COLUMNS, axis=1)[:height, :width]
-    between = single
-    for axis in (0, 1):
-        place = np.clip((np.arange(samples.shape[axis]) + 0.5) / k - 0.5, 0, single.shape[axis] - 1)
-        low = np.minimum(place.astype(int), max(single.shape[axis] - 2, 0))
-        share = np.expand_dims(place - low, tuple({0, 1, 2} - {axis}))
-        high = np.minimum(low + 1, single.shape[axis] - 1)
-        between = between.take(low, axis) * (1 - share) + between.take(high, axis) * share
-    fine = pixel_means(np.where(kept[..., None], between, samples), k)
-    return np.where(kept[::k, ::k, None], pixel_means(single, 1), fine)

@@ -13,9 +13,10 @@ from splatgl.gl import layers as layers_in_tiles
 from splatgl.gl import spared_tiles, tiles
 from splatgl.gl.context import current
 from splatgl.gl.spared_tiles import SingleSamples
-from splatgl.reference.blend import spared_means, tile_errors
+from splatgl.reference.blend import pixel_means
 from splatgl.splat.culling import Window
 from splatgl.splat.resolve import SPARED_SHARE
+from splatgl.splat.technique import COLUMNS
 
 ALL = sg.Settings(antialias="supersample", samples=2)
 
@@ -25,6 +26,38 @@ def ball() -> sg.Splats:
     """A ball with an opaque core in fog."""
     volume = sg.scenes.ball(6)
     return sg.extract(volume, sg.Transfer([(0, 0), (0.3, 0.02), (0.7, 0.02), (0.75, 1), (1, 1)], shading=True))
+
+
+def tile_errors(single: np.ndarray, k: int) -> np.ndarray:
+    """float64 [rows, columns]: for tiles of samples, k along each axis of a pixel, the largest second difference, over
+    24, of pixels [H, W, C] in each; pixels at the picture's edge repeat. Twin of `shaders/edges.frag`.
+    """
+    padded = np.pad(single, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    along, across = padded[1:-1], padded[:, 1:-1]
+    second = [np.abs(along[:, 2:] + along[:, :-2] - 2 * single), np.abs(across[2:] + across[:-2] - 2 * single)]
+    error = np.max(second, axis=(0, 3)) / 24
+    height, width = (-(-size // (COLUMNS // k)) for size in error.shape)
+    side = COLUMNS // k
+    missing = [(0, tiles * side - size) for tiles, size in zip((height, width), error.shape, strict=True)]
+    return np.asarray(np.pad(error, missing, mode="edge").reshape(height, side, width, side).max(axis=(1, 3)))
+
+
+def spared_means(samples: np.ndarray, single: np.ndarray, allowed: float, k: int) -> np.ndarray:
+    """float64 [H, W, C]: pixels of samples [H k, W k, C]; in tiles with errors of at most `allowed` of one sample a
+    pixel [H, W, C]. Twin of `shaders/resolve.frag`.
+    """
+    kept = tile_errors(single, k) <= allowed
+    height, width = samples.shape[:2]
+    kept = np.repeat(np.repeat(kept, COLUMNS, axis=0), COLUMNS, axis=1)[:height, :width]
+    between = single
+    for axis in (0, 1):
+        place = np.clip((np.arange(samples.shape[axis]) + 0.5) / k - 0.5, 0, single.shape[axis] - 1)
+        low = np.minimum(place.astype(int), max(single.shape[axis] - 2, 0))
+        share = np.expand_dims(place - low, tuple({0, 1, 2} - {axis}))
+        high = np.minimum(low + 1, single.shape[axis] - 1)
+        between = between.take(low, axis) * (1 - share) + between.take(high, axis) * share
+    fine = pixel_means(np.where(kept[..., None], between, samples), k)
+    return np.where(kept[::k, ::k, None], pixel_means(single, 1), fine)
 
 
 def test_kept_pixels_and_their_means(renderer: sg.Renderer, ball: sg.Splats, rng: np.random.Generator) -> None:
