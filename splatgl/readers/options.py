@@ -286,7 +286,6 @@ class Format:
     lists: str = ""
 
 
-_MRC_PACKED = (".mrc.gz", ".map.gz", ".mrc.bz2", ".map.bz2")
 _PICTURES = ("PNG", "JPEG", "BMP")
 _TERRAIN = ("color", "relief", "levels")
 _ZARR = ("array", "channel", "field", "level", "time", "well")
