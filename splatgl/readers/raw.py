@@ -134,7 +134,9 @@ def _read_header(opened: IO[bytes]) -> _Header:
 def _check_header(header: _Header) -> None:
     if not header.is_volume:
         this = "a 3-D array [z, y, x] of numbers, or [z, y, x, 3 or 4] of colours or vectors"
-        raise expected("array", this, f"{header.dtype} {header.shape}", "save a part of it")
+        is_plane = len(header.shape) == 2 and header.shape[0] > 0
+        fix = f"one plane has the shape (1, {header.shape[0]}, {header.shape[1]})" if is_plane else "save a part of it"
+        raise expected("array", this, f"{header.dtype} {header.shape}", fix)
 
 
 _SHAPE = re.compile(r"(?<!\d)(\d+)x(\d+)x(\d+)(?!\d)", re.IGNORECASE)

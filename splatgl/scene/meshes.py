@@ -161,6 +161,20 @@ def is_mesh(source: str) -> bool:
     return Path(source).suffix.lower() in ALONE and not is_points(source)
 
 
+def clipped_meshes(source: str, meshes: tuple[MeshFile, ...], options: Mapping[str, Any]) -> tuple[MeshFile, ...]:
+    """The meshes of a scene, and its source if that is one, as options `clip_meshes` and `caps` have planes cut them; as
+    they are without these. Raises InputError for caps of no mesh.
+    """
+    caps = options.get("caps")
+    if not (caps or options.get("clip_meshes")):
+        return meshes
+    adds_source = is_mesh(source) and source not in [mesh.file for mesh in meshes]
+    cut = [MeshFile(source)] * adds_source + [*meshes]
+    if caps and not cut:
+        raise expected("caps", "a mesh to close", "none", "--mesh adds one")
+    return tuple(replace(mesh, clip=True, caps=caps or mesh.caps) for mesh in cut)
+
+
 def stage(meshes: Sequence[Mesh], name: str = "") -> Volume:
     """Empty volume with the bounds of meshes, to place the camera."""
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
@@ -168,10 +182,11 @@ def stage(meshes: Sequence[Mesh], name: str = "") -> Volume:
 
 
 def surfaces_of(scene: SceneFile) -> list[MeshFile]:
-    """The meshes of a scene; a source that is a mesh file is the first. InputError for caps that show no volume."""
-    if is_mesh(scene.volume) and any(mesh.caps == OF_VOLUME for mesh in scene.meshes):
-        fix = "name the volume first and meshes by --mesh, or --caps plain"
-        raise expected("caps", "a volume, whose values they show", f"the mesh {scene.volume}", fix)
+    """The meshes of a scene; a source that is a mesh file is the first. InputError for slices and caps of no volume."""
+    has_caps, sliced = any(mesh.caps == OF_VOLUME for mesh in scene.meshes), scene.slices or scene.slice_planes
+    if is_mesh(scene.volume) and (has_caps or sliced):
+        what, this = "slice" if sliced else "caps", "a volume, whose values are shown"
+        raise expected(what, this, f"the mesh {scene.volume}", "name the volume first and meshes by --mesh")
     alone = is_mesh(scene.volume) and scene.volume not in [mesh.file for mesh in scene.meshes]
     return [MeshFile(scene.volume), *scene.meshes] if alone else [*scene.meshes]
 

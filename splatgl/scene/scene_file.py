@@ -49,7 +49,7 @@ from splatgl.options import (
 from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, is_mesh, split_look, stage
+from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, clipped_meshes, is_mesh, split_look, stage
 from splatgl.scene.transfer_choice import (
     AMOUNT_KEYS,
     CHANNEL_KEYS,
@@ -344,10 +344,7 @@ class SceneFile:
             chosen = {name: transfer.pop(name, ()) for name in ("only_labels", "name_of")}
             layers = (*layers, replace(self._find_labels(options["labels"], reading), transfer=chosen))
         meshes = (*self.meshes, *map(MeshFile.of, several(scene_options.pop("meshes", ()))))
-        if options.get("clip_meshes") or options.get("caps"):
-            adds_volume = is_mesh(self.volume) and self.volume not in [mesh.file for mesh in meshes]
-            cut = [MeshFile(self.volume)] * adds_volume + [*meshes]
-            meshes = tuple(replace(mesh, clip=True, caps=options.get("caps") or mesh.caps) for mesh in cut)
+        meshes = clipped_meshes(self.volume, meshes, options)
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
         settings = {name: options[name] for name in names_of(Settings) if name in options}

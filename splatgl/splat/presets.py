@@ -393,12 +393,15 @@ _slice_defaults: WeakKeyDictionary[Volume, tuple[Transfer, tuple[float, float] |
 
 def slice_colors(volume: Volume, transfer: Transfer) -> Transfer:
     """The transfer function in whose colours slices of a layer are drawn: its own; the default map of shaded surfaces
-    is grey there, and their default window soft tissue of a CT, or nearly all values.
+    is grey there, and their default window soft tissue of a CT, or nearly all values. Raises InputError for a volume
+    without values.
     """
     if transfer.labels or volume.labels is not None or volume.color is not None:
         return transfer
     if volume not in _slice_defaults:
         stats = statistics(volume)
+        if not len(stats.values):
+            raise expected(volume.name or "slice", "finite samples", "none")
         low, high = SLICE_HU if _is_hounsfield(stats) else [stats.percentile(percent) for percent in SLICE_PERCENTILES]
         ends = (low, high) if low < high else (float(stats.values[0]), float(stats.values[-1]))
         _slice_defaults[volume] = default_transfer(volume), None if stats.constant else ends

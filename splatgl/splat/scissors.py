@@ -57,13 +57,14 @@ class Scissors:
     name = "scissors"
 
     def __post_init__(self) -> None:
-        if isinstance(self.outline, str):
+        given = self.outline
+        if isinstance(given, str):
             object.__setattr__(self, "keep", self.keep or self.outline.endswith(KEEP))
             object.__setattr__(self, "outline", _read(self.outline.removesuffix(KEEP)))
         corners = np.array(_numbers(self.outline), np.float64)
         fine = corners.ndim == 2 and corners.shape[1] == 2 and LEAST_CORNERS <= len(corners) <= MOST_CORNERS
         if not fine or not (np.abs(corners) <= AROUND).all() or not np.ptp(corners, axis=0).min() > 0:
-            raise expected("scissors", FORM, repr(self.outline)[:80])
+            raise expected("scissors", FORM, repr(given)[:80])
         object.__setattr__(self, "outline", tuple((float(x), float(y)) for x, y in corners))
 
     @classmethod

@@ -115,6 +115,8 @@ MAX_TABLE_SIZE = 4096
 MAX_SAMPLES = 64
 # degrees of a shutter that never closes
 FULL_SHUTTER = 360.0
+# of attenuated-mip: everything behind the first matter is dark long before
+MOST_STRENGTH = 1e6
 # most pictures that a moving picture is the mean of
 MAX_MOMENTS = 4096
 # sheets that share a splat, and most parts of a sheet
@@ -174,7 +176,7 @@ class Settings:
     )
     mip_attenuation: float = _picture(
         0.05,
-        Kind.number("a strength of at least 0", 0, metavar="S"),
+        Kind.number(f"a strength from 0 to {MOST_STRENGTH:g}", 0, MOST_STRENGTH, metavar="S"),
         "strength of attenuated-mip, per reference length of the brightest values; 0: as mip (default 0.05)",
         label="attenuation",
     )

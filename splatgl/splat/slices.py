@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,8 +60,9 @@ class Where(NamedTuple):
             parts = [re.fullmatch(PLACE, part) if part else None for part in place.split(":")]
             units = {match[2] for match in parts if match}
             known = [bool(match) == bool(part) for match, part in zip(parts, place.split(":"), strict=True)]
+            numbers = tuple(float(match[1]) if match else None for match in parts)
+            known += [number is None or isfinite(number) for number in numbers]
             if all(known) and len(parts) <= 3 and len(units) <= 1:
-                numbers = tuple(float(match[1]) if match else None for match in parts)
                 return cls(text, name, numbers, units.pop() if units else "")
         try:
             point, normal = (tuple(float(n) for n in part.split(",")) for part in compact.split(":"))

@@ -36,6 +36,9 @@ def iso_mesh(
         got = "points" if volume.points is not None else "labels"
         raise expected(f"surface of {volume.name or 'a volume'}", "amounts", got, "--values amounts reads numbers so")
     depth, height, width = volume.shape
+    if min(volume.shape) < 2:
+        size = "×".join(map(str, volume.shape[::-1]))
+        raise expected(f"surface of {volume.name or 'a volume'}", "at least two voxels along each axis", size)
     planes = max(slab // (height * width), 1)
     vertices, faces, count, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0, -(-depth // planes)
     for number, part in enumerate(volume.slabs(planes, halo=1), 1):

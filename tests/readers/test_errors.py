@@ -88,6 +88,7 @@ BAD = [
     ("a.vtk", vtk("5 7 4", 139, bytes(140)), "POINT_DATA: expected 140 points"),
     ("a.npy", npy("(999999, 999999, 999999)"), "the file is cut short"),
     ("a.npy", npy("(4, 0, 5)"), "a 3-D array [z, y, x] of numbers"),
+    ("a.npy", npy("(4, 5)"), "one plane has the shape (1, 4, 5)"),
     ("a.npy", npy("(4, 7, 5)", "|O"), "a 3-D array [z, y, x] of numbers"),
     ("a.npy", npy("(4, 7, 5)", "<c8"), "expected 1120 bytes, got 0 bytes"),
     # grids

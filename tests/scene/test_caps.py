@@ -266,7 +266,10 @@ def test_what_caps_refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     write_ply(Path(cloud_file), "ascii", {name: "float" for name in "xyz"}, [*(ramp().corners[:3]).T])
     for command, message in {
         f"{source} --mesh {ball} --caps all": "--caps: invalid choice: 'all'",
-        f"{ball} --caps volume --clip y>0.5": "caps: expected a volume, whose values they show, got the mesh",
+        f"{source} --caps plain --clip y>0.5": "--caps: expected a mesh to close, got none",
+        f"{ball} --caps volume --clip y>0.5": "--caps: expected a volume, whose values are shown, got the mesh",
+        f"{ball} --slice z": "slice: expected a volume, whose values are shown, got the mesh",
+        f"{ball} --slice-plane z": "slice: expected a volume, whose values are shown, got the mesh",
         f"{cloud_file} --mesh {ball} --caps volume --clip y>0.5": "caps: expected a volume of voxels, got 3 points",
     }.items():
         with suppress(SystemExit):

@@ -182,6 +182,7 @@ def test_scene_files_keep_slices(tmp_path: Path) -> None:
 BAD = {
     "--slice z=8": "slice: expected a voxel from 0 to 7 along z, got 'z=8'",
     "--slice q=8": "expected AXIS=PLACE",
+    "--slice z=1e400": "expected AXIS=PLACE",
     "--slice z=3 --depth d.npy": "--slice: expected no --depth beside it",
     "--slice z=3 --annotate box": "--annotate: expected scale, colorbar, title beside slices, got box",
     "--slice-plane z=3@7": "expected an opacity from 0 to 1 after @, got '7'",
@@ -195,3 +196,11 @@ def test_commands_that_are_refused(options: str, tmp_path: Path, capsys: pytest.
     assert main(["render", str(tmp_path / "a.npy"), *options.split(), "-o", str(tmp_path / "o.png")]) == 2
     said = capsys.readouterr().err
     assert BAD[options] in said and said.count("\n") == 1 and not (tmp_path / "o.png").exists()
+
+
+@pytest.mark.parametrize("option", ["--slice", "--slice-plane"])
+def test_what_has_no_values_has_no_slices(option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "nan.npy", np.full((4, 4, 4), np.nan))
+    assert main(["render", str(tmp_path / "nan.npy"), option, "z", "-o", str(tmp_path / "o.png")]) == 2
+    said = capsys.readouterr().err
+    assert "expected finite samples, got none" in said and said.count("\n") == 1 and not (tmp_path / "o.png").exists()

@@ -82,3 +82,8 @@ def test_it_is_open_beside_missing_and_masked_voxels() -> None:
 def test_labels_have_none() -> None:
     with pytest.raises(sg.InputError, match="expected amounts, got labels"):
         iso_mesh(replace(ball(), labels=()), 14.0)
+
+
+def test_one_plane_has_none() -> None:
+    with pytest.raises(sg.InputError, match="expected at least two voxels along each axis, got 5×4×1"):
+        iso_mesh(sg.Volume(np.random.default_rng(1).random((1, 4, 5))), 0.5)
