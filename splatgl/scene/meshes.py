@@ -162,7 +162,7 @@ def is_mesh(source: str) -> bool:
 
 
 def clipped_meshes(source: str, meshes: tuple[MeshFile, ...], options: Mapping[str, Any]) -> tuple[MeshFile, ...]:
-    """The meshes of a scene, and its source if that is one, as options `clip_meshes` and `caps` have planes cut them; as
+    """The meshes of a scene, and its source if it is one, as options `clip_meshes` and `caps` have planes cut them; as
     they are without these. Raises InputError for caps of no mesh.
     """
     caps = options.get("caps")
