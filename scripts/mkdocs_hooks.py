@@ -32,7 +32,7 @@ STYLE = """
 .md-typeset table:not([class]) td:last-child { min-width: 8rem; }
 .md-typeset pre > code { font-size: .74em; }
 .md-typeset details { font-size: inherit; }
-.md-typeset h1 { color: var(--md-default-fg-color); font-weight: 400; }
+.md-typeset :is(h1, h2) { color: var(--md-default-fg-color); font-weight: 400; }
 .md-typeset table:not([class]) :is(td, th) { padding: .7em .6em; }
 .md-typeset :is(.language-sh, .language-python) pre > code { white-space: pre-wrap; overflow-wrap: anywhere; }
 .md-typeset .language-sh pre > code { padding-right: 3em; }
