@@ -213,7 +213,7 @@ def test_hard_ball() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("make", [terrain_model.terrain, nerve_model.nerve])
+@pytest.mark.parametrize("make", [nerve_model.nerve, terrain_model.terrain])
 def test_the_same_seed_gives_the_same_scene(make: Callable[..., Volume], request: pytest.FixtureRequest) -> None:
     first = request.getfixturevalue(make.__name__)
     again = make()
