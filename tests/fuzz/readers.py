@@ -33,7 +33,7 @@ import numpy as np
 from splatgl.errors import InputError
 from tests.fuzz.seed_files import Seed
 from tests.fuzz.seeds import SEEDS
-from tests.fuzz.watch import Watch, quick_looks, read, uses_hdf5
+from tests.fuzz.watch import Watch, quick_looks, read
 
 LIMIT = 2**30
 """Bytes of address space, and of resident memory, that reading one file may add: twice the readers' MAX_BYTES."""
@@ -206,8 +206,7 @@ def case(reader: str, index: int, seed: int, folder: Path) -> Path:
 def work(reader: str, indices: range, seed: int, folder: Path, pipe: Connection) -> None:
     """Reads files one by one and sends (number, outcome, message)."""
     # 1. one valid file, so that imports do not count; then the limits
-    if uses_hdf5(list(SEEDS[reader]()[0].files)):
-        quick_looks()
+    quick_looks(reader, list(SEEDS[reader]()[0].files))
     good = case(reader, -1, seed, folder)
     outcome(good, SEEDS[reader]()[0].kind)
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

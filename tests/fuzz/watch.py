@@ -1,4 +1,4 @@
-"""What readers.py does with a file, and watches while it does: deep reading, leaks, and quick looks at HDF5."""
+"""What readers.py does with a file, and watches while it does: deep reading, leaks, and quick looks elsewhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import gc
 import os
 import re
 import resource
-import runpy
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ import splatgl as sg
 from splatgl.cli.volume_info import describe
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice
-from splatgl.readers import hdf5_files, list_volumes
+from splatgl.readers import hdf5_files, list_volumes, tiff_validation
 from splatgl.scene.scene_file import SceneFile
 
 TOUCH = 2**22
@@ -33,6 +32,10 @@ FEW = 8
 
 EVERY, GROWTH = 500, 48 * 2**20
 """Files between two looks at memory, and bytes that it may grow by beyond what the first of these took."""
+
+
+XR = "tiff-xr"
+"""Seeds whose pictures are first decoded in another process."""
 
 
 # --- reading ----------------------------------------------------------------------------------------------------------
@@ -124,20 +127,30 @@ class Watch:
         return len(os.listdir("/proc/self/fd")), maps, len(task.read_text().split()), left
 
 
-# --- HDF5 -------------------------------------------------------------------------------------------------------------
+# --- looks elsewhere --------------------------------------------------------------------------------------------------
 
 
-def quick_looks() -> None:
-    """Has a process that never opens a file fork for each look at an HDF5 file: a new Python takes 0.3 s each time.
+def quick_looks(reader: str, names: Sequence[str]) -> None:
+    """Has a process that never opens a file fork for each look of the reader at a file of HDF5 or JPEG XR in another
+    process: a new Python takes 0.3 s each time.
 
-    The look is the reader's own, with the same limits.
+    names: of the reader's files. The look is the reader's own, with the same limits.
     """
-    import h5py  # noqa: F401
+    module: Any
+    if reader == XR:
+        import imagecodecs  # noqa: F401
 
+        module, script = tiff_validation, tiff_validation._TRY
+    elif uses_hdf5(names):
+        import h5py  # noqa: F401
+
+        module, script = hdf5_files, hdf5_files._PROBE.read_text(encoding="utf-8")
+    else:
+        return
     ours, theirs = os.pipe()
     answers, answer = os.pipe()
     if not os.fork():
-        _serve(ours, answer)
+        _serve(ours, answer, script)
     for end in (ours, answer):
         os.close(end)
 
@@ -145,12 +158,11 @@ def quick_looks() -> None:
         os.write(theirs, os.fsencode(command[-1]) + b"\0")
         return SimpleNamespace(returncode=int(os.read(answers, 16)), stdout=b"looking")
 
-    hdf5_files.subprocess = SimpleNamespace(run=run, DEVNULL=None, PIPE=None)  # type: ignore[assignment, attr-defined]
+    module.subprocess = SimpleNamespace(run=run, DEVNULL=None, PIPE=None)
 
 
-def _serve(ours: int, answer: int) -> None:
-    """Answers each path with the exit status of a look, until the pipe is closed."""
-    script = str(Path(hdf5_files.__file__).with_name("hdf5_probe.py"))
+def _serve(ours: int, answer: int, script: str) -> None:
+    """Answers each path with the exit status of a script, until the pipe is closed."""
     silent = os.open(os.devnull, os.O_RDWR)
     for number in (0, 1, 2):
         os.dup2(silent, number)
@@ -163,9 +175,9 @@ def _serve(ours: int, answer: int) -> None:
         child = os.fork()
         if not child:
             # processor time of the parent does not count
-            sys.argv = [script, os.fsdecode(path.rstrip(b"\0"))]
+            sys.argv = ["look", os.fsdecode(path.rstrip(b"\0"))]
             try:
-                runpy.run_path(script, run_name="__main__")
+                exec(script, {"__name__": "__main__"})
             except SystemExit as ended:
                 os._exit(int(ended.code or 0))
             except BaseException:

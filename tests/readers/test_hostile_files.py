@@ -28,6 +28,7 @@ for _library in ("h5py", "mrcfile", "nibabel", "nrrd", "tifffile", "zarr"):
 from tests.fuzz import readers as fuzz  # noqa: E402
 from tests.fuzz import seed_files  # noqa: E402
 from tests.fuzz import seeds as good  # noqa: E402
+from tests.fuzz.watch import uses_hdf5  # noqa: E402
 from tests.helpers.hostile import ROOM, SECONDS, bounds, refused  # noqa: E402
 
 # tracing memory makes reading take five times as long
@@ -48,7 +49,7 @@ def test_mutated_files_load_or_are_refused(tmp_path: Path, reader: str) -> None:
     if reader.startswith("dicom"):
         pytest.importorskip("pydicom", reason="writes the files; it is in the extra dicom")
     # each look at a file of HDF5 starts a process
-    looks = fuzz.uses_hdf5(list(good.SEEDS[reader]()[0].files))
+    looks = uses_hdf5(list(good.SEEDS[reader]()[0].files))
     for index in range(MANY // 4 if looks else MANY):
         path = fuzz.case(reader, index, 0, tmp_path / "case")
         with bounds(fuzz.LIMIT):
