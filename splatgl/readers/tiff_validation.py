@@ -256,7 +256,8 @@ def check_before_decoding(pages: Iterable[Any]) -> None:
             continue
         if frame.compression in _XR:
             path = Path(page.parent.filehandle.path)
-            _try_elsewhere(str(path), path.stat().st_size, path.stat().st_mtime_ns)
+            if missed := _try_elsewhere(str(path), path.stat().st_size, path.stat().st_mtime_ns):
+                raise expected("JPEG XR", f"pages that {missed}", "others", "the file is damaged")
         if frame.compression == _LZW:
             check: Callable[[bytes], None] = partial(check_lzw, reversed_bits=frame.fillorder == 2)
         else:
@@ -281,25 +282,25 @@ def _check_size(data: bytes, frame: Any, size_of: Callable[[bytes], Size]) -> No
 # proves nothing
 _XR = (22610, 34934)
 _TRY = "import sys, tifffile\nprint(1, flush=True)\nfor page in tifffile.TiffFile(sys.argv[1]).pages: page.asarray()"
-_TRY_SECONDS = 60.0
+# most seconds to start, and bytes that are decoded in another one at the slowest: damaged data may loop
+_TRY_SECONDS, _TRY_BYTES = 6.0, 2**20
 
 
 @lru_cache(maxsize=64)
-def _try_elsewhere(path: str, _size: int, _time: int) -> None:
-    """Raises InputError for a file whose pages cannot be decoded in a process of its own."""
+def _try_elsewhere(path: str, size: int, _time: int) -> str:
+    """What the pages of a file miss that cannot be decoded in a process of its own, "" for others."""
     run, none = [sys.executable, "-P", "-c", _TRY, path], subprocess.DEVNULL
-    flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
+    flags, seconds = getattr(subprocess, "CREATE_NO_WINDOW", 0), _TRY_SECONDS + size / _TRY_BYTES
     try:
         ended = subprocess.run(
-            run, stdin=none, stdout=subprocess.PIPE, stderr=none, timeout=_TRY_SECONDS, creationflags=flags
+            run, stdin=none, stdout=subprocess.PIPE, stderr=none, timeout=seconds, creationflags=flags
         )
     except OSError:
         # the program that Python is embedded in, or none
-        return
+        return ""
     except subprocess.TimeoutExpired:
-        raise expected("JPEG XR", f"pages that are decoded in {_TRY_SECONDS:g} s", "more") from None
-    if ended.returncode != 0 and ended.stdout:
-        raise expected("JPEG XR", "pages that its library decodes", "others", "the file is damaged")
+        return f"are decoded in {seconds:.0f} s"
+    return "its library decodes" if ended.returncode != 0 and ended.stdout else ""
 
 
 class _CheckedDecoder:

@@ -34,6 +34,9 @@ EVERY, GROWTH = 500, 48 * 2**20
 """Files between two looks at memory, and bytes that it may grow by beyond what the first of these took."""
 
 
+LOOK = 3
+"""Most seconds of processor time of a look elsewhere."""
+
 XR = "tiff-xr"
 """Seeds whose pictures are first decoded in another process."""
 
@@ -175,6 +178,7 @@ def _serve(ours: int, answer: int, script: str) -> None:
         child = os.fork()
         if not child:
             # processor time of the parent does not count
+            resource.setrlimit(resource.RLIMIT_CPU, (LOOK, LOOK))
             sys.argv = ["look", os.fsdecode(path.rstrip(b"\0"))]
             try:
                 exec(script, {"__name__": "__main__"})

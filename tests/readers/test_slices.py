@@ -132,6 +132,22 @@ def test_no_slices(tmp_path: Path) -> None:
         load(tmp_path / "a" / "x*.tif")
 
 
+def test_jpeg_xr_that_holds_its_decoder_in_a_loop_is_refused_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("imagecodecs")
+    from splatgl.readers import tiff_validation
+
+    write_compressed(tmp_path / "a.tif", "jpegxr")
+    monkeypatch.setattr(tiff_validation, "_TRY", "print(1, flush=True)\nwhile True: pass")
+    monkeypatch.setattr(tiff_validation, "_TRY_SECONDS", 1.0)
+    with pytest.raises(InputError, match="expected pages that are decoded in 1 s"):
+        load(tmp_path / "a.tif")
+    monkeypatch.setattr(tiff_validation, "_TRY", "print(1)")
+    with pytest.raises(InputError, match="expected pages that are decoded in 1 s"):
+        load(tmp_path / "a.tif")
+
+
 @pytest.mark.parametrize("name", PICTURES)
 def test_compressions_of_tiff(tmp_path: Path, name: str) -> None:
     write_compressed(tmp_path / "a.tif", name)
