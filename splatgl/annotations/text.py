@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,13 +67,14 @@ MICRO = "µ"
 @dataclass(frozen=True)
 class Text:
     """Lines of text at one of CORNERS; tabs separate columns. note: in the colour of messages. fit: with as many
-    columns and as small as needed to fit into the image.
+    columns and as small as needed to fit into the image. above: pixels that another text takes above it.
     """
 
     lines: tuple[str, ...]
     corner: str = "top left"
     note: bool = False
     fit: bool = False
+    above: int = 0
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,8 @@ def text_box(text: Text, size: tuple[int, int], scale: float) -> tuple[int, int,
         left, top = max(0, (size[0] - width) // 2), max(0, (size[1] - height) // 2)
     elif "bottom" in text.corner:
         top = size[1] - height - block.pad
+    else:
+        top += text.above
     return left, top, left + width, top + height
 
 
@@ -178,14 +182,14 @@ def _fit_block(text: Text, size: tuple[int, int], scale: float) -> Block:
 def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
     """Lines in columns of equal length; tabs separate cells within a column."""
     font, pad = load_font(round(height)), max(1, round(PADDING * height / FONT))
-    step, per = round(height * LEADING), -(-len(lines) // count)
+    step, columns = round(height * LEADING), _columns(lines, count)
     cells: list[tuple[str, float, int]] = []
     right = 0.0
-    for first in range(0, len(lines), per):
-        rows = [[plain(cell) for cell in line.split("\t")] for line in lines[first : first + per]]
+    for part in columns:
+        rows = [[plain(cell) for cell in line.split("\t")] for line in part]
         # column widths come from rows with several cells; a single cell spans all columns
         # columns of lines are farther apart than their cells
-        tabbed, ends = [row for row in rows if len(row) > 1], [right + (2 * pad if first else pad)]
+        tabbed, ends = [row for row in rows if len(row) > 1], [right + (2 * pad if right else pad)]
         for column in range(max(map(len, tabbed), default=0)):
             widest = max(font.getlength(row[column]) for row in tabbed if column < len(row))
             ends.append(ends[-1] + 2 * pad + widest)
@@ -193,7 +197,18 @@ def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
             cells += [(cell, ends[column], pad + number * step) for column, cell in enumerate(row) if cell]
         alone = [ends[0] + font.getlength(row[0]) + pad for row in rows if len(row) == 1]
         right = max([ends[-1] - pad, *alone])
-    return Block(tuple(cells), round(height), pad, (int(right) + 1, step * per + 2 * pad))
+    return Block(tuple(cells), round(height), pad, (int(right) + 1, step * max(map(len, columns)) + 2 * pad))
+
+
+def _columns(lines: tuple[str, ...], count: int) -> list[tuple[str, ...]]:
+    """Lines in columns of about equal length, which begin with headings, lines of an empty second cell, if there are
+    enough of them.
+    """
+    headings = [number for number, line in enumerate(lines) if number and line.endswith("\t")]
+    ends = [len(lines) * number // count for number in range(count + 1)]
+    if len(headings) >= count:
+        ends[1:-1] = [min(headings, key=lambda heading: abs(heading - end)) for end in ends[1:-1]]
+    return [lines[first:last] for first, last in pairwise(ends) if first < last]
 
 
 @lru_cache(maxsize=512)

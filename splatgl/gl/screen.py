@@ -200,13 +200,14 @@ class Sprite:
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """Sprites and strokes, drawn in this order."""
+    """Sprites, strokes over them, and labels over both."""
 
     sprites: tuple[Sprite, ...] = ()
     strokes: tuple[Stroke, ...] = ()
+    labels: tuple[Sprite, ...] = ()
 
     def __bool__(self) -> bool:
-        return bool(self.sprites or self.strokes)
+        return bool(self.sprites or self.strokes or self.labels)
 
 
 class Marker:
@@ -223,11 +224,11 @@ class Marker:
         """Draws the marks into the bound framebuffer of `size` pixels."""
         self.ctx.enable_only(moderngl.BLEND)
         self.ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        self._forget(marks.sprites)
-        if marks.sprites:
-            self._sprites(size, marks.sprites)
+        self._forget((*marks.sprites, *marks.labels))
+        self._sprites(size, marks.sprites)
         if marks.strokes:
             self._strokes(size, marks.strokes)
+        self._sprites(size, marks.labels)
         self.ctx.enable_only(moderngl.NOTHING)
 
     def release(self) -> None:
@@ -247,6 +248,8 @@ class Marker:
             self.textures.pop(identity)[1].release()
 
     def _sprites(self, size: tuple[int, int], sprites: Sequence[Sprite]) -> None:
+        if not sprites:
+            return
         if "sprite" not in self.programs:
             program = build(self.ctx, "sprite.vert", "sprite.frag", {})
             self.programs["sprite"] = program, self.ctx.vertex_array(program, [])

@@ -128,7 +128,9 @@ class Display:
     def view(self) -> View:
         """The window beside the panel, for tools."""
         (width, height), scale = self.window.size, self.window.scale
-        width -= docked_width((width, height), scale) if self.panel is not None and self.state.panel else 0
+        # the help takes the room of the panel
+        has_panel = self.panel is not None and self.state.panel and not self.state.help
+        width -= docked_width((width, height), scale) if has_panel else 0
         return View((max(width, 1), max(height, 1)), scale, self.now())
 
     @property

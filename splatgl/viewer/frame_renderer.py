@@ -105,6 +105,8 @@ EDGE = (128, 128, 128, 255)
 LETTER = 7.5
 # largest width of the text, as a share of the window
 COLUMN = 0.45
+# pictures less wide have room for annotations alone, pixels at a content scale of 1
+NARROW = 200.0
 # smallest opacity of a visible pixel, and largest share of visible pixels that a text may cover
 SEEN, COVERED = 0.02, 0.02
 # images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
@@ -213,11 +215,12 @@ class FrameRenderer:
         if self.stand_in is not None and self.frame is not None:
             self.frame, self.stand_in = replace(self.frame, off=self._off(self.stand_in)), None
         moving = self.frame is not None and not self.frame.full
-        if state.hud == "off" or state.help:
+        narrow = state.hud == "short" and state.pose.camera.size[0] < NARROW * scale
+        if state.hud == "off" or state.help or narrow:
             self.words = ()
         elif not (moving and self.words and now - self.written < CALM):
             lines = (hud.short_lines if state.hud == "short" else hud.full_lines)(state, document, self.frame, busy)
-            most = max(20, int(state.pose.camera.size[0] / LETTER / scale * COLUMN))
+            most = _column(state.pose.camera.size, scale)
             self.words = tuple(part for line in lines if line for part in _wrap(line, most))
             self.written = now
             if not moving and state.hud == "short":
@@ -301,9 +304,10 @@ class FrameRenderer:
             texts.append(Text(tuple("\t".join(row) for row in help_rows(self.commands)), "middle", fit=True))
         notes = [line for line in (note, state.message) if line]
         if notes:
-            width = max(20, int(size[0] / LETTER / scale))
-            lines = tuple(part for line in notes for part in _wrap(line, width))
-            texts.append(Text(lines, "top left" if corner == "bottom left" else "bottom left", note=True))
+            lines = tuple(part for line in notes for part in _wrap(line, _column(size, scale)))
+            # beside the annotations, which are at the bottom and in the middle of the top
+            above = text_box(texts[0], size, scale)[3] if texts and texts[0].corner == "top left" else 0
+            texts.append(Text(lines, note=True, above=above))
         paths: tuple[Path, ...] = ()
         if state.show_zk and self.frame is not None and self.frame.plan.program.seen.perspective:
             section = plane_section(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
@@ -334,6 +338,11 @@ def _with_edge(overlay: np.ndarray) -> np.ndarray:
     overlay = overlay.copy()
     overlay[:, :1] = EDGE
     return overlay
+
+
+def _column(size: tuple[int, int], scale: float) -> int:
+    """Letters in a line of text over a picture."""
+    return max(20, int(size[0] / LETTER / scale * COLUMN))
 
 
 def _wrap(text: str, width: int) -> list[str]:

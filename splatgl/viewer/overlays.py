@@ -136,10 +136,10 @@ class Overlays:
         if state.probe and cursor is not None:
             labels += _value_label(state, document, cursor, scale)
         if not slices:
-            return Marks((*legend, *labels), (*strokes, *lines))
+            return Marks(legend, (*strokes, *lines), tuple(labels))
         lines += slice_outlines(state.slices, document.volume, camera, scale)
         visible = clip_strokes((*strokes, *lines), camera.size[0])
-        return Marks((*legend, *labels, *slices.sprites), (*visible, *slices.strokes))
+        return Marks((*legend, *slices.sprites), (*visible, *slices.strokes), (*labels, *slices.labels))
 
 
 def ruler_marks(ruler: Ruler, camera: Camera, scale: float) -> list[Stroke]:

@@ -36,8 +36,8 @@ from splatgl.viewer.transfer_editor import Curve
 
 # distance of the panel from the edges of the picture that it lies over, screen units
 MARGIN = 8.0
-# width of the strip that opens the panel
-STRIP = 18.0
+# width and height of the strip that opens the panel
+STRIP = 18.0, 60.0
 EXTINCTION = (0.01, 100.0)
 # settings with sliders from 0 to 1; those with choices have lists
 STRENGTHS = ("ambient_occlusion", "shadows")
@@ -167,10 +167,10 @@ class Panel:
         imgui.end()
 
     def _draw_strip(self, state: State, document: Document, room: tuple[int, int]) -> State:
-        """A strip at the right edge; a click on it opens the panel."""
-        wide = STRIP * imgui.get_style().font_scale_main
-        imgui.set_next_window_pos((room[0] - wide, room[1] / 3), imgui.Cond_.always)
-        imgui.set_next_window_size((wide, room[1] / 3))
+        """A strip in the corner at the right, away from annotations; a click on it opens the panel."""
+        wide, high = (side * imgui.get_style().font_scale_main for side in STRIP)
+        imgui.set_next_window_pos((room[0] - wide, 0.0), imgui.Cond_.always)
+        imgui.set_next_window_size((wide, high))
         for size in (imgui.StyleVar_.window_padding, imgui.StyleVar_.window_min_size):
             imgui.push_style_var(size, imgui.ImVec2(0.0, 0.0))
         imgui.begin("##strip", None, imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings)

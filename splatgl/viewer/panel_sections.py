@@ -81,9 +81,11 @@ class CommandWidgets:
         key = f" ({command.keys[0]})" if command.keys else ""
         imgui.set_item_tooltip(f"{text or command.title[0].upper() + command.title[1:]}{key}.")
 
-    def button(self, name: str, label: str, state: State, document: Document, text: str = "") -> State:
-        """The state after a click, if there is one."""
-        clicked = imgui.button(label)
+    def button(
+        self, name: str, label: str, state: State, document: Document, text: str = "", wide: float = 0.0
+    ) -> State:
+        """The state after a click, if there is one. text: of the tooltip; wide: width, 0: that of the label."""
+        clicked = imgui.button(label, (wide, 0.0))
         self.describe(name, text)
         return self.run(name, state, document) if clicked else state
 
@@ -182,7 +184,7 @@ def _planes(cuts: Cuts, volume: Volume) -> Cuts:
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.55)
         ends = float(along.min()), float(along.max())
         changed, place = imgui.slider_float("##place", plane[3], *ends, f"%.4g {unit}")
-        imgui.pop_stylepick_color()
+        imgui.pop_style_color()
         imgui.set_item_tooltip("Normal {:.3g}, {:.3g}, {:.3g}: keeps what lies beyond this place.".format(*plane[:3]))
         if changed:
             cuts = replace(cuts.with_plane(number, (*plane[:3], place)), active=True)
@@ -246,9 +248,10 @@ def draw_slices(state: State, document: Document, widgets: CommandWidgets) -> St
     state = widgets.checkbox("slices-in-space", "in the picture", bool(state.slice_planes), state, document)
     slices, volume = state.slices, document.volume
     if slices.shown:
-        for name in _flow(["turn-slices-x", "turn-slices-y", "turn-slices-z", "straighten-slices"], 4):
-            text = "straight" if name == "straighten-slices" else f"turn about {name[-1]}"
-            state = widgets.button(name, text, state, document)
+        turns = [f"turn-slices-{axis}" for axis in "xyz"]
+        for name, wide in _flow([*turns, "straighten-slices"], 4):
+            text = f"turn {name[-1]}" if name in turns else "straight"
+            state = widgets.button(name, text, state, document, wide=wide)
         slices = state.slices
     if slices.shown and slices.turn == STRAIGHT:
         index = list(slices.index(volume))
@@ -264,15 +267,15 @@ def draw_view(state: State, document: Document, widgets: CommandWidgets) -> Stat
     """The section's controls; returns the edited state."""
     frame = document.volume.frame
     order = ("front", "back", "left", "right", "top", "bottom")
-    for view in _flow(order, 3 if frame else 6):
+    for view, wide in _flow(order, 3 if frame else 6):
         label = f"{(ANATOMY if frame else ALONG)[view]}##view"
         tip = f"{name_of(view, frame)}, as {'3D Slicer' if frame else 'ParaView'} names it"
-        state = widgets.button(view, label, state, document, tip)
-    orthographic = not state.pose.camera.perspective
-    state = widgets.checkbox("projection", "orthographic", orthographic, state, document)
-    for name in ("turntable", "fullscreen"):
-        imgui.same_line()
-        state = widgets.checkbox(name, name, getattr(state, name), state, document)
+        state = widgets.button(view, label, state, document, tip, wide)
+    ticked = {"orthographic": not state.pose.camera.perspective}
+    ticked |= {"turntable": state.turntable, "fullscreen": state.fullscreen}
+    for name, _ in _flow(list(ticked), 3):
+        command = "projection" if name == "orthographic" else name
+        state = widgets.checkbox(command, name, ticked[name], state, document)
     state = _ground(_over(state, document, widgets))
     changed, chosen = imgui.combo(label_left("panel"), THEMES.index(state.theme), list(THEMES))
     return replace(state, theme=THEMES[chosen]) if changed else state
@@ -281,7 +284,7 @@ def draw_view(state: State, document: Document, widgets: CommandWidgets) -> Stat
 def _over(state: State, document: Document, widgets: CommandWidgets) -> State:
     """Annotations of the picture."""
     rows = {row.name: row for row in ANNOTATIONS.values() if row.key and (document.volume.frame or not row.needs_frame)}
-    for name in _flow(list(rows), 4):
+    for name, _ in _flow(list(rows), 3):
         if imgui.checkbox(name, name in state.annotate)[0]:
             state = replace(state, annotate=toggle_name(state.annotate, name))
         imgui.set_item_tooltip(f"{rows[name].about[:-1]} ({rows[name].key}).")
@@ -308,12 +311,14 @@ def _ground(state: State) -> State:
     return state
 
 
-def _flow(names: Sequence[str], per_row: int) -> Iterator[str]:
-    """Yields the names, and starts a new line of widgets after `per_row` of them."""
+def _flow(names: Sequence[str], per_row: int) -> Iterator[tuple[str, float]]:
+    """Yields the names, whose widgets stand in rows of `per_row` equal columns, and the width of a column."""
+    style = imgui.get_style()
+    step = (imgui.get_content_region_avail().x + style.item_spacing.x) / per_row
     for number, name in enumerate(names):
         if number % per_row:
-            imgui.same_line()
-        yield name
+            imgui.same_line(style.window_padding.x + step * (number % per_row))
+        yield name, step - style.item_spacing.x
 
 
 def draw_measures(state: State, document: Document, widgets: CommandWidgets) -> State:

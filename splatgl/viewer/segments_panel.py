@@ -10,7 +10,7 @@ from imgui_bundle import imgui
 from splatgl.annotations.text import plain
 from splatgl.data.color import linear_from_srgb, srgb_of_name
 from splatgl.viewer.document import Document, LayerSplats
-from splatgl.viewer.panel_sections import label_left, pick_color, pick_opacity, shorten
+from splatgl.viewer.panel_sections import OPACITY, label_left, pick_color, pick_opacity, shorten
 from splatgl.viewer.segments import (
     Segment,
     find_segments,
@@ -23,9 +23,9 @@ from splatgl.viewer.segments import (
 )
 from splatgl.viewer.state import LayerStyle, State
 
-# rows that are visible at a time, share of the panel's width that names take, and width of the field of a name at a
-# content scale of 1
-ROWS, NAME, MENU = 10, 0.4, 240.0
+# rows that are visible at a time, share of the slider of an opacity, and width of the field of a name, screen units
+ROWS, SLIDER, MENU = 10, 0.75, 240.0
+ONLY = "only"
 
 
 class SegmentList:
@@ -77,21 +77,28 @@ def _row(style: LayerStyle, segment: Segment) -> tuple[LayerStyle, bool]:
     color = pick_color(tuple(map(float, linear_from_srgb(np.array(srgb_of_name(segment.color)) / 255))))
     imgui.same_line()
     imgui.align_text_to_frame_padding()
-    name = shorten(plain(segment.name), room * NAME)
-    clicked = imgui.selectable(name, False, size=(room * NAME, 0.0))[0]
+    wide = _name_width(room)
+    clicked = imgui.selectable(shorten(plain(segment.name), wide), False, size=(wide, 0.0))[0]
     imgui.set_item_tooltip(
         f"{plain(segment.name)}, number {number}: a click centres it and fits the view to it, a right click renames it."
     )
     style = _rename(style, segment)
-    opacity = pick_opacity(segment.opacity, room * 0.75)
+    opacity = pick_opacity(segment.opacity, room * SLIDER)
     if color is not None or opacity != segment.opacity:
         style = with_look(style, number, color or segment.color, opacity)
     imgui.same_line()
-    if imgui.small_button("only"):
+    if imgui.small_button(ONLY):
         style = with_only(style, number)
     imgui.set_item_tooltip("Shows it, and hides all others.")
     imgui.pop_id()
     return style, clicked
+
+
+def _name_width(room: float) -> float:
+    """Width of a name in a row, of which a tick, a colour, a slider and a button take the rest."""
+    style = imgui.get_style()
+    button = imgui.calc_text_size(ONLY).x + 2 * style.frame_padding.x
+    return room - 2 * imgui.get_frame_height() - room * SLIDER * OPACITY - button - 4 * style.item_spacing.x
 
 
 def _rename(style: LayerStyle, segment: Segment) -> LayerStyle:

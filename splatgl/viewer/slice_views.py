@@ -134,8 +134,9 @@ BACKGROUND = np.array([[[18, 18, 20, 255]]], np.uint8)
 QUICK = 1 << 20
 # longest wait of a saved picture for slices, seconds
 LONGEST = 20.0
-# pixels at a content scale of 1: of lines, between labels and edges, of the dots that turn slices, and around these
-LINE, GAP, DOT, NEAR = 1.0, 2.0, 8.0, 9.0
+# pixels at a content scale of 1: of lines, between labels and edges, of the dots that turn slices, around these, and of
+# a letter
+LINE, GAP, DOT, NEAR, LETTER = 1.0, 2.0, 8.0, 9.0, 7.0
 # distance of these dots from the common point, as a share of the shorter side of a pane
 REACH = 0.3
 
@@ -241,20 +242,20 @@ class SliceTool(Tool):
         scale, volume = view.scale, document.volume
         left = visible[0].room[0]
         sprites = [Sprite(BACKGROUND, (left, 0.0, float(view.size[0]), float(view.size[1])))]
-        strokes: list[Stroke] = []
+        strokes, labels = list[Stroke](), list[Sprite]()
         is_straight = state.slices.turn == STRAIGHT
         for pane, shown in zip(visible, self.turned_panes(state, document, view), strict=True):
             pixels = self._pixels(pane, shown, state, document)
             if pixels is not None:
                 sprites.append(Sprite(pixels, pane.box if is_straight else shown.box, smooth=is_straight))
             name = _title(pane, state.slices, volume)
-            sprites += _labels(name, shown, volume, scale)
+            labels += _labels(name, shown, volume, scale)
             strokes += _cross(shown, state.slices, volume, scale)
-        values = slice_values(state, document)
+        values = slice_values(state, document, int((view.size[0] - left) / LETTER / scale))
         if values:
             corner = left + GAP * scale, view.size[1] - GAP * scale
-            sprites.append(_label_at(values, corner, (0.0, 1.0), scale))
-        return Marks(tuple(sprites), tuple(strokes))
+            labels.append(_label_at(values, corner, (0.0, 1.0), scale))
+        return Marks(tuple(sprites), tuple(strokes), tuple(labels))
 
     def complete_marks(self, state: State, document: Document, view: View) -> Marks:
         """The marks once all slices are read. Raises InputError for slices that cannot be read within LONGEST."""
@@ -316,9 +317,11 @@ def _are_quick(volumes: Sequence[Volume], look: object) -> bool:
     return is_small and all(isinstance(each.samples, np.ndarray) for each in volumes)
 
 
-def slice_values(state: State, document: Document) -> tuple[str, ...]:
-    """Value of each visible layer at the common point of the slices, after its name if there are several."""
-    pool, volume, texts = document.pool, document.volume, {}
+def slice_values(state: State, document: Document, most: int) -> tuple[str, ...]:
+    """Value of each visible layer at the common point of the slices, after its name, which is shortened to `most`
+    letters in all, if there are several.
+    """
+    pool, volume, texts = document.pool, document.volume, list[str]()
     point = middle(state.slices, volume)
     shown = [style for style in state.styles if style.is_shown and style.number in pool] or state.styles[:1]
     for style in shown:
@@ -328,8 +331,13 @@ def slice_values(state: State, document: Document) -> tuple[str, ...]:
         is_inside = (place >= 0).all() and (place < part.shape[::-1]).all()
         if is_inside and isinstance(part.samples, np.ndarray):
             sample = part.samples[tuple(place[::-1])]
-            texts[style.title or layer.name] = f"{sample:.6g} {segment_name(style, part, sample) or part.value_unit}"
-    return tuple(f"{name}: {text}".rstrip() if len(shown) > 1 else text.rstrip() for name, text in texts.items())
+            text = f"{sample:.6g} {segment_name(style, part, sample) or part.value_unit}".rstrip()
+            texts.append(text if len(shown) < 2 else f"{_cut(style.title or layer.name, most - len(text) - 2)}: {text}")
+    return tuple(texts)
+
+
+def _cut(name: str, most: int) -> str:
+    return name if len(name) <= most else f"{name[: max(most - 1, 1)]}…"
 
 
 @dataclass(frozen=True, eq=False)

@@ -457,6 +457,10 @@ def _as_step(state: State) -> State:
     return replace(state, pinned=None, preview=None)
 
 
+def _resized(state: State, before: Pose, pose: Pose) -> State:
+    return replace(state, pose=pose) if state.pose is before else state
+
+
 class History:
     """Undo history of states. One step holds all changes between two moments of rest."""
 
@@ -496,9 +500,10 @@ class History:
         return shown
 
     def resize(self, before: Pose, pose: Pose) -> None:
-        """Changes the size of the latest view, which is not a step."""
-        if self.now.pose is before:
-            self.now = replace(self.now, pose=pose)
+        """Changes the size of a view in all its states, which is not a step."""
+        self.past = [_resized(step, before, pose) for step in self.past]
+        self.future = [_resized(step, before, pose) for step in self.future]
+        self.now = _resized(self.now, before, pose)
 
     def begin(self, state: State) -> None:
         """Starts again with the state of another document, which is saved."""

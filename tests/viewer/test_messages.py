@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import threading
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from splatgl.data.volume import Volume
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.settings import Settings
 from splatgl.splat.statistics import statistics
-from splatgl.viewer import hud, loading
+from splatgl.viewer import hud, loading, viewer
 from splatgl.viewer.commands import COMMANDS
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
@@ -236,6 +237,16 @@ def test_everything_is_twice_as_large_at_a_scale_of_two(folder: Path) -> None:
         assert np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.7
     small.end()
     large.end()
+
+
+def test_names_of_the_panel_s_library_exist() -> None:
+    """Also those of sections that no test opens."""
+    gui = pytest.importorskip("imgui_bundle", reason=WITH_GUI)
+    trees = (ast.parse(file.read_text(encoding="utf-8")) for file in Path(viewer.__file__).parent.glob("*.py"))
+    used = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+    names = {(node.value.id, node.attr) for node in used if isinstance(node.value, ast.Name)}
+    missing = [name for room, name in names if room in ("imgui", "implot") and not hasattr(getattr(gui, room), name)]
+    assert not missing
 
 
 def test_statistics_are_sentences() -> None:

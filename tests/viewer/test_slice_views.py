@@ -235,7 +235,8 @@ def test_slices_show_every_visible_layer_as_pictures_of_slices_do(tmp_path: Path
     alone = state.with_style(0, replace(state.styles[0], visible=False))
     assert [slice_colors_at(alone, document, place)[:3] for place in places] == [[0, 255, 0]] * 2 + [[0, 0, 0]] * 2
     # the values of both at the point
-    assert slice_values(state, document) == ("left: 0", "upper: 1") and slice_values(alone, document) == ("1",)
+    assert slice_values(state, document, 20) == ("left: 0", "upper: 1") and slice_values(alone, document, 2) == ("1",)
+    assert slice_values(state, document, 7) == ("left: 0", "upp…: 1")
     # a third of a segment over a volume
     segments = SceneFile(str(tmp_path / "labels.npy"), transfer={"labels": ((2, "#0000ff", 0.5),)}, opacity=0.3)
     document = Document.open(replace(one, transfer={**ramp, "colormap": "#ff0000"}, layers=(segments,)))
