@@ -340,7 +340,7 @@ def test_the_window_shows_what_is_saved(window: Window, folder: Path) -> None:
     window.hands("mousemove", 60, 440)
     window.ask("settle")
     # below the words
-    assert np.abs(window.shot().astype(int) - before)[120:, :300].max() <= 1
+    assert np.abs(window.shot().astype(int) - before)[160:, :300].max() <= 1
     # a dropped mesh is added to what is shown; a damaged one is told until that is closed
     window.drop(folder / "ball.ply", is_answered=False)
     added = click(window, 196, 250)
