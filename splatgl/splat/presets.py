@@ -434,8 +434,10 @@ def _transfer_from_values(volume: Volume) -> Transfer:
     kind = volume.hints.values or kind_of(volume)[0]
     stats = statistics(volume)
     several = len(distinct(stats.values)) > 2
-    # the values of a colour image are no labels, however few there are
-    if (kind == LABELS or (kind == MASK and several)) and volume.color is None:
+    if volume.color is not None and kind in (LABELS, MASK) and not stats.constant:
+        # few colours: the values, their brightness, are no labels, and only black is background
+        return Transfer(((0.0, 0.0), (float(stats.values[stats.values > 0][0]), SOLID)))
+    if kind == LABELS or (kind == MASK and several):
         return label_transfer(volume)
     if kind == MASK and not stats.constant:
         return replace(build_transfer(PRESETS["terrain"], stats), colormap="ivory")

@@ -123,6 +123,14 @@ def test_labels_and_masks_are_solid() -> None:
     assert default_transfer(Volume(labels)).opacity([0, 3, 6]).tolist() == [0.0, SOLID, SOLID]
 
 
+@pytest.mark.parametrize("shades", [(43, 150), (0, 18, 54), (0, 43, 130, 182, 255)])
+def test_only_black_is_background_among_few_colours(shades: tuple[int, ...]) -> None:
+    luma = np.kron(np.resize(np.array(shades, np.uint8), (4, 4, 4)), np.ones((4, 4, 4), np.uint8))
+    volume = sg.Volume(luma, color=np.repeat(luma[..., None], 3, axis=3))
+    opacity = sg.default_transfer(volume).opacity(np.array(shades))
+    np.testing.assert_array_equal(opacity > 0.9, np.array(shades) > 0)
+
+
 def test_hounsfield_units_are_recognised() -> None:
     samples = ball(low=-1000.0, high=40.0, noise=15.0)
     soft = default_transfer(Volume(samples))
