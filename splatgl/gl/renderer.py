@@ -284,7 +284,7 @@ class Renderer:
 
     def _verified(self, chosen: Plan, camera: Camera, pixels: np.ndarray) -> float:
         """The difference to the picture of the finest form, table and target, plus its bound; inf for that form."""
-        finer = self.plan(chosen.splats, camera, replace(chosen.settings, motion="off", **FINER))
+        finer = self.plan(chosen.splats, camera, _finer(chosen))
         if _kind(finer) == _kind(chosen):
             return float("inf")
         with current(self.ctx):
@@ -359,6 +359,15 @@ class Renderer:
             **_blur(chosen),
             **_light_info(chosen),
         }
+
+
+def _finer(chosen: Plan) -> Settings:
+    """Settings of the same picture with the finest form, table and target; `auto` could choose another picture."""
+    same = {
+        "compositing": "splats" if chosen.resolved.sheets is None else "sheets",
+        "attenuation": chosen.program.look.attenuation,
+    }
+    return chosen.settings.but(motion="off", **FINER | same)
 
 
 def _kind(chosen: Plan) -> tuple[object, ...]:

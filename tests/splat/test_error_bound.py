@@ -277,6 +277,23 @@ def test_streaks_of_long_voxels_have_a_bound_before_z_k_alone(renderer: sg.Rende
         assert (image.info["error_bound"] is not None) is known
 
 
+def test_a_picture_is_compared_with_the_same_one_in_finer_form(
+    renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`auto` composites a coarse target splat by splat, and would a fine one in sheets."""
+    splats, settings = lattice(6, 0.5), sg.Settings(target="rgba8", classification="pre")
+    camera = views(splats)["fitted"]
+    finest = []
+    plan = type(renderer).plan
+    monkeypatch.setattr(type(renderer), "plan", lambda *some: finest.append(plan(*some)) or finest[-1])
+    image = renderer.render(splats, camera, settings)
+    assert image.info["sheets"] == 0 and [chosen.resolved.sheets for chosen in finest] == [None]
+    assert (
+        image.info["error_bound"]
+        <= 3 * np.abs(image.pixels - sg.reference.render(splats, camera, settings).pixels).max()
+    )
+
+
 def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
     """Not one number for all: each part grows with its cause."""
     volume = sg.scenes.letter_f()
