@@ -185,7 +185,7 @@ class Renderer:
         """
         chosen = scene.first
         brightest = _brightest(pixels, chosen)
-        known = bound(chosen.splats, chosen, brightest) if scene.is_single else None
+        known = bound(chosen.splats, chosen, pixels) if scene.is_single else None
         if known is None:
             return {"error_bound": None, "tolerance_met": False}
         error, allowed = known.total, chosen.resolved.tolerance * max(brightest, 1e-30)
@@ -289,7 +289,7 @@ class Renderer:
             return float("inf")
         with current(self.ctx):
             right = self._draw(finer, "finer")
-        known = bound(finer.splats, finer, _brightest(right, finer))
+        known = bound(finer.splats, finer, right)
         return float(np.abs(right - pixels).max()) + known.total if known else float("inf")
 
     def _draw(

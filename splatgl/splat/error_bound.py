@@ -6,10 +6,12 @@ Accumulation along a ray is derived. A fragment's optical depth τF has an error
 and T the transmittance behind it, ∂C/∂τF = T (c − colour behind), so that
 
     Σ T σ τ F(0) ≤ σ S,    S the depth of all footprints that one ray meets, even at the rim (ray_overlap.py);
-    ρ Σ T τF |c − behind| ≤ ρ/2,    within sheets ρ (MIXED),
+    ρ Σ T τF |c − behind| ≤ ρ min(1/2, A),    within sheets ρ A,
 
-since with q the visible colour, c = q − dq/dτ in [0, 1], and ∫ e^(−τ) |dq/dτ| dτ ≤ 1/2 for every q. Where F is small
-the relative error is large and the absolute error is not, so that (ρ, σ) is chosen per picture.
+A the pixel's opacity, since with q the visible colour, c = q − dq/dτ in [0, 1], ∫ e^(−τ) |dq/dτ| dτ ≤ 1/2 for every q,
+and |c − behind| ≤ 1. Where F is small the relative error is large and the absolute error is not, so that (ρ, σ) is
+chosen per picture. Along the straight path from right to drawn depths, ρ τF is at most ρ/(1 − ρ) of what is drawn, and
+its opacity at most (A + σ S)/(1 − ρ): the sum is divided by (1 − ρ)². A is bounded by the drawn picture and by S.
 Three quantities are measured, with a margin: ROUNDINGS, the second-order error beyond z_k (BENT, MOVED), and the effect
 of misplaced sheets (DISPLACED).
 
@@ -29,7 +31,7 @@ from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.kernels import Kernel, kernel, polynomials, radial_table, rim_step
 from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Lookup
-from splatgl.splat.ray_overlap import RayOverlap, cells_of, ray_overlap
+from splatgl.splat.ray_overlap import ROUNDED, RayOverlap, cells_of, ray_overlap
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
@@ -58,12 +60,15 @@ class PlacementError:
 
 
 def accumulated_error(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
-    """The largest accumulated error along a ray: min over σ of weight · ρ(σ) + overlap · F(0) · σ."""
+    """The largest accumulated error along a ray: min over σ of (weight · ρ(σ) + overlap · F(0) · σ)/(1 − ρ)²."""
     missed = _deviation(lookup, placement)
     value, peak = _profile(lookup.kernel)
-    over = np.maximum(missed[None, :] - ABSOLUTE[:, None], 0.0)
+    # with the largest, nothing is relative
+    absolute = np.append(ABSOLUTE, missed.max())
+    over = np.maximum(missed[None, :] - absolute[:, None], 0.0)
     relative = np.where(over > 0, over / np.maximum(np.abs(value), 1e-30), 0.0).max(axis=1)
-    return float((weight * relative + overlap * peak * ABSOLUTE).min())
+    some = relative < 1
+    return float(((weight * relative + overlap * peak * absolute)[some] / (1 - relative[some]) ** 2).min())
 
 
 @lru_cache(maxsize=4)
@@ -118,23 +123,29 @@ def _table_error(lookup: Lookup, shape: Kernel, d: np.ndarray, value: np.ndarray
 
 # largest error of a voxel's position against a pixel's ray, in float32 ULPs of its distance from the eye
 ROUNDINGS = 0.5
-# beyond z_k `exact` has second-order errors: at depth z a relative gain of BENT/z² and a shift of
-# (MOVED₀ + MOVED₁ tan²θ)/z² voxels, up to 60° off axis; three times the shift for the Gaussian, which has a rim
-BENT, MOVED = 0.8, (0.3, 0.75)
-RIMMED = 3.0
+# beyond z_k `exact` has second-order errors: at depth z, in reaches of a kernel of radius R voxels, a relative gain of
+# BENT/z² and a shift of R (MOVED₀ + MOVED₁ sin²θ)/z² voxels, θ the ray's angle to the axis in the space that widening
+# shrinks; RIMMED times the shift for the Gaussian, which has a rim. For cubes the ray's length is expanded in the
+# footprint's half width t, in slopes: a gain of SECANT · min(t², t³)
+BENT, MOVED, RIMMED, SECANT = 0.4, (0.08, 1.5), 2.5, 0.12
+# of other voxels also by the fourth power of sin θ; and near ones, whose first-order terms may be left out, by
+# OMITTED₀/z² of them, at most OMITTED₁
+MOVED_LONG, OMITTED = (0.4, 0.4, 9.0), (18.0, 1.8)
 # error of one rounding of a number of 0.5 to 1, and of any smaller number; drivers may truncate to 16 bits instead of
-# rounding, and blend 8-bit targets in 8 bits; 'over' in float32 rounds 1 − α, its product and the sum
-TARGET = {"rgba32f": (ULP / 4, 0.0), "rgba16f": (2.0**-11, 2.0**-24), "rgba8": (1.5 / 255, 1.5 / 255)}
+# rounding, blend 8-bit targets in 8 bits, and flush the smallest numbers to 0; 'over' in float32 rounds 1 − α, its
+# product and the sum
+TARGET = {"rgba32f": (ULP / 4, 2.0**-126), "rgba16f": (2.0**-11, 2.0**-24), "rgba8": (1.5 / 255, 1.5 / 255)}
 OVER = 3.0
+# largest ratio of a line integral to the one through the centre of its voxel, beyond z_k
+BRIGHTER = 1.1
 # a kernel around the eye: error of the half-line table's share of a chord, times F/F(0); and of the sum over all
 # lattice kernels around the eye
 HALF_LINE, AROUND = 3.2e-5, 1.2e-4
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
-# within a sheet, errors of opposite sign change the mean colour besides the opacity. A splat's place in sheets is wrong
-# by at most PLACE_DIGITS ULPs; DISPLACED: largest change of a picture per misplaced sheet (measured from 300 to 300 000
-# voxels away, opacities of 0.05 to 1: 0.04)
-MIXED, PLACE_DIGITS, DISPLACED = 1.0, 4.0, 0.25
+# a splat's place in sheets is wrong by at most PLACE_DIGITS ULPs; DISPLACED: largest change of a picture per misplaced
+# sheet (measured from 300 to 300 000 voxels away, opacities of 0.05 to 1: 0.04)
+PLACE_DIGITS, DISPLACED = 4.0, 0.25
 # tiles use colours of 21 bits and a faster one_minus_exp
 GATHERED = 10 * ULP
 # a streak has three positions instead of one; error of float32 areas over its length, in F(0); largest ratio of a ray's
@@ -170,8 +181,8 @@ class Bound:
         )
 
 
-def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
-    """Error bound of a picture; brightest: its largest component, to which an X-ray's errors are relative.
+def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
+    """Error bound of a picture. pixels [H, W, 4]: as drawn; the errors of an X-ray are relative to the largest.
 
     None for streaks near the eye and of long voxels beyond z_k, which deviate from their model; for values classified
     after reconstruction; and for boxes, since a ray along a face may meet either of two.
@@ -181,10 +192,9 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
     if plan.exposure is None:
         splats = clip_behind_eye(splats, plan.resolved.camera)
     if not len(splats):
-        lost = _resolve_error(plan, 1.0 if plan.resolved.background else 0.0)
+        lost = _resolve_error(plan, 0.0)
         return Bound(0.0, 0.0, lost, lost)
-    program, blend = plan.program, plan.program.look.blend
-    most = max(splats.brightest, 1.0)
+    blend, most = plan.program.look.blend, max(splats.brightest, 1.0)
     if plan.exposure is None:
         placement, met = _placement_error(splats, plan.view, plan), ray_overlap(splats, plan.view)
     else:
@@ -192,26 +202,67 @@ def bound(splats: Splats, plan: Plan, brightest: float) -> Bound | None:
         if blurred is None:
             return None
         placement, met = blurred
-    brightest_pixel = _largest_pixel(splats, plan, met, most)
+    brightest_pixel = _largest_pixel(splats, plan, met) * most
     # 8 bits clamp values over 1
     cut = plan.target == "rgba8" and (blend.unbounded or brightest_pixel > 1.0)
-    # and an approximate form may miss the brightest parts
-    other = plan.view.perspective and program.align != "exact"
-    brightest = brightest_pixel if cut or other else brightest
-    footprint = _footprint_error(splats, plan, placement, met, brightest / most) * most
-    footprint += _displacement_error(splats, plan) * most
-    scale = {"over": most, "sum": brightest, "max": brightest_pixel}[blend.join]
-    share, least = TARGET[plan.target]
-    rounding = max(_next_power_of_two(scale) * share, least) * (1.0 if blend.join == "max" else met.count)
-    if blend.ordered and plan.target == "rgba32f":
-        rounding *= OVER
-    lost = _resolve_error(plan, max(scale, 1.0 if plan.resolved.background else 0.0))
+    opacity = _largest_alpha(plan, pixels, met) if blend.ordered else 1.0
+    brightest = brightest_pixel if cut or not blend.unbounded else float(pixels.max())
+    scale = {"over": most * opacity, "sum": brightest, "max": brightest_pixel}[blend.join]
+    footprint = _footprint_error(splats, plan, placement, met, opacity if blend.ordered else brightest / most) * most
+    footprint += _displacement_error(splats, plan, opacity) * most
+    rounding, lost = _rounding_error(plan, scale, met.count), _resolve_error(plan, scale)
+    hidden = _hidden_light(plan, pixels, opacity) * most
+    largest = _largest_difference(plan, pixels, brightest_pixel) * (1 + ROUNDED) + lost
+    return Bound(footprint, hidden, brightest_pixel if cut else rounding + lost, largest)
+
+
+def _largest_difference(plan: Plan, pixels: np.ndarray, right: float) -> float:
+    """The largest difference of two pictures without negative values: the largest value of either. right: of one."""
+    if plan.resolved.background is None or plan.program.look.blend.unbounded:
+        return max(right, float(pixels.max())) + max(-float(pixels.min()), 0.0)
     # rounding up, or a form that overestimates a ray's length, makes pixels brighter than the true maximum
-    longest = 2 * float(np.hypot(_corner_slope(plan.view), 1.0)) if other and not blend.ordered else 1.0
-    hidden = plan.hiding.cutoff * most
-    return Bound(
-        footprint, hidden, brightest_pixel if cut else rounding + lost, brightest_pixel * longest + least + lost
-    )
+    longer = 1.0 if plan.program.look.blend.ordered else _longest(plan)
+    return right * longer + TARGET[plan.target][1]
+
+
+def _longest(plan: Plan) -> float:
+    """Largest ratio of a drawn line integral to the right one through the centre of its voxel."""
+    if not plan.view.perspective or plan.program.align == "exact":
+        return 1.0
+    return 2 * float(np.hypot(_corner_slope(plan.view), 1.0))
+
+
+def _largest_alpha(plan: Plan, pixels: np.ndarray, met: RayOverlap) -> float:
+    """An upper bound on the opacities of right and drawn pixels without background, for `accumulated_error`."""
+    if plan.exposure is not None:
+        return 1.0
+    largest = float(-np.expm1(-met.depth * _largest_integral(plan) * _longest(plan)))
+    share, least = TARGET[plan.target]
+    # roundings are relative to what is drawn
+    lost = 2 * OVER * share * met.count
+    if plan.resolved.background is not None or lost >= 0.5:
+        return largest
+    return min(largest, (float(pixels[..., 3].max()) + met.count * least) / (1 - lost))
+
+
+def _rounding_error(plan: Plan, scale: float, count: float) -> float:
+    """Error of `count` blends of numbers up to `scale`."""
+    blend, (share, least) = plan.program.look.blend, TARGET[plan.target]
+    once = max(_next_power_of_two(scale) * share, least)
+    if blend.join == "max":
+        return once
+    return once * count * (OVER if blend.ordered and plan.target == "rgba32f" else 1.0)
+
+
+def _hidden_light(plan: Plan, pixels: np.ndarray, opacity: float) -> float:
+    """The largest transmittance behind which a tile may have terminated, 0 if no pixel is as opaque as that."""
+    cutoff = plan.hiding.cutoff
+    if opacity <= 1 - cutoff or cutoff == 0:
+        return 0.0
+    if plan.resolved.background is not None or plan.resolved.averaged:
+        return cutoff
+    alpha = pixels[..., 3]
+    return float((1 - alpha[alpha > 1 - cutoff]).max(initial=0.0))
 
 
 def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[PlacementError, RayOverlap] | None:
@@ -247,13 +298,20 @@ def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Plac
     )
 
 
-def _largest_pixel(splats: Splats, plan: Plan, met: RayOverlap, most: float) -> float:
-    """An upper bound on pixel values."""
-    if plan.program.look.blend.ordered:
-        return most
+def _largest_pixel(splats: Splats, plan: Plan, met: RayOverlap) -> float:
+    """An upper bound on the right pixel values, over a background on all, for colours up to 1."""
     if plan.program.look.blend.peak:
-        return most * _largest_opacity(splats)
-    return most * met.depth * float(plan.kernel.footprint(np.zeros(())))
+        return _largest_opacity(splats)
+    depth = met.depth * _largest_integral(plan)
+    if not plan.program.look.blend.ordered:
+        return depth
+    plain = plan.exposure is None and plan.resolved.background is None
+    return float(-np.expm1(-depth)) if plain else 1.0
+
+
+def _largest_integral(plan: Plan) -> float:
+    """The largest line integral of a kernel, over its effective length."""
+    return float(plan.kernel.footprint(np.zeros(()))) * (BRIGHTER if plan.view.antialias else 1.0)
 
 
 def _largest_opacity(splats: Splats) -> float:
@@ -262,10 +320,15 @@ def _largest_opacity(splats: Splats) -> float:
 
 
 def _resolve_error(plan: Plan, scale: float) -> float:
-    """Float32 error of averaging samples and blending over a background; 0 without either."""
-    if not plan.resolved.averaged and plan.resolved.background is None:
-        return 0.0
-    return ULP * (plan.samples + 3) * _next_power_of_two(scale)
+    """Float32 error of averaging samples up to `scale` and blending over a background; 0 without either.
+
+    A mean rounds, along each axis, weights, products and sums of samples + 2; over a background round its colour,
+    1 − α, their product and the sum.
+    """
+    lost = (2 * plan.samples + 9) * ULP / 2 * scale if plan.resolved.averaged else 0.0
+    if plan.resolved.background is not None and not plan.program.look.blend.unbounded:
+        lost += ULP * _next_power_of_two(max(scale, 1.0))
+    return lost
 
 
 def _next_power_of_two(largest: float) -> float:
@@ -273,18 +336,18 @@ def _next_power_of_two(largest: float) -> float:
     return float(2.0 ** np.ceil(np.log2(max(largest, 1e-30))))
 
 
-def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, brightest: float) -> float:
-    """Total error of all fragments of a ray, for colours up to 1."""
+def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met: RayOverlap, largest: float) -> float:
+    """Total error of all fragments of a ray, for colours up to 1. largest: opacity or sum of a pixel."""
     program, blend, half_line = plan.program, plan.program.look.blend, plan.program.seen.half_line
     # a highlight is a power of a cosine
     arithmetic = ARITHMETIC * 2.0**program.look.light.sharpness + GATHERED * (program.technique == "tiles")
     if blend.peak:
-        largest = float(_deviation(plan.lookup, placement).max()) + HALF_LINE * half_line + arithmetic
-        return min(largest * _largest_opacity(splats), 1.0)
-    # an X-ray is a plain sum
-    weight, deep = (0.5 if blend.ordered else brightest), met.depth
-    if plan.resolved.sheets is not None:
-        weight = MIXED
+        missed = float(_deviation(plan.lookup, placement).max()) + HALF_LINE * half_line + arithmetic
+        return min(missed * _largest_opacity(splats), 1.0)
+    # an X-ray is a plain sum; within a sheet, errors of opposite sign change the mean colour besides the opacity
+    weight, deep = largest, met.depth
+    if blend.ordered and plan.resolved.sheets is None:
+        weight = min(0.5, largest)
     if program.motion != "off" and program.look.attenuation == "fill":
         weight, deep = DWELT[0], DWELT[1] * met.depth
     share = accumulated_error(plan.lookup, placement, weight, deep)
@@ -293,15 +356,18 @@ def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met:
         cells, error = cells_of(splats), HALF_LINE * splats.total_depth
         error = min(error, AROUND * cells.depth) if cells.aligned else error
         share += error * float(plan.kernel.footprint(np.zeros(())))
-    return share + arithmetic * max(weight, 1.0)
+    return share + arithmetic * max(weight, largest)
 
 
-def _displacement_error(splats: Splats, plan: Plan) -> float:
-    """Error by the places of splats in sheets, in float32."""
+def _displacement_error(splats: Splats, plan: Plan, opacity: float) -> float:
+    """Error by the places of splats in sheets, in float32: extinction that moves to the next sheet changes what is
+    visible by its difference to that in transmittance, colour mixed and colour behind, each at most the depth.
+    """
     if plan.resolved.sheets is None:
         return 0.0
     far = np.abs(plan.resolved.sheets.places(plan.view, splats.corners_in_grid())).max()
-    return DISPLACED * PLACE_DIGITS * ULP * float(far)
+    deep = -2 * float(np.log1p(-opacity)) if opacity < 0.5 else 1.0
+    return DISPLACED * PLACE_DIGITS * ULP * float(far) * opacity * min(deep, 1.0)
 
 
 def _placement_error(splats: Splats, view: GridView, plan: Plan) -> PlacementError:
@@ -314,13 +380,31 @@ def _placement_error(splats: Splats, view: GridView, plan: Plan) -> PlacementErr
     if not view.perspective:
         return PlacementError(place)
     if view.antialias:
-        nearest = max(view.widened_beyond[1], float(corners[2].min())) / widths[0]
-        moved = MOVED[0] + MOVED[1] * _corner_slope(view) ** 2
-        place += (RIMMED if rim_step(view.kernel) > 1e-6 else 1.0) * moved / nearest**2 * widths[0] / widths[-1]
-        gain = BENT / nearest**2 + plan.resolved.unsure
+        depths = view.voxels(splats.corners_in_grid())[2]
+        if depths.max() > view.widened_beyond[1]:
+            nearest = max(view.widened_beyond[1], float(depths.min()))
+            moved, gain = _second_order(view, plan.program.seen.cubic, nearest)
+            place += moved
+        gain += plan.resolved.unsure
     if plan.program.align != "exact":
         place += _form_error(view, plan, float(corners[2].min())) / widths[-1]
     return PlacementError(min(place, radius), gain)
+
+
+def _second_order(view: GridView, cubic: bool, nearest: float) -> tuple[float, float]:
+    """Shift, in voxels, and relative gain of widened splats from the depth `nearest` on, in mean spacings."""
+    radius, widths = view.kernel.radius, np.linalg.svd(view.eye_from_index, compute_uv=False)
+    # a splat may be outside the picture by the footprint's half width
+    half = 2 * radius * view.pitch + radius * widths[0] / nearest
+    slope = float(view.shrink(np.array(nearest))[0]) * (_corner_slope(view) + half)
+    sine2 = slope**2 / (1 + slope**2)
+    bent = radius**2 * (widths[0] / nearest) ** 2
+    if cubic:
+        rim, t = RIMMED if rim_step(view.kernel) > 1e-6 else 1.0, radius * view.pitch
+        return rim * radius * bent * (MOVED[0] + MOVED[1] * sine2), BENT * bent + SECANT * min(t**2, t**3)
+    near = bent / radius**2 * widths[0] / widths[-1]
+    moved = MOVED_LONG[0] + MOVED_LONG[1] * sine2 + MOVED_LONG[2] * sine2**2 + min(OMITTED[0] * near, OMITTED[1])
+    return radius**3 * near * moved, BENT * bent
 
 
 def _corner_slope(view: GridView) -> float:

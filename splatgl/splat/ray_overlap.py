@@ -32,8 +32,8 @@ FINE, CELLS = 4, 256
 ROUNDED = 1e-9
 # splats counted at a time
 PART = 2**20
-# beyond z_k a footprint reaches at most 2 R pixels: culling.STRETCHED
-STRETCHED = 2.0
+# ratio of a drawn footprint's reach to the kernel's, beyond z_k, for its first-order terms
+STRETCHED = 1.25
 
 
 @dataclass(frozen=True)
@@ -130,14 +130,18 @@ def _overlap_by_places(groups: Groups, view: GridView, reach: float) -> RayOverl
     for first in range(parts):
         # every part is spread over all groups
         part = slice(first, None, parts)
-        count, deep = groups.count[part], groups.depth[part]
-        voxel, size = view.voxels(groups.place[part]), reach + groups.radius[part]
+        around, count = groups.radius[part], groups.count[part]
+        voxel, size = view.voxels(groups.place[part]), reach + around
+        deep = groups.depth[part] * _peaks(view, voxel[2] - around * view.depth_reach)
         ahead = size * np.sqrt(quadric[2, 2])
         before = voxel[2] > (ahead if view.perspective else -ahead)
         everywhere = ~before & (voxel[2] > -ahead)
         many, depth = many + float(count[everywhere].sum()), depth + float(deep[everywhere].sum(dtype=np.float64))
         if before.any():
             low, high = _outlines(voxel[:, before], size[before], quadric, view)
+            if view.antialias:
+                ends = _widened_outlines(voxel[:, before], around[before], reach, view)
+                low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
             screen = screen or _Screen.of(low, high, view.edge, len(groups.place))
             screen.add(low, high, count[before], deep[before])
     if screen is not None:
@@ -146,16 +150,23 @@ def _overlap_by_places(groups: Groups, view: GridView, reach: float) -> RayOverl
     return RayOverlap(many, depth * _longest_reach(view))
 
 
+def _peaks(view: GridView, z: np.ndarray) -> np.ndarray:
+    """Upper bounds [N], over `_longest_reach`, on the line integrals of kernels at depths z [N] through their centres:
+    f₁ f₂ sec/|(f w, 1)| with the slope w of the ray and the shrink factors f ≤ 1 across the view, at most 1.
+    """
+    slant = float(np.sqrt(1 + view.edge @ view.edge)) if view.perspective else 1.0
+    return np.asarray(np.minimum(view.coverage(z) * slant, 1.0))
+
+
 def _outlines(
     voxel: np.ndarray, size: np.ndarray, quadric: np.ndarray, view: GridView
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest slopes, or x and y, [2, N] each, of ellipsoids size² · quadric around voxels [3, N] before the
-    eye, and of stretched footprints in them: planes through the eye are tangent where (n·v)² = nᵀ Q n.
+    eye: planes through the eye are tangent where (n·v)² = nᵀ Q n.
     """
-    wide = STRETCHED * view.kernel.radius * view.pitch if view.antialias else 0.0
     square = size * size
     if not view.perspective:
-        half = size * np.sqrt(np.diag(quadric)[:2, None]) + wide
+        half = size * np.sqrt(np.diag(quadric)[:2, None])
         return voxel[:2] - half, voxel[:2] + half
     z, zz = voxel[2], square * quadric[2, 2]
     scale, ends = z * z - zz, []
@@ -164,8 +175,34 @@ def _outlines(
         root = np.sqrt(np.maximum(middle * middle - scale * (a * a - square * aa), 0.0))
         ends.append([(middle - root) / scale, (middle + root) / scale])
     low, high = np.array(ends).swapaxes(0, 1)
-    wide = wide * (1 + np.maximum(np.abs(low), np.abs(high)).max(axis=0))
-    return low - wide, high + wide
+    return low, high
+
+
+def _widened_outlines(
+    voxel: np.ndarray, around: np.ndarray, reach: float, view: GridView
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest slopes, or x and y, [2, N] each, of widened kernels of radius `reach` up to `around` [N] grid
+    steps from voxels [3, N] before the eye; low > high where none is widened.
+    """
+    reach = STRETCHED * reach
+    centres = np.sqrt((view.eye_from_index**2).sum(axis=1))[:, None] * around
+    low, high = voxel[:2] - centres[:2], voxel[:2] + centres[:2]
+    if not view.perspective:
+        half = reach * np.sqrt(view.axes**2 @ np.maximum(view.widths, view.pitch) ** 2)[:, None]
+        return low - half, high + half
+    nearest = np.maximum(voxel[2] - centres[2], view.widened_beyond[1])
+    # the kernel's near end, where it is widest in slopes
+    deep = reach * view.depth_reach
+    near = np.maximum(nearest - deep, deep)
+    half = reach * np.sqrt(view.axes**2 @ np.maximum(view.widths[:, None] / near, view.pitch) ** 2)
+    slope = np.maximum(np.abs(low), np.abs(high)) / nearest
+    half += slope * deep / near
+    some = voxel[2] + centres[2] > view.widened_beyond[1]
+    ends = [
+        np.minimum(low / nearest, low / (voxel[2] + centres[2])),
+        np.maximum(high / nearest, high / (voxel[2] + centres[2])),
+    ]
+    return np.where(some, ends[0] - half, np.inf), np.where(some, ends[1] + half, -np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,8 @@ from splatgl.studies.stress import CASES, run_case
 from tests.helpers.splatting import SPLATS
 
 SIZE = (64, 48)
+# a picture of which nothing more is known
+OPAQUE = np.ones((1, 1, 4))
 # the reference is slow: stress pictures of more splats or pixels are left to its own answers
 MOST_SPLATS, MOST_PIXELS, MOST_PICTURES = 1000, 400, 6
 # the cases with pictures that small
@@ -277,6 +279,27 @@ def test_streaks_of_long_voxels_have_a_bound_before_z_k_alone(renderer: sg.Rende
         assert (image.info["error_bound"] is not None) is known
 
 
+def test_faint_pictures_have_faint_bounds(renderer: sg.Renderer) -> None:
+    """No part of it is that of an opaque picture, in any target, with any form, near the eye or far."""
+    splats = lattice(8, 1e-7)
+    for view, camera in views(splats).items():
+        for changes in ({}, {"align": "grid"}, {"target": "rgba16f"}, {"target": "rgba8"}, {"compositing": "sheets"}):
+            settings = SPLATS.but(**changes)
+            image = renderer.render(splats, camera.resized((9, 7)), settings, verify_bound=False)
+            limit, sums = image.info["error_bound"], met(splats, camera.resized((9, 7)))[1]
+            assert limit <= 3 * sums, (view, changes)
+
+
+def test_only_opaque_pictures_hide_light(renderer: sg.Renderer) -> None:
+    """What is behind a terminated tile is weighted by the transmittance that the picture shows."""
+    camera = sg.Camera.orthographic((4.5, 4.5, -9), (4.5, 4.5, 0), (0, 1, 0), 4, (30, 20))
+    for extinction, hides in ((0.1, False), (8.0, True)):
+        splats = lattice(10, extinction)
+        chosen = renderer.plan(splats, camera, SPLATS.but(technique="tiles"))
+        found = bound(splats, chosen, renderer.render(splats, camera, SPLATS).pixels)
+        assert found is not None and (found.hidden > 0) is hides and found.hidden < chosen.hiding.cutoff
+
+
 def test_a_picture_is_compared_with_the_same_one_in_finer_form(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -301,7 +324,7 @@ def test_the_bound_follows_what_makes_the_error(renderer: sg.Renderer) -> None:
     camera = sg.Camera.orbit(splats, size=SIZE)
 
     def parts(**changes: Any) -> Bound:
-        found = bound(splats, sg.plan(splats, camera, SPLATS.but(**changes)), 1.0)
+        found = bound(splats, sg.plan(splats, camera, SPLATS.but(**changes)), OPAQUE)
         assert found is not None
         return found
 
@@ -341,7 +364,7 @@ def test_stress_pictures_keep_their_bound(renderer: sg.Renderer, monkeypatch: py
 def test_nothing_has_no_error() -> None:
     empty = sg.Splats.from_points(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     camera = sg.Camera.look_at((0, -5, 0), (0, 0, 0), (0, 0, 1))
-    assert bound(empty, sg.plan(empty, camera, SPLATS), 0.0).total == 0.0
+    assert bound(empty, sg.plan(empty, camera, SPLATS), np.zeros((1, 1, 4))).total == 0.0
 
 
 @pytest.mark.long
@@ -363,8 +386,10 @@ def test_the_second_order_is_as_large_as_measured(renderer: sg.Renderer) -> None
             (render(splats, camera, settings).pixels[..., 3] / (1 - np.exp(-1.0))).clip(0, 1)
             for render in (renderer.render, sg.reference.render)
         )
-        shares.append(_displaced(drawn, right) * (depth / beyond) ** 2 / (MOVED[0] + MOVED[1] * slope**2))
-    assert 0.8 < max(shares) <= 1
+        bound = MOVED[0] + MOVED[1] * slope**2 / (1 + slope**2)
+        shares.append(_displaced(drawn, right) * (depth / beyond) ** 2 / bound / kernel("crawfis-max").radius ** 3)
+    # nearer to the rim than `_displaced` looks, more is needed
+    assert 0.2 < max(shares) <= 1
 
 
 def _displaced(drawn: np.ndarray, right: np.ndarray) -> float:
@@ -391,7 +416,7 @@ def test_over_loses_more_than_one_rounding_a_blend() -> None:
         drawn, right = after[worst], float(exact[worst])
     error = abs(float(drawn) - right)
     column = lattice(count, 0.5, (0, 0, 1))
-    camera = sg.Camera.look_at((0, 0, -40), (0, 0, 0), (0, 1, 0), 20, (4, 4))
-    said = bound(column, sg.plan(column, camera, SPLATS.but(technique="quads")), 1.0)
+    camera = sg.Camera.look_at((0, 0, -40), (0, 0, 0), (0, 1, 0), 20, (64, 64))
+    said = bound(column, sg.plan(column, camera, SPLATS.but(technique="quads")), OPAQUE)
     assert said is not None
     assert count * ULP / 4 < error <= said.rounding
