@@ -30,7 +30,7 @@ def shared_renderer() -> Iterator[Renderer]:
         if _renderers and inherited(_renderers[0].ctx):
             # a forked process cannot close it
             _renderers.clear()
-        if _renderers and not _usable(_renderers[0]):
+        if _renderers and not is_usable(_renderers[0]):
             _renderers.clear()
         if not _renderers:
             _renderers.append(Renderer())
@@ -48,7 +48,7 @@ def shared_renderer() -> Iterator[Renderer]:
             raise
 
 
-def _usable(renderer: Renderer) -> bool:
+def is_usable(renderer: Renderer) -> bool:
     """Whether the context still exists: VTK ends the display that it shares with other libraries of the process."""
     try:
         with current(renderer.ctx):
@@ -63,7 +63,7 @@ def close_shared_renderer() -> None:
         while _renderers:
             last = _renderers.pop()
             # a lost context has freed itself
-            if inherited(last.ctx) or _usable(last):
+            if inherited(last.ctx) or is_usable(last):
                 last.close()
 
 

@@ -212,7 +212,7 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
     footprint += _displacement_error(splats, plan, opacity) * most
     rounding, lost = _rounding_error(plan, scale, met.count), _resolve_error(plan, scale)
     hidden = _hidden_light(plan, pixels, opacity) * most
-    largest = _largest_difference(plan, pixels, brightest_pixel) * (1 + ROUNDED) + lost
+    largest = _largest_difference(plan, pixels, brightest_pixel) + lost
     return Bound(footprint, hidden, brightest_pixel if cut else rounding + lost, largest)
 
 
@@ -301,12 +301,12 @@ def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Plac
 def _largest_pixel(splats: Splats, plan: Plan, met: RayOverlap) -> float:
     """An upper bound on the right pixel values, over a background on all, for colours up to 1."""
     if plan.program.look.blend.peak:
-        return _largest_opacity(splats)
-    depth = met.depth * _largest_integral(plan)
+        return min(_largest_opacity(splats) * (1 + ROUNDED), 1.0)
+    depth = met.depth * _largest_integral(plan) * (1 + ROUNDED)
     if not plan.program.look.blend.ordered:
         return depth
     plain = plan.exposure is None and plan.resolved.background is None
-    return float(-np.expm1(-depth)) if plain else 1.0
+    return min(float(-np.expm1(-depth)) * (1 + ROUNDED), 1.0) if plain else 1.0
 
 
 def _largest_integral(plan: Plan) -> float:

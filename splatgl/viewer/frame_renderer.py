@@ -304,10 +304,13 @@ class FrameRenderer:
             texts.append(Text(tuple("\t".join(row) for row in help_rows(self.commands)), "middle", fit=True))
         notes = [line for line in (note, state.message) if line]
         if notes:
-            lines = tuple(part for line in notes for part in _wrap(line, _column(size, scale)))
-            # beside the annotations, which are at the bottom and in the middle of the top
-            above = text_box(texts[0], size, scale)[3] if texts and texts[0].corner == "top left" else 0
-            texts.append(Text(lines, note=True, above=above))
+            # annotations are at the bottom and in the middle of the top
+            is_beside = bool(state.annotate) and size[0] >= 2 * NARROW * scale
+            width = _column(size, scale) if is_beside else max(20, int(size[0] / LETTER / scale))
+            lines = tuple(part for line in notes for part in _wrap(line, width))
+            over = "top left" if state.annotate or corner == "bottom left" else "bottom left"
+            above = text_box(texts[0], size, scale)[3] if texts and texts[0].corner == over == "top left" else 0
+            texts.append(Text(lines, over, note=True, above=above))
         paths: tuple[Path, ...] = ()
         if state.show_zk and self.frame is not None and self.frame.plan.program.seen.perspective:
             section = plane_section(document.volume.corners, state.pose.camera, self.frame.plan.resolved.z_k)
