@@ -288,7 +288,7 @@ _TRY_SECONDS, _TRY_BYTES = 6.0, 2**20
 
 @lru_cache(maxsize=64)
 def _try_elsewhere(path: str, size: int, _time: int) -> str:
-    """What the pages of a file miss that cannot be decoded in a process of its own, "" for others."""
+    """Returns how a message names pages that a process of its own decodes, if it fails on these; else ""."""
     run, none = [sys.executable, "-P", "-c", _TRY, path], subprocess.DEVNULL
     flags, seconds = getattr(subprocess, "CREATE_NO_WINDOW", 0), _TRY_SECONDS + size / _TRY_BYTES
     try:

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatgl.splat.culling import clip_behind_eye
+from splatgl.splat.hidden_interior import LIGHT
 from splatgl.splat.kernels import Kernel, kernel, polynomials, radial_table, rim_step
 from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Lookup
@@ -211,7 +212,7 @@ def bound(splats: Splats, plan: Plan, pixels: np.ndarray) -> Bound | None:
     footprint = _footprint_error(splats, plan, placement, met, opacity if blend.ordered else brightest / most) * most
     footprint += _displacement_error(splats, plan, opacity) * most
     rounding, lost = _rounding_error(plan, scale, met.count), _resolve_error(plan, scale)
-    hidden = _hidden_light(plan, pixels, opacity) * most
+    hidden = (_hidden_light(plan, pixels, opacity) + LIGHT * (splats.hollow > 0)) * most
     largest = _largest_difference(plan, pixels, brightest_pixel) + lost
     return Bound(footprint, hidden, brightest_pixel if cut else rounding + lost, largest)
 

@@ -107,8 +107,8 @@ Look = tuple[Volume, Transfer, float]
 
 
 def layer_looks(pool: Mapping[int, LayerSplats], styles: Sequence[LayerStyle]) -> tuple[Look, ...]:
-    """What slices show of layers in styles: the visible ones with voxels; the first if there are none. pool: layers by
-    the numbers that styles name.
+    """Returns the layers that slices show: those in visible styles with voxels; the first if there are none. pool:
+    layers by the numbers that styles name.
     """
     pairs = [(pool[style.number], style) for style in styles if style.number in pool]
     seen = [
