@@ -26,11 +26,14 @@ out uvec4 piece;
 out vec4 fragment;  // linear premultiplied: 'over', sum or maximum, as JOIN says
 #endif
 
-// Coordinates of a pixel on the quad, as interpolation gives them where corners are not snapped to parts of a pixel.
+// Coordinates of a pixel on the quad, as exact interpolation would give them.
 vec2 quad_place(vec2 pixel) {
-    vec2 ray = (pixel - frame.image_center) * frame.pixel_pitch;
-    vec2 offset = (PERSPECTIVE == 1 ? ray * place_middle.z : ray) - place_middle.xy;
-    return vec2(dot(place_rows.xy, offset), dot(place_rows.zw, offset)) / (1.0 + dot(place_tilt, offset));
+    vec3 ray = ray_at(pixel);
+    // from the quad's middle to the ray's nearest point; where the quad lies beside the eye, its depth is 0
+    float along = PERSPECTIVE == 1 ? dot(place_middle, ray) / dot(ray, ray) : 1.0;
+    vec3 offset = along * ray - place_middle;
+    float divisor = PERSPECTIVE == 1 ? along * dot(place_normal, ray) : place_normal.z;
+    return vec2(dot(place_row_1, offset), dot(place_row_2, offset)) / divisor;
 }
 
 // Footprint of a still splat, over F(0)·gain.
@@ -79,7 +82,7 @@ float streaked() {
 }
 
 void main() {
-#if CARD
+#if PLACED
     at = quad_place(gl_FragCoord.xy);
 #endif
 #if SHEETS

@@ -30,10 +30,11 @@ vec2 widened_corner(vec2 corner, vec3 v, Quad quad) {
 
 // Gives quad_place the map from pixels to the coordinates on a plane through v.
 void give_place(vec3 v, vec3 axis_1, vec3 axis_2) {
-    vec3 pole = PERSPECTIVE == 1 ? v : vec3(0.0, 0.0, 1.0), normal = cross(axis_1, axis_2);
+    vec3 pole = PERSPECTIVE == 1 ? v : vec3(0.0, 0.0, 1.0);
     place_middle = v;
-    place_rows = vec4(cross(axis_2, pole).xy, cross(pole, axis_1).xy) / dot(pole, normal);
-    place_tilt = PERSPECTIVE == 1 ? normal.xy / dot(pole, normal) : vec2(0.0);
+    place_normal = cross(axis_1, axis_2);
+    place_row_1 = cross(axis_2, pole);
+    place_row_2 = cross(pole, axis_1);
 }
 
 void main() {

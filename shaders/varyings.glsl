@@ -3,7 +3,7 @@
 // varyings. Varyings that a program does not need become plain variables that are never read.
 // switch HALF_LINE 0  the eye may be inside a kernel
 // switch SHEETS 0     sheets that share a splat; 0: splats composite one by one
-// switch CARD 0       a graphics card, whose rasteriser snaps corners: see quad_place
+// switch CARD 0       a graphics card, whose rasteriser snaps corners
 #include "motion.glsl"
 
 #if ALIGN == ALIGN_EXACT
@@ -37,18 +37,22 @@
 #define SHEETS_VARYING
 #endif
 
-#if CARD
-#define CARD_VARYING FLAT VARYING
+// each pixel's place is computed from the quad's plane where interpolation is off: between snapped corners, and in
+// perspective between those near the plane through the eye, which are far away on the screen
+#define PLACED (CARD || PERSPECTIVE)
+#if PLACED
+#define PLACED_VARYING FLAT VARYING
 #define PLAIN_VARYING
 #else
-#define CARD_VARYING
+#define PLACED_VARYING
 #define PLAIN_VARYING VARYING
 #endif
 
 PLAIN_VARYING vec2 at;                 // footprint coordinates, voxels; for streaks, see passing
-CARD_VARYING vec3 place_middle;        // of quad_place: the quad's middle, eye axes
-CARD_VARYING vec2 place_tilt;
-CARD_VARYING vec4 place_rows;
+PLACED_VARYING vec3 place_middle;        // of quad_place: the quad's middle, eye axes
+PLACED_VARYING vec3 place_normal;       // of its plane
+PLACED_VARYING vec3 place_row_1;
+PLACED_VARYING vec3 place_row_2;
 FLAT VARYING vec4 splat;               // linear RGB, shaded; optical depth at the centre, or opacity
 OPACITY_VARYING float coverage;        // 1/m² [M98 Eq. 6]
 EXACT_VARYING vec4 bend;               // see Quad

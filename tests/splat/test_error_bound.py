@@ -213,6 +213,31 @@ def test_single_splats_keep_a_bound_that_is_near(renderer: sg.Renderer) -> None:
     assert all(len(share) > 10 and max(share) > 0.2 for share in shares.values())
 
 
+@pytest.mark.parametrize("technique", ["quads", "tiles"])
+def test_quads_that_reach_beside_the_eye(renderer: sg.Renderer, technique: str) -> None:
+    """Corners near the plane through the eye lie far away on the screen: interpolated, places lost three digits."""
+    splats = sg.Splats.from_points([[0.0, 0.0, 0.0]], [[1.0, 1.0, 1.0]], [2.0], spacing=(1, 1, 3))
+    for turn in np.linspace(0.0, 0.3, 8):
+        eye = np.array([-0.9 - turn, -3.8, -2.3])
+        camera = sg.Camera.look_at(eye, eye + np.array([0.285, 0.516 + turn, 0.808]), (0, 0, 1), 173, (21, 5))
+        settings = SPLATS.but(technique=technique, antialias="off", kernel="b-spline")
+        error, limit = measured(renderer, splats, camera, settings)
+        assert error <= limit < 1e-3
+        assert error < 2e-5
+
+
+@pytest.mark.parametrize("shape", ["processor", "card"])
+def test_quads_beside_the_eye(shape: str, request: pytest.FixtureRequest) -> None:
+    """The eye on a voxel: the depth of its neighbours across the view is 0, at which no place can be divided."""
+    splats = SHAPES["block"]
+    eye = splats.corners.mean(axis=0).round()
+    for forward in ((1.0, 0.0, 0.0), (0.6, 0.8, 0.0)):
+        camera = sg.Camera.look_at(eye, eye + np.array(forward), (0, 0, 1), 100, (16, 12))
+        settings = SPLATS.but(technique="quads", blend="xray", antialias="off")
+        error, limit = measured(request.getfixturevalue(shape), splats, camera, settings)
+        assert error <= limit < 1e-2
+
+
 def test_a_finer_picture_is_drawn_only_where_it_is_needed(
     renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
