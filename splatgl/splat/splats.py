@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 from weakref import WeakKeyDictionary, ref
 
@@ -68,13 +68,26 @@ class LatestParts:
 Result = TypeVar("Result")
 
 
+@cache
+def _threads(process: int) -> ThreadPoolExecutor:
+    """Threads of a process that work beside those which call `in_parts`. A forked process has none of its parent's."""
+    return ThreadPoolExecutor(max((os.cpu_count() or 1) - 1, 1), "parts")
+
+
 def in_parts(count: int, size: int, work: Callable[[slice], Result]) -> list[Result]:
     """Runs `work` on slices of `size` out of `count` items in threads; returns the results in order."""
     parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
     if len(parts) < 2:
         return [work(part) for part in parts]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(work, parts))
+    futures = [_threads(os.getpid()).submit(work, part) for part in parts]
+    try:
+        # this thread works on what no other has begun: nested calls never wait for a free thread
+        return [
+            work(part) if future.cancel() else future.result() for future, part in zip(futures, parts, strict=True)
+        ]
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 def check_points(points: object, colors: object, extinctions: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
