@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import io
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import redirect_stdout
@@ -31,6 +32,7 @@ from splatgl.scene.view import ViewOptions
 from splatgl.splat.settings import Settings
 from splatgl.splat.transfer import Transfer
 
+API = Path(sg.__file__).parent / "docs" / "api.md"
 TARGET = Path(__file__).parents[1] / "tests" / "docs" / "public_names.txt"
 # pictures with all kinds of metadata: options of `splatgl render`
 PICTURES = ("", "--blend xray", "--like 0.1 --check 2", "--slice z=3", "--shadows 1 --annotate scale", "--crop 1:4,:,:")
@@ -51,9 +53,17 @@ def python_names() -> Iterator[str]:
         if inspect.isclass(value):
             own = [base for base in value.__mro__[::-1] if base.__module__.startswith("splatgl")]
             members = {key: item for base in own for key, item in vars(base).items()}
-            shown = sorted(key for key in members if not key.startswith("_") and owned(members[key]))
-            for key in shown:
+            shown = members_on_page(name) or {key for key in members if not key.startswith("_") and owned(members[key])}
+            for key in sorted(shown):
                 yield from lines_of(f"sg.{name}.{key}", getattr(value, key))
+
+
+def members_on_page(name: str) -> set[str]:
+    """The members of a class to which the API page is limited; none where it shows all."""
+    limit = re.search(
+        rf"^::: splatgl\.{name}\n    options:\n      members: \[(.+)\]$", API.read_text(encoding="utf-8"), re.M
+    )
+    return set(limit[1].split(", ")) if limit else set()
 
 
 def defined_in(item: Any, module: str) -> bool:
