@@ -165,12 +165,14 @@ def _sample_part(volume: Volume, places: np.ndarray, nearest: bool) -> tuple[np.
     x, y, z = (cell - box.first).T
     flat = box.values.reshape(-1, *box.values.shape[3:])
     _, height, width = box.values.shape[:3]
-    total = np.zeros((len(places), *flat.shape[1:]))
+    # differences: weights sum to 1 but for roundings, and equal samples give just their value
+    base = flat[(z * height + y) * width + x]
+    total = np.zeros_like(base)
     for k, j in np.ndindex(4, 4):
         row = ((z + k - 1) * height + y + j - 1) * width + x
-        inner = sum(_times(weights[0][i], flat[row + i - 1]) for i in range(4))
+        inner = sum(_times(weights[0][i], flat[row + i - 1] - base) for i in range(4))
         total += _times(weights[2][k] * weights[1][j], np.asarray(inner))
-    return total, known
+    return base + total, known
 
 
 def _times(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -192,9 +194,11 @@ def _weigh(values: np.ndarray, places: np.ndarray, axis: int) -> np.ndarray:
     cell = np.floor(places).astype(np.intp)
     shape = [-1 if n == axis else 1 for n in range(values.ndim)]
     weights = keys_weights(places - cell)
-    return np.asarray(
-        sum(np.take(values, cell + n - 1, axis=axis) * weight.reshape(shape) for n, weight in enumerate(weights))
-    )
+    # differences, as in `_sample_part`
+    base = np.take(values, cell, axis=axis)
+    parts = [np.take(values, cell + n, axis=axis) - base for n in (-1, 1, 2)]
+    others = (weights[0], *weights[2:])
+    return np.asarray(base + sum(part * weight.reshape(shape) for part, weight in zip(parts, others, strict=True)))
 
 
 def _inside(places: np.ndarray, size: int) -> np.ndarray:

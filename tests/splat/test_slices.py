@@ -63,6 +63,15 @@ def test_values_pass_through_the_samples_and_follow_parabolas() -> None:
     assert np.abs(sample_places(curved, places)[0] - (0.3 * a**2 - a * b + 0.5 * c**2 + b)).max() < 1e-9
 
 
+@pytest.mark.parametrize("text", ["y=3.3", "oblique"])
+def test_equal_samples_give_their_value_bit_for_bit(text: str) -> None:
+    """A constant volume's colours are a step at its value: a rounding below it was the other colour."""
+    volume = sg.Volume(np.full((9, 11, 13), 0.7))
+    (plane,) = parse_slices("6,5,4:1.05,0.89,-0.26" if text == "oblique" else text, volume)
+    values, known, _ = sampled(volume, plane)
+    assert known.any() and (values[known] == 0.7).all()
+
+
 def test_rows_along_axes_are_the_places_one_by_one() -> None:
     """Also turned, mirrored, and reaching beyond the box; amounts and colours."""
     rng = np.random.default_rng(4)
