@@ -37,7 +37,7 @@ Numbers: TypeAlias = Sequence[float] | np.ndarray
 
 
 def write_class(name: str, about: str, table: Mapping[str, Parameter], base: str = "TypedDict") -> Iterable[str]:
-    """Lines of a TypedDict. base: the class that it extends. Raises ValueError for an option without a type."""
+    """Lines of a TypedDict. base: the classes that it extends. Raises ValueError for an option without a type."""
     hints = {name: parameter.annotation for name, parameter in table.items()}
     missing = [option for option, hint in hints.items() if not hint]
     if missing:
@@ -48,16 +48,21 @@ def write_class(name: str, about: str, table: Mapping[str, Parameter], base: str
 
 def compose() -> str:
     """The text of splatgl/keywords.py."""
-    classes = {
-        "SettingsKeywords": ("Fields of `Settings`.", keywords_of(Settings)),
-        "LoadKeywords": ("Fields of `LoadOptions`.", keywords_of(LoadOptions)),
-        "ArrayKeywords": ("Options of `Volume.of`.", keywords_of(ArrayOptions)),
-    }
-    lines = [line for name, (about, table) in classes.items() for line in write_class(name, about, table)]
     # an animation may show several time points
     common = {name: parameter for name, parameter in KEYWORDS.items() if name != "time"}
+    lines: list[str] = []
+    bases = []
+    for name, record in {"Settings": Settings, "Load": LoadOptions}.items():
+        table = keywords_of(record)
+        shared = {option: common.pop(option) for option in table if common.get(option) == table[option]}
+        bases.append(f"Picture{name}Keywords")
+        about = f"Fields of `{record.__name__}`"
+        lines += write_class(bases[-1], f"{about} that are options of all pictures, too.", shared)
+        rest = {option: parameter for option, parameter in table.items() if option not in shared}
+        lines += write_class(f"{name}Keywords", f"{about}.", rest, bases[-1])
+    lines += write_class("ArrayKeywords", "Options of `Volume.of`.", keywords_of(ArrayOptions))
+    lines += write_class("PictureKeywords", "Options of all pictures.", common, ", ".join(bases))
     one = {"time": KEYWORDS["time"]}
-    lines += write_class("PictureKeywords", "Options of all pictures.", common)
     lines += write_class("RenderKeywords", "Options of `render`, `show` and `depth_map`.", one, "PictureKeywords")
     lines += write_class("AnimateKeywords", "Options of `animate`.", TIMES, "PictureKeywords")
     command = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(TARGET), "-"]

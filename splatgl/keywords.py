@@ -14,8 +14,8 @@ import numpy as np
 Numbers: TypeAlias = Sequence[float] | np.ndarray
 
 
-class SettingsKeywords(TypedDict, total=False):
-    """Fields of `Settings`."""
+class PictureSettingsKeywords(TypedDict, total=False):
+    """Fields of `Settings` that are options of all pictures, too."""
 
     blend: Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
     mip_attenuation: float
@@ -49,11 +49,16 @@ class SettingsKeywords(TypedDict, total=False):
     occlusion: Literal["auto", "off"]
     tolerance: float
     background: str | Numbers | None
+
+
+class SettingsKeywords(PictureSettingsKeywords, total=False):
+    """Fields of `Settings`."""
+
     clip: Sequence[Numbers]
 
 
-class LoadKeywords(TypedDict, total=False):
-    """Fields of `LoadOptions`."""
+class PictureLoadKeywords(TypedDict, total=False):
+    """Fields of `LoadOptions` that are options of all pictures, too."""
 
     shape: Numbers | None
     dtype: str | None
@@ -61,17 +66,22 @@ class LoadKeywords(TypedDict, total=False):
     header_offset: int
     array: str | int | None
     channel: int | str | None
-    time: int | None
     level: int | None
     series: str | int | None
     well: str | None
     field: int | None
     color: str | Path | None
     relief: float | None
-    levels: int
     values: Literal["labels", "amounts", "heights"] | None
     point_size: float | None
     anywhere: bool
+
+
+class LoadKeywords(PictureLoadKeywords, total=False):
+    """Fields of `LoadOptions`."""
+
+    time: int | None
+    levels: int
 
 
 class ArrayKeywords(TypedDict, total=False):
@@ -85,7 +95,7 @@ class ArrayKeywords(TypedDict, total=False):
     values: str | None
 
 
-class PictureKeywords(TypedDict, total=False):
+class PictureKeywords(PictureSettingsKeywords, PictureLoadKeywords, total=False):
     """Options of all pictures."""
 
     size: int | str | Numbers
@@ -116,38 +126,6 @@ class PictureKeywords(TypedDict, total=False):
     height: float | None
     dpi: float | None
     width: str | None
-    blend: Literal["composite", "xray", "mip", "attenuated-mip", "minip", "mean"]
-    mip_attenuation: float
-    kernel: str
-    classification: Literal["auto", "post", "pre"]
-    compositing: Literal["auto", "sheets", "splats"]
-    sheets: int | None
-    steps: int | None
-    antialias: Literal["auto", "paper", "off", "supersample"]
-    samples: int
-    align: Literal["auto", "exact", "ray", "grid", "hybrid"]
-    z_s: float | None
-    attenuation: Literal["auto", "opacity", "optical-depth", "fill"]
-    footprint: Literal["auto", "table"]
-    table_size: int | None
-    table_bits: Literal[8, 16, 32]
-    target: Literal["rgba32f", "rgba16f", "rgba8", "auto"]
-    technique: Literal["auto", "quads", "tiles"]
-    shading: Literal["auto", "on", "off"]
-    light: Literal["head", "matte", "glossy", "flat"]
-    light_from: Numbers | None
-    ambient: float | None
-    diffuse: float | None
-    specular: float | None
-    ambient_occlusion: float
-    shadows: float
-    motion: Literal["auto", "moments", "exact", "energy", "paper", "off"]
-    moments: int | None
-    shutter: float
-    order: Literal["auto", "back-to-front", "front-to-back"]
-    occlusion: Literal["auto", "off"]
-    tolerance: float
-    background: str | Numbers | None
     preset: str
     curve: str
     colors: str
@@ -193,24 +171,9 @@ class PictureKeywords(TypedDict, total=False):
     paper: bool
     memory: int | str | None
     mixing: Literal["linear", "display"]
-    spacing: Numbers | None
     origin: Numbers | None
     name: str | None
-    array: str | int | None
-    values: Literal["labels", "amounts", "heights"] | None
-    shape: Numbers | None
-    dtype: str | None
-    header_offset: int
     offset: int
-    channel: int | str | None
-    level: int | None
-    series: str | int | None
-    well: str | None
-    field: int | None
-    color: str | Path | None
-    relief: float | None
-    point_size: float | None
-    anywhere: bool
 
 
 class RenderKeywords(PictureKeywords, total=False):
