@@ -160,6 +160,18 @@ def _move(move: Callable[[Pose, np.ndarray], Pose]) -> Run:
     return lambda state, document: replace(state, pose=move(state.pose, up_direction(document)), turning=False)
 
 
+def _spin(degrees: float) -> Run:
+    return _move(lambda pose, up: pose.spun(degrees, up))
+
+
+def _lift(degrees: float) -> Run:
+    return _move(lambda pose, up: pose.lifted(degrees))
+
+
+def _roll(degrees: float) -> Run:
+    return _move(lambda pose, up: pose.tipped(degrees))
+
+
 def _zoom(factor: float) -> Run:
     return _move(lambda pose, up: pose.zoomed((pose.camera.size[0] / 2, pose.camera.size[1] / 2), factor))
 
@@ -426,6 +438,9 @@ def _close(state: State, document: Document) -> State | tuple[State, Effect]:
 VIEW_KEYS = {"front": "1", "back": "ctrl+1", "right": "3", "left": "ctrl+3", "top": "7", "bottom": "ctrl+7"}
 LASSO, OVER = "remove, keep what a drag circles", "axes and scale, colour bar, box"
 FRONTS, BACKS = "view from the front, right, top", "view from the back, left, bottom"
+TURNS, ROLLS, KEEPS = "turn the view", "roll to the left, right", "keep more, fewer voxels"
+# what the message of the command adds
+BEYOND = ", in composite, beyond z_k"
 
 
 def _view_command(view: str, key: str) -> Command:
@@ -464,38 +479,14 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("isometric", "isometric view", ("v", "9"), _view("isometric")),
         *(_view_command(view, key) for view, key in VIEW_KEYS.items()),
         Command("projection", "perspective or orthographic", ("p", "5"), _projection),
-        Command(
-            "turn-left",
-            "turn the view to the left",
-            ("left",),
-            _move(lambda pose, up: pose.spun(-TURN, up)),
-            "turn the view",
-        ),
-        Command(
-            "turn-right",
-            "turn the view to the right",
-            ("right",),
-            _move(lambda pose, up: pose.spun(TURN, up)),
-            "turn the view",
-        ),
-        Command("turn-up", "look from higher", ("up",), _move(lambda pose, up: pose.lifted(TURN)), "turn the view"),
-        Command("turn-down", "look from lower", ("down",), _move(lambda pose, up: pose.lifted(-TURN)), "turn the view"),
+        Command("turn-left", "turn the view to the left", ("left",), _spin(-TURN), TURNS),
+        Command("turn-right", "turn the view to the right", ("right",), _spin(TURN), TURNS),
+        Command("turn-up", "look from higher", ("up",), _lift(TURN), TURNS),
+        Command("turn-down", "look from lower", ("down",), _lift(-TURN), TURNS),
         Command("zoom-in", "nearer", ("+", "="), _zoom(NOTCH), "nearer, farther"),
         Command("zoom-out", "farther", ("-",), _zoom(1 / NOTCH), "nearer, farther"),
-        Command(
-            "roll-left",
-            "roll to the left",
-            ("page_up",),
-            _move(lambda pose, up: pose.tipped(-ROLL)),
-            "roll to the left, right",
-        ),
-        Command(
-            "roll-right",
-            "roll to the right",
-            ("page_down",),
-            _move(lambda pose, up: pose.tipped(ROLL)),
-            "roll to the left, right",
-        ),
+        Command("roll-left", "roll to the left", ("page_up",), _roll(-ROLL), ROLLS),
+        Command("roll-right", "roll to the right", ("page_down",), _roll(ROLL), ROLLS),
         Command("turn", "turn on its own, or stop", ("space",), _rotate("turning")),
         Command("turntable", "drags turn a turntable, or a trackball", ("u",), _turntable),
         Command("ground", "another background", ("n",), _ground),
@@ -511,20 +502,8 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("light", "next light: head, matte, glossy, flat", ("l",), _light),
         Command("opacity-down", "less opaque", ("[",), _opacity(1 / OPACITY_STEP), "less, more opaque"),
         Command("opacity-up", "more opaque", ("]",), _opacity(OPACITY_STEP), "less, more opaque"),
-        Command(
-            "threshold-down",
-            "lower threshold: keep more voxels",
-            (",",),
-            _threshold(1 / THRESHOLD_STEP),
-            "keep more, fewer voxels",
-        ),
-        Command(
-            "threshold-up",
-            "higher threshold: keep fewer voxels",
-            (".",),
-            _threshold(THRESHOLD_STEP),
-            "keep more, fewer voxels",
-        ),
+        Command("threshold-down", "lower threshold: keep more voxels", (",",), _threshold(1 / THRESHOLD_STEP), KEEPS),
+        Command("threshold-up", "higher threshold: keep fewer voxels", (".",), _threshold(THRESHOLD_STEP), KEEPS),
         Command("annotations", "axes, scale bar and patient directions", ("j",), _annotations, OVER),
         *(
             Command(row.name, row.title, (row.key,), _annotation(row), OVER)
@@ -537,12 +516,7 @@ MENUS: dict[str, tuple[Command, ...]] = {
         Command("compositing", "composite splats, or sheets of them", ("o",), _cycle("compositing")),
         Command("antialias", "next kind of antialiasing", ("a",), _cycle("antialias")),
         Command("align", "next alignment of the splats", ("g",), _cycle("align")),
-        Command(
-            "attenuation",
-            "next form of attenuation beyond z_k",
-            ("w",),
-            _cycle("attenuation", ", in composite, beyond z_k"),
-        ),
+        Command("attenuation", "next form of attenuation beyond z_k", ("w",), _cycle("attenuation", BEYOND)),
         Command("beyond", "the z_k plane, and what lies beyond it", ("k",), _show_zk),
     ),
     "Tools": (

@@ -390,28 +390,14 @@ class State:
             added = tuple(style for style in self.styles if style.number < 0)
             return replace(self, styles=(*document.styles, *added), selected=0)
         bases = {style.number: style.base for style in document.styles}
-        return replace(
-            self, styles=tuple(replace(style, base=bases.get(style.number, style.base)) for style in self.styles)
-        )
+        styles = tuple(replace(style, base=bases.get(style.number, style.base)) for style in self.styles)
+        return replace(self, styles=styles)
 
     def opened(self, document: Document) -> State:
         """State for another document with its own view and settings; display options are kept."""
         fresh = State.of(document, self.pose.camera.size)
-        kept = (
-            "pace",
-            "repeats",
-            "hud",
-            "help",
-            "panel",
-            "ground",
-            "turning",
-            "blur",
-            "turntable",
-            "fullscreen",
-            "probe",
-            "theme",
-            "pinned",
-        )
+        window = ("hud", "help", "panel", "ground", "fullscreen", "probe", "theme", "pinned")
+        kept = ("pace", "repeats", "turning", "blur", "turntable", *window)
         slices = replace(fresh.slices, shown=self.slices.shown, colored=self.slices.colored)
         return replace(fresh, slices=slices, **{name: getattr(self, name) for name in kept})
 
@@ -434,18 +420,15 @@ PASSING = {
     "help",
     "hud",
     "panel",
-    "turning",
-    "time",
-    "times",
-    "playing",
-    "pace",
-    "repeats",
     "fullscreen",
     "probe",
+    "theme",
     "slices",
+    "lasso",
+    "file_options",
+    "pinned",
 }
-PASSING |= {"pace", "repeats", "file_options", "theme", "pinned"}
-PASSING |= {"pace", "repeats", "file_options", "preview", "lasso"}
+PASSING |= {"turning", "time", "times", "playing", "pace", "repeats", "preview"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
 EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures", "slice_planes"}
 # largest number of steps
