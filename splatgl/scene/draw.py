@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil, floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,11 @@ def read_amount(text: str) -> int | float:
     return amount
 
 
+_accuracy = partial(option, group=Group.ACCURACY)
+_speed = partial(option, group=Group.SPEED)
+_workers = partial(option, group=Group.WORKERS)
+
+
 @dataclass(frozen=True)
 class DrawOptions:
     """Drawing options of one process. is_shared: use the shared renderer. held: one that stays open. early: the
@@ -53,7 +59,7 @@ class DrawOptions:
     is_shared: bool = False
     held: Renderer | None = None
     early: Future[Renderer | None] | None = None
-    memory: int | None = option(
+    memory: int | None = _speed(
         None,
         Kind(
             "a number of bytes",
@@ -64,9 +70,8 @@ class DrawOptions:
             hint="int | str",
         ),
         "draw volumes that need more memory in bricks, such as 4GiB (default: half of the free memory)",
-        group=Group.SPEED,
     )
-    check: int | float | None = option(
+    check: int | float | None = _accuracy(
         None,
         Kind(
             "a number of pixels, or seconds such as 0.5s",
@@ -78,22 +83,12 @@ class DrawOptions:
         ),
         "number of random pixels to compare with float64, or seconds such as 0.5s for them (0: none; default: 60, of "
         "large volumes 10, with --field or without a bound)",
-        group=Group.ACCURACY,
     )
-    check_field: bool = option(
-        False,
-        Kind.flag(),
-        "also compare some pixels with the field that the picture shows",
-        group=Group.ACCURACY,
-        flag="--field",
-        bare=True,
+    check_field: bool = _accuracy(
+        False, Kind.flag(), "also compare some pixels with the field that the picture shows", flag="--field", bare=True
     )
-    explain: bool = option(
-        False, Kind.flag(), "print what is drawn, what is left out, and why", group=Group.ACCURACY, bare=True
-    )
-    savings: bool = option(
-        False, Kind.flag(), "also measure the time saved by each skipped step", group=Group.SPEED, bare=True
-    )
+    explain: bool = _accuracy(False, Kind.flag(), "print what is drawn, what is left out, and why", bare=True)
+    savings: bool = _speed(False, Kind.flag(), "also measure the time saved by each skipped step", bare=True)
 
     def renderer(self) -> AbstractContextManager[Renderer]:
         """The renderer for one picture."""
@@ -153,14 +148,13 @@ _DEVICES = Kind(
 class WorkerOptions:
     """Processes that draw, of this machine or of a scheduler of Dask. backend, device, gpu: their OpenGL."""
 
-    workers: int | None = option(None, Kind.whole(1, 1024), "draw in N processes of this machine", group=Group.WORKERS)
-    scheduler: str | None = option(
+    workers: int | None = _workers(None, Kind.whole(1, 1024), "draw in N processes of this machine")
+    scheduler: str | None = _workers(
         None,
         Kind.instance("an address", str, metavar="ADDRESS"),
         "draw with the workers of a Dask scheduler, tcp://…:8786",
-        group=Group.WORKERS,
     )
-    devices: Sequence[int] = option((), _DEVICES, "EGL devices of the workers, in turn", group=Group.WORKERS)
+    devices: Sequence[int] = _workers((), _DEVICES, "EGL devices of the workers, in turn")
     backend: str = "auto"
     device: int | None = None
     gpu: bool = False

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,17 +36,7 @@ from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import error_prefix, expected
 from splatgl.fileio import load_table, toml_value
-from splatgl.options import (
-    Group,
-    Kind,
-    check_options,
-    checked,
-    declared,
-    names_of,
-    non_default,
-    option,
-    refuse_unknown,
-)
+from splatgl.options import Group, Kind, check_options, checked, declared, names_of, non_default, option, refuse_unknown
 from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
@@ -124,6 +115,8 @@ def _scissors(value: Any) -> tuple[Scissors, ...]:
     return tuple(map(Scissors.of, [value] if one else value))
 
 
+_clipping = partial(option, group=Group.CLIPPING)
+_layers = partial(option, group=Group.LAYERS)
 _LAYER = Kind("an opacity from 0 to 1", tuple, lambda text: SceneFile.read(text), "FILE[:LOOK[:OPACITY]]", hint="Any")
 
 
@@ -148,64 +141,56 @@ class SceneFile:
     opacity: float = option(1.0, Kind.number("a factor from 0 to 1", 0, 1))
     visible: bool = option(True, Kind.flag())
     title: str = option("", Kind.instance("a name", str))
-    clip: tuple[Any, ...] | None = option(
+    clip: tuple[Any, ...] | None = _clipping(
         None,
         Kind("conditions", _clip, metavar="CONDITION", hint="str | Sequence[Any]"),
         "keep a part, such as x>0.3, z<=30mm or x+y>1. By shares of the volume's box, by lengths, or by a point and a "
         "normal; repeatable",
-        group=Group.CLIPPING,
         level="basic",
         repeat=True,
     )
-    crop: str = option(
+    crop: str = _clipping(
         "",
         Kind.instance("A:B,C:D,E:F, voxels along x, y and z", str, metavar="A:B,C:D,E:F"),
         "keep these voxels along x, y, z, and fit the view to them",
-        group=Group.CLIPPING,
     )
-    mask: tuple[Any, ...] | None = option(
+    mask: tuple[Any, ...] | None = _clipping(
         None,
         Kind("FILE[:N,N…][:outside], or several", several, metavar="FILE[:N,N…][:outside]", hint="Any"),
         "keep voxels inside a mask file. N,N…: inside these labels of it; outside: outside of them; repeatable",
-        group=Group.CLIPPING,
         level="basic",
         repeat=True,
     )
-    uncut: str = option(
+    uncut: str = _clipping(
         "",
         Kind("labels, or FILE[:N,N…][:outside]", _uncut, metavar="N,N…|FILE[:N,N…]", hint="str | int | Sequence[int]"),
         "leave segments whole that --clip and --crop would cut. Labels of the drawn segmentation, or of a file",
-        group=Group.CLIPPING,
     )
-    scissors: tuple[Scissors, ...] = option(
+    scissors: tuple[Scissors, ...] = _clipping(
         (),
         Kind("an outline", _scissors, Scissors, '"X,Y X,Y X,Y…[:keep]"', written=FORM, hint="Any"),
         "remove what lies under an outline in the picture. Corners are shares of its width and height; keep: keep only "
         "that; repeatable",
-        group=Group.CLIPPING,
         repeat=True,
     )
-    surfaces: float | None = option(
+    surfaces: float | None = _layers(
         None,
         Kind("a strength of smoothing from 0 to 1", check_strength, float, "S", hint="float"),
         f"draw segmentations as smooth closed surfaces, smoothed by 0 to 1 (default {SMOOTHING:g})",
-        group=Group.LAYERS,
         bare=SMOOTHING,
     )
-    layers: tuple[SceneFile, ...] = option(
+    layers: tuple[SceneFile, ...] = _layers(
         (),
         _LAYER,
         "another volume. LOOK: a preset or a colour map; OPACITY: a factor from 0 to 1; repeatable",
-        group=Group.LAYERS,
         level="basic",
         flag="--layer",
         repeat=True,
     )
-    meshes: tuple[MeshFile, ...] = option(
+    meshes: tuple[MeshFile, ...] = _layers(
         (),
         Kind("an opacity from 0 to 1", tuple, MeshFile.read, "FILE[:COLOUR[:OPACITY]]", hint="Any"),
         "a surface (.stl, .vtp, .obj, …) or lines (.trk, .tck). COLOUR: or MAP=ARRAY for values; repeatable",
-        group=Group.LAYERS,
         level="basic",
         flag="--mesh",
         repeat=True,

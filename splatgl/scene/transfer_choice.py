@@ -83,13 +83,19 @@ def _labels(value: Any) -> tuple[tuple[int, float], ...]:
     return tuple((LABEL.check(number), float(factor)) for number, factor in rows)
 
 
-def _pairs(read: Callable[[str], Any], write: Callable[[Any], str], value: Any) -> tuple[Any, ...]:
-    """Returns what `read` takes from each NAME=TEXT, of texts, pairs or a mapping.
+def _pairs_kind(
+    this: str, read: Callable[[str], Any], metavar: str, hint: str, write: Callable[[Any], str] = str
+) -> Kind:
+    """Returns the kind of what `read` takes from each NAME=TEXT, of texts, pairs or a mapping.
 
     write: the text of a value.
     """
-    pairs = value.items() if isinstance(value, Mapping) else several(value)
-    return tuple(read(pair if isinstance(pair, str) else f"{pair[0]}={write(pair[1])}") for pair in pairs)
+
+    def check(value: Any) -> tuple[Any, ...]:
+        pairs = value.items() if isinstance(value, Mapping) else several(value)
+        return tuple(read(pair if isinstance(pair, str) else f"{pair[0]}={write(pair[1])}") for pair in pairs)
+
+    return Kind(this, check, read, metavar, hint=hint)
 
 
 def _level_width(value: Any) -> tuple[float, float]:
@@ -99,44 +105,39 @@ def _level_width(value: Any) -> tuple[float, float]:
     return level, width
 
 
+_option = partial(option, group=Group.TRANSFER)
+
+
 @dataclass(frozen=True)
 class TransferChoice:
     """Options of a transfer function that are not its fields."""
 
-    preset: str = option(
-        "",
-        Kind.instance("a name", str),
-        "ct-bone, mr-angio, mip, …: splatgl presets lists all",
-        group=Group.TRANSFER,
-        level="basic",
+    preset: str = _option(
+        "", Kind.instance("a name", str), "ct-bone, mr-angio, mip, …: splatgl presets lists all", level="basic"
     )
-    curve: str = option(
+    curve: str = _option(
         "",
         Kind.instance("a shape and its values", str, metavar="SHAPE[:VALUES[:A]]"),
         "opacity by a shape: ramp:60,120, band:50%,90%:0.4, tent. Or step, sigmoid, gate; VALUES: values or "
         "percentiles (default: from the object to the 99.9th); A: highest opacity (default 0.8)",
-        group=Group.TRANSFER,
     )
-    colors: str = option(
+    colors: str = _option(
         "",
         Kind.instance("colours at values", str, metavar="V:COLOUR,…"),
         "colours at values or percentiles, such as 60:red,95%:#ffd0a0, between which they are mixed",
-        group=Group.TRANSFER,
     )
-    level_width: tuple[float, float] | None = option(
+    level_width: tuple[float, float] | None = _option(
         None,
         replace(Kind.numbers(2, "LEVEL,WIDTH", "a level and a width above 0, as two numbers"), check=_level_width),
         "middle and width of the values that the colours span, as radiologists write --window",
-        group=Group.TRANSFER,
     )
-    file: str = option(
+    file: str = _option(
         "",
         Kind.instance("a file", str, metavar="FILE"),
         "a saved transfer function: .toml, 3D Slicer's .vp, or ParaView's .json",
-        group=Group.TRANSFER,
         flag="--transfer",
     )
-    only_labels: tuple[tuple[int, float], ...] = option(
+    only_labels: tuple[tuple[int, float], ...] = _option(
         (),
         Kind(
             "labels N or N:A",
@@ -147,45 +148,34 @@ class TransferChoice:
             hint="str | Sequence[int | tuple[int, float]] | Mapping[int, float]",
         ),
         "labels of a segmentation to show, or all. A: a factor of their opacity",
-        group=Group.TRANSFER,
     )
-    name_of: tuple[tuple[int, str], ...] = option(
+    name_of: tuple[tuple[int, str], ...] = _option(
         (),
-        Kind(
-            "a whole number and a name",
-            partial(_pairs, read_label_name, str),
-            read_label_name,
-            "NUMBER=NAME",
-            hint="Mapping[int, str] | Sequence[str]",
-        ),
+        _pairs_kind("a whole number and a name", read_label_name, "NUMBER=NAME", "Mapping[int, str] | Sequence[str]"),
         "name of a segment, instead of the file's, by the number of its voxels (repeatable)",
-        group=Group.TRANSFER,
         repeat=True,
     )
-    color_of: tuple[tuple[str, str], ...] = option(
+    color_of: tuple[tuple[str, str], ...] = _option(
         (),
-        Kind(
+        _pairs_kind(
             "a colour #rrggbb, #rgb or of a name in CSS",
-            partial(_pairs, read_channel_color, str),
             read_channel_color,
             "CHANNEL=COLOR",
-            hint="Mapping[str, str] | Sequence[str]",
+            "Mapping[str, str] | Sequence[str]",
         ),
         "colour of a channel, #rrggbb or a CSS name (repeatable)",
-        group=Group.TRANSFER,
         repeat=True,
     )
-    window_of: tuple[tuple[str, tuple[float, float]], ...] = option(
+    window_of: tuple[tuple[str, tuple[float, float]], ...] = _option(
         (),
-        Kind(
+        _pairs_kind(
             "LOW below HIGH",
-            partial(_pairs, read_channel_window, lambda window: ",".join(map(repr, map(float, window)))),
             read_channel_window,
             "CHANNEL=LOW,HIGH",
-            hint="Mapping[str, Numbers] | Sequence[str]",
+            "Mapping[str, Numbers] | Sequence[str]",
+            lambda window: ",".join(map(repr, map(float, window))),
         ),
         "values of a channel that its colours span, from clear to opaque (repeatable)",
-        group=Group.TRANSFER,
         repeat=True,
     )
 
