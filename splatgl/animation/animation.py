@@ -93,9 +93,7 @@ class Timeline:
         "draw only frames A to B, counted from 0",
     )
     turntable: float | None = _option(
-        None,
-        _pace(metavar="DEG"),
-        f"total angle of a camera that orbits the volume (default {FULL_TURN:g})",
+        None, _pace(metavar="DEG"), f"total angle of a camera that orbits the volume (default {FULL_TURN:g})"
     )
     spin: float | None = _option(None, _pace(metavar="DEG"), "rotation of the volume per frame")
     axis: tuple[float, float, float] | None = _option(
