@@ -111,11 +111,7 @@ _PUBLIC = {
     "show": "splatgl.viewer.show",
     "surfaces": "splatgl.splat.segment_surfaces",
 }
-_MODULES = {
-    "distributed": "splatgl.distributed",
-    "reference": "splatgl.reference",
-    "scenes": "splatgl.data.scenes",
-}
+_MODULES = {"distributed": "splatgl.distributed", "reference": "splatgl.reference", "scenes": "splatgl.data.scenes"}
 
 __all__ = ["__version__", *sorted([*_PUBLIC, *_MODULES])]
 

@@ -115,13 +115,7 @@ def with_blur(scene: SceneFile, shutter: float | None) -> SceneFile:
 
 
 def write_animation(
-    animation: Animation,
-    output: str,
-    by: WorkerOptions,
-    how: DrawOptions,
-    fps: float | None,
-    resume: bool,
-    quiet: bool,
+    animation: Animation, output: str, by: WorkerOptions, how: DrawOptions, fps: float | None, resume: bool, quiet: bool
 ) -> tuple[Frames, int]:
     """Draws the frames and joins them to a movie; returns their paths, and how many existed. how: the renderer, unless
     workers draw. fps: None: the default. resume: frames that exist are kept.

@@ -8,15 +8,7 @@ from pathlib import Path
 from splatgl.animation.animation import Animation, Timeline
 from splatgl.animation.api import FPS, SHORTEST, check_fps, timeline_of, with_blur, write_animation
 from splatgl.animation.movie import volumes
-from splatgl.cli.options import (
-    add_drawing,
-    add_options,
-    add_source,
-    for_output,
-    group_of,
-    record_of,
-    scene_from,
-)
+from splatgl.cli.options import add_drawing, add_options, add_source, for_output, group_of, record_of, scene_from
 from splatgl.options import Group
 from splatgl.scene.draw import DrawOptions, WorkerOptions
 from splatgl.splat.settings import Settings

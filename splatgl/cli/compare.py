@@ -101,15 +101,7 @@ def check_against(
 
 
 # options that are settings of comparisons, too
-NAMES = (
-    "metric",
-    "any-mode",
-    "antialiased",
-    "align",
-    "noise",
-    "threshold",
-    *(name for name, *_ in LIMITS),
-)
+NAMES = ("metric", "any-mode", "antialiased", "align", "noise", "threshold", *(name for name, *_ in LIMITS))
 
 
 def _criteria(args: argparse.Namespace) -> Criteria:

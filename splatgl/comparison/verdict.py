@@ -66,10 +66,7 @@ class Tolerance:
 # Limits by the name of what may differ. driver: the same program on other drivers and processors, which differ by
 # rounding: few pixels, by few levels, in no closed area. Of independent pixels, 0.5 % put 8 into a window of 7×7 with a
 # probability of 2e-10.
-NOISE = {
-    "none": Tolerance(),
-    "driver": Tolerance(share=0.005, rmse=0.5 / 255, levels=8, density=8 / 49),
-}
+NOISE = {"none": Tolerance(), "driver": Tolerance(share=0.005, rmse=0.5 / 255, levels=8, density=8 / 49)}
 # a share of the differing pixels in a window of 7×7 is printed as their number
 WINDOW = 49
 

@@ -99,10 +99,7 @@ def fill_outline(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     (low_left, high_left), (low_right, high_right) = number.reshape(2, 2, -1)
     below, start = _sides(low_left, low_right)
     above, end = _sides(high_left, high_right)
-    faces = [
-        np.stack([start, start + 1, high_left[below]], axis=1),
-        np.stack([end + 1, end, low_right[above]], axis=1),
-    ]
+    faces = [np.stack([start, start + 1, high_left[below]], axis=1), np.stack([end + 1, end, low_right[above]], axis=1)]
     return np.stack([points[:, 1], rows[points[:, 0].astype(int)]], axis=1), np.concatenate(faces)
 
 

@@ -89,9 +89,7 @@ def build(
     texts = [compose(name, switches, declared) for name in stages]
     try:
         program = ctx.program(
-            vertex_shader=texts[0].source,
-            fragment_shader=texts[1].source if fragment else None,
-            varyings=varyings,
+            vertex_shader=texts[0].source, fragment_shader=texts[1].source if fragment else None, varyings=varyings
         )
     except moderngl.Error as error:
         # the message of moderngl names the stage that failed

@@ -54,11 +54,7 @@ class Renderer:
     """
 
     def __init__(
-        self,
-        backend: str = "auto",
-        device: int | None = None,
-        require_gpu: bool = False,
-        shape: str | None = None,
+        self, backend: str = "auto", device: int | None = None, require_gpu: bool = False, shape: str | None = None
     ) -> None:
         self.owned = ExitStack()
         self.ctx: moderngl.Context = open_context(backend, device, require_gpu=require_gpu or None)
@@ -223,12 +219,7 @@ class Renderer:
         return self._draw_bricks(bricks, self.plan_bricks(bricks, camera, settings), bands=bands)
 
     def render_joined(
-        self,
-        bricks: Bricks,
-        camera: Camera,
-        settings: Settings | None,
-        samples: np.ndarray,
-        splats: int,
+        self, bricks: Bricks, camera: Camera, settings: Settings | None, samples: np.ndarray, splats: int
     ) -> Image:
         """The picture of joined samples of parts. bricks: of all parts. splats: number of splats of all parts."""
         started = time.perf_counter()

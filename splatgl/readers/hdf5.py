@@ -19,15 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import (
-    METRES,
-    Coordinate,
-    Lattice,
-    axis_kind,
-    make_lattice,
-    unit_name,
-    value_unit_name,
-)
+from splatgl.data.affine import METRES, Coordinate, Lattice, axis_kind, make_lattice, unit_name, value_unit_name
 from splatgl.data.arrays import Transposed
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError, expected

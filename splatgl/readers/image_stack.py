@@ -29,13 +29,7 @@ from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff import Grid, logged_errors, open_tiff, stated_grid
 from splatgl.readers.tiff_images import find_pixels
-from splatgl.readers.tiff_validation import (
-    check_before_decoding,
-    check_chain,
-    check_ome,
-    check_page,
-    jpeg_xl_size,
-)
+from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page, jpeg_xl_size
 from splatgl.readers.vtk_xml import parse_xml
 
 # formats of slices by ending

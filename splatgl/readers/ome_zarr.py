@@ -16,14 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import (
-    METRES,
-    Coordinate,
-    axis_kind,
-    make_lattice,
-    unit_name,
-    value_unit_name,
-)
+from splatgl.data.affine import METRES, Coordinate, axis_kind, make_lattice, unit_name, value_unit_name
 from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count

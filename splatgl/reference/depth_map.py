@@ -53,11 +53,7 @@ IsVisible = Callable[[np.ndarray], np.ndarray]
 
 
 def depths(
-    x: Volume | Scene,
-    camera: Camera,
-    at: At = 0.5,
-    settings: Settings | None = None,
-    transfer: Transfer | None = None,
+    x: Volume | Scene, camera: Camera, at: At = 0.5, settings: Settings | None = None, transfer: Transfer | None = None
 ) -> np.ndarray:
     """Eye-space depths float64 [H, W], along the view direction in world units, of rays through pixel centres.
 

@@ -16,13 +16,7 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.reference.blend import (
-    classify_values,
-    join_attenuated,
-    join_values,
-    joined_value,
-    over_background,
-)
+from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value, over_background
 from splatgl.reference.ray_integral import OPAQUE, distances, samples_of
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import weight_extinction

@@ -125,11 +125,7 @@ def _within_reach(held: np.ndarray) -> np.ndarray:
 
 
 def ray_integral(
-    splats: Splats,
-    camera: Camera,
-    settings: Settings | None = None,
-    steps_per_voxel: int = 8,
-    samples: int = 1,
+    splats: Splats, camera: Camera, settings: Settings | None = None, steps_per_voxel: int = 8, samples: int = 1
 ) -> Image:
     """The composite image of the reconstructed field, float64 [H, W, 4], without antialiasing.
 

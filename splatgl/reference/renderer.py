@@ -81,11 +81,7 @@ def render_pixels(splats: Splats | Scene, camera: Camera, settings: Settings, wa
 
 
 def _prepare(
-    subject: Splats | Scene,
-    camera: Camera,
-    settings: Settings,
-    row: str = "row1",
-    wanted: np.ndarray | None = None,
+    subject: Splats | Scene, camera: Camera, settings: Settings, row: str = "row1", wanted: np.ndarray | None = None
 ) -> tuple[list[tuple[Drawing, Resolved]], dict[str, object]]:
     """The drawing of the picture; in blends without an order, one of each layer, without background. And the picture's
     info. wanted: the only pixels that are drawn; None: all.

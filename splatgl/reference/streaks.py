@@ -20,14 +20,7 @@ from splatgl.splat.footprint import run_length_along
 from splatgl.splat.kernels import tabulate
 from splatgl.splat.line_integral import Integral, row1
 from splatgl.splat.motion import Motion, Streaks, streaks
-from splatgl.splat.motion_blur import (
-    MOTIONS,
-    blur_table,
-    energy_gain,
-    isolation,
-    paper_gain,
-    stretched_footprint,
-)
+from splatgl.splat.motion_blur import MOTIONS, blur_table, energy_gain, isolation, paper_gain, stretched_footprint
 from splatgl.splat.resolve import AVERAGED, Resolved
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
@@ -141,12 +134,7 @@ def pass_kernels(view: GridView, voxel: np.ndarray, ray: np.ndarray, step: np.nd
 
 
 def render(
-    splats: Splats,
-    camera: Camera,
-    settings: Settings,
-    motion: Motion,
-    shutter: float = 180.0,
-    shape: str = "exact",
+    splats: Splats, camera: Camera, settings: Settings, motion: Motion, shutter: float = 180.0, shape: str = "exact"
 ) -> Image:
     """Image of moving splats, float64 [H, W, 4], linear premultiplied; shape: exact, energy or paper.
 

@@ -220,12 +220,7 @@ class ViewOptions:
             if self.look_at is not None:
                 raise expected("look_at", "an eye that looks there", "none", "give --eye too")
             camera = Camera.orbit(
-                subject,
-                *orbit,
-                fov,
-                self.size,
-                _first(self.zoom, 1.0),
-                _first(self.up, hints.up, (0.0, 0.0, 1.0)),
+                subject, *orbit, fov, self.size, _first(self.zoom, 1.0), _first(self.up, hints.up, (0.0, 0.0, 1.0))
             )
         return camera.parallel(subject, self.height) if self.is_parallel(volume) else camera
 

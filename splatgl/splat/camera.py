@@ -73,12 +73,7 @@ class Camera:
 
     @classmethod
     def look_at(
-        cls,
-        eye: Vector,
-        target: Vector,
-        up: Vector,
-        fov: float = 60.0,
-        size: tuple[int, int] = (512, 512),
+        cls, eye: Vector, target: Vector, up: Vector, fov: float = 60.0, size: tuple[int, int] = (512, 512)
     ) -> Camera:
         """Perspective view from `eye` to `target`; fov: full vertical angle in degrees.
 
@@ -88,12 +83,7 @@ class Camera:
 
     @classmethod
     def orthographic(
-        cls,
-        eye: Vector,
-        target: Vector,
-        up: Vector,
-        height: float = 300.0,
-        size: tuple[int, int] = (512, 512),
+        cls, eye: Vector, target: Vector, up: Vector, height: float = 300.0, size: tuple[int, int] = (512, 512)
     ) -> Camera:
         """Parallel view along target − eye; height: of the image, world units.
 

@@ -21,12 +21,7 @@ from splatgl.splat.grid import Grid
 from splatgl.splat.hidden_interior import HiddenInterior
 from splatgl.splat.kernels import kernel as kernel_named
 from splatgl.splat.label_normals import HALO, LabelNormals
-from splatgl.splat.preintegration import (
-    ValueClassifier,
-    active_range,
-    nearest_transparent,
-    opaque_intervals,
-)
+from splatgl.splat.preintegration import ValueClassifier, active_range, nearest_transparent, opaque_intervals
 from splatgl.splat.splats import (
     MOST_KEPT,
     NORMAL_SCALE,

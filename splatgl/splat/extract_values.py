@@ -183,11 +183,7 @@ def halo_of(kernel: Kernel) -> int:
 
 
 def post_records(
-    volume: Volume,
-    post: ValueClassifier,
-    kernel: Kernel,
-    part: Samples,
-    near: np.ndarray | None = None,
+    volume: Volume, post: ValueClassifier, kernel: Kernel, part: Samples, near: np.ndarray | None = None
 ) -> np.ndarray:
     """Records, in row order, of the finite voxels that `post` wants in a part without its halo. near: which of these
     affect places that are seen; None: all.
@@ -273,12 +269,7 @@ class Values(NamedTuple):
 
 
 def _fill(
-    records: np.ndarray,
-    values: Values,
-    places: tuple[np.ndarray, ...],
-    first: Places,
-    world: np.ndarray,
-    part: slice,
+    records: np.ndarray, values: Values, places: tuple[np.ndarray, ...], first: Places, world: np.ndarray, part: slice
 ) -> None:
     """Fills records of the voxels at `places` (z, y, x) of a part whose first voxel lies at `first`."""
     z, y, x = (place[part] for place in places)
@@ -349,12 +340,7 @@ def extremes(u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tupl
 
 
 def gradients(
-    u: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    order: int = 4,
-    around: Around | None = None,
+    u: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray, order: int = 4, around: Around | None = None
 ) -> np.ndarray:
     """[N, 3] per grid step along x, y, z: differences of order 4 or 2, central where a sample is missing, one-sided at
     the edges. around: maps u [N] to the values of missing neighbours, and to whether u is opaque.

@@ -181,12 +181,7 @@ def _times(weight: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def keys_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
     """Weights of the samples at −1, 0, 1 and 2 for places t [P] from 0 to 1; their sum is 1."""
-    return (
-        ((2 - t) * t - 1) * t / 2,
-        (3 * t - 5) * t * t / 2 + 1,
-        ((4 - 3 * t) * t + 1) * t / 2,
-        (t - 1) * t * t / 2,
-    )
+    return (((2 - t) * t - 1) * t / 2, (3 * t - 5) * t * t / 2 + 1, ((4 - 3 * t) * t + 1) * t / 2, (t - 1) * t * t / 2)
 
 
 def _weigh(values: np.ndarray, places: np.ndarray, axis: int) -> np.ndarray:

@@ -82,9 +82,7 @@ def in_parts(count: int, size: int, work: Callable[[slice], Result]) -> list[Res
     futures = [_threads(os.getpid()).submit(work, part) for part in parts]
     try:
         # this thread works on what no other has begun: nested calls never wait for a free thread
-        return [
-            work(part) if future.cancel() else future.result() for future, part in zip(futures, parts, strict=True)
-        ]
+        return [work(part) if future.cancel() else future.result() for future, part in zip(futures, parts, strict=True)]
     finally:
         for future in futures:
             future.cancel()
@@ -269,11 +267,7 @@ class Splats:
 
     @classmethod
     def from_points(
-        cls,
-        points: np.ndarray,
-        colors: np.ndarray,
-        extinctions: np.ndarray,
-        spacing: float | Sequence[float] = 1.0,
+        cls, points: np.ndarray, colors: np.ndarray, extinctions: np.ndarray, spacing: float | Sequence[float] = 1.0
     ) -> Splats:
         """Unshaded splats at arbitrary positions.
 

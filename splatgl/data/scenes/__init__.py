@@ -157,10 +157,7 @@ def single_voxel(size: int = 1) -> Volume:
 
 
 def ball(
-    radius: float = 30.0,
-    spacing: Triple = (1.0, 1.0, 1.0),
-    direction: np.ndarray | None = None,
-    smooth: bool = True,
+    radius: float = 30.0, spacing: Triple = (1.0, 1.0, 1.0), direction: np.ndarray | None = None, smooth: bool = True
 ) -> Volume:
     """A ball around the world's origin, on any affine grid with a sample there.
 

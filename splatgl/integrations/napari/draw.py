@@ -54,9 +54,7 @@ BLACK = (0.0, 0.0, 0.0)
 PREVIEW = 8 / 255
 GRAY = ColorTable("gray", np.repeat(np.linspace(0.0, 1.0, ENTRIES)[:, None], 3, axis=1))
 # an image layer's `rendering` in 3-D → blend of its image; others: composite
-RENDERINGS: dict[str, Blend] = {
-    **{"mip": "mip", "attenuated_mip": "attenuated-mip", "minip": "minip", "average": "mean"},
-}
+RENDERINGS: dict[str, Blend] = {"mip": "mip", "attenuated_mip": "attenuated-mip", "minip": "minip", "average": "mean"}
 # functions that join samples across a plane
 ACROSS = {"mip": np.maximum, "attenuated_mip": np.maximum, "minip": np.minimum, "average": np.add}
 # another rendering

@@ -50,11 +50,7 @@ class Sight:
     def distances(self) -> dict[str, float]:
         """Distances at which rows 1, 4 and 5 evaluate F; row 1's is the true distance of the ray."""
         splat = self.splat
-        return {
-            "row1": float(splat.distance),
-            "row4": float(splat.tan_length),
-            "row5": float(np.hypot(*splat.offset)),
-        }
+        return {"row1": float(splat.distance), "row4": float(splat.tan_length), "row5": float(np.hypot(*splat.offset))}
 
     @property
     def points(self) -> dict[str, np.ndarray]:

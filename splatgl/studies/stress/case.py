@@ -158,12 +158,7 @@ class Result:
 
 
 def check(
-    what: str,
-    drawn: ArrayLike,
-    right: ArrayLike,
-    bound: float,
-    paper: ArrayLike | None = None,
-    relative: bool = False,
+    what: str, drawn: ArrayLike, right: ArrayLike, bound: float, paper: ArrayLike | None = None, relative: bool = False
 ) -> Check:
     """Check of values of any shape against exact values, which broadcast to that shape, by their largest error."""
     exact = np.asarray(right, dtype=np.float64)

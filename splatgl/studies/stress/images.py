@@ -272,10 +272,7 @@ def _rim(bench: Bench) -> Iterator[Check]:
 
 
 @IMAGES.case(
-    "picture-sizes",
-    "pictures of 1×1, 1×4096 and 4096×1 pixels",
-    "10³ random voxels, shaded",
-    "float64 reference",
+    "picture-sizes", "pictures of 1×1, 1×4096 and 4096×1 pixels", "10³ random voxels, shaded", "float64 reference"
 )
 def _sizes(bench: Bench) -> Iterator[Check]:
     volume = Volume(noise((10, 10, 10), 0.3))

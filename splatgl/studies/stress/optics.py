@@ -171,11 +171,7 @@ LIGHT = 2.0**-23
 # opacities, including 1; a voxel of 1 is read as the next smaller opacity
 OPACITIES = (1e-8, 1e-7, 1e-4, 0.5, 1 - 1e-4, 1 - 1e-7, 1.0)
 # (opacity per length 1, thickness): 1 − (1 − a)^s, to 16 digits
-CORRECTIONS = (
-    (0.5, 0.001, 6.929070095474781e-4),
-    (0.999, 0.0625, 0.350618368),
-    (1e-8, 0.001, 1.000000005e-11),
-)
+CORRECTIONS = ((0.5, 0.001, 6.929070095474781e-4), (0.999, 0.0625, 0.350618368), (1e-8, 0.001, 1.000000005e-11))
 # optical depths of one ray
 DEPTHS = tuple(10.0**n for n in range(-12, 5))
 
@@ -199,10 +195,7 @@ def _opacities(bench: Bench) -> list[Check]:
         right = -np.expm1(np.log1p(-min(opacity, OPAQUE)) * peak())
         rows.append((drawn[0, 0, 3], right, paper[0, 0, 3]))
     left = [(1 - drawn, 1 - right, 1 - paper) for drawn, right, paper in rows]
-    return [
-        check_rows("opacity", rows, ROUNDING, relative=True),
-        check_rows("what is left of light", left, LIGHT),
-    ]
+    return [check_rows("opacity", rows, ROUNDING, relative=True), check_rows("what is left of light", left, LIGHT)]
 
 
 @OPACITY.case(
@@ -254,10 +247,7 @@ def _depth_range(bench: Bench) -> Iterator[Check]:
 
 # each term above the last digit of the sum over sixteen decades must contribute
 @OPACITY.case(
-    "xray-range",
-    "an X-ray sum of terms from 1e−12 to 1e4",
-    "the same 17 splats behind one another",
-    "closed form: Σ τ",
+    "xray-range", "an X-ray sum of terms from 1e−12 to 1e4", "the same 17 splats behind one another", "closed form: Σ τ"
 )
 def _xray_range(bench: Bench) -> list[Check]:
     tau = np.array(DEPTHS)
@@ -321,12 +311,7 @@ def _pile(bench: Bench) -> list[Check]:
     return [*checks, check("X-ray sum", drawn[0, 0, 3], tau.sum(), PICTURE_BOUND * 4, paper[0, 0, 3])]
 
 
-@PILES.case(
-    "hidden-million",
-    "a million splats behind an opaque one",
-    "one pixel; the opaque splat is red",
-    "red",
-)
+@PILES.case("hidden-million", "a million splats behind an opaque one", "one pixel; the opaque splat is red", "red")
 def _hidden(bench: Bench) -> list[Check]:
     rng = np.random.default_rng(6)
     z = np.append(0.0, rng.uniform(4.0, 500.0, MILLION))
