@@ -23,6 +23,7 @@ layout(r32ui, binding = 0) writeonly uniform uimage2D order;
 uniform usampler2D records;
 uniform usampler2D clustered;  // numbers of records by cluster, with their cells within it
 
+uniform uint first_run;  // of the dispatch
 uniform uint count;
 uniform uint length_;  // of a run
 uniform uint sheets;   // of all splats
@@ -30,7 +31,7 @@ uniform uint begin;    // first sheet of the round
 uniform uint number;   // of its sheets; the next slot is of splats that are left out
 
 void main() {
-    uint run = gl_GlobalInvocationID.x;
+    uint run = first_run + gl_GlobalInvocationID.x;
     uint column = run * (number + 1u);
     uint n = run * length_, end = min(n + length_, count), at = 0u, last = 0u;
     uvec4 part = uvec4(0u);

@@ -91,8 +91,8 @@ class LayerTiles(SheetTiles):
         bind: binds the uniforms and tables of a layer.
         """
         plan, window = layers[0][1], union([plan.window for _, plan in layers])
-        draw = partial(self._draw_windows, scratch, layers, bind, portions)
-        self.needed = None
+        draw = partial(self._draw_windows, scratch, layers, bind)
+        self.needed, self.portions = None, portions
         if self.single is not None and plan.resolved.allowed and self.limits is None:
             self.needed = self._draw_single(self.single, plan, window, draw)
         try:
@@ -122,7 +122,6 @@ class LayerTiles(SheetTiles):
         scratch: Target,
         layers: Sequence[Drawn],
         bind: Callable[[Splats, Plan], None],
-        portions: Portions,
         target: Target,
         whole: Window,
     ) -> None:
@@ -137,7 +136,7 @@ class LayerTiles(SheetTiles):
             if height < window.height:
                 window, rest = _rows(window, height)
                 waiting.append(rest)
-            used = self._window(target, scratch, layers, bind, portions, (window, room))
+            used = self._window(target, scratch, layers, bind, (window, room))
             if used > room:
                 waiting += [window] if window.height > ROWS else _columns(window)
             # what is nearer to the middle of the picture needs more
@@ -153,7 +152,6 @@ class LayerTiles(SheetTiles):
         scratch: Target,
         layers: Sequence[Drawn],
         bind: Callable[[Splats, Plan], None],
-        portions: Portions,
         part: tuple[Window, int],
     ) -> int:
         """Composites a window; returns the number of pages it needs. If more than there are, nothing is composited.
@@ -169,10 +167,10 @@ class LayerTiles(SheetTiles):
             self.keeping = {"layer": n, "band": pixels, "room": room, "uneven": UNEVEN * plan.resolved.tolerance}
             if plan.resolved.boxes:
                 scratch.clear()
-                self._draw_boxes(scratch, splats, replace(plan, window=window), portions)
+                self._draw_boxes(scratch, splats, replace(plan, window=window))
                 begun = np.ones(holding.size, bool)
             else:
-                self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window, portions)
+                self._draw_window(scratch, splats, plan, self._sorted(splats, plan, window), window)
                 begun = self.begun if self.card is None else np.ones(holding.size, bool)
             holding |= begun.astype(np.uint32) << n
             used = int(np.frombuffer(heads.read(4), np.uint32)[0])
@@ -190,12 +188,12 @@ class LayerTiles(SheetTiles):
             band.closed |= ~self.needed[row : row + down, column : column + across].ravel()
         return band
 
-    def _draw_boxes(self, scratch: Target, splats: Splats, plan: Plan, portions: Portions) -> None:
+    def _draw_boxes(self, scratch: Target, splats: Splats, plan: Plan) -> None:
         """Stores the matter of a layer of boxes in the plan's window."""
         order = DrawOrder(order_for(splats, plan.resolved.camera), nearest_first=True)
         self.boxes.keeping = self._keep_matter
         try:
-            self.boxes.draw(scratch, splats, plan, order, portions)
+            self.boxes.draw(scratch, splats, plan, order, self.portions)
         finally:
             self.boxes.keeping = None
 

@@ -128,7 +128,7 @@ class Passes:
                 self._draw_splats(target, splats, plan, portions, batches)
             if batches is not None and batches.shell is not None:
                 return target.read(plan.window)
-            pixels = self._read(target, plan)
+            pixels = self._read(target, plan, portions)
             if card is None or card.fits():
                 return pixels
 
@@ -146,7 +146,7 @@ class Passes:
         window = union([plan.window for _, plan in layers])
         if not window.is_empty:
             self._layers_by(plan).composite(target, scratch, visible, self._bind, portions)
-        return self._read(target, replace(plan, window=window))
+        return self._read(target, replace(plan, window=window), portions)
 
     def draw_surfaces(
         self,
@@ -177,7 +177,7 @@ class Passes:
                 self.surfaces.composite(target, part, light)
         finally:
             self._set_limits(None)
-        return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)))
+        return self._read(target, replace(plan, window=Window(0, 0, *plan.view.size)), portions)
 
     def _layers_by(self, plan: Plan) -> LayerTiles | LayerQuads:
         """Returns what draws layers by the technique of a plan."""
@@ -198,14 +198,14 @@ class Passes:
                 self.sheets.show(target, whole, plan)
             else:
                 self.sheet_quads.show_samples(target, whole, plan, samples)
-        return self._read(target, plan)
+        return self._read(target, plan, Portions(self.ctx))
 
-    def _read(self, target: Target, plan: Plan) -> np.ndarray:
+    def _read(self, target: Target, plan: Plan, portions: Portions) -> np.ndarray:
         """Returns the pixels of the target's samples."""
         # an unbounded sum has no background
         background = plan.resolved.background if not plan.program.look.blend.unbounded else None
         if plan.resolved.averaged or background is not None:
-            return self._resolve(target, plan, background).read()
+            return self._resolve(target, plan, background, portions).read()
         return target.read(plan.window)
 
     def _draw_splats(
@@ -232,7 +232,9 @@ class Passes:
         self.tables.use(plan)
         self.fields.use(splats, plan)
 
-    def _resolve(self, source: Target, plan: Plan, background: tuple[float, float, float] | None) -> Target:
+    def _resolve(
+        self, source: Target, plan: Plan, background: tuple[float, float, float] | None, portions: Portions
+    ) -> Target:
         program = self.single.resolving(plan)
         width, height = plan.view.size
         target = self.targets.get("resolve", (width // plan.samples, height // plan.samples), "rgba32f")
@@ -242,7 +244,11 @@ class Passes:
         program["samples"], program["last"] = plan.samples, (width - 1, height - 1)
         program["ends"] = END_CORRECTION if plan.resolved.averaged else 0.0
         program["background"] = (*background, 1.0) if background else (0.0, 0.0, 0.0, 0.0)
-        self._whole(program)
+        rows = height // plan.samples
+        for top, bottom in portions.parts("resolving", range(1, rows + 1), rows):
+            target.framebuffer.use()
+            target.framebuffer.scissor = 0, top, target.size[0], bottom - top
+            self._whole(program)
         return target
 
     def _whole(self, program: moderngl.Program) -> None:

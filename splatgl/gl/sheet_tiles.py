@@ -29,7 +29,7 @@ from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import CONTINUED
 from splatgl.gl.target import Portions, Target
 from splatgl.gl.textures import CLASS_UNIT, HALF_LINE_UNIT, Tables, class_uniforms
-from splatgl.gl.tiles import LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
+from splatgl.gl.tiles import GROUPS, LIST_UNIT, LISTS, MOST_TILES, OPEN, Band, Tiles, bands_of
 from splatgl.gl.uniforms import base_of
 from splatgl.splat.bricks import IsVisible, Shell
 from splatgl.splat.culling import Frustum, Window, blocks_in_frustum, screen_bounds, tiles_beside_box
@@ -104,12 +104,12 @@ class SheetTiles(Tiles):
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the sheets into `target`, nearest first; raises Interrupted if cancelled. order: unused."""
-        self.exact = self.limits is not None
-        self._draw_sorted(target, splats, plan, self._sorted(splats, plan), portions)
+        self.exact, self.portions = self.limits is not None, portions
+        self._draw_sorted(target, splats, plan, self._sorted(splats, plan))
 
-    def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels, portions: Portions) -> None:
+    def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels) -> None:
         for window in bands_of(plan.window, MOST_PIXELS):
-            self._draw_window(target, splats, plan, texels, window, portions)
+            self._draw_window(target, splats, plan, texels, window)
 
     def _sorted(self, splats: Splats, plan: Plan, window: Window | None = None) -> Texels:
         """Returns splats that a window (or the picture) may show, by first sheet unless they are drawn in rounds; sets
@@ -130,7 +130,7 @@ class SheetTiles(Tiles):
     def _in_order(self, texels: Texels, count: int, number: int, plan: Plan) -> tuple[Texels, int]:
         """Returns `count` records by their first of `number` sheets, and how many of them may be visible."""
         if self.card is None:
-            return self.order.sorted(count, number, plan, texels, self.uniforms)
+            return self.order.sorted((count, number), plan, texels, self.uniforms, self.portions)
         order = self.card.sort_by_sheet(
             lambda name, switches: self._program(name, plan, dict(switches)), texels, count, number, self.uniforms
         )
@@ -142,25 +142,21 @@ class SheetTiles(Tiles):
         self.uniforms |= self.near.draw(near, plan, float(str(self.uniforms["first_sheet"])))
         self.is_near = near is not None
 
-    def _draw_window(
-        self, target: Target, splats: Splats, plan: Plan, texels: Texels, window: Window, portions: Portions
-    ) -> None:
+    def _draw_window(self, target: Target, splats: Splats, plan: Plan, texels: Texels, window: Window) -> None:
         """Composites a window of the picture. texels: result of `_sorted`."""
         band = self._begin(splats, plan, window)
         if self._in_rounds(plan):
-            self._draw_rounds(target, splats, plan, texels, band, portions)
+            self._draw_rounds(target, splats, plan, texels, band)
         else:
             for which in pairwise(batch_starts(self.count, plan.hiding.depth_batches)):
-                self.gather(target, plan, texels, which, band, ask=portions.ask)
+                self.gather(target, plan, texels, which, band)
         self._flush(target, plan)
 
     def _in_rounds(self, plan: Plan) -> bool:
         """Whether splats are sorted and drawn in rounds of sheets; a card sorts all at once."""
         return self.card is None and plan.hiding.depth_batches > 1
 
-    def _draw_rounds(
-        self, target: Target, splats: Splats, plan: Plan, texels: Texels, band: Band, portions: Portions
-    ) -> None:
+    def _draw_rounds(self, target: Target, splats: Splats, plan: Plan, texels: Texels, band: Band) -> None:
         """Composites a band's splats sheets by sheets, without clusters of which only closed tiles are left."""
         clusters, names = self.splats.of(splats).clusters()
         uniforms = self.uniforms | {"sheets": sheet_span(splats, plan)}
@@ -168,16 +164,17 @@ class SheetTiles(Tiles):
             begin, end = part.sheets
             names.use(NAMES_UNIT)
             parts, in_round = clusters.parts(part.clusters), uniforms | {"begin": begin}
-            ordered, count = self.order.sorted(len(splats), end - begin, plan, texels, in_round, parts)
+            numbers = len(splats), end - begin
+            ordered, count = self.order.sorted(numbers, plan, texels, in_round, self.portions, parts)
             self.count = count if part.last else count + 1
-            self.gather(target, plan, ordered, (0, count), band, ask=portions.ask)
+            self.gather(target, plan, ordered, (0, count), band)
 
     def draw_batches(self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions) -> None:
         """Composites batches of splats whose sheets do not lie before the sheets of earlier batches.
 
         whole: describes all splats.
         """
-        self.exact = True
+        self.exact, self.portions = True, portions
         self._begin_picture(whole, plan, batches.near)
         if batches.shell is not None:
             first = float(str(self.uniforms["first_sheet"]))
@@ -185,16 +182,14 @@ class SheetTiles(Tiles):
         (window,) = bands_of(plan.window, sys.maxsize)
         rows = -(-window.height // ROWS)
         for part in bands_of(window, -(-rows // batches.bands) * ROWS * window.width):
-            self._draw_band(target, whole, plan, batches, portions, part)
+            self._draw_band(target, whole, plan, batches, part)
 
     def least_bands(self, window: Window) -> int:
         """Returns the number of bands into which batches of splats must be drawn: a dispatch takes MOST_TILES tiles."""
         across, down = -(-window.width // COLUMNS) + 1, -(-window.height // ROWS) + 1
         return 1 if self.card is None else -(-down // max(MOST_TILES // across, 1))
 
-    def _draw_band(
-        self, target: Target, whole: Splats, plan: Plan, batches: Batches, portions: Portions, window: Window
-    ) -> None:
+    def _draw_band(self, target: Target, whole: Splats, plan: Plan, batches: Batches, window: Window) -> None:
         band = self._begin(whole, plan, window)
         across = -(-window.width // COLUMNS)
 
@@ -212,11 +207,12 @@ class SheetTiles(Tiles):
             texels = self.batch.texels(splats.records)
             texels, count = self._in_order(texels, len(splats), span, plan)
             self.count = count + 1
-            self.gather(target, plan, texels, (0, count), band, ask=portions.ask)
+            self.gather(target, plan, texels, (0, count), band)
         self._flush(target, plan)
 
     def show(self, target: Target, whole: Splats, plan: Plan) -> None:
         """Classifies the values of a target that holds the joined parts of a picture."""
+        self.portions = Portions(self.ctx)
         self._begin_picture(whole, plan, None)
         for window in bands_of(plan.window, MOST_PIXELS):
             self._begin(whole, plan, window)
@@ -263,8 +259,7 @@ class SheetTiles(Tiles):
         if len(indices):
             lists = np.stack([indices, *np.zeros((3, len(indices)), np.int64)], axis=1).astype(np.uint32)
             # a band of batches may exceed the tiles of a dispatch
-            for first in range(0, len(lists), MOST_TILES):
-                self._add_up(target, plan, lists[first : first + MOST_TILES])
+            self._add_up_parts(target, plan, lists)
 
     def _add_up(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
         if self.placed.list is not None:
@@ -432,19 +427,19 @@ class SheetOrder:
 
     def sorted(
         self,
-        count: int,
-        number: int,
+        numbers: tuple[int, int],
         plan: Plan,
         texels: Texels,
         uniforms: Uniforms,
+        portions: Portions,
         parts: np.ndarray | None = None,
     ) -> tuple[Texels, int]:
         """Returns the records with their order by first sheet, and the number of records that may be visible.
 
-        count: number of splats. number: number of sheets. parts: parts of clusters to sort, see `Clusters.parts`;
-        None: sorts all splats.
+        numbers: of splats and of sheets. parts: parts of clusters to sort, see `Clusters.parts`; None: sorts all
+        splats.
         """
-        lanes = self.programs.shape.lanes
+        (count, number), lanes = numbers, self.programs.shape.lanes
         if parts is not None:
             lengths = np.cumsum(parts[:, 1] - parts[:, 0], dtype=np.int64)
             count = int(lengths[-1]) if len(lengths) else 0
@@ -460,7 +455,7 @@ class SheetOrder:
         clear_buffer(cursors, size)
         texels.records.use(RECORDS_UNIT)
         switches = {"CLUSTERED": parts is not None}
-        self._run(plan, {**switches, "COUNTING": True}, values, runs)
+        self._run(plan, {**switches, "COUNTING": True}, values, runs, portions)
         counts = np.frombuffer(cursors.read(size), np.uint32).reshape(runs, number + 1)[:, :number]
         # ordered by sheet, then by run
         until = np.cumsum(counts.T, dtype=np.uint32).reshape(number, runs)
@@ -469,14 +464,18 @@ class SheetOrder:
         cursors.write(starts)
         order = self.order = order_texture(self.ctx, self.order, count)
         order.bind_to_image(IMAGE, read=False, write=True)
-        self._run(plan, {**switches, "COUNTING": False}, values, runs)
+        self._run(plan, {**switches, "COUNTING": False}, values, runs, portions)
         return Texels(texels.records, texels.rest, order), int(until[-1, -1])
 
-    def _run(self, plan: Plan, switches: dict[str, bool], values: Uniforms, runs: int) -> None:
-        program = self.programs.for_tiles("sheet_sort.comp", plan.program, switches)
-        set_uniforms(program, **values)
-        program.run(runs // self.programs.shape.lanes)
-        self.ctx.memory_barrier()
+    def _run(self, plan: Plan, switches: dict[str, bool], values: Uniforms, runs: int, portions: Portions) -> None:
+        program, lanes = self.programs.for_tiles("sheet_sort.comp", plan.program, switches), self.programs.shape.lanes
+        # for all cores
+        ends = range(GROUPS, runs // lanes + GROUPS, GROUPS)
+        for begin, end in portions.parts("sorting", range(1, len(ends) + 1), len(ends)):
+            first = begin * GROUPS
+            set_uniforms(program, first_run=first * lanes, **values)
+            program.run(min(end * GROUPS, runs // lanes) - first)
+            self.ctx.memory_barrier()
 
     def _buffer(self, binding: int, size: int) -> moderngl.Buffer:
         """Returns a storage buffer of at least `size` bytes, and binds it."""

@@ -12,7 +12,7 @@ import numpy as np
 from splatgl.gl.buffers import Range, Texels
 from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.sheet_tiles import MOST_PIXELS, SheetTiles
-from splatgl.gl.target import Portions, Target, Targets
+from splatgl.gl.target import Target, Targets
 from splatgl.gl.tiles import Band, Placed, bands_of, tile_counts
 from splatgl.splat.culling import Window
 from splatgl.splat.plan import Plan
@@ -111,21 +111,19 @@ class SparedTiles(SheetTiles):
             placed.release()
         self.parts, self.spare = [], []
 
-    def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels, portions: Portions) -> None:
+    def _draw_sorted(self, target: Target, splats: Splats, plan: Plan, texels: Texels) -> None:
         needed = None
         if self.single is not None and plan.resolved.allowed and self.limits is None and len(splats) <= MOST_HELD:
-            needed = self._draw_single(self.single, splats, plan, texels, portions)
+            needed = self._draw_single(self.single, splats, plan, texels)
         if needed is None:
-            super()._draw_sorted(target, splats, plan, texels, portions)
+            super()._draw_sorted(target, splats, plan, texels)
             return
         # as many samples in a band as there are pixels: the same storage holds the open sheets of both
         pixels = plan.window.width * plan.window.height // plan.samples**2
         for window in bands_of(plan.window, min(max(pixels, 1), MOST_PIXELS)):
             self._draw_needed(target, plan, self._begin(splats, plan, window), needed)
 
-    def _draw_single(
-        self, single: SingleSamples, splats: Splats, plan: Plan, texels: Texels, portions: Portions
-    ) -> np.ndarray | None:
+    def _draw_single(self, single: SingleSamples, splats: Splats, plan: Plan, texels: Texels) -> np.ndarray | None:
         """Draws one sample a pixel. Returns bool [rows, columns] of the tiles of samples that need all; None if most
         do: of volumes that are not solid a row of tiles in the middle tells.
         """
@@ -133,24 +131,22 @@ class SparedTiles(SheetTiles):
         try:
             self.stride = plan.samples
             if plan.hiding.depth_batches == 1:
-                self._draw_bands(target, splats, plan, texels, [strip], portions)
+                self._draw_bands(target, splats, plan, texels, [strip])
                 if single.measure(target, plan, strip)[1] > MOST_NEEDED:
                     single.kept = None
                     self._reuse_parts()
                     return None
                 target.clear()
-            self._draw_bands(target, splats, plan, texels, bands_of(whole, MOST_PIXELS), portions)
+            self._draw_bands(target, splats, plan, texels, bands_of(whole, MOST_PIXELS))
         finally:
             self.stride = 1
         return single.measure(target, plan, whole)[0]
 
-    def _draw_bands(
-        self, target: Target, splats: Splats, plan: Plan, texels: Texels, bands: list[Window], portions: Portions
-    ) -> None:
+    def _draw_bands(self, target: Target, splats: Splats, plan: Plan, texels: Texels, bands: list[Window]) -> None:
         """Draws one sample a pixel in bands; keeps their splats and lists in `parts`."""
         self._reuse_parts()
         for window in bands:
-            self._draw_window(target, splats, plan, texels, window, portions)
+            self._draw_window(target, splats, plan, texels, window)
         while self.spare:
             self.spare.pop().release()
 
@@ -162,6 +158,8 @@ class SparedTiles(SheetTiles):
     def _place(self, plan: Plan, texels: Texels, which: Range) -> int:
         held = self.placed.held
         if held is None or held[0] is not texels or held[1] != which:
+            # placing may be cancelled
+            self.placed.held = None
             count = super()._place(plan, texels, which)
             self.placed.held = texels, which
             return count

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
@@ -118,12 +119,16 @@ def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
         )
 
 
-# intended time of a portion in seconds, without and with a cancellation callback
-SECONDS, ASKED_SECONDS = 0.3, 0.1
+# intended time of a portion in seconds, without and with a cancellation callback, which may draw a panel meanwhile
+SECONDS, ASKED_SECONDS = 0.3, 0.03
 # splats of the first portion and of the largest, for up to PIXELS pixels; a near splat may cover all pixels
 FIRST, MOST, PIXELS = 2**8, 2**17, 2**20
-# largest ratio between the sizes of successive portions
-GROWTH = 8.0
+# largest ratio between the sizes of successive portions; of the largest, the first one of other work than splats
+GROWTH, START = 8.0, 1 / 16
+
+
+# kind of work
+SPLATS = "splats"
 
 
 class Interrupted(Exception):
@@ -131,13 +136,15 @@ class Interrupted(Exception):
 
 
 class Portions:
-    """Portions of one picture, each sized by the time of the previous one. pixels: number of the picture's samples."""
+    """Portions of one picture, each sized by the time of the previous one of its kind. pixels: number of the picture's
+    samples.
+    """
 
-    def __init__(self, ctx: moderngl.Context, interrupted: Callable[[], bool] | None, pixels: int) -> None:
+    def __init__(self, ctx: moderngl.Context, interrupted: Callable[[], bool] | None = None, pixels: int = 1) -> None:
         self.ctx, self.interrupted = ctx, interrupted
         self.seconds = ASKED_SECONDS if interrupted else SECONDS
         share = min(PIXELS / pixels, 1.0)
-        self.size, self.most = FIRST * share, MOST * share
+        self.sizes, self.most = {SPLATS: FIRST * share}, MOST * share
 
     def ask(self) -> None:
         """Raises Interrupted if the caller cancels."""
@@ -146,15 +153,26 @@ class Portions:
 
     def over(self, begin: int, end: int) -> Iterator[tuple[int, int]]:
         """Yields ranges [begin, end) of splats; waits for the GPU after each."""
-        while begin < end:
+        for first, last in self.parts(SPLATS, range(1, end - begin + 1), self.most):
+            yield begin + first, begin + last
+
+    def parts(self, work: str, costs: Sequence[int] | np.ndarray, most: float) -> Iterator[tuple[int, int]]:
+        """Yields ranges of items whose costs are at most `most`, but at least one item. Unless nobody asks, or for
+        splats, waits for the GPU after each, and adapts the next one's costs to the time. costs: sums up to each item.
+        """
+        begin, done = 0, 0
+        is_timed = work == SPLATS or self.interrupted is not None
+        self.sizes.setdefault(work, most * START if is_timed else most)
+        while begin < len(costs):
             self.ask()
-            last = min(begin + max(int(self.size), 1), end)
+            end = max(bisect_right(costs, done + int(min(self.sizes[work], most))), begin + 1)
             start = time.perf_counter()
-            yield begin, last
-            self.ctx.finish()
-            duration = time.perf_counter() - start
-            growth = min(max(self.seconds / max(duration, 1e-6), 1 / GROWTH), GROWTH)
-            # the last portion of a range may be short: if it is quick, larger portions may still be slow
-            if last < end or growth < 1:
-                self.size = min(self.size * growth, self.most)
-            begin = last
+            yield begin, end
+            if is_timed:
+                self.ctx.finish()
+                duration = time.perf_counter() - start
+                growth = min(max(self.seconds / max(duration, 1e-6), 1 / GROWTH), GROWTH)
+                # the last portion of a range may be short: if it is quick, larger portions may still be slow
+                if end < len(costs) or growth < 1:
+                    self.sizes[work] = min(self.sizes[work] * growth, most)
+            begin, done = end, int(costs[end - 1])

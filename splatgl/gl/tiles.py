@@ -7,6 +7,7 @@ passes. This avoids sorting, quad setup and blending; setup and blending take mo
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -104,7 +105,8 @@ class Tiles:
         self.placed = Placed()
         self.buffers: dict[int, moderngl.Buffer] = {}
         self.band = Band(Window(0, 0, 0, 0), np.zeros(0, bool))
-        self.ask: Callable[[], None] = lambda: None
+        # of the current picture
+        self.portions = Portions(ctx)
         # mask of the blocks of the drawing order that may be visible; None: all
         self.shown: np.ndarray | None = None
 
@@ -117,7 +119,7 @@ class Tiles:
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
         """Composites the splats into `target`, nearest first, in chunks; raises Interrupted if cancelled."""
-        self.uniforms = self._uniforms(splats, plan)
+        self.uniforms, self.portions = self._uniforms(splats, plan), portions
         if self.card is not None:
             self.card.set_entries(0)
         frustum, fits = Frustum.of(plan.view), len(splats) <= MOST_KEPT
@@ -138,7 +140,7 @@ class Tiles:
                 if visible is not None and visible.all():
                     visible = None
             first = 0 if fits else begin
-            self.gather(target, plan, texels, (begin - first, end - first), band, visible, portions.ask)
+            self.gather(target, plan, texels, (begin - first, end - first), band, visible)
 
     def _uniforms(self, splats: Splats, plan: Plan) -> Uniforms:
         return feature_uniforms(splats, plan)
@@ -156,14 +158,12 @@ class Tiles:
         which: Range,
         band: Band,
         shown: np.ndarray | None = None,
-        ask: Callable[[], None] = lambda: None,
     ) -> None:
         """Composites splats `which` of the drawing order, nearest first, behind the splats already in the band.
 
-        shown: mask of the order's blocks that may be visible; None: all. ask: is called between dispatches and may
-        raise Interrupted.
+        shown: mask of the order's blocks that may be visible; None: all.
         """
-        self.shown, self.ask, self.band = shown, ask, band
+        self.shown, self.band = shown, band
         begin, end = which
         # smaller parts of many splats: the buffers then need little memory compared with the splats
         most = MOST if end - begin <= 2 * MOST else MOST // 2
@@ -187,10 +187,14 @@ class Tiles:
             self._add_up_all(target, plan, lists)
 
     def _add_up_all(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
-        for dispatched in _dispatches(lists):
-            self.ask()
-            self._add_up(target, plan, dispatched)
+        self._add_up_parts(target, plan, lists)
         self.band.begun = True
+
+    def _add_up_parts(self, target: Target, plan: Plan, lists: np.ndarray) -> None:
+        # an empty list costs as much as makes MOST_TILES of them a dispatch
+        costs = np.cumsum(lists[:, 2].astype(np.int64) - lists[:, 1] + max(ENTRIES // MOST_TILES, 1))
+        for begin, end in self.portions.parts("lists", costs, ENTRIES):
+            self._add_up(target, plan, lists[begin:end])
 
     def _draw_on_card(self, card: CardLists, target: Target, plan: Plan, first: int, count: int) -> None:
         """Composites `count` placed splats, from `first` of their order on; only the device knows the lists."""
@@ -198,7 +202,7 @@ class Tiles:
         def program(name: str, switches: Mapping[str, bool]) -> moderngl.ComputeShader:
             return self._program(name, plan, dict(switches))
 
-        self.ask()
+        self.portions.ask()
         if not self.band.begun:
             card.begin(self.band.closed)
         card.count_pairs(program, first, count)
@@ -241,7 +245,10 @@ class Tiles:
         self.placed.framebuffer.use()
         self.placed.framebuffer.viewport = (0, 0, ABREAST, height)
         self.ctx.enable_only(moderngl.NOTHING)
-        self.whole(program)
+        for top, bottom in self.portions.parts("placing", range(1, height + 1), height):
+            self.placed.framebuffer.use()
+            self.placed.framebuffer.scissor = 0, top, ABREAST, bottom - top
+            self.whole(program)
         self.placed.use()
         return count
 
@@ -318,16 +325,19 @@ class Tiles:
         self.placed.textures[0].bind_to_image(BOUNDS, read=True, write=False)
         runs = GROUPS * self.programs.shape.lanes
         length = -(-count // runs)
-        set_uniforms(program, count=count, length_=length, budget=ROUNDS, unread=unread)
+        set_uniforms(program, count=count, length_=length, unread=unread)
         lengths = np.clip(count - length * np.arange(runs), 0, length)
         # per run: splats done, and progress of the next splat, as a large splat may need several dispatches
         done = self._buffer(DONE, lengths.size * 16)
         clear_buffer(done)
         progress = np.zeros((lengths.size, 4), np.uint32)
-        while (progress[:, 0] < lengths).any():
+        for begin, end in self.portions.parts("listing", range(1, sys.maxsize), ROUNDS):
+            set_uniforms(program, budget=min(end - begin, ROUNDS))
             program.run(GROUPS)
             self.ctx.memory_barrier()
             before, progress = progress, np.frombuffer(done.read(lengths.size * 16), np.uint32).reshape(-1, 4)
+            if not (progress[:, 0] < lengths).any():
+                return
             if (progress == before).all():
                 raise moderngl.Error("compute shaders do nothing")
 
@@ -371,13 +381,6 @@ class Tiles:
         set_uniforms(program, origin=band.window.box[:2], tiles=tile_counts(band.window), stride=band.stride)
         set_uniforms(program, **{placed: PLACED_UNIT + unit for unit, placed in enumerate(PLACED)}, **self.uniforms)
         return program
-
-
-def _dispatches(lists: np.ndarray) -> list[np.ndarray]:
-    """Splits lists into dispatches of at most MOST_TILES lists and about ENTRIES entries."""
-    before = np.cumsum(lists[:, 2].astype(np.int64) - lists[:, 1])
-    # a new dispatch begins where the count of entries or lists is full
-    return np.split(lists, np.flatnonzero(np.diff(before // ENTRIES + np.arange(len(lists)) // MOST_TILES)) + 1)
 
 
 def bands_of(window: Window, most: int = MOST_PIXELS) -> list[Window]:

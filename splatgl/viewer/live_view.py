@@ -14,6 +14,9 @@ from splatgl.viewer.display import COUNT, EXTRACTING, PICTURE, Display
 from splatgl.viewer.hud import progress_text
 from splatgl.viewer.reference_view import ReferenceInputs
 
+# maximum panel frames between two portions of a picture
+MOST_SHOWN = 4
+
 
 class LiveView(Display):
     """Draws previews and full frames of the document, and displays them with the panel."""
@@ -102,8 +105,10 @@ class LiveView(Display):
     def _is_interrupted(self, inputs: int) -> bool:
         """Polls events during a frame and shows the panel that they change; True after new input, which cancels it."""
         self.window.wait(0.0)
-        if self.dirty and self.inputs == inputs and self.panel is not None:
-            self._redisplay()
+        # a click takes several frames: until it is released, and the list that it opens is measured and drawn
+        for _ in range(MOST_SHOWN):
+            if self.dirty and self.inputs == inputs and self.panel is not None:
+                self._redisplay()
         return self.inputs != inputs or self.window.closing
 
     def _compare(self) -> None:

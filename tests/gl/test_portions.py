@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,6 +75,53 @@ def test_portions_grow_and_shrink_with_the_time_they_take(
     sizes = np.diff([0, *ends])
     # a picture of four times the pixels begins with a quarter; then what takes 0.3 s; then what is quick
     assert sizes[0] == 2**6 and abs(sizes[3] - 3000) < 5 and max(sizes) == 2**15 and ends[-1] == 400_000
+
+
+def test_portions_leave_a_panel_its_time(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of whatever work: on a machine ten times slower than another, too; without a panel, all at once."""
+    now = [0.0]
+    monkeypatch.setattr("splatgl.gl.target.time.perf_counter", lambda: now[0])
+    costs = np.cumsum(np.random.default_rng(3).integers(1, 1000, 20_000))
+    for each in (3e-8, 3e-7):
+        asking = target.Portions(renderer.ctx, lambda: False, 2**20)
+        took, ends = [], [0]
+        for begin, end in asking.parts("lists", costs, 2**20):
+            took.append(each * float(costs[end - 1] - (costs[begin - 1] if begin else 0)))
+            now[0] += took[-1]
+            assert begin == ends[-1]
+            ends.append(end)
+        assert ends[-1] == len(costs) and max(took) < 1.1 * target.ASKED_SECONDS
+        assert np.median(took) > 0.8 * target.ASKED_SECONDS
+    alone = target.Portions(renderer.ctx)
+    assert list(alone.parts("lists", costs, costs[-1])) == [(0, len(costs))]
+
+
+def test_every_pass_of_sheets_can_be_cancelled(processor: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the midst of any work; what comes next is right bit for bit."""
+    works: list[str] = []
+    parts = target.Portions.parts
+
+    def noted(portions: target.Portions, work: str, costs: Any, most: float) -> Any:
+        for portion in parts(portions, work, costs, most):
+            works.append(work)
+            yield portion
+
+    splats = noise(size=20, opacity=0.9)
+    camera, settings = views(splats)["fitted"], sg.Settings()
+    right = processor.render(splats, camera, settings).pixels
+    monkeypatch.setattr(target.Portions, "parts", noted)
+    for module, name, value in ((target, "START", 0.3), (target, "GROWTH", 1.0), (tiles, "ROUNDS", 200)):
+        monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(tiles, "ENTRIES", 1000)
+    assert (processor.render(splats, camera, settings, interrupted=lambda: False).pixels == right).all()
+    kinds = {"sorting", "placing", "listing", "lists", "resolving"}
+    assert kinds == set(works) and all(works.count(kind) > 1 for kind in kinds)
+    for kind in sorted(kinds):
+        works.clear()
+        with pytest.raises(sg.Interrupted):
+            processor.render(splats, camera, settings, interrupted=lambda kind=kind: kind in works)  # type: ignore[misc]
+        assert works[-1] == kind
+        assert (processor.render(splats, camera, settings).pixels == right).all()
 
 
 def test_the_end_of_a_range_makes_portions_no_larger(renderer: sg.Renderer) -> None:

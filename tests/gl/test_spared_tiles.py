@@ -13,6 +13,7 @@ from splatgl.gl import layers as layers_in_tiles
 from splatgl.gl import spared_tiles, tiles
 from splatgl.gl.context import current
 from splatgl.gl.spared_tiles import SingleSamples
+from splatgl.gl.target import Portions
 from splatgl.reference.blend import pixel_means
 from splatgl.splat.culling import Window
 from splatgl.splat.resolve import SPARED_SHARE
@@ -78,7 +79,7 @@ def test_kept_pixels_and_their_means(renderer: sg.Renderer, ball: sg.Splats, rng
         drawn = passes.targets.get("draw", (2 * width, 2 * height), "rgba32f")
         drawn.texture.write(fine, (0, 0, 2 * width, 2 * height))
         passes.single.kept = chosen.kept
-        found = passes._resolve(drawn, plan, None).read()
+        found = passes._resolve(drawn, plan, None, Portions(renderer.ctx)).read()
     assert (needed == (tile_errors(single.astype(float), 2) > 0.005)).all()
     assert 0.2 < share < 0.9 and share == pytest.approx(needed.mean())
     assert np.abs(found - spared_means(fine.astype(float), single.astype(float), 0.005, 2)).max() < 1e-6
