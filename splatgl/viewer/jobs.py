@@ -17,6 +17,8 @@ from splatgl.viewer.document import Document, LayerSplats
 
 # most voxels of a stride that is extracted while a transfer function is edited: some 0.1 s
 QUICK = 1 << 19
+# how much other processes yield to the window
+NICE = 10
 
 T = TypeVar("T")
 

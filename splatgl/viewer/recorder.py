@@ -22,12 +22,11 @@ from splatgl.readers.remote import is_address
 from splatgl.scene.draw import duration
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
+from splatgl.viewer.jobs import NICE
 from splatgl.viewer.overlays import background_of
 from splatgl.viewer.saving import scene_of
 from splatgl.viewer.state import State
 
-# how much the process yields to the window
-NICE = 10
 # seconds for which an ended process may go on
 PATIENCE = 10.0
 FRAME = "{frame:04d}.png"

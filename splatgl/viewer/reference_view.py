@@ -1,24 +1,32 @@
-"""Float64 reference of the displayed frame, rendered in a worker thread, and the error of the frame."""
+"""Float64 reference of the displayed frame, rendered by another process, and the error of the frame."""
 
 from __future__ import annotations
 
+import os
+import pickle
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import IO, Any
 
 import numpy as np
 
 from splatgl.data.image import Image
-from splatgl.errors import USER_ERRORS, error_text
+from splatgl.errors import USER_ERRORS, InputError, error_text
 from splatgl.reference import renderer
 from splatgl.splat.camera import Camera
+from splatgl.splat.kernels import BUILT_IN, KERNELS
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.document import Document
-from splatgl.viewer.jobs import Cancelled, Jobs, Kind
+from splatgl.viewer.jobs import NICE, Cancelled, Jobs, Kind
 
 # most splats of a reference: more take minutes and gigabytes
 MOST = 2_000_000
+# of kernels that a script defines
+UNKNOWN = "another process, which draws it, does not know all of it"
 
 
 @dataclass(frozen=True)
@@ -63,13 +71,17 @@ class ReferenceInputs:
 
 
 class Reference:
-    """The reference of the latest request. image: the result, if finished; note: the message until then."""
+    """The reference of the latest request. image: the result, if finished; note: the message until then.
+
+    A process draws it: one that is no longer wanted is ended at once, with its memory, and the window is not slower.
+    """
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs = jobs
         self.wanted: ReferenceInputs | None = None
         self.image: Image | None = None
         self.note = ""
+        self.process: subprocess.Popen[bytes] | None = None
 
     def request(self, wanted: ReferenceInputs) -> None:
         """Starts rendering a reference; the same request starts only once."""
@@ -82,8 +94,11 @@ class Reference:
         self.jobs.submit(Kind.REFERENCE, "reference", lambda: (wanted, self._draw(wanted)))
 
     def forget(self) -> None:
-        """Drops the reference; a render in progress stops at its next band."""
+        """Drops the reference, and ends the process that draws it."""
         self.wanted, self.image, self.note = None, None, ""
+        process = self.process
+        if process is not None:
+            process.kill()
 
     def collect(self) -> bool:
         """Collects a finished reference; True if anything changed."""
@@ -98,14 +113,73 @@ class Reference:
         return bool(news)
 
     def _draw(self, wanted: ReferenceInputs) -> Image:
-        def progress(bands: Iterator[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
-            for number, band in enumerate(bands):
+        """Returns the picture that the process draws. Raises its error, or Cancelled."""
+        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
+        command = [sys.executable, "-c", code]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as self.process:
+            process = self.process
+            try:
+                # it may have been dropped before there was a process
                 if wanted is not self.wanted:
                     raise Cancelled
-                self.note = f"the float64 reference is being drawn: {number / count:.0%}"
-                self.jobs.wake()
+                return self._await(process, wanted)
+            except (EOFError, OSError) as error:
+                if wanted is not self.wanted:
+                    raise Cancelled from error
+                raise InputError(f"the process that draws it ended with {process.wait()}") from error
+            finally:
+                self.process = None
+                process.kill()
+
+    def _await(self, process: subprocess.Popen[bytes], wanted: ReferenceInputs) -> Image:
+        assert process.stdin is not None and process.stdout is not None
+        kernels = {name: shape for name, shape in KERNELS.items() if name not in BUILT_IN}
+        try:
+            sent = pickle.dumps((kernels, wanted.splats, wanted.camera, wanted.settings))
+        except (AttributeError, pickle.PicklingError) as error:
+            raise InputError(f"{UNKNOWN}: {error}") from error
+        process.stdin.write(sent)
+        process.stdin.close()
+        while not isinstance(news := pickle.load(process.stdout), Image):
+            if isinstance(news, BaseException):
+                raise news
+            if wanted is not self.wanted:
+                raise Cancelled
+            self.note = f"the float64 reference is being drawn: {news:.0%}"
+            self.jobs.wake()
+        return news
+
+
+def serve() -> None:
+    """Draws a reference: reads what from the standard input, and writes its progress from 0 to 1, and the image or an
+    error, to the standard output.
+    """
+    with os.fdopen(os.dup(1), "wb") as output:
+        # what libraries print
+        os.dup2(2, 1)
+        if hasattr(os, "nice"):
+            os.nice(NICE)
+
+        def progress(bands: Iterator[tuple[int, int]], count: int) -> Iterator[tuple[int, int]]:
+            for number, band in enumerate(bands):
+                _send(output, number / count)
                 yield band
 
-        if wanted is not self.wanted:
-            raise Cancelled
-        return renderer.render(wanted.splats, wanted.camera, wanted.settings, progress=progress)
+        try:
+            kernels, splats, camera, settings = _received()
+            KERNELS.update(kernels)
+            _send(output, renderer.render(splats, camera, settings, progress=progress))
+        except USER_ERRORS as error:
+            _send(output, error)
+
+
+def _received() -> Any:
+    try:
+        return pickle.load(sys.stdin.buffer)
+    except (AttributeError, ImportError) as error:
+        raise InputError(f"{UNKNOWN}: {error}") from error
+
+
+def _send(output: IO[bytes], news: Any) -> None:
+    pickle.dump(news, output)
+    output.flush()
