@@ -212,7 +212,7 @@ class FrameRenderer:
         if self.fresh:
             self.fresh = False
             return False
-        if self.stand_in is not None and self.frame is not None:
+        if self.stand_in is not None and self.frame is not None and state.hud == "full":
             self.frame, self.stand_in = replace(self.frame, off=self._off(self.stand_in)), None
         moving = self.frame is not None and not self.frame.full
         narrow = state.hud == "short" and state.pose.camera.size[0] < NARROW * scale

@@ -93,6 +93,7 @@ class Viewer(LiveView):
         self.recorder.cancel()
         self.reference.forget()
         self.extractor.wanted = None
+        self.trim.close()
         if self.panel is not None:
             self.panel.close()
         self.screen.close()

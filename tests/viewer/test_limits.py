@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import platform
 import subprocess
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,14 +20,16 @@ import pytest
 import splatgl as sg
 from splatgl.annotations.text import legible, plain
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.kernels import KERNELS
 from splatgl.splat.transfer_nodes import with_color_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.commands import Copy
 from splatgl.viewer.document import Document, LayerSplats
 from splatgl.viewer.frame_renderer import FrameRenderer
-from splatgl.viewer.jobs import Done, Extractor, Kind
-from splatgl.viewer.reference_view import Reference
+from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
+from splatgl.viewer.live_view import LiveView
+from splatgl.viewer.reference_view import Reference, ReferenceInputs
 from splatgl.viewer.saving import copy_text, render_scene, save_as, save_picture, save_scene, scene_of, try_save
 from splatgl.viewer.state import LayerStyle, State
 from splatgl.viewer.viewer import Viewer
@@ -187,6 +192,60 @@ def test_progress_of_layers_is_of_all_their_voxels(document: Document, monkeypat
     assert np.allclose(found, np.cumsum([0, *counts])[:-1] / sum(counts))
 
 
+def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
+    document: Document, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is that of this process; one that is dropped ends in the midst of a band, as others that cannot be drawn."""
+    reference = Reference(Jobs(lambda: None))
+    document.extract(1)
+
+    def request(width: int, settings: sg.Settings) -> ReferenceInputs:
+        inputs = ReferenceInputs.of(document, document.home((width, width)).camera, settings)
+        reference.request(inputs)
+        return inputs
+
+    def wait(reached: Callable[[], bool]) -> None:
+        end = time.monotonic() + 120
+        while not reached():
+            reference.collect()
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+    inputs = request(12, sg.Settings())
+    wait(lambda: reference.image is not None)
+    assert reference.image is not None and not reference.note
+    right = sg.reference.render(inputs.splats, inputs.camera, inputs.settings).pixels
+    assert np.array_equal(reference.image.pixels, right)
+    request(2000, sg.Settings())
+    wait(lambda: reference.process is not None)
+    process = reference.process
+    assert process is not None
+    reference.forget()
+    process.wait(1.0)
+    wait(lambda: not reference.jobs.all)
+    assert reference.image is None and not reference.note and reference.process is None
+    monkeypatch.setitem(KERNELS, "own", cast(Any, lambda: None))
+    request(12, sg.Settings())
+    wait(lambda: reference.note.startswith("no reference: another process"))
+
+
+def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of its frames at once: its press, its release, and the list that it opens; a new input cancels instead."""
+    view = LiveView.__new__(LiveView)
+    view.window, view.panel = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False)), object()
+    shown: list[int] = []
+
+    def redisplay(self: LiveView) -> None:
+        self.dirty -= 1
+        shown.append(self.dirty)
+
+    monkeypatch.setattr(LiveView, "_redisplay", redisplay)
+    view.inputs, view.dirty = 3, 3
+    assert not view._is_interrupted(3) and shown == [2, 1, 0]
+    view.dirty = 3
+    assert view._is_interrupted(2) and len(shown) == 3
+
+
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators give back by themselves, or never")
 def test_memory_below_what_is_kept_goes_back() -> None:
     small = [np.ones(2**13) for _ in range(3000)]
@@ -194,6 +253,9 @@ def test_memory_below_what_is_kept_goes_back() -> None:
     del small
     sweep = IdleTrim(0.0)
     sweep.look(object(), True, 1.0)
+    assert gc.get_freeze_count() > 10_000
+    sweep.close()
+    assert not gc.get_freeze_count()
     assert most - resident_mebibytes() > 100 and len(kept) == 50
 
 
