@@ -22,6 +22,8 @@ PLACES, VOXELS = 1 << 16, 1 << 24
 STRAIGHT = 1e-9
 # a place on the box's face, in voxels beyond it
 ON_FACE = 1e-6
+# voxels beyond the box to which samples are continued: REACH ends there
+BEYOND = 0.499
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +50,22 @@ class Raster:
         return (a, b) if a != b and rest * max(self.size) < STRAIGHT else None
 
 
-def sample_raster(volume: Volume, raster: Raster, nearest: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def sample_raster(
+    volume: Volume, raster: Raster, nearest: bool = False, beyond: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Values float64 [H, W], or sRGB from 0 to 1 [H, W, 3], and bool [H, W]: where they are known, as
     `sample_places`. Rows along an axis take a few steps for each row and column.
     """
     width, height = raster.size
     axes = raster.axes
     if axes is None or nearest:
-        values, known = sample_places(volume, raster.places, nearest)
+        values, known = sample_places(volume, raster.places, nearest, beyond)
         return values.reshape(height, width, *values.shape[1:]), known.reshape(height, width)
     # one place along each row, column, and across both
     lines = [raster.start[[axis]] for axis in range(3)]
     lines[axes[0]] = raster.start[axes[0]] + np.arange(width) * raster.across[axes[0]]
     lines[axes[1]] = raster.start[axes[1]] + np.arange(height) * raster.down[axes[1]]
-    inside = [_inside(line, size) for line, size in zip(lines, volume.shape[::-1], strict=True)]
+    inside = [_inside(line, size, beyond) for line, size in zip(lines, volume.shape[::-1], strict=True)]
     values = np.zeros((height, width, *([3] if volume.color is not None else [])))
     known = np.zeros((height, width), bool)
     if not all(some.any() for some in inside):
@@ -82,14 +86,17 @@ def sample_raster(volume: Volume, raster: Raster, nearest: bool = False) -> tupl
     return values, known
 
 
-def sample_places(volume: Volume, places: np.ndarray, nearest: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def sample_places(
+    volume: Volume, places: np.ndarray, nearest: bool = False, beyond: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Values float64 [P], or sRGB from 0 to 1 [P, 3], at grid positions [P, 3] (x, y, z), and bool [P]: whether they
-    are known: in the volume's box, in its masks, and not nearest to a missing sample. nearest: of the nearest voxels.
+    are known: in the volume's box or up to `beyond` voxels (BEYOND at most) around it, in its masks, and not nearest to
+    a missing sample. nearest: of the nearest voxels.
     """
     values = np.zeros((len(places), *([3] if volume.color is not None else [])))
     if nearest and volume.color is None:
         values = np.zeros(len(places), volume.samples.dtype)
-    known = np.logical_and.reduce([_inside(places[:, axis], volume.shape[2 - axis]) for axis in range(3)])
+    known = np.logical_and.reduce([_inside(places[:, axis], volume.shape[2 - axis], beyond) for axis in range(3)])
     for some in np.array_split(np.flatnonzero(known), -(-int(known.sum()) // PLACES) or 1):
         for part in _parts(volume, places, some):
             values[part], known[part] = _sample_part(volume, places[part], nearest)
@@ -196,9 +203,10 @@ def _weigh(values: np.ndarray, places: np.ndarray, axis: int) -> np.ndarray:
     return np.asarray(base + sum(part * weight.reshape(shape) for part, weight in zip(parts, others, strict=True)))
 
 
-def _inside(places: np.ndarray, size: int) -> np.ndarray:
-    """bool: whether positions along an axis of `size` voxels lie in the volume's box."""
-    return np.asarray((places >= -0.5 - ON_FACE) & (places <= size - 0.5 + ON_FACE))
+def _inside(places: np.ndarray, size: int, beyond: float) -> np.ndarray:
+    """bool: whether positions along an axis of `size` voxels lie in the volume's box or up to `beyond` around it."""
+    more = 0.5 + ON_FACE + beyond
+    return np.asarray((places >= -more) & (places <= size - 1 + more))
 
 
 def _filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from splatgl.data.volume import Volume
 from splatgl.splat.clipping import Plane, box_planes
 from splatgl.splat.colormaps import FURTHEST, UNKNOWN, colormap
 from splatgl.splat.grid import Grid
-from splatgl.splat.resample import level_for, sample_places, sample_raster
+from splatgl.splat.resample import BEYOND, level_for, sample_places, sample_raster
 from splatgl.splat.slices import SlicePlane, plane_through
 from splatgl.splat.transfer import Transfer
 
@@ -87,14 +87,17 @@ class Painter:
             parts.append(sample_places(layer.volume, places, layer.nearest))
         return self._join(parts)
 
-    def pixels(self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int]) -> np.ndarray:
+    def pixels(
+        self, plane: SlicePlane, low: np.ndarray, pitch: Pitch, size: tuple[int, int], beyond: float = 0.0
+    ) -> np.ndarray:
         """float64 [H, W, 4], as `light`, at the pixels of a plane; of the level with voxels as wide as a pixel. low,
-        pitch, size: as of `SlicePlane.raster`.
+        pitch, size: as of `SlicePlane.raster`; beyond: voxels to which the first layer is continued beyond its box.
         """
         parts = []
-        for layer in self.layers:
+        for number, layer in enumerate(self.layers):
             volume = level_for(layer.volume, min(pitch))
-            parts.append(sample_raster(volume, plane.raster(volume, low, pitch, size), layer.nearest))
+            raster = plane.raster(volume, low, pitch, size)
+            parts.append(sample_raster(volume, raster, layer.nearest, 0.0 if number else beyond))
         return self._join(parts)
 
     def _join(self, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -150,12 +153,14 @@ class Painter:
         low = plane.box[0]
         if self.has_map:
             level = level_for(volume, min(pitch))
-            values, known = sample_raster(level, plane.raster(level, low, pitch, size))
+            # the polygon ends the plane, not the last texel within
+            values, known = sample_raster(level, plane.raster(level, low, pitch, size), beyond=BEYOND)
             # beyond the edges as the field is continued
             values = np.pad(values, MARGIN, "reflect", reflect_type="odd")
             texels = self.places(values, np.pad(known, MARGIN, "edge"))
         else:
-            texels = np.pad(self.pixels(plane, low, pitch, size), ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), "edge")
+            texels = self.pixels(plane, low, pitch, size, BEYOND)
+            texels = np.pad(texels, ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), "edge")
         rows = np.array([plane.right / pitch[0], plane.down / pitch[1]])
         matrix = np.column_stack([rows, MARGIN - 0.5 - rows @ plane.point - low / np.array(pitch)])
         texture = Texture(self.light, texels.astype(np.float32), matrix, not nearest)
