@@ -6,6 +6,7 @@
 #include "mesh_texture.glsl" if TEXTURED else "mesh_texture_off.glsl"
 uniform sampler2D nearest_depth;
 uniform sampler2D farthest_depth;
+uniform vec2 depths;                  // nearest and farthest of all triangles
 uniform bool lit;
 
 in vec3 place;
@@ -14,6 +15,13 @@ in vec4 color;
 in vec2 value;
 layout(location = 0) out vec4 light;  // linear, premultiplied
 layout(location = 1) out vec4 depth;  // eye axis, mean spacings
+
+// Logarithms of depths are as fine at the farthest surface as at the nearest: with triangles behind the eye, the
+// quotient that the rasteriser interpolates is 1 from a hundredth before the farthest depth on.
+float buffer_depth() {
+    if (PERSPECTIVE == 0) return (place.z - depths.x) / (depths.y - depths.x);
+    return log2(place.z / depths.x) / log2(depths.y / depths.x);
+}
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -26,4 +34,5 @@ void main() {
     vec2 shine = lit ? surface_light(normal, ray, style.light.xyz, vec2(1.0)) : vec2(1.0, 0.0);
     light = vec4(paint.rgb * shine.x + shine.y, 1.0) * color.a;
     depth = vec4(place.z);
+    gl_FragDepth = buffer_depth();
 }

@@ -1,7 +1,7 @@
 // Places the triangles of meshes: mean spacings from the eye, eye axes.
 // switch PERSPECTIVE 1  0: a parallel view
 #include "frame.glsl"
-uniform vec2 depths;  // nearest and farthest of all triangles, for the depth buffer
+uniform vec2 depths;  // nearest and farthest of all triangles
 
 in vec3 in_place;
 in vec3 in_normal;
@@ -18,7 +18,7 @@ void main() {
     color = in_color;
     value = in_value;
     vec2 at = place.xy * frame.clip_scale;
-    float sum = depths.y + depths.x, length_ = depths.y - depths.x;
-    if (PERSPECTIVE == 1) gl_Position = vec4(at, (place.z * sum - 2.0 * depths.x * depths.y) / length_, place.z);
-    else gl_Position = vec4(at, (2.0 * place.z - sum) / length_, 1.0);
+    // clips what is nearer than the nearest depth
+    if (PERSPECTIVE == 1) gl_Position = vec4(at, place.z - 2.0 * depths.x, place.z);
+    else gl_Position = vec4(at, (2.0 * place.z - (depths.y + depths.x)) / (depths.y - depths.x), 1.0);
 }

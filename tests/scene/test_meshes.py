@@ -101,6 +101,18 @@ def test_eyes_inside_meshes(renderer: sg.Renderer) -> None:
     assert np.abs(found - plain).max() > 0.2
 
 
+def test_far_sides_of_meshes_around_the_eye(renderer: sg.Renderer) -> None:
+    """Below the tip of a tetrahedron each ray crosses one side; the base is the farthest, as other sides end behind."""
+    corners = np.array([[-4, -1, 0.5], [4, -1, 0.5], [0, 31, 0.5], [0, 15, 8.5]], float)
+    tent = sg.Mesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], opacity=0.4)
+    scene = sg.Scene([sg.Layer(block(), sg.Transfer([(0.0, 0.0)]))], meshes=[tent])
+    for height in np.linspace(7.0, 8.3, 6):
+        camera = sg.Camera.look_at((0.05, 15.1, height), (0.05, 15.1, 0), (0, 1, 0), fov=120, size=(16, 16))
+        picture = renderer.render(scene, camera, PLAIN).pixels
+        assert np.abs(picture[..., 3] - 0.4).max() < 1e-4
+        assert np.abs(picture - reference.render(scene, camera, PLAIN).pixels).max() < 1e-4
+
+
 def test_rays_cross_balls_where_spheres_are() -> None:
     """Distances and normals of a fine ball against the closed form of a sphere."""
     ball = sg.Mesh.of_points([[0, 30, 0]], 5.0, color=(1, 1, 1))
