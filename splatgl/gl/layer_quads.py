@@ -82,11 +82,14 @@ class Slots(NamedTuple):
 class Band(NamedTuple):
     """Some rays [P] of a band of the picture's rows, by places in sheets of the first layer. places: of each layer, at
     + rate · place. voxels: of each layer offsets [P, 3] from the eye, index axes, at place 0, and steps to place 1.
+    grid: rows and columns of the rays; is_whole: whether they are all rays, or all directions.
     """
 
     window: Window
     places: list[tuple[np.ndarray, np.ndarray]]
     voxels: list[tuple[np.ndarray, np.ndarray]]
+    grid: tuple[int, int]
+    is_whole: bool
 
 
 class Pieces(Protocol):
@@ -208,11 +211,13 @@ class BoxPieces:
         eye = view.eye_index - base_of(self.splats, view.eye_index)
         start, step = band.voxels[layer]
         start = start + eye
-        length = np.linalg.norm(step, axis=1, keepdims=True)
+        units = step / np.linalg.norm(step, axis=1, keepdims=True)
+        # an octant may begin between two rays: least numbers are those of rays around it, as numbers are quasi-concave
+        around = UNSURE if band.is_whole else UNSURE + largest_steps(units.reshape(*band.grid, 3))
         self.numbers = {}
         for signs in product((1, -1), repeat=3):
-            apart = step / length * np.array(signs) + np.array(signs) * -UPRIGHT
-            rays = (apart > -UNSURE).all(axis=1)
+            apart = units * np.array(signs) + np.array(signs) * -UPRIGHT
+            rays = (apart > -around).all(axis=1)
             if rays.any():
                 self.numbers[signs] = Numbering(start[rays] @ signs, step[rays] @ signs, ROUNDING)
         self.done = dict.fromkeys(self.numbers, -END)
@@ -448,16 +453,22 @@ class Slabs(NamedTuple):
     numberings: list[list[Numbering]]
 
 
-# pixels between two rays whose numbers are computed
-APART = 8
+# pixels between two rays whose numbers are computed, and the most between them per depth: by more, numbers bend
+APART, MOST_APART = 8, 0.0125
+
+
+def largest_steps(rays: np.ndarray) -> float:
+    """Returns the sum of the largest changes of a component along rows and along columns [H, W, 3]."""
+    return float(sum(np.abs(np.diff(rays, axis=axis)).max(initial=0.0) for axis in (0, 1)))
 
 
 def band_of(layers: Sequence[Drawn], window: Window) -> Band:
     """Returns the places of layers along some rays of a window, among them those at its corners."""
     view = layers[0][1].view
     x, y, width, height = window.box
-    columns = np.unique(np.append(np.arange(0, width, APART), width - 1)) + x + 0.5 - view.size[0] / 2
-    rows = np.unique(np.append(np.arange(0, height, APART), height - 1)) + y + 0.5 - view.size[1] / 2
+    apart = int(np.clip(MOST_APART / view.pitch, 1, APART)) if view.perspective else APART
+    columns = np.unique(np.append(np.arange(0, width, apart), width - 1)) + x + 0.5 - view.size[0] / 2
+    rows = np.unique(np.append(np.arange(0, height, apart), height - 1)) + y + 0.5 - view.size[1] / 2
     right, down = (side.ravel() for side in np.meshgrid(columns * view.pitch, rows * view.pitch))
     flat, ahead = np.stack([right, down, 0 * right]), np.stack([0 * right, 0 * right, 0 * right + 1])
     places, voxels = [], []
@@ -478,4 +489,6 @@ def band_of(layers: Sequence[Drawn], window: Window) -> Band:
         window,
         [(own - own_rate * at / rate, own_rate / rate) for own, own_rate in places],
         [(start - step * (at / rate)[:, None], step / rate[:, None]) for start, step in voxels],
+        (len(rows), len(columns)),
+        apart == 1 or not view.perspective,
     )

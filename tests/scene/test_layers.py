@@ -131,6 +131,33 @@ def test_regions_over_gradients_beside_another_layer(
     assert image.info["technique"] == technique and np.abs(image.pixels - right).max() < 4e-4
 
 
+def test_boxes_beside_another_layer_by_wide_pixels(renderer: sg.Renderer) -> None:
+    """Along an axis signs of directions change in the middle of the picture, where a ray passes the fewest voxels."""
+    rng = np.random.default_rng(4)
+    cells = rng.random((5, 8, 24))
+    colored = sg.Volume((cells * 255).astype(np.uint8), color=(rng.random((*cells.shape, 3)) * 255).astype(np.uint8))
+    labels = sg.Volume((rng.random(cells.shape) * 3).astype(np.uint8)).of_values("labels")
+    scene = sg.Scene([sg.Layer(colored, sg.Transfer([(0, 0.2)])), sg.Layer(labels, opacity=0.1)])
+    camera = sg.Camera.look_at((30, 3.4, 2.2), (0, 3.4, 2.2), (0, 0, 1), fov=110, size=(21, 15))
+    settings = PLAIN.but(technique="quads", shading="off")
+    image = renderer.render(scene, camera, settings)
+    assert image.info["technique"] == "quads"
+    assert np.abs(image.pixels - reference.render(scene, camera, settings).pixels).max() < 1e-3
+
+
+@pytest.mark.parametrize("technique", ["quads", pytest.param("tiles", marks=pytest.mark.long)])
+def test_what_is_behind_a_parallel_eye_casts_no_shadow(
+    renderer: sg.Renderer, field: sg.Scene, technique: Technique
+) -> None:
+    camera = sg.Camera.orbit(field, 30, 20, 40, (12, 10)).parallel(field)
+    middle = field.layers[0].volume.center
+    inside = sg.Camera.orthographic(middle, middle + camera.forward, (0, 0, 1), 12.0, (12, 10))
+    settings = PLAIN.but(shadows=0.9, technique=technique)
+    right = reference.render(field, inside, settings).pixels
+    assert np.abs(right - reference.render(field, inside, PLAIN).pixels).max() > 0.05
+    assert np.abs(renderer.render(field, inside, settings).pixels - right).max() < 1e-3
+
+
 def test_without_an_order_layers_hide_by_turns() -> None:
     """Of maxima light adds up and what passes multiplies, before the background; sums add up."""
     first, second = (np.full((1, 1, 4), [[color, 0.0, 0.0, alpha]]) for color, alpha in ((0.1, 0.25), (0.3, 0.6)))
