@@ -352,7 +352,8 @@ def plan_scene(
     if is_ordered:
         for layer in plans:
             check_layer(layer.resolved, layer.splats.name)
-        pairs = [(layer.splats, layer.settings) for layer in plans]
+        # nothing behind the eye of a parallel view casts shadows, as of a single volume
+        pairs = [(clip_behind_eye(layer.splats, camera), layer.settings) for layer in plans]
         allowed = min(layer.resolved.allowed for layer in plans)
         lit = with_shared_casters([replace(layer.resolved, allowed=allowed) for layer in plans], pairs)
         plans = tuple(replace(layer, resolved=resolved) for layer, resolved in zip(plans, lit, strict=True))
