@@ -254,7 +254,8 @@ class SliceTool(Tool):
         values = slice_values(state, document, int((view.size[0] - left) / LETTER / scale))
         if values:
             corner = left + GAP * scale, view.size[1] - GAP * scale
-            labels.append(_label_at(values, corner, (0.0, 1.0), scale))
+            shown_values = _label_at(values, corner, (0.0, 1.0), scale)
+            labels = [*(_beside(letter, shown_values, GAP * scale) for letter in labels), shown_values]
         return Marks(tuple(sprites), tuple(strokes), tuple(labels))
 
     def complete_marks(self, state: State, document: Document, view: View) -> Marks:
@@ -438,6 +439,14 @@ def _labels(name: str, pane: TurnedPane, volume: Volume, scale: float) -> list[S
                     x = max(middle[0], title.place[2] + gap + wide / 2) if sign < 0 else middle[0]
                     labels.append(_label_at(text, (x, edge), (0.5, share), scale))
     return labels
+
+
+def _beside(letter: Sprite, text: Sprite, gap: float) -> Sprite:
+    """A label, right of a text that would cover it."""
+    left, top, right, bottom = letter.place
+    covers = text.place[0] < right and left < text.place[2] and text.place[1] < bottom and top < text.place[3]
+    shift = text.place[2] + gap - left if covers else 0.0
+    return replace(letter, place=(left + shift, top, right + shift, bottom))
 
 
 def _direction(frame: str | None, towards: np.ndarray) -> str:

@@ -108,6 +108,8 @@ def test_every_pass_of_sheets_can_be_cancelled(processor: sg.Renderer, monkeypat
 
     splats = noise(size=20, opacity=0.9)
     camera, settings = views(splats)["fitted"], sg.Settings()
+    if processor.plan(splats, camera, settings).program.technique == "quads":
+        pytest.skip("quads have one kind of work")
     right = processor.render(splats, camera, settings).pixels
     monkeypatch.setattr(target.Portions, "parts", noted)
     for module, name, value in ((target, "START", 0.3), (target, "GROWTH", 1.0), (tiles, "ROUNDS", 200)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,18 @@ def test_slices_have_the_volume_s_proportions() -> None:
     for window in ((64, 64), (2000, 100), (100, 2000), (1, 1)):
         assert 0 <= column_width(window, True) <= window[0] / 2 and column_width(window, False) == 0
         assert all(np.isfinite(pane.box).all() for pane in panes(volume, UP, window, 2.0))
+
+
+@pytest.mark.parametrize("size", [(300, 480), (310, 480), (400, 300), (900, 700)])
+def test_words_of_slices_cover_no_other(tmp_path: Path, size: tuple[int, int]) -> None:
+    """Nor does the value, which is as wide as half a narrow slice."""
+    sg.Volume(np.full((8, 8, 8), 1234.56, np.float32), frame="LPS").save(tmp_path / "blob.nrrd")
+    document = Document.open(SceneFile(str(tmp_path / "blob.nrrd")), quiet=True)
+    state = replace(State.of(document, size), slices=Slices(shown=True))
+    words = [np.array(each.place) for each in SliceTool(lambda: None).marks(state, document, View(size)).labels]
+    assert len(words) == 3 * 5 + 1
+    for a, b in combinations(words, 2):
+        assert (np.minimum(a[2:], b[2:]) <= np.maximum(a[:2], b[:2])).any()
 
 
 @pytest.mark.parametrize("frame", [None, "LPS", "RAS"])
