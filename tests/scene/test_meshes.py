@@ -107,7 +107,7 @@ def test_far_sides_of_meshes_around_the_eye(renderer: sg.Renderer) -> None:
     tent = sg.Mesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], opacity=0.4)
     scene = sg.Scene([sg.Layer(block(), sg.Transfer([(0.0, 0.0)]))], meshes=[tent])
     for height in np.linspace(7.0, 8.3, 6):
-        camera = sg.Camera.look_at((0.05, 15.1, height), (0.05, 15.1, 0), (0, 1, 0), fov=120, size=(16, 16))
+        camera = sg.Camera.look_at((0.01, 15.02, height), (0.01, 15.02, 0), (0, 1, 0), fov=120, size=(16, 16))
         picture = renderer.render(scene, camera, PLAIN).pixels
         assert np.abs(picture[..., 3] - 0.4).max() < 1e-4
         assert np.abs(picture - reference.render(scene, camera, PLAIN).pixels).max() < 1e-4
