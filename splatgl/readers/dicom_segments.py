@@ -5,7 +5,7 @@ Segments that overlap are in several channels with a table each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,6 +46,11 @@ MOST_PLANES = 4096
 MOST_VOXELS, FINEST = 2**25, 0.25
 # voxels of the contours' grid before the first contour
 MARGIN = 1.382
+# closed contours (PS3.3 C.8.8.6.3); keyholes of the second kind leave out what two of them enclose
+CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
+# mm by which points of a contour leave its plane, by which contours of a plane differ, and the cosine of planes that
+# count as axial, coronal or sagittal
+MOST_BENT, SAME_HEIGHT, NEARLY = 0.1, 0.02, 0.9999
 # most points of contours
 MOST_POINTS = 10_000_000
 # planes of a segment by their numbers: bool [H, W]
@@ -281,26 +286,16 @@ def _contour_masks(
     head: Header, tags: Any, table: Sequence[Label]
 ) -> tuple[Grid, Callable[[int], Iterator[tuple[int, np.ndarray]]], tuple[str, ...]]:
     """A grid for all contours, a function from a region's number to its (plane, mask) pairs, and notes."""
+    closed, left = _closed_contours(tags, {label.number for label in table})
+    axes = _contour_axes([points for _, points in closed])
     regions: dict[int, dict[float, list[np.ndarray]]] = {label.number: {} for label in table}
-    left = 0
-    room = MOST_POINTS
-    for item in tags.ROIContourSequence:
-        contours = regions.get(int(item.ReferencedROINumber))
-        for contour in (item.get("ContourSequence") or ()) if contours is not None else ():
-            data = np.array(contour.get("ContourData") or (), np.float64)
-            room -= data.size
-            if room < 0:
-                raise expected("contours", f"at most {MOST_POINTS} numbers", "more")
-            points = data[: data.size - data.size % 3].reshape(-1, 3)
-            closed = str(contour.get("ContourGeometricType") or "").startswith("CLOSED_PLANAR")
-            if not closed or len(points) < 3 or not np.isfinite(points).all() or np.ptp(points[:, 2]) > 0.1:
-                left += 1
-            elif contours is not None:
-                contours.setdefault(round(float(points[:, 2].mean()), 2), []).append(points[:, :2])
-    notes = (f"{left} contours are left out: points, open ones, or across the axial planes",) * bool(left)
+    flat = [(number, local) for number, points in closed if np.ptp((local := points @ axes.T)[:, 2]) <= MOST_BENT]
+    heights = _merge_heights([float(local[:, 2].mean()) for _, local in flat])
+    for (number, local), height in zip(flat, heights, strict=True):
+        regions[number].setdefault(height, []).append(local[:, :2])
+    left += len(closed) - len(flat)
+    notes = (f"{left} contours are left out: points, open ones, or across the planes of the others",) * bool(left)
     outlines = [points for contours in regions.values() for some in contours.values() for points in some]
-    if not outlines:
-        raise expected("contours", "closed contours in axial planes", "other contours", "convert the file")
     grid = _contour_grid(outlines, np.unique([z for contours in regions.values() for z in contours]))
     at = grid.origin[2] + grid.spacing[2] * np.arange(grid.shape[0])
     note = f"contours are filled on a grid of {grid.spacing[0]:.3g} × {grid.spacing[1]:.3g} × {grid.spacing[2]:.3g} mm"
@@ -308,6 +303,8 @@ def _contour_masks(
     def masks(number: int) -> Iterator[tuple[int, np.ndarray]]:
         contours = regions[number]
         places = np.array(sorted(contours))
+        if not contours:
+            return
         # if a region is drawn in every other slice, a contour stands for two slices
         thick = max(float(np.diff(places).min()) if len(places) > 1 else 0.0, grid.spacing[2])
         for n, z in enumerate(at):
@@ -315,11 +312,60 @@ def _contour_masks(
             if abs(places[k] - z) <= thick / 2 * (1 + 1e-6):
                 yield n, _fill_contours(contours[float(places[k])], grid)
 
-    return grid, masks, (note, *notes)
+    x, y, z = (axes.T @ grid.origin).tolist()
+    return replace(grid, origin=(x, y, z), direction=axes.T), masks, (note, *notes)
+
+
+def _closed_contours(tags: Any, numbers: Container[int]) -> tuple[list[tuple[int, np.ndarray]], int]:
+    """(number of the region, points [N, 3]) of each closed contour of these regions, and how many others there are."""
+    closed, left, room = [], 0, MOST_POINTS
+    for item in tags.ROIContourSequence:
+        number = int(item.ReferencedROINumber)
+        for contour in (item.get("ContourSequence") or ()) if number in numbers else ():
+            data = np.array(contour.get("ContourData") or (), np.float64)
+            room -= data.size
+            if room < 0:
+                raise expected("contours", f"at most {MOST_POINTS} numbers", "more")
+            points = data[: data.size - data.size % 3].reshape(-1, 3)
+            if contour.get("ContourGeometricType") in CLOSED and len(points) > 2 and np.isfinite(points).all():
+                closed.append((number, points))
+            else:
+                left += 1
+    if not closed:
+        raise expected("contours", "closed contours", "points or open contours only", "pick another file")
+    return closed, left
+
+
+def _contour_axes(contours: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows u, v and normal [3, 3] of the plane of the largest of contours [N, 3]; exact axes where it is nearly axial,
+    coronal or sagittal.
+    """
+    moved = [points - points.mean(axis=0) for points in contours]
+    areas = [np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) for points in moved]
+    normal = max(areas, key=np.linalg.norm)
+    size = float(np.linalg.norm(normal))
+    normal = normal / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    axis = int(np.abs(normal).argmax())
+    normal = normal * np.sign(normal[axis])
+    if normal[axis] > NEARLY:
+        normal = np.eye(3)[axis]
+    across = np.eye(3)[1 if abs(normal[0]) > NEARLY else 0]
+    across = across - (across @ normal) * normal
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(normal, across), normal])
+
+
+def _merge_heights(heights: Sequence[float]) -> list[float]:
+    """The heights of contours, the same for those that differ by SAME_HEIGHT at most."""
+    merged, first = dict[float, float](), -np.inf
+    for height in sorted(heights):
+        first = height if height - first > SAME_HEIGHT else first
+        merged[height] = first
+    return [merged[height] for height in heights]
 
 
 def _contour_grid(outlines: Sequence[np.ndarray], places: np.ndarray) -> Grid:
-    """A grid of axial planes at the contours' distance, as fine as MOST_VOXELS permits."""
+    """A grid, in the contours' axes, of planes at the contours' distance, as fine as MOST_VOXELS permits."""
     low, high = (np.array([pick(points, axis=0) for points in outlines]) for pick in (np.min, np.max))
     low, high = low.min(axis=0), high.max(axis=0)
     apart = np.diff(places)

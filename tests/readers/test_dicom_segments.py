@@ -182,6 +182,30 @@ def test_contours_fill_their_volume(tmp_path: Path) -> None:
     assert volume.notes[-1].startswith("1 contours are left out") and volume.frame == "LPS"
 
 
+def test_contours_beside_points_only(tmp_path: Path) -> None:
+    """A region of one point, as an isocentre, is left out; heights that rounding moves apart are one plane."""
+    planes = [6.0049, 9.0, 12.0051]
+    contours = [(1, "CLOSED_PLANAR", circle(20, z)) for z in planes] + [(2, "POINT", np.array([[1.0, 2, 6]]))]
+    contours += [(3, "CLOSEDPLANAR_XOR", circle(r, z + 0.0004, (90.0, 36.0))) for z in planes for r in (20, 10)]
+    volume = sg.load(structures(tmp_path / "rt.dcm", contours))
+    assert volume.shape[0] == 3 and [label.name for label in volume.labels or ()] == [NAMES[0], NAMES[2]]
+    sizes = np.bincount(np.asarray(volume.samples).ravel())[[1, 3]] * np.prod(volume.spacing)
+    np.testing.assert_allclose(sizes, 36 * np.sin(2 * np.pi / 72) * 9 * np.array([400, 300]), rtol=0.01)
+
+
+@pytest.mark.parametrize("degrees", [(90, 0), (0, 90), (20, -35)])
+def test_contours_in_turned_planes(tmp_path: Path, degrees: tuple[float, float]) -> None:
+    """Contours of sagittal, coronal and oblique slices fill the volume of the same ones in axial slices, turned."""
+    (a, b), (c, d) = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turn = np.array([[a, 0, c], [0, 1, 0], [-c, 0, a]]) @ np.array([[1, 0, 0], [0, b, -d], [0, d, b]])
+    contours = [(1, "CLOSED_PLANAR", circle(20, 3.0 * k) @ turn.T) for k in range(2, 8)]
+    volume = sg.load(structures(tmp_path / "rt.dcm", contours))
+    places = found_in(volume)["Liver"]
+    np.testing.assert_allclose(places.mean(axis=0), turn @ (40, 36, 13.5), atol=0.1)
+    size = len(places) * abs(np.linalg.det(volume.world_from_index))
+    assert size == pytest.approx(36 * np.sin(2 * np.pi / 72) * 400 * 18, rel=0.01)
+
+
 def test_segments_over_their_images(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A picture shows both segments of a voxel's column; files beside images in one folder are told."""
     (tmp_path / "ct").mkdir()
@@ -214,7 +238,7 @@ def test_what_is_no_segmentation_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="slices within 4096 planes"):
         sg.load(far)
     empty = structures(tmp_path / "c.dcm", [(1, "OPEN_PLANAR", circle(3, 0))])
-    with pytest.raises(InputError, match="closed contours in axial planes"):
+    with pytest.raises(InputError, match="closed contours, got points or open contours only"):
         sg.load(empty)
     segmentation(tmp_path / "d.dcm", masks())
     for name in ("b.dcm", "c.dcm"):
