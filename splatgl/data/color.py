@@ -54,10 +54,14 @@ def srgb_bytes(linear: np.ndarray) -> np.ndarray:
 
 
 def luma(color: np.ndarray) -> np.ndarray:
-    """The luma, uint8 [D, H, W], of sRGB colours, uint8 [D, H, W, 3] (ITU-R BT.709)."""
+    """The luma, uint8 [D, H, W], of sRGB colours, uint8 [D, H, W, 3] (ITU-R BT.709), or of [D, H, W, 4] times alpha,
+    so that transparent voxels are; alpha that is 0 everywhere was never set.
+    """
     result = np.empty(color.shape[:-1], np.uint8)
+    has_alpha = color.shape[-1] == 4 and bool(color[..., 3].any())
     for plane, source in zip(result, color, strict=True):
-        np.rint(source @ LUMA, out=plane, casting="unsafe")
+        bright = source[..., :3] @ LUMA
+        np.rint(bright * (source[..., 3] / np.float32(255)) if has_alpha else bright, out=plane, casting="unsafe")
     return result
 
 

@@ -132,13 +132,17 @@ def is_color_rule(dtype: np.dtype, count: int) -> bool:
     return dtype == np.uint8 and count in (3, 4)
 
 
+def is_vector_rule(dtype: np.dtype | None, count: int) -> bool:
+    """Whether `count` components of a voxel, without a stated meaning, are a vector: three signed or real numbers."""
+    return dtype is not None and dtype.kind in "if" and count == 3
+
+
 def split_components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """(samples [D, H, W], colours or None, vectors or None) of [D, H, W, components]: samples are luma or lengths."""
     if is_color:
         if values.dtype != np.uint8:
             raise expected("colours", "uint8", values.dtype, "pick one with channel=0, channel=1 or channel=2")
-        color = np.ascontiguousarray(values[..., :3])
-        return luma(color), color, None
+        return luma(values), np.ascontiguousarray(values[..., :3]), None
     vectors = np.asarray(values, np.float32)
     return np.stack([np.linalg.norm(plane, axis=-1) for plane in vectors]), None, vectors
 
@@ -152,6 +156,6 @@ def split_voxels(values: np.ndarray, options: LoadOptions) -> Components:
     else three or four bytes are a colour, and three signed or real numbers a vector.
     """
     is_color = is_color_rule(values.dtype, values.shape[-1])
-    if options.channel is None and (is_color or (values.dtype.kind in "if" and values.shape[-1] == 3)):
+    if options.channel is None and (is_color or is_vector_rule(values.dtype, values.shape[-1])):
         return (*split_components(values, is_color), (COLOR_NOTE if is_color else VECTOR_NOTE,))
     return values[options.index(values.shape, {3: "channel"})], None, None, ()

@@ -17,7 +17,7 @@ from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
 from splatgl.fileio import require_memory
 from splatgl.readers.channels import mark_microscope
-from splatgl.readers.common import decoder_errors, require_plausible
+from splatgl.readers.common import decoder_errors, parse_number, require_plausible
 from splatgl.readers.options import DEFAULT_LEVELS, LoadOptions
 
 # most voxels of a terrain, a byte each: a map of 6400 × 6400 in 103 levels
@@ -154,6 +154,9 @@ def _parse_rows(path: Path) -> np.ndarray:
     with path.open(encoding="latin-1") as file:
         rows = [[cell.strip().lower() for cell in line.split(",")] for line in file if line.strip()]
     none = ("", "na", "n/a", "nan", "null", "none", "-", "nodata")
+    text = next((cell for row in rows for cell in row if cell not in none and parse_number(cell, None) is None), None)
+    if text is not None:
+        raise expected("table", "heights, a row in each line", repr(text[:40]), "leave out titles; save points as .ply")
     return np.array([[np.nan if cell in none else float(cell) for cell in row] for row in rows])
 
 
@@ -205,8 +208,8 @@ def make_plane(pixels: np.ndarray) -> Volume:
         return Volume(pixels[None, ..., 0])
     if pixels.ndim != 3 or pixels.shape[-1] > 4 or pixels.dtype not in (np.uint8, np.uint16):
         raise expected("picture", "grey, or colours of 8 or 16 bits", f"{pixels.dtype} {pixels.shape}")
-    color = pixels[None, ..., :3] if pixels.dtype == np.uint8 else (pixels[None, ..., :3] >> 8).astype(np.uint8)
-    return Volume(luma(color), color=np.ascontiguousarray(color))
+    color = pixels[None] if pixels.dtype == np.uint8 else (pixels[None] >> 8).astype(np.uint8)
+    return Volume(luma(color), color=np.ascontiguousarray(color[..., :3]))
 
 
 def classify_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surveyed: bool = False) -> tuple[bool, str]:

@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +42,10 @@ _CHANNELS, _TIMES = ("c", "ch", "chan", "channel", "w"), ("t", "tp", "time", "ti
 _NUMBERS, _WORD = re.compile(r"\d+(?:\.\d+)*"), re.compile(r"([a-z]*)[^a-z]*$")
 # resolutions that programs write without knowing any, and millimetres of an inch
 _USUAL_DPI, _INCH = (72, 75, 96, 100, 120, 150, 200, 300, 600, 1200), 25.4
-# size of a pixel in the logs of SkyScan's scanners, and most bytes of a log
+# size of a pixel in the logs of SkyScan's scanners, where the slices' stands behind that of the projections, and most
+# bytes of a log
 _LOG_SIZE, _LOG_BYTES = re.compile(rb"(?m)^\s*(Image )?Pixel Size \(um\)\s*=\s*([0-9.]+)"), 2**16
+_LOG_SLICES = b"[Reconstruction]"
 # most missing numbers that a note names
 _MOST_NAMED = 5
 
@@ -64,6 +66,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     files, left = _find_pictures(path)
     if len(files) < 2:
         raise expected("pictures", "at least two slices", len(files), "check the pattern")
+    _check_series(files)
     stacks, channels, times, notes = _arrange(files)
     first = _read_plane(files[0])
     (spacing, unit), told = _find_grid(files[0])
@@ -94,6 +97,18 @@ def _find_pictures(path: Path) -> tuple[list[Path], int]:
     if 2 * count > len(same):
         same = [file for file in same if _NUMBERS.sub("#", file.stem) == usual]
     return sorted(same, key=lambda file: natural_key(file.name)), len(files) - len(same)
+
+
+def _check_series(files: Sequence[Path]) -> None:
+    """Raises InputError for stacks of other names, one behind the other, whose numbers begin again."""
+    series = [(name, list(some)) for name, some in groupby(files, lambda file: _NUMBERS.sub("#", file.stem))]
+    counted = [{tuple(_NUMBERS.findall(file.stem)) for file in some} for _, some in series]
+    if len({name for name, _ in series}) < len(series) or len(series) < 2 or min(map(len, counted)) < 2:
+        return
+    if any(a & b for a, b in pairwise(counted)):
+        patterns = [f"{name.replace('#', '*')}{some[0].suffix}" for name, some in series]
+        listed = ", ".join(patterns[:_MOST_NAMED]) + ", …" * (len(patterns) > _MOST_NAMED)
+        raise expected("slices", "those of one stack", listed, f"name one of these: {files[0].parent / patterns[0]}")
 
 
 def _arrange(files: Sequence[Path]) -> tuple[dict[tuple[int, int], list[Path]], list[str], list[str], list[str]]:
@@ -168,10 +183,12 @@ def _read_stack(files: Sequence[Path], first: np.ndarray) -> Volume:
         samples[n] = plane
     if samples.ndim == 3:
         return Volume(samples)
+    if samples.shape[-1] == 2 and KINDS[files[0].suffix.lower()] == "PNG":
+        # grey with alpha
+        return Volume(np.ascontiguousarray(samples[..., 0]))
     if samples.shape[-1] not in (3, 4) or samples.dtype != np.uint8:
         raise expected(files[0].name, "grey, or colours of 8 bits", f"{first.dtype} {first.shape}", "save it as grey")
-    color = np.ascontiguousarray(samples[..., :3])
-    return Volume(luma(color), color=color)
+    return Volume(luma(samples), color=np.ascontiguousarray(samples[..., :3]))
 
 
 def _check_same(file: Path, shape: Shape, dtype: np.dtype | None, first_file: Path, first: np.ndarray) -> None:
@@ -288,7 +305,9 @@ def _find_grid(file: Path) -> tuple[Grid, list[str]]:
             dpi = (float(across), float(down))
     for log in sorted(file.parent.glob("*.log"))[:_MOST_NAMED]:
         with log.open("rb") as opened:
-            found = sorted(_LOG_SIZE.findall(opened.read(_LOG_BYTES)), reverse=True)
+            text = opened.read(_LOG_BYTES)
+        slices = _LOG_SIZE.findall(text.partition(_LOG_SLICES)[2])
+        found = slices or sorted(_LOG_SIZE.findall(text), reverse=True)
         size = float(found[0][1]) if found and found[0][1].count(b".") < 2 else 0.0
         if 0 < size < np.inf:
             return ((size, size, size), "um"), [f"voxels of {size:g} um by {log.name}"]

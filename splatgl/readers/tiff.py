@@ -219,10 +219,10 @@ def _is_channelled(series: _Series) -> bool:
 def _with_colors(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, ...], series: _Series) -> Volume:
     """The volume with colours, and their luma as samples. index: of one component."""
     axis = series.axes.index("S")
-    every = (*index[:axis], slice(0, 3), *index[axis + 1 :])
+    every = (*index[:axis], slice(None), *index[axis + 1 :])
     color = np.moveaxis(pixels[every], sum(isinstance(at, slice) for at in index[:axis]), -1)
     color = color if color.dtype.itemsize == 1 else (color >> 8).astype(np.uint8)
-    return replace(volume, samples=luma(color), color=np.ascontiguousarray(color))
+    return replace(volume, samples=luma(color), color=np.ascontiguousarray(color[..., :3]))
 
 
 def _is_coarser_level(level: _Series, finest: _Series) -> bool:

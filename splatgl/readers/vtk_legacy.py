@@ -18,7 +18,7 @@ from splatgl.data.affine import Coordinate, make_lattice
 from splatgl.data.volume import Triple, Volume, triple
 from splatgl.errors import Choice, expected
 from splatgl.fileio import byte_count
-from splatgl.readers.channels import COLOR_NOTE, is_color_rule, split_components
+from splatgl.readers.channels import COLOR_NOTE, VECTOR_NOTE, is_color_rule, is_vector_rule, split_components
 from splatgl.readers.common import (
     Shape,
     array_fields,
@@ -89,11 +89,12 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
         raise expected("arrays", "point or cell data", "none")
     vectors = next((array for array in arrays if array.is_vectors), None)
     chosen = _select_array(arrays, vectors, options)
-    if chosen.is_vectors:
+    is_field = chosen.is_vectors or is_vector_rule(chosen.dtype, chosen.components)
+    if is_field:
         vectors = chosen
     color = None
     field = None if vectors is None else np.asarray(vectors.read(), dtype=np.float32)
-    if chosen.is_vectors and options.channel is None and field is not None:
+    if is_field and options.channel is None and field is not None:
         samples = np.stack([np.linalg.norm(plane, axis=-1) for plane in field])
     elif options.channel is None and chosen.dtype is not None and is_color_rule(chosen.dtype, chosen.components):
         samples, color, _ = split_components(chosen.read(), is_color=True)
@@ -102,7 +103,7 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
     # arrays of points and of cells are listed together
     every = [*arrays, *(points if in_cells else cells)]
     others = [array.name for array in every if array.name != chosen.name]
-    notes = (COLOR_NOTE,) * (color is not None)
+    notes = (COLOR_NOTE,) * (color is not None) + (VECTOR_NOTE,) * (is_field > chosen.is_vectors)
     if options.array is None and others:
         listed = ", ".join(others[:MOST_LISTED]) + ", …" * (len(others) > MOST_LISTED)
         notes += (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)

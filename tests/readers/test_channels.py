@@ -384,7 +384,7 @@ def test_times_of_nifti(tmp_path: Path) -> None:
 
 
 def test_colour_stacks_of_tiff(tmp_path: Path) -> None:
-    """RGB and RGBA, 8 and 16 bits; a number still picks one component."""
+    """RGB and RGBA, 8 and 16 bits: alpha scales the samples; a number still picks one component."""
     rgb = np.random.default_rng(3).integers(0, 256, (5, 8, 9, 3), np.uint8)
     for name, values in (
         ("a", rgb),
@@ -395,7 +395,8 @@ def test_colour_stacks_of_tiff(tmp_path: Path) -> None:
         tifffile.imwrite(path, values, photometric="rgb", extrasamples=["unassalpha"] if name == "c" else None)
         volume = sg.load(path)
         assert np.array_equal(volume.color, rgb) and volume.samples.dtype == np.uint8
-        assert np.abs(volume.samples - rgb @ [0.2126, 0.7152, 0.0722]).max() <= 0.5
+        alpha = values[..., 3] / 255 if name == "c" else 1.0
+        assert np.abs(volume.samples - alpha * (rgb @ [0.2126, 0.7152, 0.0722])).max() <= 0.5
         assert np.array_equal(sg.load(path, channel=1).samples, values[..., 1]) and not volume.channels
 
 

@@ -55,7 +55,7 @@ BAD = [
     ("a.vtk", b"some other text\n", "expected legacy VTK, as the name says, got text"),
     ("a.vti", b"<?xml version='1.0'?><svg/>", "expected a VTKFile of ImageData or RectilinearGrid, got svg"),
     ("a.vti", BAD_VTI.encode(), "compressor: expected zlib, LZ4, LZMA or none, got lz4"),
-    ("a.csv", b"1,2\n3,four\n", "cannot be read as a CSV table"),
+    ("a.csv", b"1,2\n3,four\n", "table: expected heights, a row in each line, got 'four'"),
     ("a.png", PNG, "cannot be read as a picture"),
     ("a.npz", b"PK\x03\x04" + bytes(40), "expected NumPy archive, as the name says, got ZIP"),
     # cut short

@@ -91,6 +91,9 @@ def test_spacing_of_slices(tmp_path: Path) -> None:
     assert volume.spacing == (9.5, 9.5, 9.5) and np.array_equal(volume.samples, CUBE)
     assert "2 other files are left out" in volume.notes
     assert load(folder, spacing=(1, 2, 3)).spacing == (1, 2, 3)
+    # slices may be reconstructed coarser than projections were taken
+    (folder / "x.log").write_text("[Acquisition]\nImage Pixel Size (um)=9.5\n[Reconstruction]\nPixel Size (um)=19.1\n")
+    assert load(folder).spacing == (19.1, 19.1, 19.1)
 
 
 def test_a_missing_number_is_told(tmp_path: Path) -> None:
@@ -100,6 +103,30 @@ def test_a_missing_number_is_told(tmp_path: Path) -> None:
     # an even count of every second number is none
     even = slices(tmp_path / "b", "s_{}0.tif")
     assert not any("missing" in note for note in load(even).notes)
+
+
+def test_stacks_of_two_names_are_not_one(tmp_path: Path) -> None:
+    """A mask's slices lie behind the image's; parts of slices, numbered 1a, 1b, 2a, are in one order."""
+    folder = slices(slices(tmp_path / "a", "ct_{}.tif"), "mask_{}.tif")
+    with pytest.raises(InputError, match=r"got ct_\*\.tif, mask_\*\.tif; name one of these: .*ct_\*\.tif"):
+        load(folder)
+    assert np.array_equal(load(f"{folder}/mask_*.tif").samples, CUBE)
+    mixed = slices(slices(tmp_path / "b", "{}a.tif"), "{}b.tif")
+    assert np.array_equal(load(mixed).samples, CUBE.repeat(2, axis=0))
+
+
+def test_alpha_of_pictures(tmp_path: Path) -> None:
+    """Transparent voxels of colours are transparent; grey ones with alpha are grey."""
+    from PIL import Image
+
+    alpha = np.where(CUBE > 90, 255, 0).astype(np.uint8)
+    for name, mode, parts in (("a", "RGBA", [CUBE, CUBE, CUBE, alpha]), ("b", "LA", [CUBE, alpha])):
+        (tmp_path / name).mkdir()
+        for n, plane in enumerate(np.stack(parts, -1)):
+            Image.fromarray(plane, mode).save(tmp_path / name / f"{n}.png")
+        volume = load(tmp_path / name)
+        assert np.array_equal(volume.samples, np.where(alpha > 0, CUBE, 0) if name == "a" else CUBE)
+        assert (volume.color is not None) == (name == "a")
 
 
 def test_channels_and_times_in_names(tmp_path: Path) -> None:

@@ -221,7 +221,7 @@ def test_empty_cells_of_a_table_are_holes(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("0,,1\n2,NA,3\n\n")
     assert (columns(load(tmp_path / "a.csv")) == 0).tolist() == [[False, True, False]] * 2
     (tmp_path / "a.csv").write_text("0,1\n2,x\n")
-    with pytest.raises(InputError, match="cannot be read as a CSV table of heights"):
+    with pytest.raises(InputError, match="table: expected heights, a row in each line, got 'x'"):
         load(tmp_path / "a.csv")
 
 

@@ -86,6 +86,16 @@ def test_legacy_with_vectors_alone_gives_their_length(tmp_path: Path) -> None:
     np.testing.assert_array_equal(volume.vectors, WIND)
 
 
+def test_three_numbers_of_scalars_are_a_vector(tmp_path: Path) -> None:
+    """ITK writes displacements as SCALARS of three numbers."""
+    itk = pytest.importorskip("SimpleITK")
+    field = np.random.default_rng(2).normal(size=(4, 5, 6, 3)).astype(np.float32)
+    itk.WriteImage(itk.GetImageFromArray(field, isVector=True), tmp_path / "a.vtk")
+    volume = load(tmp_path / "a.vtk")
+    assert np.array_equal(volume.vectors, field) and "taken for a vector" in volume.notes[0]
+    assert np.array_equal(load(tmp_path / "a.vtk", channel=2).samples, field[..., 2])
+
+
 def test_legacy_without_lookup_table_line(tmp_path: Path) -> None:
     path = legacy(tmp_path / "letter.vtk", True, b"POINT_DATA 140\nSCALARS s unsigned_char\n", numbers(F, True))
     np.testing.assert_array_equal(load(path).samples, F)
