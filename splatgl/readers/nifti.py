@@ -246,6 +246,10 @@ def _volume_of(
     seconds = _TIMES.get(int(header["xyzt_units"]) & 56, 0.0)
     step = float(zooms[3]) * seconds if len(zooms) > 3 else 0.0
     count = sizes[3] if len(sizes) > 3 and _component_axis(sizes, int(header["intent_code"])) != 3 else 1
+    extra = [axis for axis in range(4, len(sizes)) if sizes[axis] > 1]
+    if len(extra) == 1 and extra[0] != _component_axis(sizes, int(header["intent_code"])) and options.array is None:
+        # numbers along a fifth axis are components, whatever the intent
+        options = replace(options, array=options.channel, channel=None)
     times = ChannelSet(times=count, components=4, step=step if 0 < step < float("inf") else None)
 
     def read_volume(_: int | None) -> Volume:
@@ -280,6 +284,8 @@ def _interpret(values: np.ndarray, componented: bool, options: LoadOptions) -> C
         values = np.ascontiguousarray(values)
         parts = values.view(np.uint8).reshape(*values.shape, -1)
         return (*split_voxels(parts, options)[:3], ())
+    if not componented:
+        options.refuse("channel", "several numbers per voxel")
     if values.dtype.kind == "c":
         return np.stack([np.abs(plane).astype(np.float32) for plane in values]), None, None, (MAGNITUDE_NOTE,)
     if not componented:

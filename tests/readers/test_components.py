@@ -47,6 +47,19 @@ def test_nifti_has_vectors_by_its_intent(tmp_path: Path, intent: int, shape: tup
     np.testing.assert_array_equal(load(tmp_path / "a.nii.gz", channel=1).samples, 2 * F)
 
 
+def test_a_channel_of_nifti_is_never_ignored(tmp_path: Path) -> None:
+    """Numbers along a fifth axis are components without an intent, too; a grey image has no channel."""
+    nibabel = pytest.importorskip("nibabel")
+    parts = np.stack([F.T, 2 * F.T], -1)[:, :, :, None]
+    nibabel.save(nibabel.Nifti1Image(parts, np.eye(4)), tmp_path / "a.nii")
+    for name in ("array", "channel"):
+        assert np.array_equal(load(tmp_path / "a.nii", **{name: 1}).samples, 2 * F)
+    assert "array 0 of 2 is read" in load(tmp_path / "a.nii").notes[-1]
+    nibabel.save(nibabel.Nifti1Image(F.T, np.eye(4)), tmp_path / "b.nii")
+    with pytest.raises(InputError, match="channel: expected several numbers per voxel, got 1"):
+        load(tmp_path / "b.nii", channel=1)
+
+
 def test_complex_numbers_are_magnitudes(tmp_path: Path) -> None:
     nibabel, itk = pytest.importorskip("nibabel"), pytest.importorskip("SimpleITK")
     waves = (F * (3 + 4j)).astype(np.complex64)
