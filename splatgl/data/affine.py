@@ -70,6 +70,9 @@ class Coordinate:
             down = standard == "depth" or "pressure" in standard or standard.startswith(heights)
             short = name.lower()
             is_down = down or unit.lower() in _PRESSURES or (short.startswith("depth") and unit in ("m", "km"))
+        if unit == _DEGREES and places.ndim == 1 and not _is_monotonic(places):
+            # across 360°
+            places = np.unwrap(places, period=360)
         return cls(name, len(places), places, unit, is_down)
 
 

@@ -229,15 +229,21 @@ def load_label_table(path: Path, stem: str) -> tuple[Label, ...] | None:
 
     Raises InputError for a table with other lines, or without labels.
     """
-    for name in (stem + ending for ending in ENDINGS):
-        table = path.parent / name
-        if not table.is_file():
-            continue
+    for table in list_label_tables(path.parent, stem):
         with table.open(encoding="utf-8", errors="replace") as file:
-            text = file.read(FIRST)
-            if MARK.lower() in text.lower():
-                return _parse_labels(name, text + file.read(MOST))
+            return _parse_labels(table.name, file.read(MOST))
     return None
+
+
+def list_label_tables(folder: Path, stem: str) -> list[Path]:
+    """ITK-SNAP's tables of labels of a file with that stem."""
+    tables = [table for ending in ENDINGS if (table := folder / (stem + ending)).is_file()]
+    return [table for table in tables if MARK.lower() in _first_text(table).lower()]
+
+
+def _first_text(path: Path) -> str:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return file.read(FIRST)
 
 
 def _parse_labels(name: str, text: str) -> tuple[Label, ...]:

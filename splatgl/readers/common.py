@@ -170,7 +170,10 @@ def find_data_file(header: Path, name: str, anywhere: bool) -> Path:
     if not anywhere:
         fix = "put both files side by side, or say --anywhere if you trust it"
         if name.startswith(("/", "\\")) or windows.drive or ".." in windows.parts or "\0" in name:
-            raise expected("data file", "a name inside the header's folder", repr(name), fix)
+            # a header that was moved together with its data still states where they were
+            path = header.parent / (windows.name or "?").replace("\0", "?")
+            if ".." in windows.parts or not path.is_file():
+                raise expected("data file", "a name inside the header's folder", repr(name), fix)
         try:
             inside = path.resolve().is_relative_to(header.parent.resolve())
         except (OSError, RuntimeError):

@@ -38,6 +38,7 @@ from splatgl.readers.common import (
     grid_shape,
     inflate,
     map_array,
+    parse_number,
     read_text,
 )
 from splatgl.readers.options import LoadOptions
@@ -102,6 +103,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     directions = header.get("space directions")
     if directions is not None:
         kinds = ["time" if _is_time(row) else kind for row, kind in zip(directions, kinds, strict=True)]
+    kinds = ["time" if _is_sequence(header, axis, kind) else kind for axis, kind in enumerate(kinds)]
     times = [axis for axis in others if kinds[axis] == "time"]
     if options.array is not None and not times:
         raise expected("array", "an axis of the kind time", "none", "pick a component with channel=N")
@@ -187,6 +189,11 @@ def _is_time(direction: np.ndarray) -> bool:
     return len(direction) == 4 and np.isfinite(direction).all() and not any(direction[:3])
 
 
+def _is_sequence(header: Header, axis: int, kind: str) -> bool:
+    """Whether an axis counts the volumes of a sequence or multi-volume of 3D Slicer, which calls it a list."""
+    return kind == "list" and (f"axis {axis} index values" in header or "MultiVolume.FrameLabels" in header)
+
+
 def _time_step(header: Header, axis: int) -> float | None:
     """Seconds from one time point to the next; a step without a unit is in seconds; None if unknown."""
     directions, spacings, units = (header.get(name) for name in ("space directions", "spacings", "units"))
@@ -194,6 +201,8 @@ def _time_step(header: Header, axis: int) -> float | None:
     if directions is not None and _is_time(directions[axis]):
         step, units = directions[axis][3], header.get("space units")
         axis = 3
+    elif len(listed := str(header.get(f"axis {axis} index values", "")).split()) > 1:
+        step = parse_number(listed[1]) - parse_number(listed[0])
     elif spacings is not None and axis < len(spacings):
         step = spacings[axis]
     unit = str(units[axis]).lower() if units is not None and axis < len(units) else ""

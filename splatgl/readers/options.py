@@ -27,13 +27,15 @@ SURFACE = "surfaces are not drawn; voxelize it"
 
 # advice for files that are not read, by ending
 CONVERTERS = {
-    **dict.fromkeys((".oir", ".vsi", ".dv", ".sld", ".ics"), _FIJI),
+    **dict.fromkeys((".oir", ".vsi", ".dv", ".sld", ".ics", ".ids", ".zvi", ".dm3", ".dm4", ".mvd2"), _FIJI),
     **dict.fromkeys(
         (".svs", ".ndpi", ".mrxs", ".scn"), "a slide is one plane; save a stack as OME-TIFF with Bio-Formats"
     ),
     **dict.fromkeys((".vtp", ".pvtp", ".stl", ".obj", ".off", ".glb", ".gltf"), SURFACE),
     **dict.fromkeys((".e57", ".xyz", ".pts"), "save the points as .las or .ply, such as with CloudCompare"),
     **dict.fromkeys((".j2k", ".jxl"), "a picture is one slice; open the folder of all slices"),
+    **dict.fromkeys((".asc", ".hgt", ".dem", ".bil", ".flt", ".adf"), "convert it with: gdal_translate OLD NEW.tif"),
+    ".gipl": "save it as .nii.gz or .mha, such as with SimpleITK",
     ".st": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".ali": "a tilt series is no volume; reconstruct it, such as with IMOD",
     ".vdb": "save a dense array with numpy.save, in the order [z, y, x]",

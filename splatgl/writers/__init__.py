@@ -19,7 +19,7 @@ from splatgl.data.color import luma
 from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import atomic_folder, atomic_write, check_output
-from splatgl.readers import MARK
+from splatgl.readers import MARK, list_label_tables
 from splatgl.splat.colormaps import colors_of
 
 # bytes of samples that are read at a time
@@ -184,6 +184,9 @@ def save(
             beside = path.with_name(_stem(path, target) + ".label")
             stack.enter_context(atomic_write(beside)).write_text(label_table(table), encoding="utf-8")
             notes.append(f"names and colours of labels are in {beside.name}")
+        elif not content.volume.labels and content.dtype.kind in "iu":
+            tables = list_label_tables(path.parent, _stem(path, target))
+            notes += [f"{file.name} names numbers of {path.name}: remove it if it is of another" for file in tables[:1]]
         write(stack.enter_context((atomic_folder if target.is_folder else atomic_write)(path)), content)
     return tuple(notes)
 
@@ -322,7 +325,8 @@ def _stored_type(content: Content, stored: np.dtype) -> np.dtype:
     """The type, little-endian, that holds all samples exactly. Raises InputError if the format has none."""
     codes, kind, size = content.target.types, stored.kind, stored.itemsize
     if f"{kind}{size}" in codes:
-        return stored.newbyteorder("<")
+        # by its code: NumPy has two types of 64 bits, and Zarr knows one
+        return np.dtype(f"<{kind}{size}")
     if kind == "b":
         return np.dtype(np.uint8)
     if kind == "f":

@@ -213,6 +213,12 @@ def test_nrrd_channel(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="pick one with channel=0 … channel=1"):
         load(path)
     check(load(path, channel=1), grid=True, frame="LPS", mapped=True)
+    # the list of a sequence of 3D Slicer counts times
+    header = header.replace("encoding", "kinds: list domain domain domain\nencoding").rstrip("\n")
+    header += "\naxis 0 index type:=numeric\naxis 0 index values:=0 0.5\n\n"
+    path = put(tmp_path / "letter.nrrd", header, np.stack([F + 1, F], axis=-1).tobytes())
+    check(volume := load(path, time=1), grid=True, frame="LPS", mapped=True)
+    assert volume.times == 2 and volume.time_step == 0.5
 
 
 # --- NIfTI -----------------------------------------------------------------------------------------------------------
@@ -291,6 +297,14 @@ def test_metaimage_raw_is_mapped(tmp_path: Path, order: str) -> None:
     put(tmp_path / "samples.raw", b"skipped", data)
     path = put(tmp_path / "letter.mhd", header, "HeaderSize = -1\nElementDataFile = samples.raw\n")
     check(load(path), grid=True, frame="LPS", mapped=True)
+
+
+def test_metaimage_moved_with_its_data(tmp_path: Path) -> None:
+    """A header that states where its data were is read with the file of that name beside it."""
+    put(tmp_path / "a.raw", F.tobytes())
+    for place in (r"C:\scans\a.raw", "/scans/a.raw"):
+        header = META + META_GRID + f"ElementType = MET_UCHAR\nElementDataFile = {place}\n"
+        check(load(put(tmp_path / "letter.mhd", header)), grid=True, frame="LPS", mapped=True)
 
 
 def test_metaimage_zlib(tmp_path: Path) -> None:

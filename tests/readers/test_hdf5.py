@@ -279,6 +279,13 @@ def test_a_jet_between_uneven_levels_stays_where_it_is(tmp_path: Path) -> None:
     np.testing.assert_allclose(volume.samples[:, 0, 0], 1000 - np.abs(hectopascals - 300), atol=1.5)
 
 
+def test_longitudes_go_on_beyond_360(tmp_path: Path) -> None:
+    data = np.zeros((6, 11, 26), np.float32)
+    axes = {"level": (np.arange(6.0), {}), "latitude": LAT, "longitude": (np.arange(345, 371) % 360, LON[1])}
+    volume = load(weather(tmp_path / "a.nc", axes, data))
+    assert volume.origin[0] == 345 and volume.spacing[0] == 1
+
+
 def test_times_of_newer_names(tmp_path: Path) -> None:
     for name, told in (("valid_time", {}), ("when", {"units": "hours since 1970-01-01"}), ("T", {"axis": "T"})):
         axes = {name: (np.arange(2) * 3.0, told), "level": (np.arange(6.0), {}), "latitude": LAT, "longitude": LON}

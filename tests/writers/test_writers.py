@@ -79,10 +79,10 @@ def test_a_plain_grid_comes_back_without_a_word(suffix: str, tmp_path: Path, rng
 
 @pytest.mark.parametrize("suffix", [".nii", ".nrrd", ".mha", ".ome.tif", ".zarr", ".npy"])
 def test_types_keep_their_numbers(suffix: str, tmp_path: Path, rng: np.random.Generator) -> None:
-    for dtype in ("u1", "i1", ">u2", "i2", ">i4", "u4", "i8", ">u8", "f2", ">f4", ">f8", "?"):
+    for dtype in ("u1", "i1", ">u2", "i2", ">i4", "u4", "i8", ">u8", "Q", "f2", ">f4", ">f8", "?"):
         samples = numbers(dtype, rng)
         path = tmp_path / f"{dtype.strip('>?')}{suffix}"
-        if suffix == ".ome.tif" and dtype in ("i8", ">u8"):
+        if suffix == ".ome.tif" and dtype in ("i8", ">u8", "Q"):
             with pytest.raises(sg.InputError, match="samples: expected numbers that OME-TIFF holds exactly"):
                 sg.Volume(samples).save(path)
             assert not path.exists()
@@ -260,6 +260,14 @@ def test_labels_keep_names_and_colours(suffix: str, tmp_path: Path, rng: np.rand
     assert read.labels and read.labels[0].name == "liver"
     if beside:
         assert read.labels == (TABLE[0], replace(TABLE[1], name="the  left  kidney"))
+
+
+def test_a_table_of_labels_of_an_older_file_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.nii.gz"
+    sg.Volume(np.ones((2, 3, 4), np.uint8), labels=TABLE).save(path)
+    notes = sg.Volume(np.ones((2, 3, 4), np.uint8)).save(path)
+    assert notes == ("a.label names numbers of a.nii.gz: remove it if it is of another",)
+    assert sg.Volume(np.ones((2, 3, 4), np.float32)).save(path) == ()
 
 
 def test_layers_of_segments_come_back(tmp_path: Path, rng: np.random.Generator) -> None:
