@@ -14,6 +14,7 @@ from splatgl.gl.shader import declared_switches
 from splatgl.splat.motion_blur import MOTIONS
 from splatgl.splat.plan import Program
 from splatgl.splat.settings import BLENDS, choices
+from tests.helpers.covering import covering
 from tests.helpers.noise import GRIDS as PLACED
 from tests.helpers.noise import noise
 from tests.helpers.splatting import SPLATS
@@ -33,7 +34,7 @@ def cameras_of(splats: sg.Splats) -> list[sg.Camera]:
 
 def programs() -> set[Program]:
     """All that plans compile of the values of every two settings, the others as they are by default, and of every
-    64th combination of all.
+    256th combination of all.
     """
     names = (*COMPILED, "tolerance", "table_bits")
     values = {**{name: choices()[name] for name in COMPILED}, "tolerance": (1 / 255, 1e-6), "table_bits": (32, 8)}
@@ -43,7 +44,7 @@ def programs() -> set[Program]:
         [tuple(zip(chosen, each, strict=True)) for each in itertools.product(*(values[name] for name in chosen))]
         for chosen in (names, *itertools.combinations(names, 2))
     )
-    wanted = {*every[::64], *itertools.chain(*pairs)}
+    wanted = {*every[::256], *itertools.chain(*pairs)}
     moves = sg.Motion(spin=(0, 0, 5))
     found = set()
     for grid in GRIDS:
@@ -113,22 +114,6 @@ def compiles(renderer: sg.Renderer, keys: set[tuple[object, ...]]) -> None:
             build_compute(renderer.ctx, name, dict(switches)).release()
 
 
-def covering(keys: set[tuple[object, ...]]) -> set[tuple[object, ...]]:
-    """Few programs in which each two values that a shader's switches have together in some program meet: always the
-    program next in which most of them meet that met in none before.
-    """
-    left = {(name, *switches): {(name, *pair) for pair in itertools.combinations(switches, 2)} or {(name,)}
-            for name, *switches in sorted(keys, key=str)}  # fmt: skip
-    chosen = set()
-    while any(left.values()):
-        best = max(left, key=lambda key: len(left[key]))
-        pairs = left.pop(best)
-        chosen.add(best)
-        for others in left.values():
-            others -= pairs
-    return chosen
-
-
 # the cheapest stage that reads a feature, and its other switches
 STAGES: dict[str, tuple[str, dict[str, str | int]]] = {
     **{
@@ -169,8 +154,8 @@ def test_every_feature_compiles_and_only_it_is_read(renderer: sg.Renderer) -> No
 @pytest.mark.long
 def test_programs_of_any_choices_compile(renderer: sg.Renderer) -> None:
     """Those in which each two values of switches meet, and every 32nd of the others."""
-    keys = distinct(programs())
-    some = covering(keys) | set(sorted(keys, key=str)[::32])
+    keys = sorted(distinct(programs()), key=str)
+    some = {*covering(keys), *keys[::32]}
     print(f"{len(some)} of {len(keys)} programs")
     assert len(keys) > 300 and len(some) > 60
     compiles(renderer, some)
@@ -179,8 +164,8 @@ def test_programs_of_any_choices_compile(renderer: sg.Renderer) -> None:
 @pytest.mark.long
 def test_programs_of_sheets_compile(renderer: sg.Renderer) -> None:
     """As above, of thousands, of which every shader is one."""
-    keys = distinct(of_sheets())
-    some = covering(keys) | set(sorted(keys, key=str)[::512])
+    keys = sorted(distinct(of_sheets()), key=str)
+    some = {*covering(keys), *keys[::512]}
     stages = {name for name, *_ in some}
     print(f"{len(some)} of {len(keys)} programs")
     quads = {"splat", "sheet_close.frag", "sheet_show.frag"}

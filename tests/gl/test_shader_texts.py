@@ -8,7 +8,7 @@ import shutil
 import subprocess
 from collections import Counter, defaultdict
 from functools import cache
-from itertools import chain, combinations
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,7 @@ import splatgl as sg
 from splatgl.gl.features import FEATURES
 from splatgl.gl.shader import SHAPES, compose, declared_switches, folder
 from splatgl.gl.uniforms import FRAME, STYLE
+from tests.helpers.covering import covering
 
 COMPILER = "glslangValidator"
 
@@ -145,20 +146,16 @@ def test_what_is_drawn_is_among_the_texts(technique: str) -> None:
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which(COMPILER) is None, reason=f"needs {COMPILER}: apt-get install glslang-tools")
 def test_the_reference_compiler_accepts_all(tmp_path: Path) -> None:
-    """Texts of pictures of one change, and others of a card's shape in which two values of switches meet that meet in
-    none before.
-    """
-    names: list[str] = []
-    met: set[object] = set()
-    for text in (*texts(), *chain.from_iterable(programs(SHAPES["card"], 2))):
-        pairs = {(text.shader, *pair) for pair in combinations(text.switches.items(), 2)} or {(text.shader,)}
-        if pairs - met or len(names) < len(texts()):
-            met |= pairs
-            # pictures of either shape have the same names
-            names.append(f"{len(names)}.{text.name}")
-            (tmp_path / names[-1]).write_text(text.source)
-    print(f"{len(names)} texts")
-    assert len(names) > len(texts()) > 500
+    """Of pictures of one change and, in a card's shape, of two: texts in which any two values of switches meet."""
+    every = dict.fromkeys(chain(texts(), chain.from_iterable(programs(SHAPES["card"], 2))))
+    by_switches: dict[tuple[object, ...], Text] = {(text.shader, *text.switches.items()): text for text in every}
+    chosen = [by_switches[key] for key in covering(by_switches)]
+    # pictures of either shape have the same names
+    names = [f"{n}.{text.name}" for n, text in enumerate(chosen)]
+    for name, text in zip(names, chosen, strict=True):
+        (tmp_path / name).write_text(text.source)
+    print(f"{len(names)} texts of {len(every)}")
+    assert len(every) > len(names) > len(texts()) > 500
     answer = subprocess.run([COMPILER, *names], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stdout[-3000:]
 
