@@ -17,7 +17,7 @@ import numpy as np
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
 from splatgl.readers.dicom_siemens import SIEMENS_TAGS, Mosaic, find_mosaic
-from splatgl.readers.dicom_suv import SUV_TAGS, TOLD, is_angiogram, suv_factor
+from splatgl.readers.dicom_suv import SUV, SUV_TAGS, is_angiogram, suv_factor
 
 SUFFIXES = (".dcm", ".dicom", ".ima")
 MAGIC, MAGIC_AT = b"DICM", 128
@@ -344,7 +344,7 @@ def read_header(source: Source) -> tuple[Header, Any]:
         palette = str(tags.get("PhotometricInterpretation") or "MONOCHROME2")
         rows, columns, count = (whole_number(tags.get(name), 0) for name in ("Rows", "Columns", "NumberOfFrames"))
         allocated, stored = whole_number(tags.get("BitsAllocated"), 0), whole_number(tags.get("BitsStored"), 0)
-        factor, told = suv_factor(tags) if tags.get("Modality") == "PT" else (1.0, "")
+        factor, suv_note = suv_factor(tags) if tags.get("Modality") == "PT" else (1.0, "")
         mosaic, split = find_mosaic(tags, rows, columns)
         keyword = PIXELS.get(pixels[:4]) or PIXELS.get(pixels[1::-1] + pixels[3:1:-1], "")
         return Header(
@@ -367,8 +367,8 @@ def read_header(source: Source) -> tuple[Header, Any]:
             pixels=keyword,
             offset=at,
             room=max(file.size - at, 0),
-            value_unit="SUV" if told.startswith(TOLD) else _value_unit(tags),
-            notes=(*[told] * bool(told), *split, *_ignored_notes(tags, max(count, 1))),
+            value_unit="SUV" if suv_note.startswith(SUV) else _value_unit(tags),
+            notes=(*[suv_note] * bool(suv_note), *split, *_ignored_notes(tags, max(count, 1))),
             factor=factor,
             angiogram=is_angiogram(tags),
         ), tags

@@ -21,7 +21,7 @@ SUV_TAGS: tuple[str | int, ...] = (
     *("PatientWeight", "RadiopharmaceuticalInformationSequence", "DecayCorrection", "CorrectedImage", "SUVType"),
     *("SeriesDate", "SeriesTime", "AcquisitionDate", PHILIPS_SUV, PHILIPS_ACTIVITY),
 )
-TOLD = "values are SUV by body weight"
+SUV = "values are SUV by body weight"
 # least plausible injected dose in Bq: some programs write megabecquerels
 _LEAST_DOSE = 1e5
 
@@ -74,19 +74,19 @@ def suv_factor(tags: Any) -> tuple[float, str]:
     units = str(tags.get("Units") or "").strip().upper()
     if units == "GML":
         kind = str(tags.get("SUVType") or "BW").strip().upper()
-        return 1.0, TOLD if kind == "BW" else f"values are SUV by {kind}, not by body weight"
+        return 1.0, SUV if kind == "BW" else f"values are SUV by {kind}, not by body weight"
     if units == "CNTS":
         stated, activity = _number(tags.get(PHILIPS_SUV)), _number(tags.get(PHILIPS_ACTIVITY))
         if stated > 0:
-            return stated, f"{TOLD}, by the vendor's factor"
+            return stated, f"{SUV}, by the vendor's factor"
         if not activity > 0:
             return 1.0, "values are counts, not SUV: the header has no factor to Bq/ml"
         factor, reason = _from_activity(tags)
-        return (factor * activity, f"{TOLD}, from counts by the vendor's factor") if factor else (1.0, _refuse(reason))
+        return (factor * activity, f"{SUV}, from counts by the vendor's factor") if factor else (1.0, _refuse(reason))
     if units != "BQML":
         return 1.0, f"values are in {units or 'an unknown unit'}, not SUV"
     factor, reason = _from_activity(tags)
-    return (factor, f"{TOLD}, from Bq/ml by the header's weight, dose and decay") if factor else (1.0, _refuse(reason))
+    return (factor, f"{SUV}, from Bq/ml by the header's weight, dose and decay") if factor else (1.0, _refuse(reason))
 
 
 def _refuse(reason: str) -> str:

@@ -112,8 +112,7 @@ def read_dataset(path: Path, dataset: Any, options: LoadOptions, notes: tuple[st
         if colors is not None:
             return _read_colors(grid, samples, axes, colors, about)
         volume = grid.volume(_transpose(samples, axes), "spacing", **about)
-        told = (*notes, *[MAGNITUDE_NOTE] * is_complex)
-        return replace(volume, notes=(*told, *volume.notes))
+        return replace(volume, notes=(*notes, *[MAGNITUDE_NOTE] * is_complex, *volume.notes))
 
     # here the option `array` is a dataset, not a time point
     return channels.volume(replace(options, array=None), read_channel)

@@ -86,7 +86,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume:
     """The volume of samples [D, H, W, channels]."""
-    samples, color, vectors, told = split_voxels(samples, options)
+    samples, color, vectors, color_notes = split_voxels(samples, options)
     direction, frame, notes = _direction(fields)
     return Volume(
         samples,
@@ -97,7 +97,7 @@ def _volume(samples: np.ndarray, fields: Fields, options: LoadOptions) -> Volume
         frame=frame,
         color=color,
         vectors=vectors,
-        notes=(*told, *notes, *_ignored_notes(fields)),
+        notes=(*color_notes, *notes, *_ignored_notes(fields)),
     )
 
 

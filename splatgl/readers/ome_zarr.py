@@ -143,8 +143,8 @@ def find_channels(omero: Any, node: Any, multiscale: Mapping[str, Any] | None, g
     if count > MOST_CHANNELS:
         raise expected("channels", f"at most {MOST_CHANNELS}", count, "the header is damaged")
     metadata = omero.get("channels", []) if isinstance(omero, Mapping) else []
-    told = _coordinate_names(group, node, names, count) if multiscale is None and count > 1 else metadata
-    channels = [_read_channel(n, told[n] if n < len(told) else {}) for n in range(count)]
+    described = _coordinate_names(group, node, names, count) if multiscale is None and count > 1 else metadata
+    channels = [_read_channel(n, described[n] if n < len(described) else {}) for n in range(count)]
     together = count > 1 and any(channel.color for channel in channels)
     return ChannelSet(tuple(channels), together, sizes.get("t", 1), _time_step(multiscale, names))
 

@@ -102,10 +102,10 @@ def _make_volume(places: np.ndarray, values: Values, unit: str, options: LoadOpt
         raise expected("points", "at least one with finite coordinates", "none")
     if np.abs(places).max() > MOST_LENGTH:
         raise expected("points", f"coordinates up to {MOST_LENGTH:g}", f"{np.abs(places).max():g}")
-    colors, told = _find_colors({"height": places[:, 2], **values}, options.array)
+    colors, color_notes = _find_colors({"height": places[:, 2], **values}, options.array)
     classes, size_note = _find_sizes(places, values, options.point_size, unit)
     low, high = places.min(axis=0), places.max(axis=0)
-    whole = empty_volume(low, high, SOLID, unit=unit, notes=(*notes, *told, size_note))
+    whole = empty_volume(low, high, SOLID, unit=unit, notes=(*notes, *color_notes, size_note))
     parts = [replace(whole, points=Points(places[which], colors[which], size), notes=()) for size, which in classes]
     named = [replace(part, name=f"size {size:.4g}") for part, (size, _) in zip(parts, classes, strict=True)]
     return replace(whole, points=parts[0].points, channels=tuple(named) if len(named) > 1 else ())
@@ -125,8 +125,8 @@ def _find_sizes(
         several = f" to {sizes.max():.4g}, drawn in {len(classes)} sizes" if len(classes) > 1 else ""
         return classes, f"{count} of {sizes.min():.4g}{several} {unit}".rstrip()
     size = WIDER * median_spacing(places)
-    told = f"{count} of {size:.4g} {unit}".rstrip()
-    return [(size, every)], f"{told}, {WIDER:g} times their spacing: --point-size sets another"
+    stated = f"{count} of {size:.4g} {unit}".rstrip()
+    return [(size, every)], f"{stated}, {WIDER:g} times their spacing: --point-size sets another"
 
 
 def _find_colors(values: Values, array: str | int | None) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -142,8 +142,8 @@ def _find_colors(values: Values, array: str | int | None) -> tuple[np.ndarray, t
         return colors, ("3-D Gaussian splats are drawn as points of one size, in their mean colours",)
     intensity = values.get("intensity")
     name = str(array) if array else "intensity" if intensity is not None and np.ptp(intensity) > 0 else "height"
-    told = () if array else (f"without colours the points show their {name}: --array picks another",)
-    return _map_colors(values[name], name).astype(np.float32), told
+    notes = () if array else (f"without colours the points show their {name}: --array picks another",)
+    return _map_colors(values[name], name).astype(np.float32), notes
 
 
 def _linear(stored: np.ndarray) -> np.ndarray:

@@ -77,8 +77,8 @@ def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int) -> Cha
 
 def _lsm_channels(metadata: Mapping[str, Any], count: int, times: int) -> ChannelSet:
     """The channels of Zeiss' LSM files, with names and colours, and seconds between time points."""
-    told = metadata.get("ChannelColors") or {}
-    names, colors = told.get("ColorNames") or (), told.get("Colors") or ()
+    table = metadata.get("ChannelColors") or {}
+    names, colors = table.get("ColorNames") or (), table.get("Colors") or ()
     channels = [
         Channel(
             str(names[n]).strip("\0 ") or str(n) if n < len(names) else str(n),

@@ -131,9 +131,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
     places = mesh.centers if choice.of_cells else mesh.points
     back = _trilinear(samples, ((places - low) / step - 0.5)[:, ::-1])
     kind = "×".join(map(str, voxels))
-    told = f"{len(mesh.kinds)} cells, resampled to {kind} voxels; {describe_error(back, values)}"
+    note = f"{len(mesh.kinds)} cells, resampled to {kind} voxels; {describe_error(back, values)}"
     spacing, origin = triple(step, "cells"), triple(low + step / 2, "cells")
-    about = choice.about | {"notes": (told, *choice.about["notes"])}
+    about = choice.about | {"notes": (note, *choice.about["notes"])}
     return Volume(samples, spacing, origin, vectors=None if flow is None else np.nan_to_num(flow), **about)
 
 
@@ -363,10 +363,10 @@ def read_amr(path: Path, options: LoadOptions) -> Volume:
     if len(dtypes) == 1 and not np.isnan(samples).any():
         samples = samples.astype(dtypes.pop().newbyteorder("="))
     count, size = len({block.level for block in blocks}), "×".join(map(str, voxels))
-    told = f"{len(blocks)} blocks of {count} levels, resampled to {size} voxels; {error}"
+    note = f"{len(blocks)} blocks of {count} levels, resampled to {size} voxels; {error}"
     choice = blocks[0].choice
     spacing, origin = triple(step, "blocks"), triple(start, "blocks")
-    about = choice.about | {"notes": (told, *choice.about["notes"])}
+    about = choice.about | {"notes": (note, *choice.about["notes"])}
     return Volume(samples, spacing, origin, **about)
 
 

@@ -187,5 +187,5 @@ def _finish(running: Recording) -> str:
 def _error_of(running: Recording) -> str:
     """The last line that the process wrote."""
     lines = (running.folder / "errors").read_text("utf-8", "replace").split("\n")
-    told = [line.removeprefix("splatgl: ") for line in lines if line.strip()]
-    return told[-1] if told else f"recording: ended by code {running.process.returncode}"
+    written = [line.removeprefix("splatgl: ") for line in lines if line.strip()]
+    return written[-1] if written else f"recording: ended by code {running.process.returncode}"
