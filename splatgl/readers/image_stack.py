@@ -27,7 +27,7 @@ from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff import Grid, logged_errors, open_tiff, stated_grid
+from splatgl.readers.tiff import Grid, logged_errors, open_tiff, resolution_grid, stated_grid, tiff_dpi
 from splatgl.readers.tiff_images import find_pixels
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page, jpeg_xl_size
 from splatgl.readers.vtk_xml import parse_xml
@@ -40,8 +40,6 @@ _DECODERS = {"JPEG 2000": ("jpeg2k_decode", picture_size), "JPEG XL": ("jpegxl_d
 # words before numbers of channels and of time points
 _CHANNELS, _TIMES = ("c", "ch", "chan", "channel", "w"), ("t", "tp", "time", "timepoint")
 _NUMBERS, _WORD = re.compile(r"\d+(?:\.\d+)*"), re.compile(r"([a-z]*)[^a-z]*$")
-# resolutions that programs write without knowing any, and millimetres of an inch
-_USUAL_DPI, _INCH = (72, 75, 96, 100, 120, 150, 200, 300, 600, 1200), 25.4
 # size of a pixel in the logs of SkyScan's scanners, where the slices' stands behind that of the projections, and most
 # bytes of a log
 _LOG_SIZE, _LOG_BYTES = re.compile(rb"(?m)^\s*(Image )?Pixel Size \(um\)\s*=\s*([0-9.]+)"), 2**16
@@ -290,7 +288,7 @@ def _find_grid(file: Path) -> tuple[Grid, list[str]]:
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
             (x, y, z), unit = stated_grid(tiff, find_pixels(tiff, 0)) or ((1.0, 1.0, 1.0), "")
-            dpi, flat = _tiff_dpi(tiff.pages[0]), "spacing" not in (tiff.imagej_metadata or {"spacing": z})
+            dpi, flat = tiff_dpi(tiff.pages[0]), "spacing" not in (tiff.imagej_metadata or {"spacing": z})
         if unit:
             # a single slice of ImageJ's states no distance
             notes = [f"slices are as far apart as pixels are wide: {hint.split(': ')[1]}"] * flat
@@ -311,18 +309,5 @@ def _find_grid(file: Path) -> tuple[Grid, list[str]]:
         size = float(found[0][1]) if found and found[0][1].count(b".") < 2 else 0.0
         if 0 < size < np.inf:
             return ((size, size, size), "um"), [f"voxels of {size:g} um by {log.name}"]
-    if not all(1 < each < 1e9 for each in dpi):
-        return ((1.0, 1.0, 1.0), ""), [hint]
-    if all(any(abs(each - usual) < 0.5 for usual in _USUAL_DPI) for each in dpi):
-        return ((1.0, 1.0, 1.0), ""), [hint, f"{dpi[0]:.4g} dots per inch in the tags are no voxel size and ignored"]
-    x, y = (_INCH / each for each in dpi)
-    scale, unit = (1.0, "mm") if x >= 0.1 else (1000.0, "um")
-    note = f"pixels of {x * scale:.4g} {unit} by the tags of resolution, slices as far apart: --spacing sets another"
-    return ((x * scale, y * scale, x * scale), unit), [note]
-
-
-def _tiff_dpi(page: Any) -> tuple[float, float]:
-    """Pixels per inch along x and y by the tags; 0 if there are none."""
-    per = {2: 1.0, 3: _INCH / 10}.get(int(page.resolutionunit), 0.0)
-    x, y = (float(each) * per for each in page.get_resolution(page.resolutionunit)) if per else (0.0, 0.0)
-    return x, y
+    grid, note = resolution_grid(dpi)
+    return grid, [note] if grid[1] else [hint, *[note] * bool(note)]

@@ -35,6 +35,8 @@ from splatgl.readers.vtk_xml import parse_xml
 
 # planes that metadata may state beyond the file's pages, as aborted recordings do; missing planes are read as 0
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
+# resolutions that programs write without knowing any, and millimetres of an inch
+_USUAL_DPI, _INCH = (72, 75, 96, 100, 120, 150, 200, 300, 600, 1200), 25.4
 Grid = tuple[Triple, str]
 
 
@@ -385,6 +387,27 @@ def stated_grid(tiff: Any, pixels: Element | None) -> Grid | None:
     per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
     x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
     return (x, y, abs(float(metadata.get("spacing", 1.0))) or 1.0), unit_name(str(metadata.get("unit", "")))
+
+
+def resolution_grid(dpi: tuple[float, float]) -> tuple[Grid, str]:
+    """The grid of pixels per inch along x and y, and a note on it; spacing 1 without a unit if none are stated, and for
+    numbers that are no voxel size.
+    """
+    if not all(1 < each < 1e9 for each in dpi):
+        return ((1.0, 1.0, 1.0), ""), ""
+    if all(any(abs(each - usual) < 0.5 for usual in _USUAL_DPI) for each in dpi):
+        return ((1.0, 1.0, 1.0), ""), f"{dpi[0]:.4g} dots per inch in the tags are no voxel size and ignored"
+    x, y = (_INCH / each for each in dpi)
+    scale, unit = (1.0, "mm") if x >= 0.1 else (1000.0, "um")
+    note = f"pixels of {x * scale:.4g} {unit} by the tags of resolution, slices as far apart: --spacing sets another"
+    return ((x * scale, y * scale, x * scale), unit), note
+
+
+def tiff_dpi(page: Any) -> tuple[float, float]:
+    """Pixels per inch along x and y by the tags; 0 if there are none."""
+    per = {2: 1.0, 3: _INCH / 10}.get(int(page.resolutionunit), 0.0)
+    x, y = (float(each) * per for each in page.get_resolution(page.resolutionunit)) if per else (0.0, 0.0)
+    return x, y
 
 
 def _ome_grid(pixels: Element) -> Grid:
