@@ -27,8 +27,8 @@ from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff import Grid, logged_errors, open_tiff, resolution_grid, stated_grid, tiff_dpi
-from splatgl.readers.tiff_images import find_pixels
+from splatgl.readers.tiff import Grid, calibrate, logged_errors, open_tiff, resolution_grid, stated_grid, tiff_dpi
+from splatgl.readers.tiff_images import calibration_line, find_pixels
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page, jpeg_xl_size
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -225,7 +225,7 @@ def _read_plane(file: Path) -> np.ndarray:
         return _decode_plane(file, kind)
     if kind != "TIFF":
         return open_picture(file, 1)
-    return _with_page(file, lambda page: np.asarray(page.asarray()))
+    return _with_page(file, lambda page: calibrate(np.asarray(page.asarray()), calibration_line(page.parent)))
 
 
 def _decode_plane(file: Path, kind: str) -> np.ndarray:
@@ -251,7 +251,9 @@ def _stated_size(file: Path, data: bytes) -> Shape:
 def _describe_plane(file: Path) -> tuple[Shape, np.dtype | None]:
     """Shape and type of a picture, by its header where that tells them; no type where only decoding tells it."""
     if KINDS[file.suffix.lower()] == "TIFF":
-        return _with_page(file, lambda page: (page.shape, np.dtype(page.dtype)))
+        return _with_page(
+            file, lambda page: (page.shape, None if calibration_line(page.parent) else np.dtype(page.dtype))
+        )
     from PIL import Image
 
     if KINDS[file.suffix.lower()] in _DECODERS:

@@ -1,7 +1,7 @@
 """TIFF, OME-TIFF and stacks of ImageJ.
 
-Pages are planes along z, rows run along y, row 0 first. The resolution tags count only with ImageJ's metadata: other
-programs write 72 dpi by default.
+Pages are planes along z, rows run along y, row 0 first. Resolution tags that programs write without knowing any, such
+as 72 dpi, do not count.
 """
 
 from __future__ import annotations
@@ -29,7 +29,16 @@ from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
 from splatgl.readers.common import decoder_errors, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff_images import find_channels, find_pixels, list_series, plane_step, read_survey, select_image
+from splatgl.readers.tiff_images import (
+    calibration_line,
+    calibration_unit,
+    find_channels,
+    find_pixels,
+    list_series,
+    plane_step,
+    read_survey,
+    select_image,
+)
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -123,6 +132,11 @@ def _ignored_notes(image: _Image) -> list[str]:
         )
     if image.pixels is not None and (note := plane_step(image.pixels)[2]):
         notes.append(note)
+    dpi, survey = tiff_dpi(image.series.keyframe), image.survey
+    if resolution_grid(dpi)[0][1] and stated_grid(image.tiff, image.pixels) is None and not (survey and survey.step):
+        notes.append(resolution_grid(dpi)[1])
+    if (line := calibration_line(image.tiff)) is not None:
+        notes.append(f"values are {line[0]:g} + {line[1]:g} × the stored ones, by ImageJ's calibration")
     if image.series.keyframe.photometric.name == "MINISWHITE":
         notes.append("values are as they are stored, though the file shows 0 as white")
     return notes
@@ -157,6 +171,8 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
         (samples,) = (
             read_in_parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
         )
+        line = None if pixels is None or whole else calibration_line(tiff)
+        samples = calibrate(samples, line)
         volume = _level_volume(_mask_missing(samples, image.survey), series, levels[0])
         if pixels is not None and whole:
             return _with_colors(volume, pixels, here, series)
@@ -171,6 +187,10 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     if series.axes[z] == "S":
         channel_set = replace(channel_set, components=1)
     volume = channel_set.volume(options, read_one)
+    if calibration_line(tiff) is not None:
+        unit = calibration_unit(tiff)
+        parts = tuple(replace(part, value_unit=unit) for part in volume.channels)
+        volume = replace(volume, value_unit=unit, channels=parts)
     return mark_microscope(volume) if image.is_microscope else volume
 
 
@@ -180,6 +200,7 @@ def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOp
         options.refuse(name, "a stack, where this is a single picture")
     rows = np.squeeze(_read_pixels(image, series, number))
     rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
+    rows = rows if series.is_color else calibrate(rows, calibration_line(image.tiff))
     is_map, note = classify_picture(image.path, rows, options, image.survey is not None)
     if is_map:
         volume = make_terrain(image.path, grey_heights(rows), options, image.survey)
@@ -205,6 +226,19 @@ def _mask_missing(samples: Any, survey: Survey | None) -> Any:
         return samples
     holes = np.isin(samples, (survey.missing, np.float64(np.float32(survey.missing))))
     return np.where(holes, np.nan, samples).astype(np.float32) if holes.any() else samples
+
+
+def calibrate(samples: Any, line: tuple[float, float] | None) -> Any:
+    """offset + slope · samples: int16 for ImageJ's signed numbers, which it stores without a sign, else float32; the
+    samples without a line.
+    """
+    if line is None:
+        return samples
+    offset, slope = line
+    if (offset, slope, samples.dtype.str[1:]) == (-32768, 1, "u2"):
+        return (samples.astype(np.uint16) ^ np.uint16(0x8000)).view(np.int16)
+    require_memory(byte_count(samples.shape, np.dtype(np.float32)), samples.nbytes)
+    return np.stack([(plane * np.float64(slope) + offset).astype(np.float32) for plane in samples])
 
 
 def _is_rgb(series: _Series) -> bool:
@@ -369,7 +403,7 @@ def _grid(image: _Image) -> Grid:
     if stated is None and image.survey is not None and image.survey.step is not None:
         x, y = image.survey.step
         return (x, y, min(x, y)), image.survey.unit
-    return stated or ((1.0, 1.0, 1.0), "")
+    return stated or resolution_grid(tiff_dpi(image.series.keyframe))[0]
 
 
 def stated_grid(tiff: Any, pixels: Element | None) -> Grid | None:

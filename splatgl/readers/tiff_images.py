@@ -31,7 +31,7 @@ def find_channels(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int
     if pixels is not None:
         channels = _ome_channels(pixels, count, times)
     elif tiff.imagej_metadata:
-        channels = _imagej_channels(tiff.imagej_metadata, count, times)
+        channels = _imagej_channels(tiff.imagej_metadata, count, times, calibration_line(tiff) or (0.0, 1.0))
     elif tiff.lsm_metadata:
         channels = _lsm_channels(tiff.lsm_metadata, count, times)
     else:
@@ -57,8 +57,27 @@ def _ome_color(text: str | None) -> str | None:
     return hex_color([number >> 24, number >> 16, number >> 8])
 
 
-def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int) -> ChannelSet:
-    """ImageJ's channels: colours are the ends of lookup tables, windows the display ranges."""
+def calibration_line(tiff: Any) -> tuple[float, float] | None:
+    """(offset, slope) of ImageJ's calibration from stored numbers to values; None if it is no straight line."""
+    metadata = tiff.imagej_metadata or {}
+    if str(metadata.get("cf")) != "0":
+        return None
+    offset, slope = parse_number(metadata.get("c0")), parse_number(metadata.get("c1"))
+    is_line = math.isfinite(offset) and math.isfinite(slope) and slope != 0
+    return (offset, slope) if is_line and (offset, slope) != (0, 1) else None
+
+
+def calibration_unit(tiff: Any) -> str:
+    """The unit of ImageJ's calibrated values; "" for its grey value."""
+    unit = str((tiff.imagej_metadata or {}).get("vunit", "")).strip()
+    return "" if unit.lower() in ("gray value", "grey value") else unit
+
+
+def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int, line: tuple[float, float]) -> ChannelSet:
+    """ImageJ's channels: colours are the ends of lookup tables, windows the display ranges, of stored numbers.
+
+    line: (offset, slope) of values.
+    """
     tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
     # planes' labels name channels, which vary fastest, if they are the same on all planes of a channel; else numbers
     texts = [str(text).strip() for text in labels] if isinstance(labels := metadata.get("Labels"), list | tuple) else []
@@ -69,7 +88,8 @@ def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int) -> Cha
     for n in range(count):
         table = tables[n] if n < len(tables) else ()
         color = hex_color([int(row[-1]) for row in table]) if len(table) == 3 else usual.get(n)
-        window = parse_window(*ranges[2 * n : 2 * n + 2]) if len(ranges) >= 2 * n + 2 else None
+        ends = sorted(line[0] + line[1] * parse_number(end) for end in ranges[2 * n : 2 * n + 2])
+        window = parse_window(*ends) if len(ends) == 2 else None
         channels.append(Channel(names[n], color, window))
     together = count > 1 and (composite or any(channel.color not in (None, WHITE) for channel in channels))
     return ChannelSet(tuple(channels), together, times, _positive_number(metadata.get("finterval")) or None)

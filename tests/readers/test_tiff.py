@@ -314,3 +314,31 @@ def test_a_folder_of_slices(tmp_path: Path, kind: str, top: int) -> None:
         load(tmp_path)
     with pytest.raises(InputError, match=r"options: expected some of .* for picture slices, got level"):
         load(tmp_path, level=1)
+
+
+@pytest.mark.parametrize(("line", "dtype"), [((-32768.0, 1.0), np.int16), ((-1024.0, 2.5), np.float32)])
+def test_imagej_calibrates_values(tmp_path: Path, line: tuple[float, float], dtype: type) -> None:
+    """Signed numbers, which ImageJ stores without a sign, and calibrated ones, in stacks, slices and single planes."""
+    stored = np.random.default_rng(5).integers(30_000, 40_000, (4, 5, 6)).astype(np.uint16)
+    right: np.ndarray = (line[0] + line[1] * stored).astype(dtype)
+    text = "ImageJ=1.53t\nimages={0}\nslices={0}\nunit=mm\ncf=0\nc0={1}\nc1={2}\nvunit=HU\n"
+    options = {"metadata": None, "photometric": "minisblack"}
+    tifffile.imwrite(tmp_path / "a.tif", stored, description=text.format(4, *line), **options)
+    (tmp_path / "slices").mkdir()
+    for n, plane in enumerate(stored):
+        tifffile.imwrite(tmp_path / f"slices/{n}.tif", plane, description=text.format(1, *line), **options)
+    for name in ("a.tif", "slices"):
+        volume = load(tmp_path / name)
+        assert np.array_equal(volume.samples, right) and volume.samples.dtype == dtype
+    assert load(tmp_path / "a.tif").value_unit == "HU"
+    assert f"{line[0]:g} + {line[1]:g} × the stored" in load(tmp_path / "a.tif").notes[0]
+    assert np.array_equal(load(tmp_path / "slices/2.tif").samples, right[2:3])
+
+
+def test_spacing_of_a_plain_stack_by_its_resolution(tmp_path: Path) -> None:
+    for name, per_inch, spacing, unit in (("a", (1270, 635), (20, 40, 20), "um"), ("b", (72, 72), (1, 1, 1), "")):
+        options = {"resolution": per_inch, "resolutionunit": "INCH", "photometric": "minisblack"}
+        tifffile.imwrite(tmp_path / f"{name}.tif", np.zeros((4, 5, 6), np.uint8), **options)
+        volume = load(tmp_path / f"{name}.tif")
+        assert volume.spacing == pytest.approx(spacing) and volume.unit == unit
+        assert ("by the tags of resolution" in "".join(volume.notes)) == bool(unit)
