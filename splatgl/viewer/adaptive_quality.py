@@ -69,7 +69,8 @@ TARGET = 0.033
 STEP = 1 / 60
 # seconds without input before the full-quality frame; longer than the interval between mouse move events
 REST = 0.05
-# while a button is held, no full-quality frame that takes longer than this many seconds and cannot be cancelled
+# a full-quality frame that takes longer than this many seconds follows a preview, and if it cannot be cancelled, it
+# waits until no button is held
 HELD = 0.2
 # fractions of the target: above SLOW a frame is slow; a finer level must be expected to take less than QUICK
 SLOW, QUICK = 1.15, 0.8
@@ -318,7 +319,9 @@ class Refiner:
         if wanted != self.drawn:
             if self.full:
                 self.pace = self.pace.started()
-            return now.finest(self.pace.level if now.moving else 0)
+            # on a busy machine, the view may rest before it is drawn
+            is_slow = self.pace.expected(0) > HELD
+            return now.finest(self.pace.level if now.moving or is_slow else 0)
         if self.full or now.moving or not is_due_at_rest(self.pace, now.idle, now.held and now.whole):
             return None
         due = now.finest(0)
