@@ -107,6 +107,8 @@ LETTER = 7.5
 COLUMN = 0.45
 # pictures less wide have room for annotations alone, pixels at a content scale of 1
 NARROW = 200.0
+# pixels at a content scale of 1 that annotations take at the top of these
+BELOW = 110.0
 # smallest opacity of a visible pixel, and largest share of visible pixels that a text may cover
 SEEN, COVERED = 0.02, 0.02
 # images with a side of more than n × ENOUGH pixels are compared with their preview at every (n + 1)-th pixel
@@ -310,6 +312,8 @@ class FrameRenderer:
             lines = tuple(part for line in notes for part in _wrap(line, width))
             over = "top left" if state.annotate or corner == "bottom left" else "bottom left"
             above = text_box(texts[0], size, scale)[3] if texts and texts[0].corner == over == "top left" else 0
+            if state.annotate and size[0] < NARROW * scale:
+                above = max(above, round(BELOW * scale))
             texts.append(Text(lines, over, note=True, above=above))
         paths: tuple[Path, ...] = ()
         if state.show_zk and self.frame is not None and self.frame.plan.program.seen.perspective:

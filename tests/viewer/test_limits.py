@@ -229,6 +229,16 @@ def test_a_reference_is_drawn_by_a_process_that_ends_at_once(
     wait(lambda: reference.note.startswith("no reference: another process"))
 
 
+def test_a_message_stands_below_the_axes_of_a_narrow_picture(document: Document) -> None:
+    """As they are at its top, where the scale takes the bottom."""
+    painter = FrameRenderer.__new__(FrameRenderer)
+    painter.words, painter.corner, painter.frame = (), "top left", None
+    for width, scale, least in ((155, 1.0, 100), (310, 2.0, 200), (310, 1.0, 0)):
+        state = replace(State.of(document, (width, 480)), annotate=("axes", "scale"), message="light matte")
+        (text,) = painter._overlay(state, document, scale, "").texts
+        assert least <= text.above <= 1.2 * least
+
+
 def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """All of its frames at once: its press, its release, and the list that it opens; a new input cancels instead."""
     view = LiveView.__new__(LiveView)
