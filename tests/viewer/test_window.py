@@ -566,6 +566,8 @@ def test_several_dropped_files_are_a_series(window: Window, tmp_path: Path) -> N
 def test_watching(tmp_path: Path) -> None:
     np.save(tmp_path / "v.npy", blob().samples)
     window = Window(tmp_path / "v.npy", tmp_path, watched=[str(tmp_path / "v.npy")], target=1e-6)
+    # the whole text, for which the preview is compared
+    window.key("i")
     # with no time at all for a frame, what moves is coarse (as coarse as is quickest), and what rests is not
     window.hands("mousemove", 100, 90, "key", "space")
     moving = window.until(lambda told: any("moving: " in line for line in told["hud lines"]))
