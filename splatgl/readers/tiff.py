@@ -26,14 +26,16 @@ from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
 from splatgl.readers.channels import mark_microscope
 from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
-from splatgl.readers.common import decoder_errors, map_array, require_bytes, require_plausible
+from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
+    Planes,
     calibration_line,
     calibration_unit,
     find_channels,
     find_pixels,
+    list_planes,
     list_series,
     plane_step,
     read_survey,
@@ -88,12 +90,67 @@ def read(path: Path, options: LoadOptions) -> Volume:
         with decoder_errors("TIFF"):
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
+            found = list_planes(tiff.ome_metadata, path.name) if "FileName" in (tiff.ome_metadata or "") else None
+        if found is not None:
+            return _read_files(path, tiff, *found, options)
+        with decoder_errors("TIFF"):
             place, notes = select_image(tiff.series, options)
             pixels = find_pixels(tiff, place)
             survey = read_survey(tiff.series[place].keyframe)
         image = _Image(path, tiff, place, pixels, survey)
         volume = _read_image(image, options)
         return replace(volume, notes=(*notes, *_ignored_notes(image), *volume.notes))
+
+
+def _read_files(path: Path, tiff: Any, pixels: Element, planes: Planes, options: LoadOptions) -> Volume:
+    """The volume of an image of OME-TIFF in several files of a folder; planes of files that are not there are 0."""
+    for name in ("array", "level", "series"):
+        options.refuse(name, "one image in one file")
+    check_page(tiff.pages[0])
+    with decoder_errors("OME-XML"):
+        channels, times, depth, *size = (int(pixels.get(f"Size{axis}", 1)) for axis in "CTZYX")
+        spacing, unit = _ome_grid(pixels)
+        channel_set = find_channels(tiff, pixels, "CTZYX", (channels, times, depth, *size))
+    dtype, shape = np.dtype(tiff.pages[0].dtype).newbyteorder("="), tuple(tiff.pages[0].shape)
+    if shape != tuple(size):
+        raise expected("planes", f"{tuple(size)} by OME's metadata", shape, "the metadata are of another file")
+    there = {name: (path.parent / name).is_file() for name, _ in planes.values()}
+    lost = channels * times * depth - sum(there[name] for name, _ in planes.values())
+    notes = [f"planes are in {len(there)} files of the folder"]
+    notes += [f"{lost} planes are in files that are not here, and are drawn as 0"] * bool(lost)
+
+    def read_one(channel: int | None) -> Volume:
+        require_memory(byte_count((depth, *shape), dtype), path.stat().st_size * len(there))
+        samples = np.zeros((depth, *shape), dtype)
+        wanted: dict[str, dict[int, int]] = {}
+        for (c, t, z), (name, number) in planes.items():
+            if (c, t) == (channel or 0, options.time or 0) and there[name]:
+                wanted.setdefault(name, {})[number] = z
+        for name, pages in wanted.items():
+            for number, plane in _read_pages(find_data_file(path, name, options.anywhere), sorted(pages)):
+                if plane.shape != shape or plane.dtype.newbyteorder("=") != dtype:
+                    got = f"{plane.dtype} {plane.shape}"
+                    raise expected(name, f"planes as in {path.name}, {dtype} {shape}", got, "move it elsewhere")
+                samples[pages[number]] = plane
+        return Volume(samples, spacing, unit=unit)
+
+    volume = mark_microscope(channel_set.volume(options, read_one))
+    return replace(volume, notes=(*notes, *volume.notes))
+
+
+def _read_pages(file: Path, numbers: Sequence[int]) -> Iterator[tuple[int, np.ndarray]]:
+    """The numbers and samples of pages of a file."""
+    check_chain(file)
+    with logged_errors(), open_tiff(file) as tiff, decoder_errors(f"TIFF ({file.name})"):
+        if numbers[-1] >= len(tiff.pages):
+            raise expected(file.name, f"at least {numbers[-1] + 1} pages", len(tiff.pages), "it is cut short")
+        pages = [tiff.pages[number] for number in numbers]
+        for page in pages:
+            check_page(page)
+        check_before_decoding(pages)
+        for number, page in zip(numbers, pages, strict=True):
+            require_memory(byte_count(page.shape, page.dtype), file.stat().st_size)
+            yield number, np.asarray(page.asarray())
 
 
 @dataclass(frozen=True)

@@ -183,6 +183,39 @@ def find_pixels(tiff: Any, place: int) -> Element | None:
     return nodes[min(place, len(nodes) - 1)] if nodes else None
 
 
+# (file's name, page) of planes by (channel, time, z)
+Planes = dict[tuple[int, int, int], tuple[str, int]]
+
+
+def list_planes(metadata: str, name: str) -> tuple[Element, Planes] | None:
+    """OME's element Pixels of the image that is in the file `name` and in others of its folder, and its planes; None if
+    no image is in several files, or its planes are colours.
+    """
+    for pixels in (node for node in parse_xml(metadata, "OME-XML").iter() if node.tag.endswith("}Pixels")):
+        colors = [node for node in pixels if node.tag.endswith("}Channel") and node.get("SamplesPerPixel", "1") != "1"]
+        planes = {} if colors else _planes_of(pixels, name)
+        names = {file for file, _ in planes.values()}
+        if len(names) > 1 and name in names and not any(set(file) & set("/\\") for file in names):
+            return pixels, planes
+    return None
+
+
+def _planes_of(pixels: Element, name: str) -> Planes:
+    """The planes that the elements TiffData list, each a run of pages; those without a name of a file are in `name`."""
+    order = pixels.get("DimensionOrder", "XYZCT")[2:]
+    sizes = [int(pixels.get(f"Size{axis}", 1)) for axis in order]
+    total, planes = math.prod(sizes), Planes()
+    for node in (node for node in pixels if node.tag.endswith("}TiffData")):
+        file = next((child.get("FileName") for child in node if child.tag.endswith("}UUID")), None) or name
+        # fastest first
+        first = np.ravel_multi_index([int(node.get(f"First{axis}", 0)) for axis in order], sizes, order="F")
+        page, count = int(node.get("IFD", 0)), int(node.get("PlaneCount", 1 if "IFD" in node.attrib else total))
+        for n in range(min(count, total - int(first), total - len(planes))):
+            place = dict(zip(order, np.unravel_index(int(first) + n, sizes, order="F"), strict=True))
+            planes[int(place["C"]), int(place["T"]), int(place["Z"])] = file, page + n
+    return planes
+
+
 # shares of a step between planes by which positions may differ from even ones, and from PhysicalSizeZ
 UNEVEN, OTHER_STEP = 0.1, 0.05
 

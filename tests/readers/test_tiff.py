@@ -342,3 +342,47 @@ def test_spacing_of_a_plain_stack_by_its_resolution(tmp_path: Path) -> None:
         volume = load(tmp_path / f"{name}.tif")
         assert volume.spacing == pytest.approx(spacing) and volume.unit == unit
         assert ("by the tags of resolution" in "".join(volume.notes)) == bool(unit)
+
+
+def planes_in_files(folder: Path, name: str = "t{}_c{}.ome.tif") -> np.ndarray:
+    """An OME-TIFF of times, channels and planes [2, 2, 3, 5, 6], a file of planes for each time and channel."""
+    stack = np.random.default_rng(6).integers(0, 60_000, (2, 2, 3, 5, 6)).astype(np.uint16)
+    runs = "".join(
+        f'<TiffData FirstT="{t}" FirstC="{c}" FirstZ="0" IFD="0" PlaneCount="3"><UUID FileName="{name.format(t, c)}">'
+        f"urn:uuid:{t}{c}</UUID></TiffData>"
+        for t, c in np.ndindex(2, 2)
+    )
+    sizes = (
+        'SizeX="6" SizeY="5" SizeZ="3" SizeC="2" SizeT="2" PhysicalSizeX="0.5" PhysicalSizeY="0.5" PhysicalSizeZ="2"'
+    )
+    channels = '<Channel ID="Channel:0:0" Name="DAPI"/><Channel ID="Channel:0:1" Name="GFP"/>'
+    xml = (
+        '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
+        f'<Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint16" {sizes}>{channels}{runs}</Pixels></Image></OME>'
+    )
+    for t, c in np.ndindex(2, 2):
+        path = folder / Path(name.format(t, c)).name
+        options = {"description": xml, "metadata": None, "photometric": "minisblack"}
+        tifffile.imwrite(path, stack[t, c], byteorder=">" if c else "<", compression="zlib", **options)
+    return stack
+
+
+def test_ome_in_several_files(tmp_path: Path) -> None:
+    """Every file opens the whole; tifffile reads the same; planes of a file that is gone are 0 and told."""
+    stack = planes_in_files(tmp_path)
+    assert np.array_equal(tifffile.imread(tmp_path / "t0_c0.ome.tif").reshape(stack.shape), stack)
+    for name in ("t0_c0.ome.tif", "t1_c1.ome.tif"):
+        volume = load(tmp_path / name, channel="GFP", time=1)
+        assert np.array_equal(volume.samples, stack[1, 1]) and volume.times == 2
+        assert volume.spacing == (0.5, 0.5, 2) and volume.unit == "um"
+    (tmp_path / "t1_c0.ome.tif").unlink()
+    volume = load(tmp_path / "t0_c0.ome.tif", channel="all", time=1)
+    assert not np.asarray(volume.channels[0].samples).any()
+    assert np.array_equal(volume.channels[1].samples, stack[1, 1])
+    assert "3 planes are in files that are not here, and are drawn as 0" in volume.notes
+
+
+def test_ome_names_files_of_its_folder_only(tmp_path: Path) -> None:
+    stack = planes_in_files(tmp_path, "../t{}_c{}.ome.tif")
+    volume = load(tmp_path / "t0_c1.ome.tif")
+    assert np.array_equal(volume.samples, stack[0, 1]) and "only the pages of this one" in volume.notes[0]
