@@ -225,17 +225,20 @@ class Renderer:
         started = time.perf_counter()
         chosen = self.plan_bricks(bricks, camera, settings)
         with current(self.ctx):
-            check_size(self.ctx, chosen.view.size)
             pixels = self.passes.joined(samples, bricks.whole, chosen)
         return self._of_bricks(bricks, camera, chosen, pixels, splats, started)
 
     def plan_bricks(self, bricks: Bricks, camera: Camera, settings: Settings | None) -> Plan:
-        """Plans a volume in bricks, or a part of one. Raises InputError as `render_bricks`."""
+        """Plans a volume in bricks, or a part of one. Raises InputError as `render_bricks`, and for a size beyond
+        OpenGL's limit.
+        """
         check_process(self.ctx)
         whole = bricks.whole
         check_bricks_supported(whole, camera, settings or Settings())
         # bricks are clipped, not the splats that stand for them
         chosen = replace(self.plan(whole, camera, settings), splats=whole)
+        with current(self.ctx):
+            check_size(self.ctx, chosen.view.size)
         return chosen.with_choices(half_line=True) if bricks.surround_eye(chosen.view) else chosen
 
     def _draw_bricks(
@@ -262,7 +265,6 @@ class Renderer:
         assert chosen.resolved.sheets is not None
         near = bricks.near(chosen.resolved.sheets, chosen.view)
         with current(self.ctx):
-            check_size(self.ctx, chosen.view.size)
             return self._draw(chosen, interrupted=interrupted, batches=Batches(batches, bands, bricks.shell, near))
 
     def _of_bricks(

@@ -256,16 +256,16 @@ def _draw_in_bricks(scene: OpenScene, how: DrawOptions) -> Image | None:
     how.check_supported("bricks", f"a picture that fits into {format_bytes(most)}", format_bytes(need.bytes), fix)
     bricks = bricks.limited(most)
     notes = need.notes(bricks, most)
-    if not scene.is_quiet:
-        reason = f"{need}, together more than {format_bytes(most)}"
-        if need.bytes <= most:
-            reason = f"up to about {need.most:,} splats are more than are drawn at once"
-        print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
     with how.renderer() as renderer, progress_bar("brick", scene.is_quiet) as progress:
-        if how.explain:
-            print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
         # refuses what bricks cannot draw, before notes on it
         renderer.plan_bricks(bricks, scene.camera, scene.settings)
+        if not scene.is_quiet:
+            reason = f"{need}, together more than {format_bytes(most)}"
+            if need.bytes <= most:
+                reason = f"up to about {need.most:,} splats are more than are drawn at once"
+            print(f"{reason}: drawn in {len(bricks.low):,} bricks, nearest first")
+        if how.explain:
+            print(renderer.plan(bricks.whole, scene.camera, scene.settings).explain())
         for note in () if scene.is_quiet else notes.get("notes", ()):
             print(f"splatgl: {note}", file=sys.stderr)
         image = renderer.render_bricks(bricks, scene.camera, scene.settings, progress, bands=need.bands(bricks, most))

@@ -504,6 +504,14 @@ def test_a_damaged_chunk_is_told_in_one_line(
     )
 
 
+def test_too_many_pixels_are_refused_before_notes_on_memory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "a.npy", np.random.default_rng(1).random((9, 9, 9)))
+    command = ["render", str(tmp_path / "a.npy"), "-o", str(tmp_path / "o.npy"), "--size", "99999", "--memory", "1KB"]
+    assert main(command) == 2
+    told = capsys.readouterr()
+    assert not told.out and told.err.startswith("splatgl: image size: expected at most") and told.err.count("\n") == 1
+
+
 @pytest.mark.long
 def test_the_command_line(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
