@@ -161,6 +161,13 @@ def is_mesh(source: str) -> bool:
     return Path(source).suffix.lower() in ALONE and not is_points(source)
 
 
+def refuse_volume_options(mesh: str, names: Sequence[str]) -> None:
+    """Raises InputError for options, by their names, that change only volumes, where a mesh is drawn without one."""
+    if names:
+        fix = "--clip-meshes clips meshes" if names[0] == "clip" else "name the volume first and meshes by --mesh"
+        raise expected(names[0], "a volume, which it changes", f"the mesh {mesh}", fix)
+
+
 def clipped_meshes(source: str, meshes: tuple[MeshFile, ...], options: Mapping[str, Any]) -> tuple[MeshFile, ...]:
     """The meshes of a scene, and its source if it is one, as options `clip_meshes` and `caps` have planes cut them; as
     they are without these. Raises InputError for caps of no mesh.

@@ -315,7 +315,9 @@ def channel_layers(
         if colors or windows:
             raise expected("--color-of and --window-of", "several channels", "one", "load more by --channel")
         uncut = file.uncut or None
-        return [Layer(volume, transfer, 1.0, file.visible, file.threshold, planes, uncut=uncut)]
+        # the stand-in of a mesh has no matter, whatever the transfer function
+        is_visible = file.visible and not is_mesh(file.volume)
+        return [Layer(volume, transfer, 1.0, is_visible, file.threshold, planes, uncut=uncut)]
     if file.transfer.get("iso"):
         raise expected("iso", "one channel", len(volume.channels), "--channel picks one")
     if volume.points is not None:

@@ -40,7 +40,18 @@ from splatgl.options import Group, Kind, check_options, checked, declared, names
 from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import FAINT, LOOK, VECTORS, MeshFile, Vectors, clipped_meshes, is_mesh, split_look, stage
+from splatgl.scene.meshes import (
+    FAINT,
+    LOOK,
+    VECTORS,
+    MeshFile,
+    Vectors,
+    clipped_meshes,
+    is_mesh,
+    refuse_volume_options,
+    split_look,
+    stage,
+)
 from splatgl.scene.transfer_choice import (
     AMOUNT_KEYS,
     CHANNEL_KEYS,
@@ -330,6 +341,11 @@ class SceneFile:
             layers = (*layers, replace(self._find_labels(options["labels"], reading), transfer=chosen))
         meshes = (*self.meshes, *map(MeshFile.of, several(scene_options.pop("meshes", ()))))
         meshes = clipped_meshes(self.volume, meshes, options)
+        if is_mesh(self.volume):
+            of_first = [*transfer, *(name for name in ("crop", "uncut", "threshold", "surfaces") if options.get(name))]
+            is_clipped = any(mesh.clip for mesh in meshes)
+            of_all = [name for name in ("mask", "scissors", "clip") if options.get(name)] if not layers else []
+            refuse_volume_options(self.volume, of_first + [name for name in of_all if name != "clip" or not is_clipped])
         base = Settings.paper() if options.get("paper") else self.settings
         base = Settings.like(options["like"], **base.given) if options.get("like") else base
         settings = {name: options[name] for name in names_of(Settings) if name in options}
@@ -458,6 +474,7 @@ class SceneFile:
         if is_mesh(self.volume):
             if self.load:
                 raise expected("options", "none of volumes for a mesh", ", ".join(self.load), "leave them out")
+            refuse_volume_options(self.volume, ["scissors"] if self.scissors and not self.layers else [])
             return stage([MeshFile(self.volume).open()], Path(self.volume).name)
         return self._prepare(load(self.volume, **self.load))
 

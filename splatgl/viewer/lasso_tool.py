@@ -11,6 +11,7 @@ import numpy as np
 
 from splatgl.errors import InputError
 from splatgl.gl.screen import LineColor, Stroke
+from splatgl.scene.meshes import is_mesh
 from splatgl.splat.scissors import MOST_CORNERS, Scissors, cut_volume
 from splatgl.viewer.state import Lasso
 from splatgl.viewer.tool import Pointer, Tool, View
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 APART, COLOR, LINE = 3.0, (1.0, 0.35, 0.3, 1.0), 2.0
 HOW = "draw around what to remove", "draw around what to keep"
 BAD = "draw around a part of the volume, not all of it"
+NO_VOLUME = "scissors cut volumes, not meshes"
 
 
 def start_lasso(keep: bool) -> Callable[[State, Document], State]:
@@ -31,6 +33,8 @@ def start_lasso(keep: bool) -> Callable[[State, Document], State]:
     def start(state: State, document: Document) -> State:
         if state.lasso.active and state.lasso.keep == keep:
             return replace(state, lasso=Lasso())
+        if all(is_mesh(layer.scene.volume) for layer in document.layers):
+            return replace(state, message=NO_VOLUME)
         return replace(state, lasso=Lasso(active=True, keep=keep), message=HOW[keep])
 
     return start

@@ -285,6 +285,29 @@ def test_meshes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "b.stl" in told and told.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    "options",
+    ["--scissors=0,0 1,0 1,1", "--preset=ct-bone", "--iso=3", "--clip=x>0.5", "--crop=1:,:,:", "--only-labels=3"],
+)
+def test_options_of_volumes_do_nothing_to_meshes(
+    options: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Refused in a line: presets drew the box that stands in for a volume, others changed nothing."""
+    trimesh = pytest.importorskip("trimesh")
+    source, out = str(tmp_path / "a.stl"), str(tmp_path / "o.npy")
+    trimesh.creation.box((4.0, 2.0, 1.0)).export(source)
+    assert main(["render", source, "-o", out, "--size", "8", options]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"splatgl: {options.partition('=')[0]}: expected a volume") and told.count("\n") == 1
+    scene = tmp_path / "s.toml"
+    scene.write_text('volume = "a.stl"\n[transfer]\npoints = [[0, 1.0]]\n')
+    pictures = [sg.render(x, size=8, azimuth=0, background="black").pixels for x in (source, scene)]
+    assert np.array_equal(*pictures)
+    scene.write_text('volume = "a.stl"\nscissors = ["0,0 1,0 1,1"]\n')
+    with pytest.raises(InputError, match="scissors: expected a volume"):
+        sg.render(scene, size=8)
+
+
 def test_tracks(tmp_path: Path) -> None:
     nibabel = pytest.importorskip("nibabel")
     lines = [np.array([[0, 0, 0], [10, 0, 0]], np.float32), np.array([[0, 5, 0], [0, 5, 10], [5, 5, 10]], np.float32)]

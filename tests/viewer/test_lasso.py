@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.scene.scene_file import SceneFile
 from splatgl.viewer.document import Document
-from splatgl.viewer.lasso_tool import BAD, LassoTool, lasso_strokes
+from splatgl.viewer.lasso_tool import BAD, NO_VOLUME, LassoTool, lasso_strokes
 from splatgl.viewer.saving import save_scene
 from splatgl.viewer.state import History, State
 from splatgl.viewer.tool import Pointer, View
@@ -77,6 +77,14 @@ def test_an_outline_around_all_or_nothing_only_says_so(document: Document) -> No
     for outline in (((-90.0, -90.0), (200.0, -90.0), (200.0, 200.0), (-90.0, 200.0)), ((3.0, 3.0), (9.0, 3.0))):
         refused = drawn(ready, document, outline)
         assert refused.message == BAD and refused.lasso.active and refused.styles == ready.styles
+
+
+def test_scissors_of_meshes_alone_only_say_so(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box((4.0, 2.0, 1.0)).export(tmp_path / "a.stl")
+    document = Document.open(SceneFile(str(tmp_path / "a.stl")))
+    refused = acted(State.of(document, SIZE), "scissors", document)
+    assert refused.message == NO_VOLUME and not refused.lasso.active
 
 
 def test_a_saved_scene_has_the_cut_from_where_it_was_drawn(
