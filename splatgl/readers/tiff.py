@@ -46,6 +46,8 @@ from splatgl.readers.vtk_xml import parse_xml
 
 # planes that metadata may state beyond the file's pages, as aborted recordings do; missing planes are read as 0
 _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
+# most bands of a survey in planes of their own; more are a stack
+_MOST_BANDS = 4
 # resolutions that programs write without knowing any, and millimetres of an inch
 _USUAL_DPI, _INCH = (72, 75, 96, 100, 120, 150, 200, 300, 600, 1200), 25.4
 Grid = tuple[Triple, str]
@@ -211,7 +213,7 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
         _check_bytes(path, series)
     series = levels[number]
     z = _stack_axis(series)
-    if z is None:
+    if z is None or (_band_axis(image, series) == z and series.shape[z] <= _MOST_BANDS):
         return _picture_volume(image, series, number, options)
     _refuse_options(series, z, options)
     large = len(levels) > 1 and series.offset is None and byte_count(series.shape, series.dtype) > WHOLE_BYTES
@@ -252,10 +254,18 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
 
 
 def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:
-    """The terrain or the plane of a single picture."""
-    for name in ("array", "channel", "time"):
+    """The terrain or the plane of a single picture; of the bands of a survey one is read."""
+    bands, told = _band_axis(image, series), ""
+    for name in ("array", "time", *["channel"] * (bands is None)):
         options.refuse(name, "a stack, where this is a single picture")
-    rows = np.squeeze(_read_pixels(image, series, number))
+    pixels = _read_pixels(image, series, number)
+    if bands is not None:
+        band = options.channel_number(pixels.shape[bands]) or 0
+        pixels, told = (
+            pixels.take(band, axis=bands),
+            f"band {band} of {pixels.shape[bands]} is read: --channel picks another",
+        )
+    rows = np.squeeze(pixels)
     rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
     rows = rows if series.is_color else calibrate(rows, calibration_line(image.tiff))
     is_map, note = classify_picture(image.path, rows, options, image.survey is not None)
@@ -263,7 +273,14 @@ def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOp
         volume = make_terrain(image.path, grey_heights(rows), options, image.survey)
     else:
         volume = replace(mark_microscope(make_plane(rows)), spacing=series.grid[0], unit=series.grid[1])
-    return replace(volume, notes=(*volume.notes, *([note] if note else [])))
+    return replace(volume, notes=(*volume.notes, *filter(None, (told, note))))
+
+
+def _band_axis(image: _Image, series: _Series) -> int | None:
+    """The axis of a survey's bands, which are no colours; None without bands."""
+    axis = series.axes.find("S")
+    is_bands = image.survey is not None and not series.is_color and axis >= 0 and series.shape[axis] > 1
+    return axis if is_bands else None
 
 
 def _refuse_options(series: _Series, z: int, options: LoadOptions) -> None:

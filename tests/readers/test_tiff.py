@@ -386,3 +386,22 @@ def test_ome_names_files_of_its_folder_only(tmp_path: Path) -> None:
     stack = planes_in_files(tmp_path, "../t{}_c{}.ome.tif")
     volume = load(tmp_path / "t0_c1.ome.tif")
     assert np.array_equal(volume.samples, stack[0, 1]) and "only the pages of this one" in volume.notes[0]
+
+
+@pytest.mark.parametrize("way", ["contig", "separate"])
+def test_a_band_of_a_survey(tmp_path: Path, way: str) -> None:
+    """A second band, such as a mask, makes no stack of two planes; five bands in planes of their own are layers."""
+    heights = np.add.outer(np.arange(8.0), np.arange(9.0)).astype(np.float32)
+    bands = np.stack([heights, heights[::-1], *[heights] * 3], 0 if way == "separate" else -1)
+    tags = [(33550, 12, 3, (30.0, 30.0, 0.0), True), (34735, 3, 4, (1, 1, 0, 0), True)]
+    options = {"extratags": tags, "photometric": "minisblack", "planarconfig": way, "metadata": None}
+    two = bands[:2] if way == "separate" else bands[..., :2]
+    tifffile.imwrite(tmp_path / "a.tif", two, **options)
+    tifffile.imwrite(tmp_path / "b.tif", heights[::-1], **{**options, "planarconfig": None})
+    volume = load(tmp_path / "a.tif", channel=1)
+    assert np.array_equal(volume.samples, load(tmp_path / "b.tif").samples) and volume.shape[0] == 103
+    assert "band 1 of 2 is read: --channel picks another" in volume.notes
+    assert not np.array_equal(load(tmp_path / "a.tif").samples, volume.samples)
+    if way == "separate":
+        tifffile.imwrite(tmp_path / "c.tif", bands, **options)
+        assert load(tmp_path / "c.tif").shape == (5, 8, 9)
