@@ -63,7 +63,7 @@ _HINTS = Hints(
 @dataclass(frozen=True)
 class Survey:
     """Metadata of a height map. step: widths of a pixel along x and y in `unit`, None if unknown. missing: number for
-    no data. Heights are slope · stored + offset. notes: on assumptions.
+    no data. Heights are slope · stored + offset. notes: on assumptions. is_south_first: whether row 0 is the southern.
     """
 
     step: tuple[float, float] | None = None
@@ -72,6 +72,7 @@ class Survey:
     slope: float = 1.0
     offset: float = 0.0
     notes: tuple[str, ...] = ()
+    is_south_first: bool = False
 
 
 def terrain_from_heights(
@@ -166,7 +167,7 @@ def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Sur
     color, survey = _load_color(path, options), survey or Survey()
     if options.relief is not None and options.spacing is not None:
         raise expected("relief", "no value beside spacing, whose z is the height of a level", options.relief)
-    values, new_notes = _mask_missing(rows[::-1], survey.missing)
+    values, new_notes = _mask_missing(rows if survey.is_south_first else rows[::-1], survey.missing)
     values = values * survey.slope + survey.offset
     volume = terrain_from_heights(values, color, options.levels, options.relief)
     notes = (*survey.notes, *new_notes)

@@ -255,19 +255,20 @@ def read_survey(page: Any) -> Survey | None:
     keys = {int(key): int(value) for key, place, _, value in rows if place == 0}
     items = _gdal_items(str(tags.get(METADATA, "")))
     step, top = _pixel_size(tags)
+    is_south_first = SCALE not in tags and len(tags.get(MATRIX, ())) == 16 and float(tags[MATRIX][5]) > 0
     length = EPSG_METRES.get(keys.get(LINEAR, 9001), 1.0)
     upward = GDAL_METRES.get(items.get("unittype", "").lower(), EPSG_METRES.get(keys.get(VERTICAL, 9001), 1.0))
     unit: str = "m" if keys and step else ""
     notes: tuple[str, ...] = ()
     if step and keys.get(MODEL) == GEOGRAPHIC:
-        middle = top - step[1] * page.shape[0] / 2
+        middle = top + (1 if is_south_first else -1) * step[1] * page.shape[0] / 2
         step = (step[0] * DEGREE * max(math.cos(math.radians(middle)), 1e-3), step[1] * DEGREE)
         notes = (f"degrees are drawn as metres at latitude {middle:.4g}°",)
     elif step and unit:
         step = (step[0] * length, step[1] * length)
     slope, offset = (parse_number(items.get(name), default) for name, default in (("scale", 1.0), ("offset", 0.0)))
     missing = parse_number(str(tags.get(NODATA, "")).strip("\0 "), None)
-    return Survey(step, unit, missing, slope * (upward if unit else 1.0), offset, notes)
+    return Survey(step, unit, missing, slope * (upward if unit else 1.0), offset, notes, is_south_first)
 
 
 def _pixel_size(tags: Mapping[int, Any]) -> tuple[tuple[float, float] | None, float]:

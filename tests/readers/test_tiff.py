@@ -405,3 +405,16 @@ def test_a_band_of_a_survey(tmp_path: Path, way: str) -> None:
     if way == "separate":
         tifffile.imwrite(tmp_path / "c.tif", bands, **options)
         assert load(tmp_path / "c.tif").shape == (5, 8, 9)
+
+
+def test_rows_of_a_survey_that_run_north(tmp_path: Path) -> None:
+    """The matrix of GeoTIFF tells which row is the northern one, at the far side."""
+    heights = np.add.outer(np.arange(8.0), np.zeros(9)).astype(np.float32)
+    for name, down, rows in (("a", -30.0, heights), ("b", 30.0, heights[::-1])):
+        matrix = (30.0, 0, 0, 5e5, 0, down, 0, 5.2e6, 0, 0, 0, 0, 0, 0, 0, 1.0)
+        tags = [(34264, 12, 16, matrix, True), (34735, 3, 4, (1, 1, 0, 0), True)]
+        tifffile.imwrite(tmp_path / f"{name}.tif", rows, extratags=tags, photometric="minisblack", metadata=None)
+    north, south = load(tmp_path / "a.tif"), load(tmp_path / "b.tif")
+    assert (
+        np.array_equal(north.samples, south.samples) and north.samples[-1, 0].any() and not north.samples[-1, -1].any()
+    )
