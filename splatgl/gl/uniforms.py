@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from splatgl.splat.camera import FAR
@@ -17,58 +19,37 @@ from splatgl.splat.view import eye_from_index
 # binding points of the blocks
 FRAME_BINDING, STYLE_BINDING = 0, 1
 
-FRAME = np.dtype(
-    {
-        "names": [
-            "eye_from_index",
-            "index_from_eye",
-            "eye_from_world",
-            "base",
-            "eye_from_base",
-            "clip_scale",
-            "pixel_pitch",
-            "switch_depth",
-            "near",
-            "depth_reach",
-            "image_center",
-            "beyond",
-            "edge",
-            "support",
-            "stretch",
-            "first_from_index",
-            "last_from_index",
-            "first_from_base",
-            "last_from_base",
-            "line",
-            "weaken",
-        ],
-        "formats": [
-            *[("<f4", (3, 4))] * 3,
-            *["<4f4"] * 2,
-            "<2f4",
-            *["<f4"] * 4,
-            *["<2f4"] * 5,
-            *[("<f4", (3, 4))] * 2,
-            *["<4f4"] * 2,
-            *["<f4"] * 2,
-        ],
-        "offsets": [
-            *(0, 48, 96, 144, 160, 176, 184, 188, 192, 196, 200, 208, 216, 224, 232),
-            *(240, 288, 336, 352, 368, 372),
-        ],
-        "itemsize": 384,
-    }
+# types of GLSL in numpy; a matrix is three columns of a vec4
+FLOAT, VEC2, VEC4, MATRIX = np.dtype("<f4"), np.dtype("<2f4"), np.dtype("<4f4"), np.dtype(("<f4", (3, 4)))
+
+
+def std140(*rows: tuple[Any, ...]) -> np.dtype:
+    """Returns the record of a block whose rows are a type and the names of its fields: each begins at a multiple of its
+    size, of 16 bytes at most, and the record is as long as whole vec4s.
+    """
+    fields = [(name, kind) for kind, *names in rows for name in names]
+    offsets, end = [], 0
+    for _, kind in fields:
+        offsets.append(-(-end // min(kind.itemsize, 16)) * min(kind.itemsize, 16))
+        end = offsets[-1] + kind.itemsize
+    names, formats = zip(*fields, strict=True)
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": -(-end // 16) * 16})
+
+
+FRAME = std140(
+    (MATRIX, "eye_from_index", "index_from_eye", "eye_from_world"),
+    (VEC4, "base", "eye_from_base"),
+    (VEC2, "clip_scale"),
+    (FLOAT, "pixel_pitch", "switch_depth", "near", "depth_reach"),
+    (VEC2, "image_center", "beyond", "edge", "support", "stretch"),
+    (MATRIX, "first_from_index", "last_from_index"),
+    (VEC4, "first_from_base", "last_from_base"),
+    (FLOAT, "line", "weaken"),
 )
-STYLE = np.dtype(
-    {
-        "names": [
-            *("radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last", "brightest"),
-            *("specular", "sharpness", "light"),
-        ],
-        "formats": [*["<f4"] * 10, "<4f4"],
-        "offsets": [*range(0, 40, 4), 48],
-        "itemsize": 64,
-    }
+STYLE = std140(
+    (FLOAT, "radius", "peak", "opacity_length", "ambient", "diffuse", "radial_scale", "radial_last", "brightest"),
+    (FLOAT, "specular", "sharpness"),
+    (VEC4, "light"),
 )
 # a depth beyond all splats, in mean spacings
 FURTHEST = 1e30
