@@ -288,24 +288,4 @@ Drawing = SplatScene | SheetScene | BoxScene | LayerScene | SurfaceScene
 
 
 def _provenance(splats: Splats, camera: Camera, resolved: Resolved, row: str) -> dict[str, object]:
-    return {
-        "scene": splats.name,
-        "splats": len(splats),
-        "size": list(camera.size),
-        "projection": "perspective" if camera.perspective else "orthographic",
-        "eye": [float(x) for x in camera.eye],
-        "forward": [float(x) for x in camera.forward],
-        "blend": resolved.look.blend.name,
-        "kernel": resolved.kernel.name,
-        "row": row,
-        "antialias": resolved.view.antialias,
-        "samples": resolved.samples,
-        "averaged": resolved.averaged,
-        "classification": "post" if resolved.look.steps else "pre",
-        "sheets": resolved.look.sheets,
-        "steps": resolved.look.steps,
-        "attenuation": resolved.look.attenuation,
-        "shading": resolved.look.shading,
-        "background": None if resolved.background is None else list(resolved.background),
-        "renderer": "float64 reference",
-    }
+    return {**resolved.info(splats, camera), "row": row, "renderer": "float64 reference"}

@@ -113,6 +113,28 @@ class Resolved:
         """Whether splats are boxes of voxels, composited one by one in the order of cells."""
         return self.kernel is BOX
 
+    def info(self, splats: Splats, camera: Camera) -> dict[str, object]:
+        """What is drawn, from where and how, as plain values that the text of a PNG can store."""
+        return {
+            "scene": splats.name,
+            "splats": len(splats),
+            "size": list(camera.size),
+            "projection": "perspective" if camera.perspective else "orthographic",
+            "eye": [float(x) for x in camera.eye],
+            "forward": [float(x) for x in camera.forward],
+            "blend": self.look.blend.name,
+            "kernel": self.kernel.name,
+            "antialias": self.view.antialias,
+            "samples": self.samples,
+            "averaged": self.averaged,
+            "classification": "post" if self.look.steps else "pre",
+            "sheets": self.look.sheets,
+            "steps": self.look.steps,
+            "attenuation": self.look.attenuation,
+            "shading": self.look.shading,
+            "background": None if self.background is None else list(self.background),
+        }
+
     @classmethod
     def of(cls, splats: Splats, camera: Camera, settings: Settings, moving: bool = False) -> Resolved:
         """Resolves the settings for splats and camera. moving: whether the picture is motion-blurred.
