@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -251,62 +252,46 @@ CONTINUED, CLOSED = 1, 2
 # cursor of a terminated tile
 NOWHERE = 0x80000000
 
+# constants of Python that shaders have by the same names
+_SAME: tuple[tuple[ModuleType, *tuple[str, ...]], ...] = (
+    (clipping, "FACE", "FLUSH", "MOST_CLIPS"),
+    (colormaps, "KNOWN"),
+    (culling, "HALF_LINE_REACH", "HAS_PLACE", "PIXEL_MARGIN"),
+    (footprint, "FIRST_ORDER", "GRAZING", "LARGEST_DEPTH", "ONSET", "RIM_GROWTH", "RIM_START"),
+    (iso, "MOST_ISO", "THIN"),
+    (motion, "AHEAD", "FAR", "NEAREST"),
+    (motion_blur, "DENSE", "DENSEST", "LEAST", "SHORT"),
+    (preintegration, "CELLS", "WEIGHTS"),
+    (regions, "MOST_REGIONS"),
+    (sheets, "ABSENT", "AMID", "EDGE", "LEAST_MASS"),
+    (splats, "COLOR_SCALE"),
+    (technique, "COLUMNS", "MOST_DOUBLINGS"),
+)
 CONSTANTS: dict[str, float | np.uint32] = {
+    **{name: getattr(module, name) for module, *names in _SAME for name in names},
     "ABREAST": np.uint32(ABREAST),
-    "ABSENT": sheets.ABSENT,
-    "AHEAD": motion.AHEAD,
     "BLOCK": np.uint32(culling.BLOCK),
-    "CELLS": preintegration.CELLS,
+    "CENTERED": sheets.CENTERED[0],
     "CLOSED": np.uint32(CLOSED),
-    "COLOR_SCALE": splats.COLOR_SCALE,
-    "COLUMNS": technique.COLUMNS,
     "CONTINUED": np.uint32(CONTINUED),
-    "DENSE": motion_blur.DENSE,
-    "DENSEST": motion_blur.DENSEST,
-    "FACE": clipping.FACE,
-    "FAR": motion.FAR,
-    "FIRST_ORDER": footprint.FIRST_ORDER,
-    "GRAZING": footprint.GRAZING,
-    "FLUSH": clipping.FLUSH,
     "GAUSSIAN": 0.5 / regions.DEVIATION**2,
     "GRAZING_RAY": clipping.GRAZING,
-    "HALF_LINE_REACH": culling.HALF_LINE_REACH,
-    "HAS_PLACE": culling.HAS_PLACE,
-    "KNOWN": colormaps.KNOWN,
-    "LARGEST_DEPTH": footprint.LARGEST_DEPTH,
-    "LEAST": motion_blur.LEAST,
-    "LEAST_MASS": sheets.LEAST_MASS,
-    "EDGE": sheets.EDGE,
-    "AMID": sheets.AMID,
-    "CENTERED": sheets.CENTERED[0],
-    "WHOLLY": sheets.CENTERED[1],
     "LISTED": np.uint32(LISTED),
     "MAP_ENTRIES": colormaps.ENTRIES,
     "MASK_EDGE": mask_field.EDGE,
     "MASK_ONE": float(mask_field.ONE),
-    "MASK_ZERO": float(mask_field.ZERO),
     "MASK_SURE": mask_field.SURE,
-    "MOST_CLIPS": clipping.MOST_CLIPS,
-    "MOST_REGIONS": regions.MOST_REGIONS,
-    "MOST_DOUBLINGS": technique.MOST_DOUBLINGS,
-    "MOST_ISO": iso.MOST_ISO,
+    "MASK_ZERO": float(mask_field.ZERO),
     "NAME_BITS": np.uint32(clusters.NAME_BITS),
-    "NEAREST": motion.NEAREST,
     "NOWHERE": np.uint32(NOWHERE),
-    "ONSET": footprint.ONSET,
     "PAGE": PAGE,
-    "PIXEL_MARGIN": culling.PIXEL_MARGIN,
-    "RIM_GROWTH": footprint.RIM_GROWTH,
-    "RIM_START": footprint.RIM_START,
     "RUN_OCTAVES": splats.OCTAVES,
-    "SHORT": motion_blur.SHORT,
     "SIDE_BITS": np.uint32(clusters.SIDE_BITS),
     "SORT_BLOCK": np.uint32(SORT_BLOCK),
     "SORT_LANES": np.uint32(SORT_LANES),
     "TABLE_ROW": TABLE_ROW,
-    "THIN": iso.THIN,
     "TILE_ROWS": technique.ROWS,
-    "WEIGHTS": preintegration.WEIGHTS,
+    "WHOLLY": sheets.CENTERED[1],
 }
 
 

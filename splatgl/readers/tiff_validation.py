@@ -110,35 +110,13 @@ def check_ome(root: Element) -> None:
 
 
 # supported compressions: their decoders limit the bytes of a strip, or check the size of its picture
-CODECS = {
-    1: "none",
-    2: "CCITT",
-    3: "CCITT",
-    4: "CCITT",
-    5: "LZW",
-    7: "JPEG",
-    8: "deflate",
-    22610: "JPEG XR",
-    32773: "PackBits",
-    32946: "deflate",
-    33003: "JPEG 2000",
-    33004: "JPEG 2000",
-    33005: "JPEG 2000",
-    33007: "JPEG",
-    34712: "JPEG 2000",
-    34887: "LERC",
-    34892: "JPEG",
-    34925: "LZMA",
-    34926: "Zstandard",
-    34927: "WebP",
-    34933: "PNG",
-    34934: "JPEG XR",
-    50000: "Zstandard",
-    50001: "WebP",
-    50002: "JPEG XL",
-    50013: "deflate",
-    52546: "JPEG XL",
+_NUMBERS = {
+    **{"none": (1,), "CCITT": (2, 3, 4), "LZW": (5,), "JPEG": (7, 33007, 34892), "deflate": (8, 32946, 50013)},
+    **{"JPEG XR": (22610, 34934), "PackBits": (32773,), "JPEG 2000": (33003, 33004, 33005, 34712), "LERC": (34887,)},
+    **{"LZMA": (34925,), "Zstandard": (34926, 50000), "WebP": (34927, 50001), "PNG": (34933,)},
+    **{"JPEG XL": (50002, 52546)},
 }
+CODECS = {number: name for name, numbers in _NUMBERS.items() for number in numbers}
 
 
 def check_page(page: Any) -> None:

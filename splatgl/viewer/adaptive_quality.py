@@ -118,20 +118,8 @@ class Level:
 FULL = Level(exact=True)
 # finest first. Measured on bones, a stent and a neuron: an eighth of the pixels has half the error of every second
 # voxel; coarser voxels turn thin things into blobs
-LADDER = (
-    FULL,
-    Level(),
-    Level(0.84),
-    Level(0.71),
-    Level(0.5),
-    Level(0.35),
-    Level(0.71, 2),
-    Level(0.5, 2),
-    Level(0.35, 2),
-    Level(0.5, 4),
-    Level(0.35, 4),
-    Level(0.5, 8),
-)
+_SHARES = {1: (0.84, 0.71, 0.5, 0.35), 2: (0.71, 0.5, 0.35), 4: (0.5, 0.35), 8: (0.5,)}
+LADDER = (FULL, Level(), *(Level(share, stride) for stride, shares in _SHARES.items() for share in shares))
 STRIDES = tuple(sorted({level.stride for level in LADDER}))
 FLOOR = LADDER.index(Level(0.35, 2))
 

@@ -81,23 +81,14 @@ class InputHandler:
 
 # GLFW key codes (glfw3.h): ASCII for printable keys; function keys and the number pad follow
 FIRST_FUNCTION, FIRST_PAD = 290, 320
+# from 256 on
+_NAMED = (
+    *("escape", "enter", "tab", "backspace", "insert", "delete", "right", "left", "down", "up"),
+    *("page_up", "page_down", "home", "end"),
+)
 CODES = {
-    256: "escape",
-    257: "enter",
-    258: "tab",
-    32: "space",
-    259: "backspace",
-    260: "insert",
-    261: "delete",
-    262: "right",
-    263: "left",
-    264: "down",
-    265: "up",
-    266: "page_up",
-    267: "page_down",
-    268: "home",
-    269: "end",
-    335: "enter",
+    **dict(enumerate(_NAMED, 256)),
+    **{32: "space", 335: "enter"},
     **{FIRST_FUNCTION + n: f"f{n + 1}" for n in range(12)},
     **{FIRST_PAD + n: str(n) for n in range(10)},
     **{ord("0") + n: str(n) for n in range(10)},

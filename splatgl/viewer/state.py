@@ -415,20 +415,8 @@ def changed_fields(a: State, b: State) -> set[str]:
 
 
 # fields that an undo keeps: open parts of the window, and what plays
-PASSING = {
-    "message",
-    "help",
-    "hud",
-    "panel",
-    "fullscreen",
-    "probe",
-    "theme",
-    "slices",
-    "lasso",
-    "file_options",
-    "pinned",
-}
-PASSING |= {"turning", "time", "times", "playing", "pace", "repeats", "preview"}
+PASSING = {"message", "help", "hud", "panel", "fullscreen", "probe", "theme", "slices", "lasso", "file_options"}
+PASSING |= {"turning", "time", "times", "playing", "pace", "repeats", "preview", "pinned"}
 # fields that a saved scene holds and a closed window loses; a view is easily restored
 EDITS = {"settings", "styles", "mesh_files", "annotate", "movie", "measures", "slice_planes"}
 # largest number of steps
