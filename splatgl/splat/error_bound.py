@@ -6,12 +6,16 @@ Accumulation along a ray is derived. A fragment's optical depth τF has an error
 and T the transmittance behind it, ∂C/∂τF = T (c − colour behind), so that
 
     Σ T σ τ F(0) ≤ σ S,    S the depth of all footprints that one ray meets, even at the rim (ray_overlap.py);
-    ρ Σ T τF |c − behind| ≤ ρ min(1/2, A),    within sheets ρ A,
+    ρ Σ T τF |c − behind| ≤ ρ min(A, q (1 − q) + A/4),    q ≤ A the visible colour, so at most 1/2,
 
-A the pixel's opacity, since with q the visible colour, c = q − dq/dτ in [0, 1], ∫ e^(−τ) |dq/dτ| dτ ≤ 1/2 for every q,
-and |c − behind| ≤ 1. Where F is small the relative error is large and the absolute error is not, so that (ρ, σ) is
-chosen per picture. Along the straight path from right to drawn depths, ρ τF is at most ρ/(1 − ρ) of what is drawn, and
-its opacity at most (A + σ S)/(1 − ρ): the sum is divided by (1 − ρ)². A is bounded by the drawn picture and by S.
+A the pixel's opacity. In a sheet of depth X, opacity a, mean colour c̄ before the colour b, the terms are at most
+a (c̄ + m − 2 c̄ m), m = c̄ + (b − c̄) X/(e^X − 1): a mean distance of numbers in [0, 1]. This is at most
+q (1 − q) − (1 − a) b (1 − b) + a/4, since q = a c̄ + (1 − a) b and (X/(e^X − 1))² ≤ e^(−X); the sum over all sheets
+telescopes. A splat that is composited alone is such a sheet. Where F is small the relative error is large and the
+absolute error is not, so that (ρ, σ) is chosen per picture, and σ per splat where few are counted one by one: then the
+errors of near splats do not weigh on far ones. Along the straight path from right to drawn depths, ρ τF is at most
+ρ/(1 − ρ) of what is drawn, and its opacity at most (A + σ S)/(1 − ρ): the sum is divided by (1 − ρ)². A is bounded by
+the drawn picture and by S.
 Three quantities are measured, with a margin: ROUNDINGS, the second-order error beyond z_k (BENT, MOVED), and the effect
 of misplaced sheets (DISPLACED).
 
@@ -21,7 +25,7 @@ mean of a footprint along its path, and so is its error; the difference of two a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -29,10 +33,18 @@ import numpy as np
 
 from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.hidden_interior import LIGHT
-from splatgl.splat.kernels import Kernel, kernel, polynomials, radial_table, rim_step
+from splatgl.splat.kernels import (
+    Kernel,
+    half_chord,
+    half_line_table,
+    kernel,
+    polynomials,
+    radial_table,
+    rim_step,
+)
 from splatgl.splat.motion import Exposure
 from splatgl.splat.plan import Lookup
-from splatgl.splat.ray_overlap import ROUNDED, RayOverlap, cells_of, ray_overlap
+from splatgl.splat.ray_overlap import FEW, ROUNDED, Groups, RayOverlap, cells_of, overlap_by_places, ray_overlap
 from splatgl.splat.splats import Splats
 from splatgl.splat.view import GridView
 
@@ -44,9 +56,13 @@ if TYPE_CHECKING:
 ULP = 2.0**-23
 # samples of the footprint from centre to rim, dense at the rim; candidate absolute errors
 SAMPLES = 400
-ABSOLUTE = np.logspace(-12, 0, 73)
+ABSOLUTE = np.logspace(-12, 0, 181)
+# candidate relative errors
+RELATIVE = np.append(0.0, np.logspace(-8, -0.3, 64))
 # cancellation error of a polynomial in float32, in ULPs of its value
 POLYNOMIAL_DIGITS = 64
+# errors of places are rounded up to so many numbers a decade
+QUANTA = 60
 # error of filtering 8-bit texels in 8-bit arithmetic, besides the texels' own rounding
 EIGHT_BITS = 1.5 / 255
 
@@ -58,6 +74,19 @@ class PlacementError:
     place: float
     gain: float = 0.0
     level: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Where the centres of splats are, eye axes and mean spacings; each number or [N].
+
+    near, far: their depths; away: the largest distance from the eye; slope: of the steepest ray of the picture to them.
+    """
+
+    near: np.ndarray
+    far: np.ndarray
+    away: np.ndarray
+    slope: np.ndarray
 
 
 def accumulated_error(lookup: Lookup, placement: PlacementError, weight: float, overlap: float) -> float:
@@ -86,15 +115,16 @@ def _distances(shape: Kernel) -> np.ndarray:
 
 def _deviation(lookup: Lookup, placement: PlacementError) -> np.ndarray:
     """|drawn − right| / F(0) at _distances."""
-    # quantised to tenths of log10, so that moving cameras hit the cache
-    return _deviation_at(lookup, _quantize(placement.place), _quantize(placement.gain)) + placement.level
+    place, gain = _quantize(np.array([placement.place, placement.gain]))
+    return _deviation_at(lookup, place, gain) + placement.level
 
 
-def _quantize(number: float) -> float:
-    return float(10 ** (np.ceil(10 * np.log10(max(number, 1e-12))) / 10))
+def _quantize(numbers: np.ndarray) -> np.ndarray:
+    """Numbers rounded up to the next of QUANTA a decade, so that moving cameras hit the cache."""
+    return np.asarray(10 ** (np.ceil(QUANTA * np.log10(np.maximum(numbers, 1e-12))) / QUANTA))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def _deviation_at(lookup: Lookup, place: float, gain: float) -> np.ndarray:
     shape = kernel(lookup.kernel)
     d = _distances(shape)
@@ -119,6 +149,10 @@ def _table_error(lookup: Lookup, shape: Kernel, d: np.ndarray, value: np.ndarray
     h = 2 * shape.radius / lookup.size
     first = np.gradient(value, d)
     missed = h * h / 8 * (np.abs(np.gradient(first, d)) + np.abs(first) / np.maximum(d, h))
+    # and no more than F changes between the texels
+    peak, diagonal = _profile(lookup.kernel)[1], np.sqrt(2) * h
+    before, after = (shape.footprint(np.clip(d + step, 0, None)) / peak for step in (-diagonal, diagonal))
+    missed = np.minimum(missed, np.maximum(before - value, value - after))
     return np.asarray(missed + (EIGHT_BITS if lookup.bits == 8 else 2.0**-lookup.bits))
 
 
@@ -140,8 +174,10 @@ OVER = 3.0
 # largest ratio of a line integral to the one through the centre of its voxel, beyond z_k
 BRIGHTER = 1.1
 # a kernel around the eye: error of the half-line table's share of a chord, times F/F(0); and of the sum over all
-# lattice kernels around the eye
-HALF_LINE, AROUND = 3.2e-5, 1.2e-4
+# lattice kernels around the eye (measured in 60 000 places and directions: 4.8e-5, 8.3e-5, 8.7e-5), and of any kernel
+HALF_LINE, AROUND, AROUND_ANY = 3.2e-5, {"crawfis-max": 6e-5, "gaussian": 1e-4, "b-spline": 1e-4}, 1.2e-4
+# and its float32 coordinates and arithmetic, in ULPs; texels along each of its axes
+HALF_LINE_DIGITS, HALF_LINE_SIZE = 16, 256
 # shading, colour and one_minus_exp in float32
 ARITHMETIC = 8 * ULP
 # a splat's place in sheets is wrong by at most PLACE_DIGITS ULPs; DISPLACED: largest change of a picture per misplaced
@@ -237,7 +273,9 @@ def _largest_alpha(plan: Plan, pixels: np.ndarray, met: RayOverlap) -> float:
     """An upper bound on the opacities of right and drawn pixels without background, for `accumulated_error`."""
     if plan.exposure is not None:
         return 1.0
-    largest = float(-np.expm1(-met.depth * _largest_integral(plan) * _longest(plan)))
+    # an approximate form may draw a footprint's middle where its rim is
+    depth = met.light if plan.program.align == "exact" or not plan.view.perspective else met.depth
+    largest = float(-np.expm1(-depth * _largest_integral(plan) * _longest(plan)))
     share, least = TARGET[plan.target]
     # roundings are relative to what is drawn
     lost = 2 * OVER * share * met.count
@@ -294,16 +332,15 @@ def _streak_errors(splats: Splats, plan: Plan, exposure: Exposure) -> tuple[Plac
     area = BETWEEN * (1 + 2 * path / (np.pi * shape.radius))
     met = [ray_overlap(splats, view, astray) for view in views]
     count = min(float(len(splats)), area * max(overlap.count for overlap in met))
-    return placement, RayOverlap(
-        count, min(splats.total_depth * longest, BETWEEN * max(overlap.depth for overlap in met))
-    )
+    depth = min(splats.total_depth * longest, BETWEEN * max(overlap.depth for overlap in met))
+    return placement, RayOverlap(count, depth, depth)
 
 
 def _largest_pixel(splats: Splats, plan: Plan, met: RayOverlap) -> float:
     """An upper bound on the right pixel values, over a background on all, for colours up to 1."""
     if plan.program.look.blend.peak:
         return min(_largest_opacity(splats) * (1 + ROUNDED), 1.0)
-    depth = met.depth * _largest_integral(plan) * (1 + ROUNDED)
+    depth = met.light * _largest_integral(plan) * (1 + ROUNDED)
     if not plan.program.look.blend.ordered:
         return depth
     plain = plan.exposure is None and plan.resolved.background is None
@@ -343,21 +380,59 @@ def _footprint_error(splats: Splats, plan: Plan, placement: PlacementError, met:
     # a highlight is a power of a cosine
     arithmetic = ARITHMETIC * 2.0**program.look.light.sharpness + GATHERED * (program.technique == "tiles")
     if blend.peak:
-        missed = float(_deviation(plan.lookup, placement).max()) + HALF_LINE * half_line + arithmetic
-        return min(missed * _largest_opacity(splats), 1.0)
-    # an X-ray is a plain sum; within a sheet, errors of opposite sign change the mean colour besides the opacity
+        most = _largest_opacity(splats)
+        missed = min(float(_deviation(plan.lookup, placement).max()) * most, _peak_error(splats, plan))
+        return min(missed + (HALF_LINE * half_line + arithmetic) * most, 1.0)
+    # an X-ray is a plain sum
     weight, deep = largest, met.depth
-    if blend.ordered and plan.resolved.sheets is None:
-        weight = min(0.5, largest)
+    if blend.ordered:
+        mixed = 0.25 if largest > 0.5 or plan.resolved.background is not None else largest * (1 - largest)
+        weight = min(mixed + largest / 4, largest)
     if program.motion != "off" and program.look.attenuation == "fill":
         weight, deep = DWELT[0], DWELT[1] * met.depth
     share = accumulated_error(plan.lookup, placement, weight, deep)
+    if plan.exposure is None:
+        share = min(share, _error_by_place(splats, plan, weight, deep))
     if half_line:
         # in optical depth, over kernels around the eye
-        cells, error = cells_of(splats), HALF_LINE * splats.total_depth
-        error = min(error, AROUND * cells.depth) if cells.aligned else error
-        share += error * float(plan.kernel.footprint(np.zeros(())))
+        share += _half_line_error(splats, plan.view) * float(plan.kernel.footprint(np.zeros(())))
     return share + arithmetic * max(weight, largest)
+
+
+def _half_line_error(splats: Splats, view: GridView) -> float:
+    """Error of the optical depth, over F(0), of all kernels around the eye, or before its plane."""
+    cells, longest = cells_of(splats), float(np.linalg.norm(view.eye_from_index, ord=2))
+    error = HALF_LINE * splats.total_depth
+    if cells.aligned:
+        error = min(error, AROUND.get(view.kernel.name, AROUND_ANY) * cells.depth)
+    if cells.groups is not None and len(cells.groups.place) <= FEW and view.perspective:
+        away = np.linalg.norm(cells.groups.place - view.eye_index, axis=1) - cells.groups.radius
+        near = away < view.kernel.radius * (1 + 4 * ULP)
+        lost = np.interp(away[near].clip(0), *_half_line_profile(view.kernel.name))
+        error = min(error, float(cells.groups.depth[near] @ lost) * longest)
+    return error
+
+
+@lru_cache(maxsize=4)
+def _half_line_profile(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Distances [N] of a kernel's centre from the eye, and the largest errors of the half-line table there and beyond,
+    over F(0) and the optical depth, for rays in all directions.
+    """
+    shape = kernel(name)
+    table = half_line_table(shape, HALF_LINE_SIZE)
+    away = shape.radius * np.linspace(1, 0, 97)[:, None] * (1 - 1e-9)
+    angle = np.linspace(0.0, np.pi, 721)
+    d, along = away * np.sin(angle), away * np.cos(angle)
+    chord = half_chord(shape.radius, d)
+    whole = 2 * shape.partial(d, chord)
+    right = 0.5 + shape.partial(d, along) / whole
+    place = [(d / shape.radius) ** 2 * (len(table) - 1), (along / chord + 1) / 2 * (len(table) - 1)]
+    row, column = (np.clip(n.astype(int), 0, len(table) - 2) for n in place)
+    down, across = place[0] - row, place[1] - column
+    drawn = (1 - down) * ((1 - across) * table[row, column] + across * table[row, column + 1])
+    drawn += down * ((1 - across) * table[row + 1, column] + across * table[row + 1, column + 1])
+    lost = np.abs(drawn - right) * shape.footprint(d) / float(shape.footprint(np.zeros(())))
+    return away[::-1, 0], np.maximum.accumulate(lost.max(axis=1))[::-1] + HALF_LINE_DIGITS * ULP
 
 
 def _displacement_error(splats: Splats, plan: Plan, opacity: float) -> float:
@@ -373,38 +448,105 @@ def _displacement_error(splats: Splats, plan: Plan, opacity: float) -> float:
 
 def _placement_error(splats: Splats, view: GridView, plan: Plan) -> PlacementError:
     """The largest error of a fragment's distance D, in voxels, and of its value."""
-    radius, corners = view.kernel.radius, view.box(splats)
-    widths = np.linalg.svd(view.eye_from_index, compute_uv=False)
+    corners, depths = view.box(splats), view.voxels(splats.corners_in_grid())[2]
+    away = np.linalg.norm(corners, axis=0).max() if view.perspective else np.abs(corners).max()
+    place, gain = _placement_errors(Region(depths.min(), depths.max(), away, np.array(np.inf)), view, plan)
+    return PlacementError(float(place), float(gain))
+
+
+def _regions(groups: Groups, view: GridView) -> Region:
+    """The region of each group."""
+    voxel, spread = view.voxels(groups.place), groups.radius * np.linalg.norm(view.eye_from_index, ord=2)
+    near, far = voxel[2] - spread, voxel[2] + spread
+    away = np.linalg.norm(voxel, axis=0) if view.perspective else np.abs(voxel).max(axis=0)
+    slope = (np.hypot(voxel[0], voxel[1]) + spread) / np.maximum(near, 1e-3)
+    return Region(near, far, away + spread, slope)
+
+
+def _error_by_place(splats: Splats, plan: Plan, weight: float, depth: float) -> float:
+    """`accumulated_error` with each group's own σ at one ρ; inf where `_placed_groups` knows none.
+
+    ρ is the best if the ray that meets most met all groups in proportion.
+    """
+    groups = _placed_groups(splats, plan)
+    if groups is None:
+        return np.inf
+    kinds, kind = _error_kinds(groups, plan)
+    absolute = np.array([_remainders(plan.lookup, *numbers) for numbers in kinds])
+    share = np.bincount(kind, groups.depth, len(absolute)) / float(groups.depth.sum(dtype=np.float64))
+    peak = _profile(plan.lookup.kernel)[1]
+    best = int(((weight * RELATIVE + depth * peak * (share @ absolute)) / (1 - RELATIVE) ** 2).argmin())
+    weighted = replace(groups, depth=groups.depth * absolute[kind, best])
+    met = overlap_by_places(weighted, plan.view, [(plan.kernel.radius, 1.0)])
+    return float((weight * RELATIVE[best] + met.depth * peak) / (1 - RELATIVE[best]) ** 2)
+
+
+def _peak_error(splats: Splats, plan: Plan) -> float:
+    """The largest error of a splat's opacity; inf where `_placed_groups` knows none."""
+    groups = _placed_groups(splats, plan)
+    if groups is None:
+        return np.inf
+    kinds, kind = _error_kinds(groups, plan)
+    missed = np.array([_deviation_at(plan.lookup, *numbers).max() for numbers in kinds])
+    depth = np.minimum(groups.depth, splats.deepest) * splats.unit / splats.grid.mean_spacing
+    return float((missed[kind] * -np.expm1(-depth)).max())
+
+
+def _placed_groups(splats: Splats, plan: Plan) -> Groups | None:
+    """At most FEW groups of static splats in a perspective view, whose errors differ from place to place, else None."""
+    groups = cells_of(splats).groups
+    few = groups is not None and len(groups.place) <= FEW
+    return groups if few and plan.exposure is None and plan.view.perspective else None
+
+
+def _error_kinds(groups: Groups, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Different errors (place, gain) [K, 2] of splats in groups, and which of them each group has [N]."""
+    place, gain = _placement_errors(_regions(groups, plan.view), plan.view, plan)
+    kinds, kind = np.unique(_quantize(np.stack([place, gain])), axis=1, return_inverse=True)
+    return kinds.T, kind.ravel()
+
+
+@lru_cache(maxsize=1024)
+def _remainders(lookup: Lookup, place: float, gain: float) -> np.ndarray:
+    """The σ of each of RELATIVE."""
+    missed, value = _deviation_at(lookup, place, gain), _profile(lookup.kernel)[0]
+    return np.asarray(np.maximum(missed - RELATIVE[:, None] * np.abs(value), 0.0).max(axis=1))
+
+
+def _placement_errors(region: Region, view: GridView, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """The largest errors of a fragment's distance D, in voxels, and of its value, in each region."""
+    radius, widths = view.kernel.radius, np.linalg.svd(view.eye_from_index, compute_uv=False)
     # float32: relative to the distance from the eye, larger for thin voxels
-    far = float(np.linalg.norm(corners, axis=0).max()) if view.perspective else float(np.abs(corners).max())
-    place, gain = ROUNDINGS * ULP * (far + radius) / widths[-1], 0.0
+    place = ROUNDINGS * ULP * (region.away + radius)
     if not view.perspective:
-        return PlacementError(place)
-    if view.antialias:
-        depths = view.voxels(splats.corners_in_grid())[2]
-        if depths.max() > view.widened_beyond[1]:
-            nearest = max(view.widened_beyond[1], float(depths.min()))
-            moved, gain = _second_order(view, plan.program.seen.cubic, nearest)
-            place += moved
-        gain += plan.resolved.unsure
+        # a shift along the rays changes nothing
+        return place / max(view.widths[1], view.pitch if view.antialias else 0.0), np.zeros_like(place)
+    gain = np.full_like(place, plan.resolved.unsure if view.antialias else 0.0)
+    # a splat may be outside the picture by the footprint's half width
+    near = np.maximum(region.near, 1e-3)
+    slope = np.minimum(_corner_slope(view), region.slope + radius * widths[0] / near)
+    # across the view, widened voxels' offsets shrink, and a shift in depth is one across by the ray's slope
+    place = place * np.minimum(view.shrink(near)[0] * np.hypot(slope, 1.0), 1.0) / widths[-1]
+    if view.antialias and (wide := region.far > view.widened_beyond[1]).any():
+        moved, bent = _second_order(view, plan.program.seen.cubic, np.maximum(view.widened_beyond[1], near), slope)
+        place, gain = place + np.where(wide, moved, 0.0), gain + np.where(wide, bent, 0.0)
     if plan.program.align != "exact":
-        place += _form_error(view, plan, float(corners[2].min())) / widths[-1]
-    return PlacementError(min(place, radius), gain)
+        place = place + _form_error(view, plan, near, slope) / widths[-1]
+    return np.minimum(place, radius), gain
 
 
-def _second_order(view: GridView, cubic: bool, nearest: float) -> tuple[float, float]:
+def _second_order(view: GridView, cubic: bool, nearest: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shift, in voxels, and relative gain of widened splats from the depth `nearest` on, in mean spacings."""
     radius, widths = view.kernel.radius, np.linalg.svd(view.eye_from_index, compute_uv=False)
-    # a splat may be outside the picture by the footprint's half width
     half = 2 * radius * view.pitch + radius * widths[0] / nearest
-    slope = float(view.shrink(np.array(nearest))[0]) * (_corner_slope(view) + half)
+    slope = view.shrink(nearest)[0] * (slope + half)
     sine2 = slope**2 / (1 + slope**2)
     bent = radius**2 * (widths[0] / nearest) ** 2
     if cubic:
         rim, t = RIMMED if rim_step(view.kernel) > 1e-6 else 1.0, radius * view.pitch
         return rim * radius * bent * (MOVED[0] + MOVED[1] * sine2), BENT * bent + SECANT * min(t**2, t**3)
     near = bent / radius**2 * widths[0] / widths[-1]
-    moved = MOVED_LONG[0] + MOVED_LONG[1] * sine2 + MOVED_LONG[2] * sine2**2 + min(OMITTED[0] * near, OMITTED[1])
+    moved = MOVED_LONG[0] + MOVED_LONG[1] * sine2 + MOVED_LONG[2] * sine2**2 + np.minimum(OMITTED[0] * near, OMITTED[1])
     return radius**3 * near * moved, BENT * bent
 
 
@@ -413,10 +555,10 @@ def _corner_slope(view: GridView) -> float:
     return float(np.hypot(*view.edge))
 
 
-def _form_error(view: GridView, plan: Plan, nearest: float) -> float:
-    """Position error of Table 1's forms, which use one plane or direction for all rays: slant at the picture's edge."""
+def _form_error(view: GridView, plan: Plan, nearest: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Position error of Table 1's forms, which use one plane or direction for all rays, at a ray's slope."""
     radius = view.kernel.radius
-    near = radius**2 / max(nearest, 1e-3)
+    near = radius**2 / nearest
     if plan.program.align == "ray" and not view.antialias:
-        return float(near)
-    return float(radius * (np.hypot(_corner_slope(view), 1.0) - 1) + near)
+        return np.asarray(near)
+    return np.asarray(radius * (np.hypot(slope, 1.0) - 1) + near)

@@ -1,7 +1,8 @@
 """Largest number, and largest total optical depth, of the splats whose footprints one ray of a picture meets.
 
 Two upper bounds. By planes: a ray meets at most the cells of an ellipse in each lattice plane that it crosses. By
-positions: few splats, or few blocks of them, are counted in each cell of the screen that their footprints may touch.
+positions: few splats, or few blocks of them, are counted in each cell of the screen that their footprints may touch;
+few splats ring by ring, for the light that they give.
 """
 
 from __future__ import annotations
@@ -27,9 +28,11 @@ TILES = 8
 FEW, FEW_POINTS, BLOCK, MOST_BLOCKS = 8192, 2**22, 8, 2**22
 # cells along half of a median footprint, and along each axis of the picture at most CELLS, or the root of the number of
 # splats or blocks if that is more
-FINE, CELLS = 4, 256
+FINE, CELLS = 8, 256
 # relative error of sums of depths in float64
 ROUNDED = 1e-9
+# rings of a footprint, and samples of F in each
+RINGS, PER_RING = 6, 32
 # splats counted at a time
 PART = 2**20
 # ratio of a drawn footprint's reach to the kernel's, beyond z_k, for its first-order terms
@@ -39,11 +42,12 @@ STRETCHED = 1.25
 @dataclass(frozen=True)
 class RayOverlap:
     """count: splats whose footprints one ray meets. depth: their Σ τ g, with the effective length g (1 for cubes before
-    z_k), in units of the kernel's line integral.
+    z_k), in units of the kernel's line integral. light: Σ τ g F/F(0), of footprints F that fall from their centres.
     """
 
     count: float
     depth: float
+    light: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +82,20 @@ def ray_overlap(splats: Splats, view: GridView, astray: float = 0.0) -> RayOverl
     by_planes = _overlap_by_planes(splats, view, radius)
     if cells.groups is None:
         return by_planes
-    by_places = _overlap_by_places(cells.groups, view, radius)
-    return RayOverlap(min(by_planes.count, by_places.count), min(by_planes.depth, by_places.depth))
+    by_places = overlap_by_places(cells.groups, view, [(radius, 1.0)])
+    light = depth = min(by_planes.depth, by_places.depth)
+    if astray == 0.0 and len(splats) <= FEW:
+        light = min(depth, _light(cells.groups, view))
+    return RayOverlap(min(by_planes.count, by_places.count), depth, light)
+
+
+def _light(groups: Groups, view: GridView) -> float:
+    """An upper bound on Σ τ g F/F(0): in each ring of a footprint its largest |F| there and beyond."""
+    radii = view.kernel.radius * np.linspace(0.0, 1.0, RINGS * PER_RING + 1)
+    value = np.abs(view.kernel.footprint(radii)) / float(view.kernel.footprint(np.zeros(())))
+    largest = np.maximum.accumulate(value[::-1])[::-1][:-1:PER_RING]
+    discs = zip(radii[PER_RING::PER_RING], -np.diff(largest, append=0.0), strict=True)
+    return overlap_by_places(groups, view, list(discs)).depth
 
 
 def _longest_reach(view: GridView) -> float:
@@ -119,10 +135,12 @@ def _overlap_by_planes(splats: Splats, view: GridView, radius: float) -> RayOver
     wide = radius * np.sqrt(stretch)
     area = min(DISCRETE * np.pi * wide**2, np.pi * (wide + OFF) ** 2)
     count = min(float(len(splats)), area * index * cells.count)
-    return RayOverlap(count, min(splats.total_depth * longest, ellipse * length * cells.depth))
+    depth = min(splats.total_depth * longest, ellipse * length * cells.depth)
+    return RayOverlap(count, depth, depth)
 
 
-def _overlap_by_places(groups: Groups, view: GridView, reach: float) -> RayOverlap:
+def overlap_by_places(groups: Groups, view: GridView, discs: list[tuple[float, float]]) -> RayOverlap:
+    """The largest overlap of any ray with discs of the groups' splats, of each reach and with each weight of depth."""
     # of a ball around the members' kernels, an ellipsoid in eye axes
     quadric = view.eye_from_index @ view.eye_from_index.T
     many, depth, screen = 0.0, ROUNDED * float(groups.depth.sum(dtype=np.float64)), None
@@ -131,23 +149,27 @@ def _overlap_by_places(groups: Groups, view: GridView, reach: float) -> RayOverl
         # every part is spread over all groups
         part = slice(first, None, parts)
         around, count = groups.radius[part], groups.count[part]
-        voxel, size = view.voxels(groups.place[part]), reach + around
+        voxel = view.voxels(groups.place[part])
         deep = groups.depth[part] * _peaks(view, voxel[2] - around * view.depth_reach)
-        ahead = size * np.sqrt(quadric[2, 2])
-        before = voxel[2] > (ahead if view.perspective else -ahead)
-        everywhere = ~before & (voxel[2] > -ahead)
-        many, depth = many + float(count[everywhere].sum()), depth + float(deep[everywhere].sum(dtype=np.float64))
-        if before.any():
-            low, high = _outlines(voxel[:, before], size[before], quadric, view)
-            if view.antialias:
-                ends = _widened_outlines(voxel[:, before], around[before], reach, view)
-                low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
-            screen = screen or _Screen.of(low, high, view.edge, len(groups.place))
-            screen.add(low, high, count[before], deep[before])
+        for reach, weight in discs:
+            size = reach + around
+            ahead = size * np.sqrt(quadric[2, 2])
+            before = voxel[2] > (ahead if view.perspective else -ahead)
+            everywhere = ~before & (voxel[2] > -ahead)
+            many += float(count[everywhere].sum())
+            depth += weight * float(deep[everywhere].sum(dtype=np.float64))
+            if before.any():
+                low, high = _outlines(voxel[:, before], size[before], quadric, view)
+                if view.antialias:
+                    ends = _widened_outlines(voxel[:, before], around[before], reach, view)
+                    low, high = np.minimum(low, ends[0]), np.maximum(high, ends[1])
+                screen = screen or _Screen.of(low, high, view.edge, len(groups.place))
+                screen.add(low, high, count[before], weight * deep[before])
     if screen is not None:
         most, deepest = screen.largest()
         many, depth = many + most, depth + deepest
-    return RayOverlap(many, depth * _longest_reach(view))
+    depth *= _longest_reach(view)
+    return RayOverlap(many, depth, depth)
 
 
 def _peaks(view: GridView, z: np.ndarray) -> np.ndarray:
@@ -184,7 +206,8 @@ def _widened_outlines(
     """Lowest and highest slopes, or x and y, [2, N] each, of widened kernels of radius `reach` up to `around` [N] grid
     steps from voxels [3, N] before the eye; low > high where none is widened.
     """
-    reach = STRETCHED * reach
+    # the first-order terms may shift the middle as far as the rim
+    reach += (STRETCHED - 1) * max(reach, view.kernel.radius)
     centres = np.sqrt((view.eye_from_index**2).sum(axis=1))[:, None] * around
     low, high = voxel[:2] - centres[:2], voxel[:2] + centres[:2]
     if not view.perspective:

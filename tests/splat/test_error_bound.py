@@ -13,8 +13,9 @@ import splatgl as sg
 from splatgl.reference import streaks
 from splatgl.reference.rays import Pixels, pair_values
 from splatgl.reference.renderer import SplatScene, _scene
-from splatgl.splat.error_bound import MOVED, ULP, Bound, bound
+from splatgl.splat.error_bound import BRIGHTER, MOVED, ULP, Bound, _deviation_at, bound
 from splatgl.splat.kernels import kernel
+from splatgl.splat.plan import Lookup
 from splatgl.splat.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.resolve import Resolved
 from splatgl.studies.stress import CASES, run_case
@@ -313,6 +314,62 @@ def test_faint_pictures_have_faint_bounds(renderer: sg.Renderer) -> None:
             image = renderer.render(splats, camera.resized((9, 7)), settings, verify_bound=False)
             limit, sums = image.info["error_bound"], met(splats, camera.resized((9, 7)))[1]
             assert limit <= 3 * sums, (view, changes)
+
+
+def test_no_ray_is_brighter_than_is_said() -> None:
+    """Rings of footprints hold more light than any ray meets, and less than whole discs as bright as their middle."""
+    for name in ("fog", "cloud", "long voxels"):
+        splats = SHAPES[name]
+        for view, camera in views(splats).items():
+            settings = SPLATS.but(blend="xray")
+            chosen = sg.plan(splats, camera.resized((9, 7)), settings)
+            brightest = sg.reference.render(splats, camera.resized((9, 7)), settings).pixels[..., 3].max()
+            found, peak = ray_overlap(splats, chosen.view), float(chosen.kernel.footprint(np.zeros(())))
+            assert brightest <= found.light * peak * BRIGHTER, (name, view)
+            assert name != "fog" or view == "inside" or found.light < 0.7 * found.depth, (name, view)
+
+
+def test_relative_errors_of_sheets_weigh_at_most_half() -> None:
+    """Perturbed depths and colours of random sheets change a pixel by at most ρ min(A, C (1 − C) + A/4)."""
+    rng, step, nearest = np.random.default_rng(1), 1e-6, 0.0
+    for _ in range(2000):
+        colors = rng.integers(0, 2, (int(rng.integers(1, 9)), 2)).astype(float)
+        depths = rng.choice([0.01, 0.3, 1, 3], colors.shape) * rng.random(colors.shape)
+        opacity, color = composite(depths, colors)
+        changed = 0.0
+        for part in np.ndindex(*depths.shape):
+            more = depths.copy()
+            more[part] *= 1 + step
+            changed += abs(composite(more, colors)[1] - color) / step
+        weight = min(opacity, color * (1 - color) + opacity / 4)
+        assert changed <= weight + 1e-5
+        nearest = max(nearest, changed / weight)
+    assert nearest > 0.9
+
+
+def composite(depths: np.ndarray, colors: np.ndarray) -> tuple[float, float]:
+    """Opacity and colour of sheets [K, 2], nearest first, of two splats each."""
+    opacities = -np.expm1(-depths.sum(axis=1))
+    mixed = (depths * colors).sum(axis=1) / depths.sum(axis=1)
+    before = np.cumprod(np.append(1.0, 1 - opacities[:-1]))
+    return float(before @ opacities), float(before @ (opacities * mixed))
+
+
+def test_splats_near_the_eye_do_not_weigh_on_far_ones(renderer: sg.Renderer) -> None:
+    """A faint splat beside the eye, in approximate forms and with half lines, leaves the bound of others alone."""
+    block = lattice(8, 0.05)
+    camera = sg.Camera.look_at((4, 4, -30), (4, 4, 4), (0, 1, 0), 20, (30, 20))
+    places = np.concatenate([block.positions + block.grid.origin, [[4.0, 4.0, -29.5]]])
+    both = sg.Splats.from_points(places, np.ones_like(places), np.append(np.full(len(block), 0.05), 1e-7))
+    for changes in ({"align": "grid"}, {"align": "exact"}):
+        limits = [renderer.render(s, camera, SPLATS.but(**changes)).info["error_bound"] for s in (block, both)]
+        assert limits[1] < 1.3 * limits[0] + 1e-6, changes
+
+
+def test_tables_of_kernels_with_a_rim_are_off_by_no_more_than_they_fall() -> None:
+    """The second derivative across the rim of the Gaussian has no bound, the step has."""
+    found = _deviation_at(Lookup("gaussian", "table", 256, 32), 1e-7, 1e-12)
+    assert found.max() < 0.02
 
 
 def test_only_opaque_pictures_hide_light(renderer: sg.Renderer) -> None:
