@@ -252,10 +252,12 @@ class ValueClassifier:
 
     @cached_property
     def scale(self) -> tuple[float, float]:
-        """(a, b): record value u is at a u + b in the table, in cells."""
+        """(a, b): record value u is at a u + b in the table, in cells. A transfer function of one value, at which
+        colour or opacity may be a step, has it in the middle of the first cell: a value stands for the mean over one.
+        """
         low, high = self.range
-        a = CELLS / (high - low)
-        return a, -low * a
+        a, (least, largest) = CELLS / (high - low), active_range(self.transfer)
+        return a, (0.5 if least == largest else 0.0) - low * a
 
     def places(self, values: np.ndarray) -> np.ndarray:
         """Places of values ρ in the table, in cells."""

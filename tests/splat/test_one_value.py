@@ -311,3 +311,15 @@ def test_maxima_of_voxels_classified_before_are_their_opacities(renderer: sg.Ren
         splats = sg.extract(sg.Volume(samples, (2.5,) * 3), transfer, classification="pre")
         found = renderer.render(splats, camera, sg.Settings(blend="mip", compositing="splats", antialias="off"))
         assert found.pixels[2, 2, 3] == pytest.approx(0.3, abs=1e-4)
+
+
+@pytest.mark.parametrize("blend", BLENDED)
+def test_a_constant_volume_has_the_colour_of_its_value(renderer: sg.Renderer, blend: str) -> None:
+    """Its colours are a step at the value, which is on the upper side: not half of both."""
+    volume = sg.Volume(np.full((3, 3, 3), 100.0))
+    transfer = sg.default_transfer(volume)
+    color = transfer.color(100.0) * transfer.opacity(100.0)
+    settings = EXACT.but(blend=blend, technique="quads")
+    splats = sg.extract(volume, transfer, classification="post")
+    image = renderer.render(splats, sg.Camera.orbit(volume, 20, 15, size=(5, 5)), settings)
+    assert np.abs(image.pixels[2, 2, :3] - color).max() < 1e-3
