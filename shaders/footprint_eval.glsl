@@ -85,6 +85,9 @@ Ray ray_of(vec2 pixel_center) {
 float exact_share(vec2 at, float shrink, Ray ray) {
     float d2 = dot(at, at), value = 1.0;
     bool widened = ANTIALIAS == 1 && bend.x < 0.0;
+    // far beyond the rim of a widened footprint its terms are invalid
+    const float ends = 1.0 + FIRST_ORDER;
+    if (widened && d2 > ends * ends * style.radius * style.radius) return 0.0;
     if (ANTIALIAS == 1 && CUBIC == 1) {
         value += at.x * (bend.z + bend.w * at.x) + max(-bend.x, 0.0) * at.y * at.y;
         d2 += bend.y * at.x * at.x * at.x;

@@ -27,7 +27,6 @@ struct Joined {
     bool around;         // whether around the eye; then its position relative to it, index axes
     vec3 place;
     float last;          // coverage, or its place in sheets
-    float half_side;
     vec4 bend;
     vec4 cubic;
     vec4 mixed;
@@ -42,8 +41,6 @@ float share_at(Joined it, Ray ray, float row) {
     float value;
     if (BENT) {
         value = exact_share(vec2(dot(it.shape.xy, offset), dot(it.shape.zw, offset)), ray.shrink, ray);
-        // a stretched footprint is undefined far beyond its rim
-        if (max(abs(offset.x), abs(offset.y)) > it.half_side) value = 0.0;
     } else {
         // t.x x is constant along the column
         float along = it.shape.x + offset.y * it.shape.y, across = offset.y * it.shape.z;
@@ -76,7 +73,6 @@ Joined joined(vec4 head, vec4 shape, vec4 matter) {
     it.around = (FULL ? head.w : shape.x) < 0.0;
     it.splat = vec4(matter.rgb, head.z);
     it.last = matter.a;
-    it.half_side = head.w;
     if (!BENT) it.shape.x *= it.offset.x;
     return it;
 }

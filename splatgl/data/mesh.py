@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.color import linear_from_srgb, srgb_from_linear
+from splatgl.data.color import linear_from_srgb, srgb_from_linear, srgb_of_name
 from splatgl.errors import expected
 
 # a corner takes its vertex' mean normal if that is within this angle of the triangle's normal, else the latter
@@ -56,8 +55,8 @@ class Texture:
 class Mesh:
     """Triangles, lit from both sides. vertices float64 [N, 3]: world units; faces int64 [M, 3]: numbers of vertices.
 
-    color: "#rrggbb", or linear RGB. colors uint8 [N, 3]: sRGB of each vertex instead, or None. opacity: from 0 to 1, of
-    each triangle. frame: "LPS", "RAS" or None, as of volumes.
+    color: "#rrggbb", a CSS name such as teal, or linear RGB. colors uint8 [N, 3]: sRGB of each vertex instead, or None.
+    opacity: from 0 to 1, of each triangle. frame: "LPS", "RAS" or None, as of volumes.
     values float64 [N]: numbers of vertices, drawn in the colours of `colormap` over `window` (None: from the least to
     the largest) unless there are colours; NaN is drawn in `color`. quantity: their name.
     clipped: whether clipping planes of scenes and settings cut it, too. corner_normals [M, 3, 3]: normals of the
@@ -267,14 +266,13 @@ def _window(given: Any) -> tuple[float, float]:
 
 def _color(given: str | Sequence[float]) -> tuple[float, float, float]:
     """Linear RGB."""
-    if isinstance(given, str):
-        if not re.fullmatch("#[0-9a-fA-F]{6}", given):
-            raise expected("color", "#rrggbb, or three linear numbers from 0 to 1", repr(given)[:80])
-        given = linear_from_srgb(np.array([int(given[n : n + 2], 16) for n in (1, 3, 5)]) / 255.0).tolist()
-    rgb = np.asarray(given, np.float64)
-    if rgb.shape != (3,) or not ((rgb >= 0) & (rgb <= 1)).all():
-        raise expected("color", "#rrggbb, or three linear numbers from 0 to 1", repr(given)[:80])
-    r, g, b = rgb.tolist()
+    try:
+        given = linear_from_srgb(np.array(srgb_of_name(given)) / 255).tolist() if isinstance(given, str) else given
+        r, g, b = np.asarray(given, np.float64).tolist()
+    except (TypeError, ValueError):
+        r = g = b = np.nan
+    if not all(0 <= part <= 1 for part in (r, g, b)):
+        raise expected("color", "#rrggbb, a CSS name or three linear numbers from 0 to 1", repr(given)[:80])
     return r, g, b
 
 

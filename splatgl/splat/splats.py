@@ -82,7 +82,8 @@ def in_parts(count: int, size: int, work: Callable[[slice], Result]) -> list[Res
     futures = [_threads(os.getpid()).submit(work, part) for part in parts]
     try:
         # this thread works on what no other has begun: nested calls never wait for a free thread
-        return [work(part) if future.cancel() else future.result() for future, part in zip(futures, parts, strict=True)]
+        done = {n: work(part) for n, part in enumerate(parts) if futures[n].cancel()}
+        return [done[n] if n in done else future.result() for n, future in enumerate(futures)]
     finally:
         for future in futures:
             future.cancel()

@@ -173,6 +173,11 @@ def test_meshes_that_are_none(change: dict[str, Any], message: str) -> None:
         sg.Mesh(**{**good, **change})
 
 
+def test_colors_of_meshes_have_names() -> None:
+    good: dict[str, Any] = {"vertices": np.eye(3), "faces": [[0, 1, 2]]}
+    assert sg.Mesh(**good, color="teal").color == sg.Mesh(**good, color="#008080").color
+
+
 def test_what_meshes_refuse(renderer: sg.Renderer) -> None:
     scene = sg.Scene([sg.Layer(block(size=6), FOG)], meshes=[disc(3, 2)])
     with pytest.raises(InputError, match="meshes: expected blend composite, got mip"):
