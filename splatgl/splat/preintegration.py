@@ -254,10 +254,12 @@ class ValueClassifier:
     def scale(self) -> tuple[float, float]:
         """(a, b): record value u is at a u + b in the table, in cells. A transfer function of one value, at which
         colour or opacity may be a step, has it in the middle of the first cell: a value stands for the mean over one.
+        Not if the table cannot tell it from 0.
         """
         low, high = self.range
         a, (least, largest) = CELLS / (high - low), active_range(self.transfer)
-        return a, (0.5 if least == largest else 0.0) - low * a
+        is_single = least == largest and not 0 < abs(least) < self.span * (high - low)
+        return a, (0.5 if is_single else 0.0) - low * a
 
     def places(self, values: np.ndarray) -> np.ndarray:
         """Places of values ρ in the table, in cells."""

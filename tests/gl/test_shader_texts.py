@@ -64,7 +64,7 @@ BUILT_IN = (
 )
 GL_NAMES = (
     "gl_Position gl_VertexID gl_FragCoord gl_WorkGroupID gl_NumWorkGroups gl_LocalInvocationID gl_GlobalInvocationID"
-    " gl_LocalInvocationIndex"
+    " gl_LocalInvocationIndex gl_FragDepth"
 )
 TYPE = r"(?:void|bool|int|uint|float|[biu]?vec[234]|mat[234](?:x[234])?|[A-Z]\w+)"
 # what passes from a vertex shader to a fragment shader

@@ -50,6 +50,8 @@ PLUMBING = {
     *("between", "is_single"),
     # quads on a card, which tests/gl/test_shapes.py compares
     *("filtered", "give_place", "quad_place"),
+    # depths of surfaces, which tests/scene/test_meshes.py compares with float64
+    "buffer_depth",
     # iso-surfaces, which tests/gl/test_iso.py compares with closed forms and float64
     *("begin_segments", "close_segment", "segment_of", "crossings", "meets_iso", "lit_surface", "light_direction"),
     # textures of meshes, which tests/scene/test_slices.py compares with float64

@@ -280,7 +280,7 @@ def test_sums_of_four(count: int, steps: int, twin: Twin, rng: np.random.Generat
     setup = """
         Joined four[4]; vec4 weights[4];
         for (int i = 0; i < 4; i++) {
-            four[i].offset = vec2(0.0); four[i].around = false; four[i].half_side = 1e9;
+            four[i].offset = vec2(0.0); four[i].around = false;
             four[i].shape = vec4(a.x * float(i), 0.0, 0.0, 0.0);
             four[i].splat = s * float(i + 1); weights[i] = w / float(i + 1);
         }
@@ -320,7 +320,7 @@ def test_shares_of_a_splat(steps: int, twin: Twin, rng: np.random.Generator) -> 
     triangle, splat = rng.uniform(-0.5, 0.5, (3, COUNT)), rng.uniform(0, 1, (4, COUNT))
     offset, row, ray = rng.uniform(-2, 2, (2, COUNT)), 3, rng.uniform(0.5, 1, (2, COUNT))
     setup = """
-        Joined it; it.offset = o; it.around = false; it.splat = s; it.half_side = 1e9;
+        Joined it; it.offset = o; it.around = false; it.splat = s;
         it.shape = vec4(t.x * o.x, t.yz, 0.0);
         Ray ray = Ray(1.0, r.x, r.y)
     """
