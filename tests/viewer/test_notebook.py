@@ -186,6 +186,9 @@ def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyP
         # long after the last change
         view.session.touched = -np.inf
         view.get_frame()
+        # where the full picture may take long, a preview is first
+        while view.session.level != FULL:
+            view.get_frame()
         return view.image.pixels
 
     first = drawn()
