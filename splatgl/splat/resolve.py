@@ -114,7 +114,7 @@ class Resolved:
         return self.kernel is BOX
 
     def info(self, splats: Splats, camera: Camera) -> dict[str, object]:
-        """What is drawn, from where and how, as plain values that the text of a PNG can store."""
+        """The scene, view and settings of a picture, as plain values that the text of a PNG can store."""
         return {
             "scene": splats.name,
             "splats": len(splats),
