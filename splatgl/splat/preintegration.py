@@ -178,7 +178,7 @@ class ValueClassifier:
     def of(cls, transfer: Transfer, kernel: str, shape: tuple[int, int, int], every: bool = False) -> ValueClassifier:
         """Classifier with record values relative to the range over which the transfer function varies."""
         low, high = active_range(transfer)
-        span = high - low if high > low else max(abs(low), 1.0) * 1e-3
+        span = high - low if high > low else max(abs(low), 1.0)
         kept = np.array([[-np.inf, np.inf, 0.0]]) if every else wanted_intervals(transfer, span)
         return cls(transfer, kernel, shape, low, span, kept, faced=not transfer.needs_gradients)
 
