@@ -19,7 +19,7 @@ from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import ArrayOptions, Volume, halve_volume
 from splatgl.errors import expected
-from splatgl.integrations import color_nodes, opacity_nodes, plane_through
+from splatgl.integrations import color_nodes, opacity_nodes, plane_through, sample_plane
 from splatgl.integrations.napari.snapshot import ENTRIES, FIELDS, ColorTable, LayerSnapshot, Look, Snapshot, take
 from splatgl.scene.meshes import stage
 from splatgl.scene.shared_renderer import shared_renderer
@@ -136,17 +136,13 @@ def _annotate(viewer: Snapshot, layers: Sequence[LayerSnapshot], image: Image) -
     if not viewer.look.annotate or first is None:
         return image
     volume = _volume(first, viewer)
-    transfer = _labels(first, volume) if _is_labels(first) else _layer_transfer(first, volume, viewer)
+    transfer = _transfer(first, volume, viewer)
     camera, mirrored = camera_of(viewer, volume.corners)
     if mirrored:
         camera = replace(camera, eye_from_world=np.diag([-1.0, 1.0, 1.0]) @ camera.eye_from_world)
     written = annotated(image, volume, transfer, camera, viewer.look.annotate)
-    return Image(written.pixels, {**written.info, "notes": (*_notes(image), *omission_notes(written))})
-
-
-def _notes(image: Image) -> tuple[str, ...]:
-    notes = image.info.get("notes", ())
-    return notes if isinstance(notes, tuple) else ()
+    notes: Any = image.info["notes"]
+    return Image(written.pixels, {**written.info, "notes": (*notes, *omission_notes(written))})
 
 
 def summary(image: Image) -> str:
@@ -173,7 +169,7 @@ def _groups(layers: Sequence[Any]) -> list[list[Any]]:
 def _is_surface(layer: LayerSnapshot) -> bool:
     if layer.kind == "Mesh":
         return layer.blending in BY_DEPTH
-    return (_is_labels(layer) or layer.rendering == "iso") and layer.opacity == 1 and layer.blending in BY_DEPTH
+    return (layer.kind == "Labels" or layer.rendering == "iso") and layer.opacity == 1 and layer.blending in BY_DEPTH
 
 
 def _draw_group(
@@ -185,20 +181,10 @@ def _draw_group(
         return _draw_additive(viewer, group[0], interrupted)
     if all(layer.kind == "Mesh" and not layer.meshes for layer in group):
         return LayerImage.of(np.zeros((*viewer.size[::-1], 4), np.float32)), []
-    scene = viewer.scene(group, partial(_group_scene, viewer, group))
+    scene = viewer.scene(group, partial(scene_of, viewer, group))
     blend: Blend = "composite" if preset or group[0].kind != "Image" else RENDERINGS.get(rendering, "composite")
     image = _draw(viewer, scene, blend, interrupted, attenuation=group[0].attenuation)
     return LayerImage.of(image.pixels), [dict(image.info)]
-
-
-def _group_scene(viewer: Snapshot, group: Sequence[LayerSnapshot]) -> Scene:
-    layers, meshes = [], [mesh for layer in group for mesh in layer.meshes]
-    for layer in group:
-        if layer.kind != "Mesh":
-            volume = _across_plane(layer, _volume(layer, viewer), viewer)
-            transfer = _labels(layer, volume) if _is_labels(layer) else _layer_transfer(layer, volume, viewer)
-            layers.append(Layer(volume, transfer, clip=_clip_planes(layer, volume, viewer)))
-    return Scene(layers or [stage(meshes)], meshes=meshes)
 
 
 def _draw_additive(
@@ -239,19 +225,12 @@ def _draw(
 
 def visible_layers(viewer: Snapshot, axes: int = 3) -> list[LayerSnapshot]:
     """Visible layers that can be drawn, with at least that many axes. Raises InputError without any."""
-    layers = [layer for layer in viewer.layers if layer.visible and _is_drawable(layer, axes)]
+    kinds = FIELDS if axes == 2 else (*FIELDS, "Mesh")
+    layers = [layer for layer in viewer.layers if layer.visible and layer.kind in kinds and layer.ndim >= axes]
     if not layers:
         least = {2: "two", 3: "three"}[axes]
         raise expected("layers", f"a visible Image, Labels or other layer of {least} or more axes", "none", "show one")
     return layers
-
-
-def _is_drawable(layer: LayerSnapshot, axes: int) -> bool:
-    return (layer.kind in FIELDS and layer.ndim >= axes) or (layer.kind == "Mesh" and axes == 3)
-
-
-def _is_labels(layer: LayerSnapshot) -> bool:
-    return layer.kind == "Labels"
 
 
 def _list_differences(viewer: Snapshot, layers: Sequence[LayerSnapshot], blend: str | None) -> Iterator[str]:
@@ -289,16 +268,17 @@ def _solid_differences(layer: LayerSnapshot, blend: str | None) -> Iterator[str]
         yield f"its plane is drawn thin, without its thickness of {float(layer.plane.thickness):g} voxels"
     if blend is None and rendering == "iso":
         yield "drawn at its threshold, lit by splatgl's light"
-    if blend is None and rendering == "translucent" and not _is_labels(layer) and (_palette(layer)[1][:, 3] == 1).all():
+    is_image = layer.kind != "Labels"
+    if blend is None and rendering == "translucent" and is_image and (_palette(layer)[1][:, 3] == 1).all():
         yield "its colour map is opaque, so that napari shows the faces of its box: drawn denser for larger values"
-    if layer.interpolation3d == "nearest" and not _is_labels(layer):
+    if layer.interpolation3d == "nearest" and is_image:
         yield "drawn between voxels, not by the nearest"
 
 
 def _flat_differences(layer: LayerSnapshot, viewer: Snapshot) -> Iterator[str]:
     """Differences of a layer in 2-D."""
     interpolation = layer.interpolation2d
-    if interpolation not in ("nearest", "linear", "bilinear") and not _is_labels(layer):
+    if interpolation not in ("nearest", "linear", "bilinear") and layer.kind != "Labels":
         yield f"interpolated linearly, not by {interpolation}"
     if layer.contour:
         yield "its labels are filled, not outlined"
@@ -350,16 +330,18 @@ def _shift(samples: np.ndarray, by: np.ndarray) -> np.ndarray:
     return samples
 
 
-def scene_of(viewer: Snapshot, layers: Sequence[LayerSnapshot], blend: str) -> Scene:
-    """Scene of the layers at the viewer's sliders, in a blend; meshes only in one that is ordered by depth."""
-    scene, meshes = [], [mesh for layer in layers for mesh in layer.meshes if BLENDS[blend].ordered]
+def scene_of(viewer: Snapshot, layers: Sequence[LayerSnapshot], blend: str | None = None) -> Scene:
+    """Scene of the layers at the viewer's sliders: in a blend, meshes only in one that is ordered by depth; None: as
+    napari renders them, without their opacity.
+    """
+    is_solid = blend is None or BLENDS[blend].ordered
+    scene, meshes = [], [mesh for layer in layers for mesh in layer.meshes if is_solid]
     for layer in layers:
         if layer.kind != "Mesh":
-            volume = _volume(layer, viewer)
-            transfer = _labels(layer, volume) if _is_labels(layer) else _blend_transfer(layer, volume, blend)
-            if viewer.look.preset and not _is_labels(layer):
-                transfer = preset(viewer.look.preset, volume)
-            scene.append(Layer(volume, transfer, layer.opacity, clip=_clip_planes(layer, volume, viewer)))
+            volume, opacity = _volume(layer, viewer), 1.0 if blend is None else layer.opacity
+            volume = _across_plane(layer, volume, viewer) if blend is None else volume
+            transfer = _transfer(layer, volume, viewer, blend)
+            scene.append(Layer(volume, transfer, opacity, clip=_clip_planes(layer, volume, viewer)))
     if not scene and not meshes:
         raise expected("layers", f"voxels, which {blend} draws", "none", "choose composite")
     return Scene(scene or [stage(meshes)], meshes=meshes)
@@ -412,10 +394,16 @@ def _blend_transfer(layer: LayerSnapshot, volume: Volume, blend: str) -> Transfe
     return Transfer(opacity_nodes(values[[0, -1]], opacities), colormap, window, shading=False)
 
 
-def _layer_transfer(layer: LayerSnapshot, volume: Volume, viewer: Snapshot) -> Transfer:
-    """Transfer function of an image layer by the look's preset or napari's rendering, without its opacity."""
+def _transfer(layer: LayerSnapshot, volume: Volume, viewer: Snapshot, common: str | None = None) -> Transfer:
+    """Transfer function of labels, or of an image layer by the look's preset, a common blend or napari's rendering,
+    without its opacity.
+    """
+    if layer.kind == "Labels":
+        return _labels(layer, volume)
     if viewer.look.preset:
         return preset(viewer.look.preset, volume)
+    if common is not None:
+        return _blend_transfer(layer, volume, common)
     rendering = layer.rendering
     blend = RENDERINGS.get(rendering, "composite")
     transfer = _blend_transfer(layer, volume, blend)
@@ -476,10 +464,12 @@ def _slice(layer: LayerSnapshot, viewer: Snapshot) -> LayerImage | None:
         if not 0 <= selection[k] < layer.data.shape[k]:
             return None
     samples = np.asarray(layer.data[tuple(selection)])
-    is_linear = not _is_labels(layer) and layer.interpolation2d != "nearest"
+    is_linear = layer.kind != "Labels" and layer.interpolation2d != "nearest"
     first, second = (at[k] for k in sorted(at))
-    values, inside = _sample(samples, first, second, is_linear)
-    rgba = _colorize(layer, values)
+    inside = np.ones(first.shape, bool)
+    for place, count in zip((first, second), samples.shape, strict=False):
+        inside &= (place >= -0.5) & (place < count - 0.5)
+    rgba = _colorize(layer, sample_plane(samples, first, second, is_linear))
     return LayerImage(rgba[..., :3], np.where(inside, rgba[..., 3], 0.0))
 
 
@@ -494,32 +484,9 @@ def _screen(viewer: Snapshot) -> tuple[np.ndarray, np.ndarray]:
     return rows, columns
 
 
-def _sample(
-    samples: np.ndarray, first: np.ndarray, second: np.ndarray, is_linear: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest or linear samples [N, M, …] at places [H, W] along two axes, and whether each place is inside."""
-    inside = np.ones(first.shape, bool)
-    for at, count in zip((first, second), samples.shape, strict=False):
-        inside &= (at >= -0.5) & (at < count - 0.5)
-    if not is_linear:
-        return samples[_nearest(first, samples.shape[0]), _nearest(second, samples.shape[1])], inside
-    total = np.zeros((*first.shape, *samples.shape[2:]))
-    for far_first in (0, 1):
-        for far_second in (0, 1):
-            weight = np.abs(1 - far_first - first % 1) * np.abs(1 - far_second - second % 1)
-            row, column = np.floor(first) + far_first, np.floor(second) + far_second
-            part = samples[_nearest(row, samples.shape[0]), _nearest(column, samples.shape[1])].astype(float)
-            total += part * weight.reshape(weight.shape + (1,) * (part.ndim - 2))
-    return total, inside
-
-
-def _nearest(at: np.ndarray, count: int) -> np.ndarray:
-    return np.clip(np.floor(at + 0.5), 0, count - 1).astype(np.intp)
-
-
 def _colorize(layer: LayerSnapshot, values: np.ndarray) -> np.ndarray:
     """sRGB and alpha [H, W, 4] of values by the layer's colours; NaN is transparent."""
-    if _is_labels(layer):
+    if layer.kind == "Labels":
         numbers, places = np.unique(values, return_inverse=True)
         rows = [layer.get_color(number) for number in numbers.tolist()]
         return np.array(rows, float)[places.reshape(values.shape)]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh
+from splatgl.readers.meshes import join_meshes
 
 # most balls of a layer, and most different radii of them
 MOST_POINTS, MOST_SIZES = 20_000, 32
@@ -29,26 +30,31 @@ def meshes_of(layer: Any, point: np.ndarray, camera: Any) -> tuple[tuple[Mesh, .
     return tuple(replace(mesh, opacity=mesh.opacity * opacity) for mesh in meshes if len(mesh)), tuple(notes)
 
 
+def world_matrix(layer: Any) -> np.ndarray:
+    """World from indices [n + 1, n + 1] of a layer's data."""
+    start = np.asarray(layer.data_to_world(np.zeros(layer.ndim)), float)
+    matrix = np.eye(layer.ndim + 1)
+    matrix[:-1, -1] = start
+    for axis, unit in enumerate(np.eye(layer.ndim)):
+        matrix[:-1, axis] = np.asarray(layer.data_to_world(unit), float) - start
+    return matrix
+
+
 class _Place:
     """World places of a layer's coordinates, and whether these are at the sliders."""
 
     def __init__(self, layer: Any, point: np.ndarray, zoom: float) -> None:
-        count = int(layer.ndim)
-        start = np.asarray(layer.data_to_world(np.zeros(count)), float)
-        units = np.eye(count)
-        self.matrix = np.column_stack([np.asarray(layer.data_to_world(unit), float) - start for unit in units])
-        self.start, self.count, self.zoom = start, count, zoom
-        self.at = np.asarray(layer.world_to_data(point[-count:]), float)
+        self.matrix, self.count, self.zoom = world_matrix(layer), int(layer.ndim), zoom
+        self.at = np.asarray(layer.world_to_data(point[-self.count :]), float)
 
     @property
     def scale(self) -> float:
         """World length of a unit of the data: the mean over the displayed axes."""
-        lengths = np.linalg.norm(self.matrix[:, -min(self.count, 3) :], axis=0)
-        return float(lengths.mean())
+        return float(np.linalg.norm(self.matrix[:-1, -1 - min(self.count, 3) : -1], axis=0).mean())
 
     def world(self, data: np.ndarray) -> np.ndarray:
         """World (x, y, z) of coordinates [N, n]."""
-        places = (data @ self.matrix.T + self.start)[:, -3:]
+        places = (data @ self.matrix[:-1, :-1].T + self.matrix[:-1, -1])[:, -3:]
         if places.shape[1] < 3:
             places = np.column_stack([np.zeros((len(places), 3 - places.shape[1])), places])
         return np.asarray(places[:, ::-1])
@@ -167,16 +173,7 @@ def _tubes(lines: Sequence[np.ndarray], colors: Sequence[np.ndarray], radius: fl
         return []
     tubes = [Mesh.of_lines([line], radius) for line in lines]
     painted = [_paint(t, c, SIDES) for t, c in zip(tubes, colors, strict=True) if len(t.vertices) == SIDES * len(c)]
-    return [join_meshes(painted)] if painted else []
-
-
-def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """One mesh of several with colours and one opacity."""
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
-    colors = np.concatenate([mesh.colors for mesh in meshes if mesh.colors is not None])
-    vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    return Mesh(vertices, np.concatenate(faces), opacity=meshes[0].opacity, colors=colors)
+    return [replace(join_meshes(painted), opacity=painted[0].opacity)] if painted else []
 
 
 def _paint(mesh: Mesh, colors: np.ndarray, times: int) -> Mesh:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.mesh import Mesh
-from splatgl.integrations.napari.meshes import meshes_of
+from splatgl.integrations.napari.meshes import meshes_of, world_matrix
 from splatgl.splat.scene import Scene
 from splatgl.splat.settings import Blend, Lights
 
@@ -28,19 +28,11 @@ FIELDS, SHAPES = ("Image", "Labels"), ("Points", "Shapes", "Surface", "Tracks", 
 CANVAS_EXTRAS = {"scale_bar": "scale bar", "axes": "axes", "text": "text"}
 OLD_EXTRAS = {"scale_bar": "scale bar", "axes": "axes", "text_overlay": "text"}
 LAYER_EXTRAS = {"bounding_box": "bounding box", "colorbar": "colour bar", "name_overlay": "name"}
-# attributes of image layers and their values where a layer lacks them
-LOOKS: dict[str, Any] = {
-    "gamma": 1.0,
-    "iso_threshold": 0.5,
-    "attenuation": 0.05,
-    "rendering": "mip",
-    "depiction": "volume",
-    "interpolation2d": "nearest",
-    "interpolation3d": "linear",
-    "projection_mode": "none",
-    "contour": 0,
-    "rgb": False,
-}
+# attributes of image layers, which have the values of `LayerSnapshot` where a layer lacks them
+LOOKS = (
+    *("gamma", "iso_threshold", "attenuation", "rendering", "depiction", "interpolation2d", "interpolation3d"),
+    *("projection_mode", "contour", "rgb"),
+)
 
 
 @dataclass(frozen=True)
@@ -212,20 +204,16 @@ def _canvas_extras(viewer: Any) -> tuple[tuple[str, ...], bool]:
     canvas = getattr(viewer, "canvas", None)
     overlays = getattr(canvas, "overlays", None)
     if canvas is None or overlays is None:
-        found = [name for key, name in OLD_EXTRAS.items() if _is_visible(viewer, key)]
-        return tuple(found), bool(getattr(getattr(viewer, "grid", None), "enabled", False))
+        shown = [name for key, name in OLD_EXTRAS.items() if _is_visible(viewer, key)]
+        return tuple(shown), bool(getattr(getattr(viewer, "grid", None), "enabled", False))
     scene = getattr(getattr(viewer, "scene", None), "overlays", {})
-    found = [name for key, name in CANVAS_EXTRAS.items() if any(_has(holder, key) for holder in (overlays, scene))]
-    return tuple(found), bool(canvas.grid.enabled)
+    shown = [name for key, name in CANVAS_EXTRAS.items() if _is_visible(overlays, key) or _is_visible(scene, key)]
+    return tuple(shown), bool(canvas.grid.enabled)
 
 
-def _has(overlays: Any, key: str) -> bool:
-    overlay = overlays.get(key) if hasattr(overlays, "get") else getattr(overlays, key, None)
+def _is_visible(holder: Any, key: str) -> bool:
+    overlay = holder.get(key) if hasattr(holder, "get") else getattr(holder, key, None)
     return bool(getattr(overlay, "visible", False))
-
-
-def _is_visible(holder: Any, attribute: str) -> bool:
-    return bool(getattr(getattr(holder, attribute, None), "visible", False))
 
 
 def _ground(viewer: Any) -> np.ndarray:
@@ -257,7 +245,7 @@ def _take_field(taken: LayerSnapshot, layer: Any, viewer: Any, lead: int) -> Non
     """Fills in a layer of voxels. lead: number of its first axes that are at their sliders."""
     finest = (layer.data[0] if layer.multiscale else layer.data).shape[: layer.ndim]
     data = _level(layer, int(viewer.dims.ndisplay))
-    matrix = _matrix(layer)
+    matrix = world_matrix(layer)
     point = np.asarray(viewer.dims.point, float)[-layer.ndim :]
     index = np.rint(np.asarray(layer.world_to_data(point), float))
     # levels fill the same box
@@ -271,7 +259,8 @@ def _take_field(taken: LayerSnapshot, layer: Any, viewer: Any, lead: int) -> Non
     matrix[:, -1] += matrix[:, :lead] @ np.array(picked)
     taken.matrix = matrix[np.ix_(keep, keep)]
     taken.opacity, taken.blending = float(layer.opacity), str(layer.blending)
-    for name, usual in LOOKS.items():
+    for name in LOOKS:
+        usual = getattr(LayerSnapshot, name)
         value = getattr(layer, name, usual)
         setattr(taken, name, type(usual)(getattr(value, "value", value)))
     if taken.kind == "Labels" and not hasattr(layer, "rendering"):
@@ -282,13 +271,13 @@ def _take_field(taken: LayerSnapshot, layer: Any, viewer: Any, lead: int) -> Non
     taken.experimental_clipping_planes = [_plane(plane) for plane in planes]
     taken.plane = _plane(layer.plane) if hasattr(layer, "plane") else None
     if taken.kind == "Labels":
-        numbers = np.unique(taken.data).tolist()
-        taken.colors = {n: _color(layer.get_color(n)) for n in numbers}
+        colors = {number: layer.get_color(number) for number in np.unique(taken.data).tolist()}
+        taken.colors = {n: np.ravel(np.asarray(color, float)) for n, color in colors.items() if color is not None}
     elif not taken.rgb:
         low, high = layer.contrast_limits
         taken.contrast_limits = float(low), float(high)
-        colors = np.asarray(layer.colormap.map(np.linspace(0.0, 1.0, ENTRIES)), float)
-        taken.colormap = ColorTable(str(layer.colormap.name), colors)
+        table = np.asarray(layer.colormap.map(np.linspace(0.0, 1.0, ENTRIES)), float)
+        taken.colormap = ColorTable(str(layer.colormap.name), table)
 
 
 def _level(layer: Any, shown_axes: int) -> Any:
@@ -301,22 +290,7 @@ def _level(layer: Any, shown_axes: int) -> Any:
     return next(fits, layer.data[-1])
 
 
-def _matrix(layer: Any) -> np.ndarray:
-    """World from indices [n + 1, n + 1] of a layer."""
-    to_world: Callable[[Any], Any] = layer.data_to_world
-    start = np.asarray(to_world(np.zeros(layer.ndim)), float)
-    matrix = np.eye(layer.ndim + 1)
-    matrix[:-1, -1] = start
-    for axis, unit in enumerate(np.eye(layer.ndim)):
-        matrix[:-1, axis] = np.asarray(to_world(unit), float) - start
-    return matrix
-
-
 def _plane(plane: Any) -> SimpleNamespace:
     place, normal = (tuple(float(number) for number in getattr(plane, name)) for name in ("position", "normal"))
     enabled, thickness = bool(getattr(plane, "enabled", True)), float(getattr(plane, "thickness", 1.0))
     return SimpleNamespace(position=place, normal=normal, enabled=enabled, thickness=thickness)
-
-
-def _color(color: Any) -> np.ndarray:
-    return np.zeros(4) if color is None else np.ravel(np.asarray(color, float))

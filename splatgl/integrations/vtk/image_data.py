@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, make_lattice, spacing_and_direction
+from splatgl.data.affine import Coordinate, make_lattice, volume_on_grid
 from splatgl.data.arrays import check_samples
 from splatgl.data.mesh import Mesh
-from splatgl.data.volume import ArrayOptions, Volume, triple
+from splatgl.data.volume import ArrayOptions, Volume
 from splatgl.errors import expected, missing_extra
 
 # names of unnamed arrays
@@ -45,15 +45,13 @@ def volumes_from_components(x: Any, array: Any, in_cells: bool) -> list[Volume]:
     sizes = last - first + (0 if in_cells else 1)
     if min(sizes) < 1:
         raise expected("image data", "at least one voxel along each axis", "×".join(map(str, sizes)))
-    turn = x.GetDirectionMatrix()
-    direction = np.array([[turn.GetElement(row, column) for column in range(3)] for row in range(3)])
-    matrix = direction * np.array(x.GetSpacing())
-    spacing, direction = spacing_and_direction(matrix, "direction and spacing")
+    matrix = np.reshape(x.GetDirectionMatrix().GetData(), (3, 3)) * np.array(x.GetSpacing())
     # the origin belongs to index 0, which may lie outside of the extent
-    origin = triple(matrix @ (first + 0.5 * in_cells) + np.array(x.GetOrigin()), "origin")
+    origin = matrix @ (first + 0.5 * in_cells) + np.array(x.GetOrigin())
     samples = vtk_to_numpy(array).reshape(*sizes[::-1], -1)
     parts = (check_samples(samples[..., component], "array") for component in range(samples.shape[3]))
-    return [Volume(part, spacing, origin, direction, name=array.GetName() or "") for part in parts]
+    name = array.GetName() or ""
+    return [volume_on_grid(part, matrix, origin, "direction and spacing", name=name) for part in parts]
 
 
 def _resample(grid: Any, array: Any, in_cells: bool) -> list[Volume]:

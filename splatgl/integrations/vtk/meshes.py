@@ -10,6 +10,7 @@ import numpy as np
 
 from splatgl.data.mesh import SIDES, Mesh
 from splatgl.errors import expected
+from splatgl.integrations import sample_plane
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, vtk_plane
 from splatgl.splat.camera import Camera
 
@@ -155,18 +156,8 @@ def _cut(count: int) -> tuple[np.ndarray, np.ndarray]:
 def _texels(picture: np.ndarray, places: np.ndarray, texture: Any) -> np.ndarray:
     """sRGB [N, 3] from 0 to 255 at texture coordinates [N, 2], repeated or clamped, of the nearest texel or linear."""
     rgb = picture[..., :3] if picture.shape[2] > 2 else np.repeat(picture[..., :1], 3, axis=2)
-    size = np.array([picture.shape[1], picture.shape[0]])
-    at = places * size - 0.5
-    is_linear = bool(texture.GetInterpolate())
-    first = np.floor(at) if is_linear else np.rint(at)
-    share = at - first if is_linear else np.zeros_like(at)
-    total = np.zeros((len(places), 3))
-    for right, up in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        weight = np.abs(1 - right - share[:, 0]) * np.abs(1 - up - share[:, 1])
-        cell = (first + np.array([right, up])).astype(np.int64)
-        cell = cell % size if texture.GetRepeat() else np.clip(cell, 0, size - 1)
-        total += weight[:, None] * rgb[cell[:, 1], cell[:, 0]]
-    return total
+    columns, rows = (places * (picture.shape[1], picture.shape[0]) - 0.5).T
+    return sample_plane(rgb, rows, columns, bool(texture.GetInterpolate()), bool(texture.GetRepeat()))
 
 
 def _shape_meshes(shape: Shape, prop: Any, color: Any, camera: Camera) -> Iterator[Mesh]:

@@ -181,8 +181,7 @@ def _plateau(opacity: float) -> tuple[tuple[float, float], ...]:
 def matrix_of(prop: Any) -> np.ndarray:
     """World-from-data matrix [4, 4] of a vtkProp3D. Raises InputError for a perspective."""
     prop.ComputeMatrix()
-    elements = prop.GetMatrix()
-    matrix = np.array([[elements.GetElement(row, column) for column in range(4)] for row in range(4)])
+    matrix = np.reshape(prop.GetMatrix().GetData(), (4, 4))
     if not np.allclose(matrix[3], (0, 0, 0, 1)):
         raise expected("matrix", "an affine one", matrix[3].tolist())
     return matrix
