@@ -21,7 +21,8 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers import dicom_segments
-from splatgl.readers.dicom_headers import TIMES, Frame, Header, find_sources, list_frames, read_header, slice_normal
+from splatgl.readers.dicom_frames import TIMES, Frame, list_frames, slice_normal
+from splatgl.readers.dicom_headers import Header, find_sources, read_header
 from splatgl.readers.dicom_pixels import check_header, decode_frames, is_color
 from splatgl.readers.dicom_suv import ANGIOGRAM, value_hints
 from splatgl.readers.options import LoadOptions

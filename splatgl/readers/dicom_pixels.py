@@ -12,7 +12,8 @@ import numpy as np
 from splatgl.data.color import LUMA
 from splatgl.errors import expected, missing_extra
 from splatgl.readers.common import DEFLATE_RATIO, MAX_BYTES, require_bytes
-from splatgl.readers.dicom_headers import Bounded, Frame, Header, dicom_errors, read_dataset
+from splatgl.readers.dicom_frames import Frame
+from splatgl.readers.dicom_headers import Bounded, Header, dicom_errors, read_dataset
 
 # most tiles of a JPEG 2000 picture: its decoder allocates all at once
 MOST_TILES = 4096

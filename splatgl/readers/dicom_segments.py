@@ -17,17 +17,15 @@ from splatgl.errors import expected
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import Channel, ChannelSet, hex_color
 from splatgl.readers.common import require_bytes
+from splatgl.readers.dicom_frames import Frame, list_frames, slice_normal
 from splatgl.readers.dicom_headers import (
-    Frame,
     Header,
     Source,
     dicom_errors,
     finite_numbers,
-    list_frames,
     plain_text,
     read_dataset,
     read_header,
-    slice_normal,
 )
 from splatgl.readers.dicom_pixels import check_header, decode_frames, find_decoder
 from splatgl.readers.options import LoadOptions
