@@ -21,7 +21,7 @@ from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers import dicom_segments
-from splatgl.readers.dicom_frames import TIMES, Frame, list_frames, slice_normal
+from splatgl.readers.dicom_frames import TIMES, ULTRASOUND_VOLUME, Frame, list_frames, slice_normal
 from splatgl.readers.dicom_headers import Header, find_sources, read_header
 from splatgl.readers.dicom_pixels import check_header, decode_frames, is_color
 from splatgl.readers.dicom_suv import ANGIOGRAM, value_hints
@@ -48,7 +48,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
     damaged = f"{contents.damaged} damaged file{'s are' if contents.damaged > 1 else ' is'} left out"
     notes = [damaged] * bool(contents.damaged)
     if len(contents.series) > 1 and options.series is None:
-        notes.append(f"series {series.number} of {len(contents.series)} is read, the largest; series=N picks another")
+        which = f"{series.number} of {len(contents.series)}" + f" ({series.stack})" * bool(series.stack)
+        notes.append(f"series {which} is read, the largest; series=N picks another")
     for kind, title in SEGMENTS.items():
         count = sum(head.modality == kind for head in contents.segments)
         note = f"{title} in {count} files ({kind}) beside the images are not drawn: --labels FILE adds one"
@@ -202,11 +203,19 @@ class Grid:
 
 
 def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]]:
-    """The largest group of frames of one size, kind and orientation; notes on the others."""
+    """The largest group of frames of one stack; notes on the others."""
+    chosen = max(group_frames(frames), key=rank)
+    left = len(frames) - len(chosen)
+    return chosen, (f"{left} of {len(frames)} images have another size or orientation: left out",) if left else ()
+
+
+def group_frames(frames: Sequence[Frame]) -> list[list[Frame]]:
+    """Frames of one stack, size, kind and orientation."""
     groups: dict[tuple[object, ...], list[tuple[np.ndarray, list[Frame]]]] = {}
     for frame in frames:
         head = frame.header
-        key = (head.mosaic.plane, head.samples, head.photometric, frame.position is None, frame.orientation is None)
+        placed = (frame.position is None, frame.orientation is None)
+        key = (frame.stack, head.mosaic.plane, head.samples, head.photometric, *placed)
         shape = np.array([*(frame.orientation or ()), *(np.log(frame.spacing) if frame.spacing else ())])
         alike = groups.setdefault(key, [])
         for first, members in alike:
@@ -215,9 +224,16 @@ def largest_group(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[str, ...]
                 break
         else:
             alike.append((shape, [frame]))
-    chosen = max((members for alike in groups.values() for _, members in alike), key=rank)
-    left = len(frames) - len(chosen)
-    return chosen, (f"{left} of {len(frames)} images have another size or orientation: left out",) if left else ()
+    return [members for alike in groups.values() for _, members in alike]
+
+
+def split_stacks(frames: list[Frame]) -> list[list[Frame]]:
+    """The stacks of a series, each of two frames at least; single frames stay with the largest stack."""
+    groups = group_frames(frames)
+    stacks = [group for group in groups if len(group) > 1] or [frames]
+    if len(stacks) > 1:
+        max(stacks, key=rank).extend(frame for group in groups if len(group) == 1 for frame in group)
+    return stacks if len(stacks) > 1 else [frames]
 
 
 def rank(frames: Sequence[Frame]) -> tuple[bool, int]:
@@ -267,21 +283,37 @@ def make_grid(frames: Sequence[Frame], options: LoadOptions) -> Grid:
     length = float(np.linalg.norm(step))
     direction = np.column_stack([axes[0], axes[1], step / length])
     x, y, z = origin.tolist()
+    # volumes of ultrasound lie in a frame of the transducer
+    space = None if first.header.sop == ULTRASOUND_VOLUME else "LPS"
     return Grid(
-        tuple(planes), (*across, length), (x, y, z), direction, unit or "mm", "LPS", notes, between, times, time_step
+        tuple(planes), (*across, length), (x, y, z), direction, unit or "mm", space, notes, between, times, time_step
     )
 
 
 def _stack_by_number(frames: Sequence[Frame], options: LoadOptions, across: tuple[float, float], unit: str) -> Grid:
-    """Frames without positions, in the order of their numbers."""
-    for name in ("array", "time"):
-        options.refuse(name, "images with positions")
-    ordered = sorted(frames, key=lambda frame: (*frame.order[-1:], frame.header.source.name, frame.number))
-    signed = ordered[0].step or across[0]
+    """Frames without positions, in the order of their slices, or of their numbers; films are one slice."""
+    notes: tuple[str, ...] = ()
+    times, time_step = 1, None
+    if any(frame.slice is None for frame in frames):
+        for name in ("array", "time"):
+            options.refuse(name, "images with positions")
+        ordered = sorted(frames, key=lambda frame: (*frame.order[-1:], frame.header.source.name, frame.number))
+    else:
+        of_slice = groupby(sorted(frames, key=slice_number), slice_number)
+        ordered, notes, times, time_step = _select_images([list(images) for _, images in of_slice], options)
+    signed = (ordered[0].step if len(ordered) > 1 else None) or across[0]
     step, direction = abs(signed), np.diag([1.0, 1.0, np.sign(signed)])
     how = f"{step:g} {unit}".strip() + " apart"
-    notes = (f"no positions: {len(frames)} images in the order of their numbers, {how}",) if len(frames) > 1 else ()
-    return Grid(tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes)
+    if len(ordered) > 1:
+        notes = (*notes, f"no positions: {len(ordered)} images in the order of their numbers, {how}")
+    return Grid(
+        tuple(ordered), (*across, step), (0.0, 0.0, 0.0), direction, unit, None, notes, times=times, time_step=time_step
+    )
+
+
+def slice_number(frame: Frame) -> int:
+    """The number of a frame's slice, 0 without one."""
+    return frame.slice or 0
 
 
 def _select_images(
@@ -330,11 +362,7 @@ MOST_LISTED = 8
 def _time_step(values: dict[str, list[float]]) -> float | None:
     """Seconds between two time points by the first numbers that are times, None if they are unknown."""
     for kind, seconds in CLOCKS.items():
-        times = np.array(values.get(kind, (0.0, np.nan)))
-        if kind == "acquisition times":
-            # hours, minutes and seconds in one number
-            times = times // 10000 * 3600 + times // 100 % 100 * 60 + times % 100
-        step = float(np.median(np.diff(times))) * seconds
+        step = float(np.median(np.diff(values.get(kind, (0.0, np.nan))))) * seconds
         if 0 < step < np.inf:
             return step
     return None
@@ -439,7 +467,7 @@ DICOMDIR_CLASS = "1.2.840.10008.1.3.10"
 
 @dataclass(frozen=True)
 class Series:
-    """A series of images: its number in the list, and its frames."""
+    """A series of images, or a stack of it: its number in the list, and its frames."""
 
     number: int
     frames: tuple[Frame, ...]
@@ -449,11 +477,16 @@ class Series:
         """The header of the first frame, whose UID, kind and description are those of the series."""
         return self.frames[0].header
 
+    @property
+    def stack(self) -> str:
+        """Its stack in the series, "" if it is the whole."""
+        return self.frames[0].stack
+
     def __str__(self) -> str:
         """Description without UID or anything that identifies a patient."""
         rows, columns = self.head.mosaic.plane
         text = f"{self.number}: {self.head.modality}, {len(self.frames)} × {columns} × {rows}"
-        return f"{text}, {self.head.description}" if self.head.description else text
+        return ", ".join(filter(None, (text, self.head.description, self.stack)))
 
 
 @dataclass(frozen=True)
@@ -497,7 +530,8 @@ def find_series(path: Path) -> Contents:
     if not members and not any(head.modality in SEGMENTS for head in others):
         raise _no_images_error(others, failed)
     ordered = sorted(members.values(), key=lambda frames: (frames[0].header.number, frames[0].header.series))
-    series = tuple(Series(number, tuple(frames)) for number, frames in enumerate(ordered, 1))
+    stacks = (stack for frames in ordered for stack in split_stacks(frames))
+    series = tuple(Series(number, tuple(stack)) for number, stack in enumerate(stacks, 1))
     return Contents(series, len(failed), tuple(others))
 
 
@@ -509,23 +543,27 @@ def _no_images_error(others: Sequence[Header], failed: Sequence[InputError]) -> 
     return expected("DICOM", "images", next((OTHERS[kind] for kind in OTHERS if kind in kinds), "files without pixels"))
 
 
+def rank_series(series: Series) -> tuple[bool, int]:
+    """Sort key of series by the size of their largest stack."""
+    return rank(largest_group(series.frames)[0])
+
+
 def select_series(candidates: Sequence[Series], options: LoadOptions) -> Series:
     """The series that `series` names by number, UID or end of a UID, else the largest."""
     if options.series is None:
-        # by the largest stack
-        return max(candidates, key=lambda candidate: rank(largest_group(candidate.frames)[0]))
+        return max(candidates, key=rank_series)
     requested = str(options.series)
     if requested.isascii() and requested.isdigit() and 1 <= int(requested[:9]) <= len(candidates):
         return candidates[int(requested[:9]) - 1]
     ends = [candidate for candidate in candidates if candidate.head.series.endswith(requested)]
     matches = [candidate for candidate in ends if candidate.head.series == requested] or ends
-    if len(matches) != 1:
+    if len({candidate.head.series for candidate in matches}) != 1:
         listed = "; ".join(map(str, candidates[:LISTED])) + ("; …" if len(candidates) > LISTED else "")
         got = f"{len(matches)} matches" if matches else "no match"
         raise expected(
             "series", f"a number from 1 to {len(candidates)}, or the end of one UID", got, f"pick one of {listed}"
         )
-    return matches[0]
+    return max(matches, key=rank_series)
 
 
 # most series that a message lists

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from typing import Any
 
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.readers.dicom_headers import SIEMENS_B, Header, Numbers, dicom_errors, finite_numbers
+from splatgl.readers.dicom_headers import (
+    PARAMETRIC_MAP,
+    SIEMENS_B,
+    Header,
+    Numbers,
+    dicom_errors,
+    finite_numbers,
+    plain_text,
+)
 
 # most frames of a file
 MOST_FRAMES = 100_000
@@ -44,7 +55,8 @@ class Frame:
 
     spacing: (x, y) of its pixels or None. step: from slice to slice by the header, or None; negative if frames of
     nuclear medicine are stacked against the normal. thickness: of the slice, or None. scale: (slope, intercept).
-    times: values of TIMES, NaN for missing ones.
+    times: values of TIMES, NaN for missing ones. stack: what tells it from other stacks of its series, "" without one.
+    slice: number of its slice, for one of several images of a slice that has no position; else None.
     """
 
     header: Header
@@ -56,6 +68,8 @@ class Frame:
     thickness: float | None
     scale: tuple[float, float]
     times: Numbers
+    stack: str = ""
+    slice: int | None = None
 
     @property
     def order(self) -> Numbers:
@@ -65,6 +79,18 @@ class Frame:
 
 # classes of nuclear medicine images, where SpacingBetweenSlices has a sign (PS3.3 C.8.4.15)
 NUCLEAR = ("1.2.840.10008.5.1.4.1.1.20", "1.2.840.10008.5.1.4.1.1.5")
+# classes whose frames are moments: ultrasound, angiography, fluoroscopy, endoscopy, microscopy, photography
+_CLASSES = "1.2.840.10008.5.1.4.1.1."
+FILMS = tuple(
+    _CLASSES + number for number in ("3", "3.1", "12.1", "12.1.1", "12.2", "12.2.1", "77.1.1.1", "77.1.2.1", "77.1.4.1")
+)
+SLIDE, ULTRASOUND_VOLUME = _CLASSES + "77.1.6", _CLASSES + "6.2"
+# tags that FrameIncrementPointer names where frames are moments, and milliseconds from one to the next (PS3.3 C.7.6.5)
+_MOMENT_TAGS = (0x00181063, 0x00181065)
+# kinds of nuclear images whose frames are views of one slice (PS3.3 C.8.4.9)
+# unit of a region of an ultrasound image (PS3.3 C.8.5.5)
+_CENTIMETRES = 3
+_PLANAR = ("STATIC", "DYNAMIC", "GATED", "WHOLE BODY")
 
 
 def list_frames(of: Header, tags: Any) -> list[Frame]:
@@ -77,12 +103,18 @@ def list_frames(of: Header, tags: Any) -> list[Frame]:
         per_frame = tags.get("PerFrameFunctionalGroupsSequence")
         if per_frame is not None and len(per_frame) != of.frames:
             raise expected("frames", f"{of.frames}, as the header says", len(per_frame), "the file is damaged")
+        if of.sop == SLIDE:
+            fix = "it is one plane; save a stack as OME-TIFF with Bio-Formats"
+            raise expected("DICOM", "slices", "tiles of a slide", fix)
         if per_frame is None:
             first = _read_frame(of, 0, _Groups(tags, ()))
             split = _split_mosaic(first) if of.mosaic.tiles > 1 else [first]
-            return _multiframe(tags, first) if of.frames > 1 else split
+            return _separate_moments(tags, _multiframe(tags, first)) if of.frames > 1 else split
         places = (tuple(item for item in (group, shared) if item is not None) for group in per_frame)
-        return [_read_frame(of, number, _Groups(tags, groups)) for number, groups in enumerate(places)]
+        frames = [_read_frame(of, number, _Groups(tags, groups)) for number, groups in enumerate(places)]
+        # a stack is more than a slice
+        is_split = 1 < len({frame.stack for frame in frames}) <= len(frames) / 2
+        return _separate_moments(tags, frames if is_split else [replace(frame, stack="") for frame in frames])
 
 
 @dataclass(frozen=True)
@@ -107,6 +139,9 @@ def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
     """Reads the header of a frame."""
     position = finite_numbers(groups.get("ImagePositionPatient", "PlanePositionSequence"), 3)
     orientation = finite_numbers(groups.get("ImageOrientationPatient", "PlaneOrientationSequence"), 6)
+    if of.sop == ULTRASOUND_VOLUME:
+        position = finite_numbers(groups.get("ImagePositionVolume", "PlanePositionVolumeSequence"), 3)
+        orientation = finite_numbers(groups.get("ImageOrientationVolume", "PlaneOrientationVolumeSequence"), 6)
     detector = next(iter(groups.tags.get("DetectorInformationSequence") or ()), None)
     if detector is not None and position is None:
         position = finite_numbers(detector.get("ImagePositionPatient"), 3)
@@ -114,31 +149,54 @@ def _read_frame(of: Header, number: int, groups: _Groups) -> Frame:
     (thickness,) = finite_numbers([groups.get("SliceThickness", "PixelMeasuresSequence")], 1) or (0.0,)
     (gap,) = finite_numbers([groups.get("SpacingBetweenSlices", "PixelMeasuresSequence")], 1) or (0.0,)
     step = (gap if of.sop in NUCLEAR or of.modality == "NM" else abs(gap)) or abs(thickness)
-    pixel = finite_numbers(
-        groups.get("PixelSpacing", "PixelMeasuresSequence") or groups.tags.get("ImagerPixelSpacing"), 2
-    )
+    stack = groups.get("StackID", "FrameContentSequence")
     dose = finite_numbers([groups.tags.get("DoseGridScaling")], 1)
-    slope = dose or finite_numbers([groups.get("RescaleSlope", "PixelValueTransformationSequence")], 1)
-    shift = finite_numbers([groups.get("RescaleIntercept", "PixelValueTransformationSequence")], 1)
+    way, scale = ("PixelValueTransformationSequence", "Rescale")
+    if of.sop == PARAMETRIC_MAP:
+        way, scale = ("RealWorldValueMappingSequence", "RealWorldValue")
+    slope = dose or finite_numbers([groups.get(f"{scale}Slope", way)], 1)
+    shift = finite_numbers([groups.get(f"{scale}Intercept", way)], 1)
     times = [_read_time(groups, tag, sequence) for tag, sequence, _ in TIMES]
     return Frame(
         of,
         number,
         position,
         _unit_axes(orientation),
-        (pixel[1], pixel[0]) if pixel and min(pixel) > 0 else None,
+        _pixel_size(groups),
         step or None,
         abs(thickness) or None,
         ((slope[0] if slope and slope[0] else 1.0) * of.factor, (shift[0] if shift else 0.0) * of.factor),
         tuple(times),
+        f"stack {plain_text(stack)}" if stack else "",
     )
 
 
+def _pixel_size(groups: _Groups) -> tuple[float, float] | None:
+    """Millimetres (x, y) of a pixel, in ultrasound by the first region in centimetres; None if unknown."""
+    names = ("PixelSpacing", "ImagerPixelSpacing", "NominalScannedPixelSpacing")
+    sizes = next((size for name in names if (size := groups.get(name, "PixelMeasuresSequence"))), None)
+    pixel = finite_numbers(sizes, 2)
+    if pixel is not None:
+        return (pixel[1], pixel[0]) if min(pixel) > 0 else None
+    for region in groups.tags.get("SequenceOfUltrasoundRegions") or ():
+        units = [region.get(f"PhysicalUnits{axis}Direction") for axis in "XY"]
+        steps = finite_numbers([region.get(f"PhysicalDelta{axis}") for axis in "XY"], 2)
+        if units == [_CENTIMETRES] * 2 and steps is not None and all(steps):
+            return abs(steps[0]) * 10, abs(steps[1]) * 10
+    return None
+
+
 def _read_time(groups: _Groups, tag: str | int, sequence: str) -> float:
-    """A tag as a number that orders images, NaN without one. A time of day HHMMSS.F is ordered as a number, too."""
+    """A tag as a number that orders images, NaN without one; of an acquisition's time and date their seconds."""
     try:
         value = groups.get(tag, sequence)
-        return float(value.decode() if isinstance(value, bytes) else str(value))
+        number = float(value.decode() if isinstance(value, bytes) else str(value))
+        if tag != "AcquisitionTime":
+            return number
+        # HHMMSS.F
+        day = str(groups.get("AcquisitionDate") or "")
+        days = date(int(day[:4]), int(day[4:6]), int(day[6:8])).toordinal() if re.fullmatch("[0-9]{8}", day) else 0
+        return days * 86400 + number // 10000 * 3600 + number // 100 % 100 * 60 + number % 100
     except (NotImplementedError, ValueError):
         # of pydicom, too: an unknown type, or a value that is not of its tag's type
         return math.nan
@@ -168,6 +226,42 @@ def _multiframe(tags: Any, first: Frame) -> list[Frame]:
         normal = np.array([0.0, 0.0, 1.0])
     places = [start + (offset - (offsets[0] if stated is not None else 0.0)) * normal for offset in offsets]
     return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
+
+
+def _separate_moments(tags: Any, frames: list[Frame]) -> list[Frame]:
+    """The frames; those of a film, and of nuclear medicine without positions, as images of one slice."""
+    if any(frame.position for frame in frames):
+        return frames
+    head, kind = frames[0].header, [str(word) for word in tags.get("ImageType") or ()][2:3]
+    pointers = tags.get("FrameIncrementPointer")
+    named = {int(tag) for tag in (pointers if isinstance(pointers, Sequence) else [pointers]) if tag}
+    is_film = head.sop in FILMS or not named.isdisjoint(_MOMENT_TAGS)
+    slices = finite_numbers(tags.get("SliceVector"), len(frames))
+    if slices is not None:
+        return [replace(frame, slice=int(number)) for frame, number in zip(frames, slices, strict=True)]
+    if not is_film and not (head.sop in NUCLEAR and not set(kind).isdisjoint(_PLANAR)):
+        return frames
+    if is_film or "DYNAMIC" in kind:
+        frames = _with_times(tags, frames)
+    return [replace(frame, slice=0, stack=head.source.name) for frame in frames]
+
+
+def _with_times(tags: Any, frames: list[Frame]) -> list[Frame]:
+    """The frames with their numbers as time points, and their times in milliseconds where the file has them."""
+    count = len(frames)
+    steps = finite_numbers(tags.get("FrameTimeVector"), count)
+    phases = tags.get("PhaseInformationSequence") or ()
+    durations = [tags.get("FrameTime"), *[phase.get("ActualFrameDuration") for phase in phases if len(phases) == 1]]
+    rates = [finite_numbers([tags.get(name)], 1) for name in ("CineRate", "RecommendedDisplayFrameRate")]
+    known = [number[0] for value in durations if (number := finite_numbers([value], 1)) and number[0] > 0]
+    known += [1000 / rate[0] for rate in rates if rate and rate[0] > 0]
+    times = np.cumsum((0.0, *steps[1:])) if steps else np.arange(count) * next(iter(known), math.nan)
+    timed = []
+    for n, (frame, time) in enumerate(zip(frames, times.tolist(), strict=True)):
+        stated = {"TemporalPositionIdentifier": float(n), "FrameReferenceTime": time}
+        values = zip(TIMES, frame.times, strict=True)
+        timed.append(replace(frame, times=tuple(stated.get(str(tag), value) for (tag, _, _), value in values)))
+    return timed
 
 
 def _split_mosaic(first: Frame) -> list[Frame]:

@@ -14,6 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from splatgl.data.affine import value_unit_name
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import require_plausible
 from splatgl.readers.dicom_siemens import SIEMENS_TAGS, Mosaic, find_mosaic
@@ -176,12 +177,14 @@ Numbers = tuple[float, ...]
 
 # (0028,xxxx) and the pixels' tags are for the decoder; the others for the grid, the order and the list of series
 TAGS = """
-    SpecificCharacterSet SOPClassUID AcquisitionTime Modality SeriesDescription SliceThickness
+    SpecificCharacterSet SOPClassUID AcquisitionDate AcquisitionTime Modality SeriesDescription SliceThickness
     SpacingBetweenSlices TriggerTime EchoTime DiffusionBValue SeriesInstanceUID SeriesNumber AcquisitionNumber
     InstanceNumber ImagePositionPatient ImageOrientationPatient TemporalPositionIdentifier ImagerPixelSpacing
     DetectorInformationSequence SharedFunctionalGroupsSequence PerFrameFunctionalGroupsSequence
     GridFrameOffsetVector FrameIncrementPointer SliceVector TimeSlotVector TimeSliceVector PhaseVector RRIntervalVector
-    EnergyWindowVector DetectorVector ImageType DoseGridScaling SamplesPerPixel PhotometricInterpretation
+    FrameTime FrameTimeVector CineRate RecommendedDisplayFrameRate PhaseInformationSequence
+    SequenceOfUltrasoundRegions NominalScannedPixelSpacing EnergyWindowVector DetectorVector ImageType
+    DoseGridScaling SamplesPerPixel PhotometricInterpretation
     PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing BitsAllocated BitsStored HighBit PixelRepresentation
     PixelPaddingValue PixelPaddingRangeLimit FloatPixelPaddingValue FloatPixelPaddingRangeLimit
     DoubleFloatPixelPaddingValue DoubleFloatPixelPaddingRangeLimit RescaleIntercept RescaleSlope RescaleType Units
@@ -205,6 +208,8 @@ PIXELS = {
 # Siemens' b-value, in files before the standard had one
 SIEMENS_B = 0x0019100C
 
+# class of parametric maps, whose values are those of their real-world mapping
+PARAMETRIC_MAP = "1.2.840.10008.5.1.4.1.1.30"
 # names of units of values
 UNITS = {
     "HU": "HU",
@@ -220,7 +225,8 @@ UNITS = {
 @dataclass(frozen=True, eq=False)
 class Header:
     """Header that the frames of a file share. size: (rows, columns) of its images, each a mosaic of slices. stored:
-    (bits stored, whether signed); 0 bits for floating point.
+    (bits stored, whether signed); 0 bits for floating point. shift: bits below those stored. swapped: whether bytes
+    are in big-endian words of two.
 
     padding: least and largest stored value that stands for no value. lut: first stored value and the values of a
     modality LUT. sop: class of the file. pixels, offset: name of the pixels' element, "" without pixels; the byte
@@ -251,6 +257,8 @@ class Header:
     notes: tuple[str, ...] = ()
     factor: float = 1.0
     angiogram: bool = False
+    shift: int = 0
+    swapped: bool = False
 
 
 @contextmanager
@@ -317,6 +325,8 @@ def read_header(source: Source) -> tuple[Header, Any]:
             notes=(*[suv_note] * bool(suv_note), *split, *_ignored_notes(tags, max(count, 1))),
             factor=factor,
             angiogram=is_angiogram(tags),
+            shift=max(whole_number(tags.get("HighBit"), 0) + 1 - (stored or allocated), 0),
+            swapped=allocated == 8 and pixels == b"\x7f\xe0\x00\x10OW",
         ), tags
 
 
@@ -325,8 +335,8 @@ def _ignored_notes(tags: Any, count: int) -> tuple[str, ...]:
     views = [str(kind) for kind in tags.get("ImageType") or ()][2:3]
     notes = {
         "overlays in the file are not drawn": OVERLAY in tags,
-        "values are not mapped to real-world units, for which the file has a table": "RealWorldValueMappingSequence"
-        in tags,
+        "values are not mapped to real-world units, for which the file has a table": _real_world(tags) is not None
+        and tags.get("SOPClassUID") != PARAMETRIC_MAP,
         "the frames are views from around the patient, not slices: stacked as they come": tags.get("Modality") == "NM"
         and count > 1
         and views in (["TOMO"], ["GATED TOMO"]),
@@ -338,8 +348,21 @@ def _ignored_notes(tags: Any, count: int) -> tuple[str, ...]:
     return tuple(note for note, is_there in notes.items() if is_there)
 
 
+def _real_world(tags: Any) -> Any:
+    """The first mapping of stored to real-world values, of the file, all frames or the first; None without one."""
+    groups = (tags.get(f"{name}FunctionalGroupsSequence") or () for name in ("Shared", "PerFrame"))
+    places = (tags, *(next(iter(items), None) for items in groups))
+    found = (place.get("RealWorldValueMappingSequence") for place in places if place is not None)
+    return next((items[0] for items in found if items), None)
+
+
 def _value_unit(tags: Any) -> str:
-    """The unit of rescaled values: RescaleType, Units of a PET, or DoseUnits, else HU for a CT."""
+    """The unit of rescaled values: RescaleType, Units of a PET, or DoseUnits, else HU for a CT; of parametric maps that
+    of their mapping.
+    """
+    if tags.get("SOPClassUID") == PARAMETRIC_MAP:
+        units = next(iter(getattr(_real_world(tags), "MeasurementUnitsCodeSequence", None) or ()), None)
+        return value_unit_name(plain_text(getattr(units, "CodeValue", "")))
     names = ("RescaleType", "Units", "DoseUnits")
     kind = next((text for name in names if (text := plain_text(_optional(tags, name)))), "")
     if not kind and plain_text(tags.get("Modality")) == "CT":

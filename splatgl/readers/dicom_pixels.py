@@ -139,9 +139,13 @@ def _read_stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterat
     if not decoder.is_encapsulated:
         size = frame_bytes(header)
         for number in wanted:
-            file.seek(header.offset + number * size)
-            data = file.read(size)
-            require_bytes(size, len(data), "pixels")
+            # bytes of words begin at an even one
+            odd = number * size % 2 * header.swapped
+            file.seek(header.offset + number * size - odd)
+            data = file.read(size + odd + (size + odd) % 2 * header.swapped)
+            require_bytes(size + odd, len(data), "pixels")
+            if header.swapped:
+                data = np.frombuffer(data[: len(data) // 2 * 2], np.uint16).byteswap().tobytes()[odd : odd + size]
             yield number, data
         return
     from pydicom.encaps import generate_frames
@@ -167,10 +171,12 @@ def _decode(decoder: Any, header: Header, data: bytes, tags: Any) -> np.ndarray:
             check_picture(picture_size(data), *header.size, exact=True)
         data = encapsulate([data], has_bot=False)
     wide = "OB" if header.allocated <= 8 else "OW"
-    plain = {"bits_stored": header.stored[0]} if header.stored[0] else {}
+    shift = 0 if decoder.is_encapsulated or header.stored[0] + header.shift > header.allocated else header.shift
+    plain = {"bits_stored": header.stored[0] + shift} if header.stored[0] else {}
     options: Any = as_pixel_options(tags, number_of_frames=1, pixel_keyword=header.pixels, pixel_vr=wide, **plain)
     options.pop("extended_offsets", None)
-    return np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
+    array = np.asarray(decoder.as_array(data, index=0, validate=True, raw=False, **options)[0])
+    return array >> shift if shift else array
 
 
 def check_picture(stated: tuple[tuple[int, ...], int], rows: int, columns: int, exact: bool = False) -> None:
