@@ -490,6 +490,11 @@ class SheetScene:
                 at = part.behind.distance[:, None] / self.sheets.thickness + np.array([0.0, THIN])
                 ends[part.pixel, part.number * both + 1] = at
                 matter[part.pixel, part.number * both + 1] = self.field.surface_matter(part, rays)
+        for n in range(1, number * both):
+            # begins where the one before ends: a surface stays whole where the part behind it is thinner
+            thickness = (ends[:, n, 1] - ends[:, n, 0]) * (n % both)
+            ends[:, n, 0] = np.maximum(ends[:, n, 0], ends[:, n - 1, 1])
+            ends[:, n, 1] = np.maximum(ends[:, n, 1], ends[:, n, 0] + thickness)
         return Pieces(self._depths(rays, ends), matter)
 
     def _rays(self, wanted: Pixels, near: np.ndarray | None, far: np.ndarray | None) -> Rays:

@@ -235,6 +235,21 @@ def test_layers_composite_at_their_depth(draw: Any, way: tuple[str, str]) -> Non
     assert np.abs((drawn[..., 0] - drawn[..., 1])[inside] - red).max() < 4e-3
 
 
+@pytest.mark.parametrize("way", [("quads", "processor"), None])
+def test_a_surface_of_a_layer_is_whole_wherever_parts_of_sheets_end(draw: Any, way: tuple[str, str] | None) -> None:
+    """Its depth falls by a ten-thousandth of a sheet from a pixel to the next: it lets half of the light pass in all."""
+    z, _, x = np.indices((12, 8, 8))
+    ramp = sg.Volume(z + x / 10)
+    layers = [sg.Layer(ramp, surface((6.0, "red", 0.5))), sg.Layer(ramp, sg.Transfer([(0, 0), (15, 0.3)]))]
+    camera = sg.Camera.orthographic((3.5, 3.5, -10), (3.5, 3.5, 8), (0, 1, 0), height=1 / 512, size=(2048, 1))
+
+    def passed(scene: sg.Scene) -> np.ndarray:
+        pixels = draw(way, scene, camera) if way else sg.reference.render(scene, camera, EXACT).pixels
+        return 1 - np.asarray(pixels[..., 3])
+
+    assert np.abs(passed(sg.Scene(layers)) / passed(sg.Scene(layers[1:])) - 0.5).max() < 2e-4
+
+
 def test_depths_and_picks_lie_on_the_surface() -> None:
     volume, camera = ball(), parallel(size=32)
     apart = distance_of(camera)
