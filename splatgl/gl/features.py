@@ -18,10 +18,12 @@ from splatgl.gl.uniforms import base_of
 from splatgl.splat.clipping import MOST_CLIPS
 from splatgl.splat.iso import MOST_ISO
 from splatgl.splat.plan import Plan, Program
-from splatgl.splat.regions import ENDLESS, MOST_REGIONS
+from splatgl.splat.regions import MOST_REGIONS
 from splatgl.splat.splats import Splats
 
 Uniforms = dict[str, object]
+# stands for no limit of values or gradients in float32
+FURTHEST = 1e30
 # texture unit of each sampler of a field on voxels or cells
 FIELD_UNITS = {"sky_field": 18, "shade_field": 19, "mask_field": 20}
 
@@ -115,7 +117,7 @@ def region_uniforms(splats: Splats, plan: Plan) -> Uniforms:
     image = next((region.table.shape[:2] for region in regions if region.is_image), (1, 1))
     return {
         "region_count": len(regions),
-        "region_limits": [*map(tuple, np.clip(limits, -ENDLESS, ENDLESS))],
+        "region_limits": [*map(tuple, np.clip(limits, -FURTHEST, FURTHEST))],
         "region_matter": [*map(tuple, matter)],
         "region_shape": shape.tolist(),
         "image_size": image[::-1],

@@ -43,7 +43,7 @@ SLAB_VOXELS = 1 << 22
 # kernel of values that are classified after reconstruction: its means are nearest to known fields
 POST_KERNEL = "b-spline"
 # ranges of values over which the steps of a table are numbers of float64
-LEAST_SPAN, MOST_SPAN = 1e-290, 1e300
+LEAST_SPAN, MOST_SPAN = 1e-300, 1e306
 # largest ratio between reference length and spacing, either way: both fit float32
 MOST_UNIT = 1e30
 
@@ -377,7 +377,7 @@ def _records(
         gradient = gradient @ np.linalg.inv(volume.world_from_index)
     rgb = None
     if transfer.needs_gradients:
-        opacity, rgb = transfer.classify(values, np.linalg.norm(gradient, axis=1))
+        opacity, rgb = transfer.classify(values, np.hypot(np.hypot(*gradient.T[:2]), gradient[:, 2]))
     everyone = opacity
     if rgb is not None:
         keep = opacity > lookup.threshold

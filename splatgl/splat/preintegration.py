@@ -301,7 +301,7 @@ class ValueClassifier:
         length.
         """
         nodes = [size for size, _ in self.transfer.gradient]
-        low, high = nodes[0], max(nodes[-1], nodes[0] * (1 + 1e-6), 1e-30)
+        low, high = nodes[0], max(nodes[-1], nodes[0] * (1 + 1e-6)) or self.span * 1e-6
         sizes = np.linspace(low, high, WEIGHTS + 1)
         # a value at a step is on its upper side; the table begins on the lower one
         sizes[0] = np.nextafter(low, -np.inf)

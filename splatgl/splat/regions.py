@@ -36,8 +36,8 @@ GAUSS = ((0.5 - np.sqrt(0.15), 5 / 18), (0.5, 4 / 9), (0.5 + np.sqrt(0.15), 5 / 
 # largest error of a mean by these, as a share of a region's extinction: of a Gaussian's whole diagonal, and of a
 # triangle whose gradient doubles along the line
 GAUSS_ERROR = 1e-3
-# stands for no limit of values or gradients
-ENDLESS = 1e30
+# stands for no limit of values or gradients: differences of two are finite in float64
+ENDLESS = 2.0**1020
 # colour and opacity of a region that states none
 COLOR, OPACITY = "#ffffff", 0.5
 REGION_FORM = "SHAPE:VALUE,VALUE,GRADIENT,GRADIENT[:COLOR[:OPACITY]]"

@@ -272,7 +272,7 @@ def _otsu(values: np.ndarray) -> Cut:
     parted = (mass > 0) & (rest > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         below, above = moment[:-1] / mass, (moment[-1] - moment[:-1]) / rest
-        between = np.where(parted, mass * rest * (above - below) ** 2, -1.0)
+        between = np.where(parted, mass * rest * ((above - below) / (values[-1] - values[0])) ** 2, -1.0)
     # an empty interval between the classes has many best cuts: take its middle
     best = np.flatnonzero(between >= between.max() * (1 - 1e-12))
     at = int(best[len(best) // 2])

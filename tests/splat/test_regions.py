@@ -165,6 +165,24 @@ def test_sheets_are_near_the_field(painting: str) -> None:
     assert np.sqrt(((drawn - kept) ** 2).mean()) < 0.006 and np.sqrt(((kept - whole) ** 2).mean()) < 0.003
 
 
+@pytest.mark.parametrize("classification", ["post", "pre"])
+@pytest.mark.parametrize("scale", [2.0**-960, 2.0**-640, 2.0**-110, 2.0**980])
+def test_scaled_values_draw_the_same_picture(renderer: sg.Renderer, scale: float, classification: str) -> None:
+    """Regions, weights by gradient and the default's window, drawn and in float64, of values of any size."""
+    drawn = []
+    for by in (1.0, scale):
+        volume = sg.Volume(noise(np.random.default_rng(5), (6, 5, 7)).astype(float) * by)
+        regions = [f"gaussian:{0.3 * by},{0.7 * by},0,{by}:red:0.5", f"box:{0.1 * by},{0.3 * by},0,inf:blue:0.5"]
+        points, gradient = [(0.2 * by, 0.0), (0.9 * by, 0.6)], [(0.0, 0.2), (0.5 * by, 1.0)]
+        transfer = sg.Transfer(points, regions=regions, gradient=gradient)
+        splats = sg.extract(volume, transfer, classification=classification)
+        scene = splats, sg.Camera.orbit(volume, size=(8, 8)), EXACT
+        default = sg.render(volume, size=8, classification=classification)
+        drawn.append([renderer.render(*scene).pixels, sg.reference.render(*scene).pixels, default.pixels])
+    for at_one, scaled in zip(*drawn, strict=True):
+        assert np.abs(scaled - at_one).max() < 1e-6
+
+
 def test_no_visible_voxel_is_lost() -> None:
     """Pictures of all voxels are those of the kept ones."""
     rising = ((np.indices((17, 17, 17)) - 8.0) ** 2).sum(axis=0) / 2
