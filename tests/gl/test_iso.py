@@ -237,7 +237,7 @@ def test_layers_composite_at_their_depth(draw: Any, way: tuple[str, str]) -> Non
 
 @pytest.mark.parametrize("way", [("quads", "processor"), None])
 def test_a_surface_of_a_layer_is_whole_wherever_parts_of_sheets_end(draw: Any, way: tuple[str, str] | None) -> None:
-    """Its depth falls by a ten-thousandth of a sheet from a pixel to the next: it lets half of the light pass in all."""
+    """Its depth falls by a ten-thousandth of a sheet from a pixel to the next; all let half of the light pass."""
     z, _, x = np.indices((12, 8, 8))
     ramp = sg.Volume(z + x / 10)
     layers = [sg.Layer(ramp, surface((6.0, "red", 0.5))), sg.Layer(ramp, sg.Transfer([(0, 0), (15, 0.3)]))]
