@@ -50,6 +50,16 @@ def error_prefix(what: str) -> Iterator[None]:
         raise Choice(line, error.option, error.choices) if isinstance(error, Choice) else InputError(line) from error
 
 
+def list_names(names: Sequence[object], most: int = 8) -> str:
+    """The first names as text, which ends with … if there are more."""
+    return ", ".join(map(str, names[:most])) + ", …" * (len(names) > most)
+
+
+def one_line(error: BaseException, most: int = 200) -> str:
+    """The first letters of the message of another library's error in one line; its type without a message."""
+    return " ".join(str(error).split())[:most] or type(error).__name__
+
+
 def missing_extra(what: str, library: str, extra: str) -> InputError:
     """An `InputError` for a missing library, naming the extra that installs it."""
     return InputError(f"{what}: needs the library {library}; install it with: pip install 'splatgl[{extra}]'")

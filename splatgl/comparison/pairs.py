@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, zip_longest
@@ -92,25 +93,20 @@ def compare_all(pairs: Sequence[Files], criteria: Criteria, processes: int | Non
     rest = [files for files in pairs if files not in equal]
     count = min(processes or os.cpu_count() or 1, len(rest) // (1 if processes else WORTH_A_PROCESS))
     work = partial(compare_files, criteria=criteria, keep=len(pairs) == 1)
-    if count < 2:
-        yield from _in_order(pairs, equal, map(work, rest), criteria)
-        return
-    pool: Executor = ProcessPoolExecutor(count, get_context("spawn")) if _is_program() else ThreadPoolExecutor(count)
-    with pool:
-        yield from _in_order(pairs, equal, pool.map(work, rest, chunksize=4), criteria)
+    with ExitStack() as stack:
+        compared: Iterator[list[Outcome]] = map(work, rest)
+        if count > 1:
+            spawn = partial(ProcessPoolExecutor, mp_context=get_context("spawn"))
+            pool: Executor = (spawn if _is_program() else ThreadPoolExecutor)(count)
+            compared = stack.enter_context(pool).map(work, rest, chunksize=4)
+        for files in pairs:
+            yield from [_equal_outcome(files, criteria)] if files in equal else next(compared)
 
 
 def _is_program() -> bool:
     """Whether splatgl is the program that runs: a new process imports the program, and another might begin anew."""
     program = Path(sys.argv[0])
     return program.stem == "splatgl" or program.parts[-2:] == ("splatgl", "__main__.py")
-
-
-def _in_order(
-    pairs: Sequence[Files], equal: set[Files], compared: Iterator[list[Outcome]], criteria: Criteria
-) -> Iterator[Outcome]:
-    for files in pairs:
-        yield from [_equal_outcome(files, criteria)] if files in equal else next(compared)
 
 
 def have_equal_bytes(files: Files) -> bool:

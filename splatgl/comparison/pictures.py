@@ -19,7 +19,7 @@ from PIL.Image import Image as PillowImage
 
 from splatgl.comparison.compare import check_finite
 from splatgl.data.image import PNG_SIGNATURE, Image
-from splatgl.data.image_files import EXR, TIFF, is_float_tiff
+from splatgl.data.image_files import EXR, TIFF, load_tiff
 from splatgl.errors import InputError, expected, import_extra
 
 # endings of files that may hold several pictures: by Pillow, and by av
@@ -51,14 +51,14 @@ class Picture:
 
 def read(path: str | Path) -> Picture:
     """Reads a PNG, NPY, EXR, TIFF or JPEG file. Raises InputError for missing, truncated and invalid files."""
-    source = Path(path)
+    source, suffix = Path(path), Path(path).suffix.lower()
+    floats = load_tiff(source) if suffix in TIFF and source.is_file() else None
     try:
-        image = Image.load(source)
+        image = Image(*floats) if floats else Image.load(source)
     except (DecompressionBombError, TokenError) as error:
         # of Pillow and NumPy, for damaged files
         raise InputError(f"{source}: cannot be read as a picture: {error}") from error
-    suffix = source.suffix.lower()
-    if suffix in (".npy", *EXR) or (suffix in TIFF and is_float_tiff(source)):
+    if floats or suffix in (".npy", *EXR):
         return Picture(str(path), image)
     with open(source, "rb") as file:
         header = file.read(HEADER_BYTES)

@@ -117,7 +117,7 @@ class Lattice:
             sizes[axis] = min(sizes[axis], max(most, 1))
             most //= sizes[axis]
         low = [(whole - size) // 2 for whole, size in zip(samples.shape, sizes, strict=True)]
-        own = np.asarray(samples[tuple(slice(a, a + size) for a, size in zip(low, sizes, strict=True))], np.float64)
+        stored = np.asarray(samples[tuple(slice(a, a + size) for a, size in zip(low, sizes, strict=True))], np.float64)
         # 2. the planes around them, and the values between these
         places = [
             np.arange(a, a + size, dtype=float) if at is None else at[a : a + size]
@@ -131,16 +131,16 @@ class Lattice:
         for axis, each in enumerate(places):
             if self.at[axis] is not None:
                 back = np.moveaxis(interpolate_planes(np.moveaxis(back, axis, 0), each - first[axis]), 0, axis)
-        return describe_error(back, own, "" if own.size == math.prod(samples.shape) else " in its middle")
+        return describe_error(back, stored, "" if stored.size == math.prod(samples.shape) else " in its middle")
 
 
-def describe_error(resampled: np.ndarray, own: np.ndarray, where: str = "") -> str:
+def describe_error(resampled: np.ndarray, stored: np.ndarray, where: str = "") -> str:
     """RMSE of resampled values at a grid's own points in per cent of the range of its values, as text."""
-    finite = np.isfinite(resampled) & np.isfinite(own)
+    finite = np.isfinite(resampled) & np.isfinite(stored)
     if not finite.any():
         return f"the error at its own points{where} is not known: none of them has a value"
-    span = float(np.ptp(own[finite]))
-    rmse = float(np.sqrt(np.mean((resampled[finite] - own[finite]) ** 2))) / span if span else 0.0
+    span = float(np.ptp(stored[finite]))
+    rmse = float(np.sqrt(np.mean((resampled[finite] - stored[finite]) ** 2))) / span if span else 0.0
     # less is rounding
     return f"RMSE at its own points{where} {100 * rmse * (rmse > 1e-6):.2g} % of the range"
 
@@ -240,7 +240,8 @@ def _regular_steps(
     """
     if not count and not (np.isfinite(places).all() and _is_monotonic(places)):
         return 0.0, 1.0, None, ""
-    places = _check_finite(places, what)
+    if not places.size or not np.isfinite(places).all():
+        raise expected(what, "finite coordinates", "NaN or infinity" if places.size else "none")
     if len(places) == 1:
         return float(places[0]), float("nan") if count else 1.0, None, ""
     apart = np.diff(places)
@@ -290,13 +291,6 @@ def _unit_factors(axes: Sequence[Coordinate], extents: Sequence[float]) -> tuple
     factors = [drawn[kind] * scale for kind, scale in zip(kinds, scales, strict=True)]
     is_known = all(axis.unit in METRES for axis in axes)
     return factors, axes[2].unit if is_known else "", notes
-
-
-def _check_finite(places: np.ndarray, what: str) -> np.ndarray:
-    coordinates = np.asarray(places, np.float64).ravel()
-    if not coordinates.size or not np.isfinite(coordinates).all():
-        raise expected(what, "finite coordinates", "none" if not coordinates.size else "NaN or infinity")
-    return coordinates
 
 
 def _is_monotonic(places: np.ndarray) -> bool:

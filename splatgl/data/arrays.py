@@ -13,7 +13,7 @@ import numpy as np
 
 from splatgl.data.affine import Coordinate, axis_kind, make_lattice, unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import ArrayOptions, Hints, Volume, triple
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError, expected, list_names, one_line
 from splatgl.options import refuse_unknown
 
 # root module of a type, or of one of its bases → its function; others are arrays
@@ -294,8 +294,6 @@ class _OwnedView:
 
 # a first or last axis of at most so many entries is taken for channels
 CHANNELS = 8
-# most names of a group's members in a message
-MAX_NAMES = 8
 
 
 def of_array(x: Any, options: ArrayOptions) -> Volume:
@@ -339,9 +337,8 @@ def _as_array(x: Any, what: str) -> Any:
         raise expected(what, "an array or image", f"the text {str(x)[:80]!r}", "read a file by sg.load(path)")
     if hasattr(x, "keys"):
         # zarr's and h5py's groups, npz files, dictionaries
-        names = [str(name) for name in list(x.keys())[: MAX_NAMES + 1]]
-        listed = ", ".join(names[:MAX_NAMES]) + ", …" * (len(names) > MAX_NAMES)
-        raise expected(what, "an array", f"a {type(x).__name__} of {listed or 'nothing'}", "pick one: x[name]")
+        names = list_names(list(x.keys())) or "nothing"
+        raise expected(what, "an array", f"a {type(x).__name__} of {names}", "pick one: x[name]")
     try:
         dtype = getattr(x, "dtype", None)
         if isinstance(dtype, np.dtype) and hasattr(x, "shape") and hasattr(x, "__getitem__"):
@@ -350,10 +347,8 @@ def _as_array(x: Any, what: str) -> Any:
     except InputError:
         raise
     except Exception as error:
-        reason = " ".join(str(error).split())[:200]
-        raise expected(
-            what, "an array [z, y, x]", f"{type(x).__name__} ({reason})", "convert it by np.asarray"
-        ) from error
+        got = f"{type(x).__name__} ({one_line(error)})"
+        raise expected(what, "an array [z, y, x]", got, "convert it by np.asarray") from error
     if array.dtype == object:
         raise expected(what, "an array [z, y, x]", f"a {type(x).__name__}", "convert it to an array of numbers")
     return array

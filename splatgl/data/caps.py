@@ -24,7 +24,7 @@ ROUNDING = 1e-9
 def cap_meshes(mesh: Mesh, planes: Sequence[Plane]) -> list[tuple[Plane, Mesh]]:
     """The caps that close what planes leave of a mesh, each with its plane. Raises InputError as `cap_mesh`."""
     distinct = list(dict.fromkeys(planes))
-    caps = [(one, cap_mesh(mesh, one).cut([other for other in distinct if other != one])) for one in distinct]
+    caps = [(plane, cap_mesh(mesh, plane).cut([other for other in distinct if other != plane])) for plane in distinct]
     return [(plane, cap) for plane, cap in caps if len(cap)]
 
 
@@ -97,8 +97,9 @@ def fill_outline(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         np.stack([np.stack([row, row]), np.stack([left, right])], axis=-1).reshape(-1, 2), axis=0, return_inverse=True
     )
     (low_left, high_left), (low_right, high_right) = number.reshape(2, 2, -1)
-    below, start = _sides(low_left, low_right)
-    above, end = _sides(high_left, high_right)
+    # sides between neighbouring points of a row: what they belong to, and their first points
+    below, start = _ranges(low_left, np.maximum(low_left, low_right))
+    above, end = _ranges(high_left, np.maximum(high_left, high_right))
     faces = [np.stack([start, start + 1, high_left[below]], axis=1), np.stack([end + 1, end, low_right[above]], axis=1)]
     return np.stack([points[:, 1], rows[points[:, 0].astype(int)]], axis=1), np.concatenate(faces)
 
@@ -123,11 +124,6 @@ def _crossings(strips: Strips, rows: np.ndarray, slack: float) -> np.ndarray:
     strip, share = strips.number[some], below[some] / (below[some] - above[some])
     at = rows[strip] + (rows[strip + 1] - rows[strip]) * share
     return np.asarray(at[(at > rows[strip]) & (at < rows[strip + 1])])
-
-
-def _sides(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sides between neighbouring points of a row: what they belong to, and their first points."""
-    return _ranges(first, np.maximum(first, last))
 
 
 def _ranges(first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ import io
 import json
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -83,7 +83,7 @@ class Image:
             return self._page(info, background).encoded(ending, info, density(info))
         # the samples first: this adds the X-ray scale to `info`
         samples = self._samples(info, bits, background)
-        return _insert_chunks(encode_png(samples), _text_chunk(info), _density_chunk(info))
+        return encode_png(samples, chunks=_about_chunks(info))
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
@@ -188,9 +188,10 @@ def _npy(values: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def encode_png(samples: np.ndarray, level: int = 4) -> bytes:
-    """A PNG of uint8 or uint16 [H, W, 3 or 4]. level: of zlib. Rows are stored as differences to the row above, which
-    packs pictures as well as a choice of filters for each row, in a third of its time.
+def encode_png(samples: np.ndarray, level: int = 4, chunks: Sequence[tuple[bytes, bytes]] = ()) -> bytes:
+    """A PNG of uint8 or uint16 [H, W, 3 or 4]. level: of zlib. chunks: kind and data of further ones. Rows are stored
+    as differences to the row above, which packs pictures as well as a choice of filters for each row, in a third of its
+    time.
     """
     height, width, channels = samples.shape
     rows = np.ascontiguousarray(samples, samples.dtype.newbyteorder(">")).view(np.uint8).reshape(height, -1)
@@ -198,7 +199,7 @@ def encode_png(samples: np.ndarray, level: int = 4) -> bytes:
     filtered[:1, 1:] = rows[:1]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     header = struct.pack(">2I5B", width, height, 8 * samples.dtype.itemsize, COLOR_TYPES[channels], 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(filtered.data, level)), (b"IEND", b""))
+    chunks = ((b"IHDR", header), *chunks, (b"IDAT", zlib.compress(filtered.data, level)), (b"IEND", b""))
     return PNG_SIGNATURE + b"".join(_chunk(*chunk) for chunk in chunks)
 
 
@@ -206,21 +207,13 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def _text_chunk(info: Mapping[str, object]) -> bytes:
-    """The provenance (PNG specification §11.3.4.3)."""
-    return _chunk(b"tEXt", f"{KEYWORD}\0{json.dumps(dict(info), ensure_ascii=True)}".encode("latin-1"))
-
-
-def _density_chunk(info: Mapping[str, object]) -> bytes:
-    """The pixels of a metre, if the dots per inch are stated (PNG specification §11.3.5.3); else nothing."""
-    dpi = density(info)
-    return b"" if dpi is None else _chunk(b"pHYs", struct.pack(">2IB", *[round(dpi / METRES_OF_INCH)] * 2, 1))
-
-
-def _insert_chunks(png: bytes, *chunks: bytes) -> bytes:
-    """The PNG with chunks after its header chunk."""
-    header = len(PNG_SIGNATURE) + 25
-    return b"".join([png[:header], *chunks, png[header:]])
+def _about_chunks(info: Mapping[str, object]) -> list[tuple[bytes, bytes]]:
+    """The provenance, and the pixels of a metre if the dots per inch are stated (PNG specification §11.3.4.3 and
+    §11.3.5.3).
+    """
+    text = f"{KEYWORD}\0{json.dumps(dict(info), ensure_ascii=True)}".encode("latin-1")
+    pitch = round((density(info) or 0.0) / METRES_OF_INCH)
+    return [(b"tEXt", text), *[(b"pHYs", struct.pack(">2IB", pitch, pitch, 1))] * bool(pitch)]
 
 
 @lru_cache(maxsize=2)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.figure import VECTOR, vector_library
-from splatgl.errors import InputError, expected, import_extra
+from splatgl.errors import InputError, expected, import_extra, one_line
 
 # the EXR attribute that holds the provenance as JSON; in TIFF it is the ImageDescription
 KEYWORD = "splatgl"
@@ -72,30 +72,18 @@ def encode_jpeg(samples: np.ndarray, info: Info) -> bytes:
     return buffer.getvalue()
 
 
-def is_float_tiff(source: Path) -> bool:
-    """Whether a TIFF holds float32 RGBA with associated alpha, as splatgl writes."""
-    try:
-        library = tiff_library()
-    except InputError:
-        return False
-    with _picture_errors(source), library.TiffFile(source) as tiff:
-        return _is_float_rgba(tiff.pages[0])
-
-
-def _is_float_rgba(page: Any) -> bool:
-    four = len(page.shape) == 3 and page.shape[2] == 4
-    return bool(page.dtype == np.float32 and four and tuple(page.extrasamples) == (1,))
-
-
 def load_tiff(source: Path) -> tuple[np.ndarray, dict[str, object]] | None:
-    """Pixels float32 [H, W, 4] and provenance of a TIFF of splatgl; None for other files, and without tifffile."""
+    """Pixels float32 [H, W, 4] and provenance of a TIFF of splatgl, with associated alpha; None for other files, and
+    without tifffile.
+    """
     try:
         library = tiff_library()
     except InputError:
         return None
     with _picture_errors(source), library.TiffFile(source) as tiff:
         page = tiff.pages[0]
-        return (page.asarray(), provenance(page.description)) if _is_float_rgba(page) else None
+        is_rgba = page.dtype == np.float32 and page.shape[2:] == (4,) and tuple(page.extrasamples) == (1,)
+        return (page.asarray(), provenance(page.description)) if is_rgba else None
 
 
 def load_exr(source: Path) -> tuple[np.ndarray, dict[str, object]]:
@@ -119,7 +107,7 @@ def _picture_errors(source: Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise InputError(f"{source}: cannot be read as a picture: {' '.join(str(error).split())}") from error
+        raise InputError(f"{source}: cannot be read as a picture: {one_line(error)}") from error
 
 
 def provenance(text: str) -> dict[str, object]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.volume import Places, Volume, with_parts
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError, expected, list_names
 
 # label numbers behind a file name, and the word that keeps the outside instead
 LABELS = re.compile(r"-?\d+(,-?\d+)*")
@@ -20,8 +20,6 @@ OUTSIDE = "outside"
 ROW_TOLERANCE = 1e-3
 # rounding error of a position between two voxels
 SLACK = 1e-6
-# most label numbers in a message
-MOST_SHOWN = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +43,7 @@ class Mask:
             known = np.unique(np.concatenate([np.unique(samples) for samples in arrays]))
             for number in labels:
                 if number not in known:
-                    listed = ", ".join(f"{value:g}" for value in known[:MOST_SHOWN]) + ", …" * (len(known) > MOST_SHOWN)
-                    raise expected(what, f"labels among {listed}", number)
+                    raise expected(what, f"labels among {list_names([f'{n:g}' for n in known], 20)}", number)
             inside = np.logical_or.reduce([np.isin(samples, list(labels)) for samples in arrays])
         else:
             inside = np.logical_or.reduce([(samples != 0) & (samples == samples) for samples in arrays])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from splatgl.errors import expected
+from splatgl.errors import expected, list_names
 from splatgl.options import keywords_of, with_keywords
 
 if TYPE_CHECKING:
@@ -387,7 +387,7 @@ def times(lengths: Iterable[float]) -> str:
 
 def some(names: Sequence[str]) -> str:
     """The first names, and the number of all if there are more."""
-    return ", ".join(names[:MOST_NAMES]) + f", … ({len(names)})" * (len(names) > MOST_NAMES)
+    return list_names(names, MOST_NAMES) + f" ({len(names)})" * (len(names) > MOST_NAMES)
 
 
 def with_parts(volume: Volume, change: Callable[[Volume], Volume]) -> Volume:

@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from splatgl.distributed.worker import call
-from splatgl.errors import InputError, expected, missing_extra
+from splatgl.errors import InputError, expected, missing_extra, one_line
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -85,7 +85,7 @@ def _client(scheduler: str | LocalCluster) -> Client:
         # close now: freed while the next client starts, it would wait forever
         with suppress(Exception):
             client.close()
-        raise InputError(f"{scheduler}: no Dask scheduler of this version answers: {_line(error)}") from None
+        raise InputError(f"{scheduler}: no Dask scheduler of this version answers: {one_line(error)}") from None
 
 
 def check_workers(client: Client, name: str = "the scheduler") -> None:
@@ -103,7 +103,7 @@ def check_workers(client: Client, name: str = "the scheduler") -> None:
         try:
             versions = future.result(timeout=TIMEOUT)
         except Exception as error:
-            raise InputError(f"worker {address}: cannot run splatgl: {_line(error)}") from None
+            raise InputError(f"worker {address}: cannot run splatgl: {one_line(error)}") from None
         if versions != right:
             raise expected(f"worker {address}", " and ".join(right), " and ".join(versions), "install the same there")
 
@@ -173,8 +173,3 @@ def outcome(future: Any, name: str) -> Any:
     except KilledWorker as error:
         times = error.allowed_failures + 1
         raise WorkerDied(f"{name}: its worker died {times} times, most likely out of memory; try --memory") from None
-
-
-def _line(error: Exception) -> str:
-    """The message of an error, in one line."""
-    return " ".join(f"{error}".split())[:200] or type(error).__name__

@@ -42,7 +42,7 @@ class Target:
     title: str
     suffixes: tuple[str, ...]
     writer: str
-    holds: frozenset[str]
+    holds: tuple[str, ...]
     frame: str | None = None
     units: tuple[str, ...] = ()
     types: tuple[str, ...] = _ALL
@@ -53,27 +53,15 @@ class Target:
 _GRID = ("spacing", "origin", "direction", "times")
 _NIFTI = partial(Target, frame="RAS", units=("mm", "um", "m"), library=("nibabel", "nibabel"))
 TARGETS = (
-    _NIFTI("NIfTI", (".nii",), "headers.write_nifti", frozenset((*_GRID, "color", "vectors"))),
-    _NIFTI("NIfTI", (".nii.gz",), "headers.write_nifti_gz", frozenset((*_GRID, "color", "vectors"))),
-    Target(
-        "NRRD",
-        (".nrrd",),
-        "headers.write_nrrd",
-        frozenset((*_GRID, "color", "vectors", "layers", "labels", "value unit")),
-    ),
-    Target(
-        "MetaImage",
-        (".mha",),
-        "headers.write_metaimage",
-        frozenset((*_GRID, "color", "vectors")),
-        "LPS",
-        ("mm", "um", "cm"),
-    ),
+    _NIFTI("NIfTI", (".nii",), "headers.write_nifti", (*_GRID, "color", "vectors")),
+    _NIFTI("NIfTI", (".nii.gz",), "headers.write_nifti_gz", (*_GRID, "color", "vectors")),
+    Target("NRRD", (".nrrd",), "headers.write_nrrd", (*_GRID, "color", "vectors", "layers", "labels", "value unit")),
+    Target("MetaImage", (".mha",), "headers.write_metaimage", (*_GRID, "color", "vectors"), "LPS", ("mm", "um", "cm")),
     Target(
         "OME-TIFF",
         (".ome.tif", ".ome.tiff", ".tif", ".tiff"),
         "ome.write_tiff",
-        frozenset(("spacing", "times", "color", "channels")),
+        ("spacing", "times", "color", "channels"),
         types=("u1", "i1", "u2", "i2", "i4", "u4", "f4", "f8"),
         library=("tifffile", "tifffile"),
     ),
@@ -81,12 +69,12 @@ TARGETS = (
         "OME-Zarr",
         (".zarr",),
         "ome.write_zarr",
-        frozenset((*_GRID, "channels", "labels")),
+        (*_GRID, "channels", "labels"),
         types=(*_ALL, "f2"),
         library=("zarr", "zarr"),
         is_folder=True,
     ),
-    Target("NumPy", (".npy",), "headers.write_npy", frozenset(("color", "vectors")), types=(*_ALL, "b1", "f2", "f16")),
+    Target("NumPy", (".npy",), "headers.write_npy", ("color", "vectors"), types=(*_ALL, "b1", "f2", "f16")),
 )
 
 
@@ -242,7 +230,7 @@ def _prepare(
 
 def _lost(volume: Volume, target: Target, kind: str) -> list[str]:
     """A line for each property that the format cannot hold."""
-    notes, holds = [], target.holds
+    notes, holds = [], set(target.holds)
     is_turned = not np.allclose(volume.direction, np.eye(3), atol=1e-6)
     is_lost = {
         "spacing": volume.spacing != (1.0, 1.0, 1.0) or bool(volume.unit),
