@@ -518,6 +518,11 @@ def _placement_errors(region: Region, view: GridView, plan: Plan) -> tuple[np.nd
     radius, widths = view.kernel.radius, np.linalg.svd(view.eye_from_index, compute_uv=False)
     # float32: relative to the distance from the eye, larger for thin voxels
     place = ROUNDINGS * ULP * (region.away + radius)
+    if plan.program.technique == "tiles":
+        # centres are rounded as pixels, counted from the corner of a picture that may be far wider than its splats
+        corner = _corner_slope(view)
+        wider = region.far * (corner - 1) if view.perspective else corner - region.away
+        place = place + ROUNDINGS * ULP * np.maximum(wider, 0.0)
     if not view.perspective:
         # a shift along the rays changes nothing
         return place / max(view.widths[1], view.pitch if view.antialias else 0.0), np.zeros_like(place)

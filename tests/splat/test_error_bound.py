@@ -19,6 +19,7 @@ from splatgl.splat.plan import Lookup
 from splatgl.splat.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.resolve import Resolved
 from splatgl.studies.stress import CASES, run_case
+from tests.fuzz.error_bound import case, measure
 from tests.helpers.splatting import SPLATS
 
 SIZE = (64, 48)
@@ -303,6 +304,18 @@ def test_streaks_of_long_voxels_have_a_bound_before_z_k_alone(renderer: sg.Rende
         camera = views(splats)[view].resized((200, 150) if known else (20, 15))
         image = renderer.render(splats, camera, SPLATS.but(motion="exact"), motion)
         assert (image.info["error_bound"] is not None) is known
+
+
+def test_pictures_far_wider_than_their_splats(renderer: sg.Renderer) -> None:
+    """Tiles round centres as pixels from the picture's corner: a random picture, and a splat as far from it."""
+    assert (found := measure(renderer, case(51820))).error <= found.bound
+    splat = sg.Splats.from_points([(0.1, 0.0, 0.3)], np.ones((1, 3)), [0.5])
+    for width in (3001, 9001):
+        camera = sg.Camera.look_at((0.3, -9, 0.2), (0, 0, 0), (0, 0, 1), fov=20, size=(width, 9))
+        settings = sg.Settings(technique="tiles", antialias="off")
+        drawn = renderer.render(splat, camera, settings, verify_bound=False)
+        error = np.abs(drawn.pixels - sg.reference.render(splat, camera, settings).pixels).max()
+        assert error <= drawn.info["error_bound"] < 60 * error
 
 
 def test_faint_pictures_have_faint_bounds(renderer: sg.Renderer) -> None:
