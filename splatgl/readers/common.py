@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import gzip
 import logging
 import math
 import re
@@ -150,10 +151,20 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     return out.view(dtype).reshape(tuple(shape))
 
 
-def is_gzipped(path: Path) -> bool:
-    """Whether a file begins as gzip data does."""
+GZIP, BZIP2 = b"\x1f\x8b", b"BZh"
+
+
+def is_packed(path: Path) -> bool:
+    """Whether a file begins as gzip or bzip2 data do."""
     with path.open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
+        return file.read(len(BZIP2)).startswith((GZIP, BZIP2))
+
+
+def open_unpacked(path: Path) -> Any:
+    """Opens a file for reading; its bytes are unpacked if it is gzip or bzip2 data."""
+    with path.open("rb") as file:
+        first = file.read(len(BZIP2))
+    return gzip.open(path) if first.startswith(GZIP) else bz2.open(path) if first == BZIP2 else path.open("rb")
 
 
 def inflated_size(file: BinaryIO, room: int) -> int:

@@ -47,6 +47,7 @@ STARTS = {
     b"%PDF": "PDF",
     b"7z\xbc\xaf\x27\x1c": "7-Zip",
     b"\xfd7zXZ": "xz",
+    b"\x28\xb5\x2f\xfd": "Zstandard",
     b"Rar!": "RAR",
     b"PK\x05\x06": "ZIP",
     b"version https://git-lfs": "a pointer of Git LFS",
@@ -85,7 +86,7 @@ FIXES = {
     "a pointer of Git LFS": "fetch the file with: git lfs pull",
     "JPEG 2000": "a picture is one slice; open the folder of all slices",
     "VTK PolyData": "surfaces are not drawn; voxelize it",
-    **dict.fromkeys(("gzip", OTHER_GZIP, "bzip2", OTHER_BZIP2, "xz", "7-Zip", "RAR", "ZIP"), "unpack it"),
+    **dict.fromkeys(("gzip", OTHER_GZIP, "bzip2", OTHER_BZIP2, "xz", "Zstandard", "7-Zip", "RAR", "ZIP"), "unpack it"),
 }
 # names of metadata in a Zarr store
 ZARR = ("zarr.json", ".zarray", ".zgroup", ".zattrs")
@@ -105,7 +106,7 @@ def identify(path: Path) -> str:
     if head.startswith(b"BZh"):
         # a block of bzip2 is unpacked as a whole
         with path.open("rb") as file, suppress(OSError, EOFError, ValueError):
-            return "MRC, compressed" if _kind(bz2.BZ2File(file).read(FIRST)) == "MRC" else OTHER_BZIP2
+            return _INSIDE_BZIP2.get(_kind(bz2.BZ2File(file).read(FIRST)), OTHER_BZIP2)
         return "bzip2"
     if any(head.startswith(_HDF5, block) for block in _USER_BLOCKS):
         return "HDF5"
@@ -113,7 +114,8 @@ def identify(path: Path) -> str:
 
 
 # kinds of packed files by their contents
-_INSIDE = {"NIfTI": "NIfTI, gzipped", "MGH": "MGH, gzipped", "MRC": "MRC, compressed"}
+_INSIDE_BZIP2 = {"NIfTI": "NIfTI, compressed", "MRC": "MRC, compressed"}
+_INSIDE = {"MGH": "MGH, gzipped", **_INSIDE_BZIP2}
 
 
 def _zip_kind(path: Path) -> str:

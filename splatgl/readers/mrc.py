@@ -6,8 +6,6 @@ The header's layout and types are mrcfile's. Columns run fastest; mapc, mapr, ma
 
 from __future__ import annotations
 
-import bz2
-import gzip
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,17 @@ from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count
-from splatgl.readers.common import bunzip, decoder_errors, grid_shape, inflate, map_array, require_bytes
+from splatgl.readers.common import (
+    BZIP2,
+    GZIP,
+    bunzip,
+    decoder_errors,
+    grid_shape,
+    inflate,
+    map_array,
+    open_unpacked,
+    require_bytes,
+)
 from splatgl.readers.options import LoadOptions
 
 # bytes of the header; an extended one of `nsymbt` bytes follows
@@ -26,9 +34,6 @@ _HEADER = 1024
 _IMOD, _IMOD_SIGNED = 1146047817, 1
 # modes of real numbers; 3 and 4 are complex, 101 has four bits a voxel
 _REAL = (0, 1, 2, 6, 12)
-
-# first bytes of packed files
-_GZIP, _BZIP2 = b"\x1f\x8b", b"BZh"
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -53,14 +58,13 @@ def read(path: Path, options: LoadOptions) -> Volume:
 
 
 def _read_header(path: Path) -> tuple[Any, bytes]:
-    """The header, and the file's first bytes, which tell whether it is packed."""
+    """The header, and the file's first bytes, which state whether it is packed."""
     utils = import_extra("mrcfile.utils", "MRC files", "mrcfile", "readers")
     layout = import_extra("mrcfile.dtypes", "MRC files", "mrcfile", "readers").HEADER_DTYPE
     with decoder_errors("MRC"):
         with path.open("rb") as file:
-            packing = file.read(len(_BZIP2))
-        opener: Any = gzip.open if packing.startswith(_GZIP) else bz2.open if packing == _BZIP2 else open
-        with opener(path, "rb") as file:
+            packing = file.read(len(BZIP2))
+        with open_unpacked(path) as file:
             first = file.read(_HEADER)
         require_bytes(_HEADER, len(first), "header")
         header = np.frombuffer(first, layout)[0]
@@ -88,9 +92,9 @@ def _dtype(header: Any) -> np.dtype:
 def _read_data(path: Path, packing: bytes, start: int, dtype: np.dtype, shape: tuple[int, int, int]) -> np.ndarray:
     """The array [sections, rows, columns]. packing: the file's first bytes."""
     needed = start + byte_count(shape, dtype)
-    if packing.startswith(_GZIP):
+    if packing.startswith(GZIP):
         return inflate(path, 0, np.dtype(np.uint8), (needed,))[start:].view(dtype).reshape(shape)
-    if packing == _BZIP2:
+    if packing == BZIP2:
         return bunzip(path, 0, needed)[start:needed].view(dtype).reshape(shape)
     return map_array(path, start, dtype, shape)
 

@@ -8,8 +8,8 @@ nibabel's arrays are [x, y, z] with x fastest, and its affine takes (x, y, z) to
 
 from __future__ import annotations
 
-import gzip
 import math
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,11 +24,13 @@ from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, ChannelSet, Components, split_voxels
 from splatgl.readers.common import (
+    GZIP,
     decoder_errors,
     grid_shape,
     has_whole_numbers,
-    is_gzipped,
+    is_packed,
     map_array,
+    open_unpacked,
     require_bytes,
     require_plausible,
 )
@@ -47,30 +49,33 @@ _NOT_SCALED: Scaling = (1.0, 0.0)
 
 
 def read_analyze(path: Path, options: LoadOptions) -> Volume:
-    """The volume of an Analyze or NIfTI pair in RAS; `array` picks the time point of a 4-D image."""
+    """The volume of an Analyze or NIfTI pair in RAS, packed or not; `time` picks the time point of a 4-D image."""
     nibabel = import_extra("nibabel", "Analyze files", "nibabel", "readers")
     # 1. both files; `path` may be either
     header, data = (_pair_file(path, suffix) for suffix in (".hdr", ".img"))
-    with header.open("rb") as file:
-        first = file.read(_HEADER)
+    first = _first_bytes(header)
+    if first[344:347] == b"ni1" or first[4:7] == b"ni2":
+        return _read_nifti(first, data, options)
     if len(first) < _HEADER or struct.pack("<i", _HEADER) not in (first[:4], first[3::-1]):
         raise expected(header.name, "an Analyze header of 348 bytes", "another header", "is this an Analyze file?")
     # 2. its sizes, checked against the data; SPM's scale factor and origin, without its .mat file
     with decoder_errors("Analyze"):
-        is_nifti = first[344:347] == b"ni1"
-        form = nibabel.nifti1.Nifti1PairHeader if is_nifti else nibabel.spm2analyze.Spm2AnalyzeHeader
-        fields = form(first)
-        stored = _Stored.of(data, fields, _scaling(*(fields.get_slope_inter() if not is_nifti else _stated(fields))))
+        fields = nibabel.spm2analyze.Spm2AnalyzeHeader(first[:_HEADER])
+        stored = _Stored.of(data, fields, _scaling(*fields.get_slope_inter()))
         affine = fields.get_best_affine()
     _check_bytes(stored)
-    return _frame_volume(stored, affine, options)
+    options.refuse("channel", "several numbers per voxel")
+    times = ChannelSet(times=math.prod(stored.shape[3:]))
+    volume = times.volume(options, lambda _: _frame_volume(stored, affine, options, "time"))
+    matlab = header.with_name(header.name.split(".hdr")[0] + ".mat")
+    note = f"the orientation in {matlab.name} is not read: save the volume as NIfTI with SPM"
+    return replace(volume, notes=(*volume.notes, *[note] * matlab.is_file()))
 
 
 def read_mgh(path: Path, options: LoadOptions) -> Volume:
     """The volume of an .mgh or .mgz file in RAS; `array` picks one of several frames."""
     nibabel = import_extra("nibabel", "MGH files", "nibabel", "readers")
-    packed = is_gzipped(path)
-    with decoder_errors("MGH"), gzip.open(path) if packed else path.open("rb") as file:
+    with decoder_errors("MGH"), open_unpacked(path) as file:
         first = file.read(_MGH_START)
     require_bytes(_MGH_START, len(first), "header")
     version, *_, code = struct.unpack(">6i", first[:24])
@@ -86,8 +91,9 @@ def read_mgh(path: Path, options: LoadOptions) -> Volume:
 
 
 def _pair_file(path: Path, suffix: str) -> Path:
-    """The file of the pair with that suffix, in the case of the given path."""
-    file = path.with_suffix(suffix.upper() if path.suffix.isupper() else suffix)
+    """The file of the pair with that suffix, in the case of the given path, or packed."""
+    stem, old, packing = re.fullmatch(r"(.*?)(\.[^.]*)(\.gz|)", path.name, re.I | re.S).groups()  # type: ignore[union-attr]
+    file = path.with_name(stem + (suffix.upper() if old.isupper() else suffix) + packing)
     if not file.is_file():
         raise expected("pair", f"{file.name} beside it", "none", "put both files side by side")
     return file
@@ -112,11 +118,11 @@ def _check_sizes(sizes: list[int]) -> list[int]:
     return sizes
 
 
-def _frame_volume(stored: _Stored, affine: np.ndarray, options: LoadOptions) -> Volume:
-    """The volume in millimetres; `array` picks along a fourth axis."""
+def _frame_volume(stored: _Stored, affine: np.ndarray, options: LoadOptions, name: str = "array") -> Volume:
+    """The volume in millimetres; the option `name` picks along a fourth axis."""
     sizes = stored.shape
     long = [axis for axis in range(3, len(sizes)) if sizes[axis] > 1]
-    picked: dict[int, str | int] = {axis: "array" if axis in long else 0 for axis in range(3, len(sizes))}
+    picked: dict[int, str | int] = {axis: name if axis in long else 0 for axis in range(3, len(sizes))}
     if not long and options.array is not None:
         options.array_number(1)
     samples = stored.read(options.index(sizes, picked))
@@ -139,22 +145,33 @@ _NIFTI2_BYTES, _SNIFF_BYTES = 540, 1024
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
-    """The volume of a .nii or .nii.gz file in RAS, gzipped or not by its contents; `time` picks the time point of a 4-D
-    image, `array` one of several numbers along its fifth axis.
+    """The volume of a .nii, .nii.gz or .nii.bz2 file in RAS, packed or not by its contents; `time` picks the time point
+    of a 4-D image, `array` one of several numbers along its fifth axis.
 
     Samples with a slope or intercept are scaled to float32, others keep their type.
     """
+    return _read_nifti(_first_bytes(path), path, options)
+
+
+def _first_bytes(path: Path) -> bytes:
+    """The first bytes of a file, unpacked: errors of its packing are reported before nibabel's header errors."""
+    with decoder_errors("packed data" if is_packed(path) else "NIfTI"), open_unpacked(path) as file:
+        return bytes(file.read(_SNIFF_BYTES))
+
+
+def _read_nifti(first: bytes, data: Path, options: LoadOptions) -> Volume:
+    """The volume of a file that begins with these bytes. data: the file of the samples, the same or the other of a
+    pair.
+    """
     nibabel = import_extra("nibabel", "NIfTI files", "nibabel", "readers")
-    packed = is_gzipped(path)
-    # gzip errors are reported before nibabel's header errors
-    with decoder_errors("gzip data"), gzip.open(path) if packed else path.open("rb") as file:
-        first = file.read(_SNIFF_BYTES)
     # the header's first number identifies NIfTI-2; nibabel's detection may run other parsers on the file
     is_nifti2 = first[:4] in (_NIFTI2_BYTES.to_bytes(4, "little"), _NIFTI2_BYTES.to_bytes(4, "big"))
-    form = nibabel.Nifti2Header if is_nifti2 else nibabel.Nifti1Header
+    is_pair = (first[4:7] if is_nifti2 else first[344:347]) in (b"ni1", b"ni2")
+    module = nibabel.nifti2 if is_nifti2 else nibabel.nifti1
+    form = getattr(module, f"Nifti{1 + is_nifti2}{'Pair' * is_pair}Header")
     with decoder_errors("NIfTI"):
         header = form(first[: form.sizeof_hdr])
-        stored = _Stored.of(path, header, _scaling(*_stated(header)))
+        stored = _Stored.of(data, header, _scaling(*_stated(header)))
     _check_bytes(stored)
     affine, notes = _affine(header)
     volume = _volume_of(header, stored.shape, affine, stored.read, options)
@@ -181,7 +198,7 @@ def volume_of_image(image: Any, options: LoadOptions) -> Volume:
 
 @dataclass(frozen=True)
 class _Stored:
-    """The stored samples [x, y, z, …] of a file, gzipped if `packed`, from byte `start` on; slope and intercept."""
+    """The stored samples [x, y, z, …] of a file, unpacked first if `packed`, from byte `start` on; slope, intercept."""
 
     path: Path
     packed: bool
@@ -194,8 +211,9 @@ class _Stored:
     def of(cls, path: Path, header: Any, scaling: Scaling = _NOT_SCALED) -> _Stored:
         """The samples of a file that nibabel's header describes."""
         shape = tuple(int(size) for size in header.get_data_shape())
+        shape = (*shape, 1) if len(shape) == 2 else shape
         dtype = np.dtype(header.get_data_dtype())
-        return cls(path, is_gzipped(path), shape, dtype, int(header.get_data_offset()), scaling)
+        return cls(path, is_packed(path), shape, dtype, int(header.get_data_offset()), scaling)
 
     def read(self, index: Index) -> np.ndarray:
         """The samples [z, y, x] at an index, mapped where the file permits."""
@@ -207,7 +225,7 @@ class _Stored:
         count = math.prod(size for size, at in zip(self.shape, index, strict=True) if at == slice(None))
         room = self.dtype.itemsize + (self.scaling != _NOT_SCALED) * np.dtype(np.float32).itemsize
         require_memory(count * room, self.path.stat().st_size)
-        with decoder_errors("gzip data"), gzip.open(self.path) as file:
+        with decoder_errors("packed data"), open_unpacked(self.path) as file:
             stored = np.asanyarray(fileslice(file, index, self.shape, self.dtype, self.start, order="F"))
         return _scale(stored.T, *self.scaling)
 
@@ -261,7 +279,7 @@ def _volume_of(
         more: Any = {"color": color, "vectors": vectors, "unit": unit}
         if affine is None:
             # a zoom of zero means unknown
-            known = [abs(float(zoom)) or 1.0 for zoom in zooms[:3]]
+            known = [abs(float(zoom)) or 1.0 for zoom in (*zooms, 1.0)[:3]]
             return Volume(samples, triple(known, "pixdim"), notes=(UNORIENTED, *notes), **more)
         return volume_on_grid(samples, affine[:3, :3], affine[:3, 3], "affine", frame="RAS", notes=notes, **more)
 
@@ -318,7 +336,8 @@ def _check_bytes(stored: _Stored) -> None:
         raise expected("vox_offset", "a place in the file", stored.start, "the header is damaged")
     needed, there = stored.start + byte_count(stored.shape, stored.dtype), stored.path.stat().st_size
     if stored.packed:
-        require_plausible(needed, there)
+        with stored.path.open("rb") as file:
+            require_plausible(needed, there, bounded=file.read(len(GZIP)) == GZIP)
     else:
         require_bytes(needed, there)
 
@@ -326,10 +345,10 @@ def _check_bytes(stored: _Stored) -> None:
 def _scale(stored: np.ndarray, slope: float, intercept: float) -> np.ndarray:
     if stored.dtype.kind not in "buifc" and not _is_color_type(stored.dtype):
         raise expected("samples", "numbers or colours", stored.dtype, "convert it to one number per voxel")
-    if (slope, intercept) == _NOT_SCALED or stored.dtype.kind in "cV":
+    if (slope, intercept) == _NOT_SCALED or stored.dtype.kind == "V":
         return stored
     # plane by plane, to avoid a float64 copy of the whole
-    scaled = np.empty(stored.shape, np.float32)
+    scaled = np.empty(stored.shape, np.complex64 if stored.dtype.kind == "c" else np.float32)
     for plane, source in zip(scaled, stored, strict=True):
         plane[...] = source * np.float64(slope) + intercept
     return scaled

@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.volume import Triple
 from splatgl.errors import Choice, InputError, expected
 from splatgl.options import Group, Kind, check_options, non_default, option
-from splatgl.readers.contents import OTHER_GZIP
+from splatgl.readers.contents import OTHER_GZIP, PACKINGS
 
 # endings of files that hold named datasets
 HDF5 = (".h5", ".hdf5", ".he5", ".hdf", ".nc", ".nc4", ".emd", ".nxs", ".mat", ".vtkhdf", ".cmap")
@@ -43,9 +43,7 @@ CONVERTERS = {
     ".grib": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".grib2": "convert it with: cdo -f nc4 copy OLD NEW.nc",
     ".n5": "save it as OME-Zarr with Fiji (Export to N5/Zarr/OME-NGFF): no Python library that is kept up reads N5",
-    ".7z": "unpack it",
-    ".gz": "unpack it",
-    ".bz2": "unpack it",
+    **dict.fromkeys((".7z", ".gz", ".bz2", ".xz", ".zst"), "unpack it"),
 }
 
 
@@ -302,8 +300,14 @@ FORMATS = (
     Format("raw", (".raw", ".bin", ".dat"), "raw.read", ("shape", "dtype", "header_offset"), ("*",)),
     Format("NRRD", (".nrrd", ".nhdr"), "nrrd.read", ("array", "channel", "time", "anywhere")),
     Format("NIfTI", (".nii",), "nifti.read", ("array", "channel", "time"), ("Analyze",)),
-    Format("NIfTI, gzipped", (".nii.gz",), "nifti.read", ("array", "channel", "time"), ("gzip",)),
-    Format("Analyze", (".hdr", ".img"), "nifti.read_analyze", ("array",), ("?",)),
+    Format("NIfTI, compressed", (".nii.gz", ".nii.bz2"), "nifti.read", ("array", "channel", "time"), PACKINGS[:2]),
+    Format(
+        "Analyze",
+        (".hdr", ".img", ".hdr.gz", ".img.gz"),
+        "nifti.read_analyze",
+        ("array", "channel", "time"),
+        ("?", "gzip", OTHER_GZIP),
+    ),
     Format("MGH", (".mgh",), "nifti.read_mgh", ("array",), ("?",)),
     Format("MGH, gzipped", (".mgz",), "nifti.read_mgh", ("array",), ("gzip",)),
     Format("TIFF", (".tif", ".tiff", ".lsm"), "tiff.read", (*_TIFF, *_TERRAIN), lists="tiff.list_images"),

@@ -70,7 +70,7 @@ BAD = [
     ("a.vtk", vtk("5 7 4", 140, b"1 " * 139 + b"          ", "ASCII"), "expected 140 numbers, got 139"),
     ("a_5x7x4_uint8.raw", bytes(139), "expected 140 bytes (5x7x4 uint8 after 0), got 139 bytes"),
     ("a_5x7x4_uint8.raw", bytes(141), "expected 140 bytes (5x7x4 uint8 after 0), got 141 bytes"),
-    ("a.nii.gz", gzip.compress(bytes(999))[:20], "cannot be read as gzip data"),
+    ("a.nii.gz", gzip.compress(bytes(999))[:20], "cannot be read as packed data"),
     ("a.mgz", gzip.compress(bytes(9999)), "expected MGH, gzipped, as the name says, got gzipped data of another kind"),
     # sizes that no file could have, or this one cannot
     ("a.nrrd", nrrd("5 0 4"), "at least one sample along each axis"),

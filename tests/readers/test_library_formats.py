@@ -111,7 +111,9 @@ def test_pairs_are_as_nibabel_reads_them(tmp_path: Path, form: str) -> None:
     image = getattr(nibabel, form)(F.T.astype(np.int16), np.diag([-1.5, 2.25, 3, 1]))
     nibabel.save(image, tmp_path / "letter.img")
     # SPM's matrix in Matlab's format is not read
-    (tmp_path / "letter.mat").unlink(missing_ok=True)
+    if (tmp_path / "letter.mat").is_file():
+        assert "letter.mat is not read" in load(tmp_path / "letter.hdr").notes[0]
+        (tmp_path / "letter.mat").unlink()
     for name in ("letter.img", "letter.hdr"):
         volume = load(tmp_path / name)
         np.testing.assert_array_equal(volume.samples, F)
@@ -122,6 +124,37 @@ def test_pairs_are_as_nibabel_reads_them(tmp_path: Path, form: str) -> None:
     (tmp_path / "letter.img").write_bytes(bytes(100))
     with pytest.raises(InputError, match="data: expected 280 bytes, got 100"):
         load(tmp_path / "letter.hdr")
+
+
+@pytest.mark.parametrize("form", ["Nifti1Pair", "Nifti2Pair"])
+@pytest.mark.parametrize("ending", ["", ".gz"])
+def test_pairs_of_nifti_are_as_whole_files(tmp_path: Path, form: str, ending: str) -> None:
+    """Packed or not, with units, times, and scales."""
+    nibabel = pytest.importorskip("nibabel")
+    values = np.stack([F.T * 1.5, F.T * 3.0], -1)
+    image = getattr(nibabel, form)(values.astype(np.float32), np.diag([-1.5, 2.25, 3, 1]))
+    image.header.set_xyzt_units("micron", "msec")
+    image.header["pixdim"][4] = 500
+    image.header.set_data_dtype(np.int16)
+    nibabel.save(image, tmp_path / f"letter.img{ending}")
+    for name in (f"letter.img{ending}", f"letter.hdr{ending}"):
+        volume = load(tmp_path / name, time=1)
+        np.testing.assert_allclose(volume.samples, nibabel.load(tmp_path / name).dataobj[..., 1].T, atol=1e-4)
+        assert (volume.unit, volume.times, volume.time_step) == ("um", 2, 0.5)
+
+
+def test_nifti_of_one_plane_in_bzip2_and_complex(tmp_path: Path) -> None:
+    """Planes are one voxel thick; complex numbers are scaled, too."""
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.save(nibabel.Nifti1Image(F[0].T.astype(np.int16), None), tmp_path / "a.nii.bz2")
+    volume = load(tmp_path / "a.nii.bz2")
+    np.testing.assert_array_equal(volume.samples, F[:1])
+    assert volume.name == "a"
+    nibabel.save(nibabel.Nifti1Image((F.T * (3 + 4j)).astype(np.complex64), None), tmp_path / "b.nii")
+    whole = bytearray((tmp_path / "b.nii").read_bytes())
+    whole[112:120] = np.array([2, 1], "<f4").tobytes()
+    (tmp_path / "b.nii").write_bytes(whole)
+    np.testing.assert_allclose(load(tmp_path / "b.nii").samples, np.abs(F * (6 + 8j) + 1), rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["letter.mgh", "letter.mgz"])
