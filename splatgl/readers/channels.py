@@ -127,6 +127,12 @@ def parse_window(low: object, high: object) -> tuple[float, float] | None:
     return window if -1e300 < window[0] < window[1] < 1e300 else None
 
 
+def magnitudes(values: np.ndarray) -> np.ndarray:
+    """Magnitudes of complex numbers, or of pairs named real and imag [D, …], float32."""
+    pairs = ((plane["real"], plane["imag"]) if plane.dtype.names else (plane.real, plane.imag) for plane in values)
+    return np.stack([np.hypot(*(part.astype(np.float64) for part in pair)).astype(np.float32) for pair in pairs])
+
+
 def is_color_rule(dtype: np.dtype, count: int) -> bool:
     """Whether `count` components of a voxel, without a stated meaning, are taken for a colour: three or four bytes."""
     return dtype == np.uint8 and count in (3, 4)

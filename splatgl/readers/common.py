@@ -66,6 +66,8 @@ DEFLATE_RATIO = 1032
 # most bytes allocated on a file's word alone: where the codec's ratio is unbounded and the file is small. Most bytes
 # of samples of a store or a multiscale image that are read at once; more are read in parts.
 MAX_BYTES = 2**29
+# first bytes of packed data
+GZIP, BZIP2 = b"\x1f\x8b", b"BZh"
 # bytes inflated or read at a time: small beside a volume, large beside a call's cost
 CHUNK_BYTES = 2**20
 # most characters of a library's message that are passed on: some quote the file
@@ -135,11 +137,16 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
     require_plausible(needed, max(there, 0))
     require_memory(needed, there)
     # 2. inflate piece by piece into the array; 47 = 32 (zlib or gzip, by the header) + 15 (window bits)
-    engine, out, filled = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0
+    engine, out, filled, rest = zlib.decompressobj(wbits=47), np.empty(needed, np.uint8), 0, b""
     with path.open("rb") as file, decoder_errors("zlib data"):
         file.seek(offset)
-        while not engine.eof:
-            piece = engine.unconsumed_tail or file.read(CHUNK_BYTES)
+        while not engine.eof or (filled < needed and (rest := engine.unused_data or file.read(CHUNK_BYTES))):
+            if engine.eof:
+                # the next of several members of gzip data
+                if not rest.startswith(GZIP):
+                    break
+                engine = zlib.decompressobj(wbits=47)
+            piece, rest = rest or engine.unconsumed_tail or file.read(CHUNK_BYTES), b""
             block = engine.decompress(piece, needed - filled + 1)
             if not piece and not block:
                 raise expected("compressed data", "an end mark", "the end of the file", "the file is cut short")
@@ -149,9 +156,6 @@ def inflate(path: Path, offset: int, dtype: np.dtype, shape: Sequence[int]) -> n
             filled += len(block)
     require_bytes(needed, filled, "inflated data")
     return out.view(dtype).reshape(tuple(shape))
-
-
-GZIP, BZIP2 = b"\x1f\x8b", b"BZh"
 
 
 def is_packed(path: Path) -> bool:

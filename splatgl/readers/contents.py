@@ -75,9 +75,11 @@ PACKINGS = ("gzip", "bzip2", "ZIP")
 OTHER_GZIP, OTHER_BZIP2 = "gzipped data of another kind", "bzip2 data of another kind"
 # kinds that only a name tells apart: of packed data, and of JPEG 2000, which ND2 before version 2 is
 UNKNOWN = (*PACKINGS, OTHER_GZIP, OTHER_BZIP2, "JPEG 2000")
+ASCII_NIFTI = "NIfTI in text"
 # advice for kinds that are not read
 FIXES = {
     "MATLAB's format before 7.3": "save it in MATLAB with save(..., '-v7.3')",
+    ASCII_NIFTI: "save it as .nii.gz, such as with SimpleITK",
     "FITS": "save a dense array with numpy.save, in the order [z, y, x]",
     "Scanco ISQ": "convert it with itk-ioscanco to .mha",
     "HDF4": "convert it with h4toh5",
@@ -175,6 +177,8 @@ def _text_kind(head: bytes) -> str:
         is_page = re.match(rb"<!doctype html|<html|<head", text.lower())
         if b"<SpimData" in text:
             return "BigDataViewer"
+        if text.startswith(b"<nifti_image"):
+            return ASCII_NIFTI
         return "a page of HTML" if is_page else VTK_XML.get(kind, f"VTK {kind}" if kind else "XML")
     lines = text.splitlines()
     fields = next((n for n, line in enumerate(lines) if b"=" not in line), len(lines))

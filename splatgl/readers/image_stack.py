@@ -27,8 +27,17 @@ from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
 from splatgl.readers.ome_zarr import natural_key
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.tiff import Grid, calibrate, logged_errors, open_tiff, resolution_grid, stated_grid, tiff_dpi
-from splatgl.readers.tiff_images import calibration_line, find_pixels
+from splatgl.readers.tiff import (
+    Grid,
+    logged_errors,
+    open_tiff,
+    resolution_grid,
+    stated_grid,
+    tiff_dpi,
+    value_notes,
+    values_of,
+)
+from splatgl.readers.tiff_images import find_calibration, find_pixels
 from splatgl.readers.tiff_validation import check_before_decoding, check_chain, check_ome, check_page, jpeg_xl_size
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -69,6 +78,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     first = _read_plane(files[0])
     (spacing, unit), told = _find_grid(files[0])
     told = told if options.spacing is None else []
+    told += _with_page(files[0], value_notes) if KINDS[files[0].suffix.lower()] == "TIFF" else []
     notes = [f"{len(stacks[0, 0])} slices, from {files[0].name} to {files[-1].name}", *told, *notes]
     notes += [f"{left} other file{'s are' if left > 1 else ' is'} left out"] * bool(left)
     of = ChannelSet(tuple(map(Channel, channels)) if len(channels) > 1 else (), times=max(len(times), 1))
@@ -225,7 +235,7 @@ def _read_plane(file: Path) -> np.ndarray:
         return _decode_plane(file, kind)
     if kind != "TIFF":
         return open_picture(file, 1)
-    return _with_page(file, lambda page: calibrate(np.asarray(page.asarray()), calibration_line(page.parent)))
+    return _with_page(file, lambda page: values_of(np.asarray(page.asarray()), page.parent))
 
 
 def _decode_plane(file: Path, kind: str) -> np.ndarray:
@@ -248,12 +258,15 @@ def _stated_size(file: Path, data: bytes) -> Shape:
         return size
 
 
+def _is_converted(page: Any) -> bool:
+    """Whether the values of a page are of another type than its samples."""
+    return find_calibration(page.parent) is not None or page.dtype.kind == "c"
+
+
 def _describe_plane(file: Path) -> tuple[Shape, np.dtype | None]:
     """Shape and type of a picture, by its header where that tells them; no type where only decoding tells it."""
     if KINDS[file.suffix.lower()] == "TIFF":
-        return _with_page(
-            file, lambda page: (page.shape, None if calibration_line(page.parent) else np.dtype(page.dtype))
-        )
+        return _with_page(file, lambda page: (page.shape, None if _is_converted(page) else np.dtype(page.dtype)))
     from PIL import Image
 
     if KINDS[file.suffix.lower()] in _DECODERS:

@@ -14,7 +14,8 @@ import numpy as np
 from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
-from splatgl.fileio import byte_count
+from splatgl.fileio import byte_count, require_memory
+from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes
 from splatgl.readers.common import (
     BZIP2,
     GZIP,
@@ -32,8 +33,9 @@ from splatgl.readers.options import LoadOptions
 _HEADER = 1024
 # mark of IMOD, whose bytes (mode 0) are unsigned unless this flag is set (bio3d.colorado.edu/imod)
 _IMOD, _IMOD_SIGNED = 1146047817, 1
-# modes of real numbers; 3 and 4 are complex, 101 has four bits a voxel
-_REAL = (0, 1, 2, 6, 12)
+# modes of real numbers; complex ones of two integers and of two floats; 101 has four bits a voxel
+_REAL, _COMPLEX_INTEGERS, _COMPLEX = (0, 1, 2, 6, 12), 3, 4
+_MODES = (*_REAL, _COMPLEX_INTEGERS, _COMPLEX)
 
 
 def read(path: Path, options: LoadOptions) -> Volume:
@@ -50,11 +52,17 @@ def read(path: Path, options: LoadOptions) -> Volume:
     volumes = _count_volumes(header, columns[0])
     stack = samples.reshape(volumes, columns[0] // volumes, *columns[1:])
     samples = stack[options.index(stack.shape, {0: "array"})]
+    pictures = int(header["ispg"]) == 0 and int(header["mz"]) == 1 and len(samples) > 1
+    notes = ("by its header a stack of pictures, not of slices: drawn as slices",) * pictures
+    if int(header["mode"]) not in _REAL:
+        notes = (*notes, MAGNITUDE_NOTE)
+        require_memory(byte_count(samples.shape, np.dtype(np.float32)), path.stat().st_size)
+        samples = magnitudes(samples)
     # 3. axes: place[i] is the cell's axis (0 is x) of the file's axis i, columns first
     place = _axis_order(header)
     samples = samples.transpose([2 - place.index(axis) for axis in (2, 1, 0)])
     matrix, origin, unit = _grid(header, place)
-    return volume_on_grid(samples, matrix, origin, "cell", unit=unit)
+    return volume_on_grid(samples, matrix, origin, "cell", unit=unit, notes=notes)
 
 
 def _read_header(path: Path) -> tuple[Any, bytes]:
@@ -74,14 +82,19 @@ def _read_header(path: Path) -> tuple[Any, bytes]:
             # old files have no stamp: take the order in which the mode is valid
             order = "<" if 0 <= header["mode"] < 2**16 else ">"
         header = np.frombuffer(first, layout.newbyteorder(order))[0]
-    if int(header["mode"]) not in _REAL:
-        raise expected("mode", f"one of {', '.join(map(str, _REAL))}", int(header["mode"]), "is this an MRC file?")
+    if int(header["mode"]) not in _MODES:
+        raise expected(
+            "mode", f"one of {', '.join(map(str, sorted(_MODES)))}", int(header["mode"]), "is this an MRC file?"
+        )
     return header, packing
 
 
 def _dtype(header: Any) -> np.dtype:
     from mrcfile import utils
 
+    if int(header["mode"]) == _COMPLEX_INTEGERS:
+        part = header.dtype["nx"].byteorder + "i2"
+        return np.dtype([("real", part), ("imag", part)])
     dtype = np.dtype(utils.dtype_from_mode(int(header["mode"])))
     mark, flags = np.frombuffer(header["extra2"].tobytes()[40:48], header.dtype["nx"])
     if dtype == np.int8 and mark == _IMOD and not flags & _IMOD_SIGNED:

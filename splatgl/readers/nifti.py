@@ -22,7 +22,7 @@ from splatgl.data.affine import volume_on_grid
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
-from splatgl.readers.channels import MAGNITUDE_NOTE, ChannelSet, Components, split_voxels
+from splatgl.readers.channels import MAGNITUDE_NOTE, ChannelSet, Components, magnitudes, split_voxels
 from splatgl.readers.common import (
     GZIP,
     decoder_errors,
@@ -305,7 +305,7 @@ def _interpret(values: np.ndarray, componented: bool, options: LoadOptions) -> C
     if not componented:
         options.refuse("channel", "several numbers per voxel")
     if values.dtype.kind == "c":
-        return np.stack([np.abs(plane).astype(np.float32) for plane in values]), None, None, (MAGNITUDE_NOTE,)
+        return magnitudes(values), None, None, (MAGNITUDE_NOTE,)
     if not componented:
         return values, None, None, ()
     samples, color, vectors, notes = split_voxels(np.moveaxis(values, 0, -1), options)

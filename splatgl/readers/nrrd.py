@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.affine import unit_name, value_unit_name, volume_on_grid
+from splatgl.data.affine import METRES, unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
@@ -158,6 +158,9 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
             samples, color, vectors = split_components(values, is_color)
             told = (COLOR_NOTE,) * (is_color and "color" not in kind)
     matrix, origin, notes = _grid(header, space)
+    unit, factors = _units(header, space)
+    # units are those of the space's axes with directions, else of the file's, which are then the same
+    matrix, origin = factors[:, None] * matrix, factors * origin
     rotation: Any = header.get("measurement frame")
     if vectors is not None and np.shape(rotation) == (3, 3) and np.isfinite(rotation).all():
         # the rows of the field are the columns of the matrix
@@ -175,7 +178,7 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
         matrix,
         origin,
         "space directions and origin",
-        unit=_unit(header, space),
+        unit=unit,
         frame=frame,
         color=color,
         vectors=vectors,
@@ -412,9 +415,14 @@ def _grid(header: Header, space: list[int]) -> tuple[np.ndarray, np.ndarray, tup
         # a least coordinate alone gives the origin, too
         places = low + np.where(nodes, 0.0, steps / 2)
         origin = np.where(np.isfinite(low) & (taken | np.isfinite(places)), places, 0.0)
+    stated = np.isfinite(_axis_field(header, space, "spacings")) | taken
+    unknown = [axis for axis, known in zip("xyz", stated, strict=True) if not known]
     guessed = any(word not in ("cell", "node") for word, by in zip(centerings, taken, strict=True) if by)
     note = "axis mins and maxs are taken for the faces of the grid: the file does not tell its centers"
-    return np.diag(steps), origin, (note,) * guessed
+    notes = (note,) * guessed
+    if "spacings" in header and unknown:
+        notes = (*notes, f"the file states no spacing along {', '.join(unknown)}: 1 is taken")
+    return np.diag(steps), origin, notes
 
 
 def _axis_field(header: Header, space: list[int], *names: str) -> np.ndarray:
@@ -428,9 +436,12 @@ def _axis_field(header: Header, space: list[int], *names: str) -> np.ndarray:
     return np.array([values[axis] for axis in space], np.float64)
 
 
-def _unit(header: Header, space: list[int]) -> str:
-    """The unit that all axes share, "" without one."""
+def _units(header: Header, space: list[int]) -> tuple[str, np.ndarray]:
+    """The unit of the first axis of space, "" for none, and that of each of them in it [3]; lengths are converted."""
     units = header.get("space units")
     if units is None and "units" in header:
-        units = [unit for axis, unit in enumerate(header["units"]) if axis in space]
-    return unit_name(units[0]) if units and len(set(units)) == 1 else ""
+        units = [header["units"][axis] for axis in space] if len(header["units"]) == header["dimension"] else None
+    names = [unit_name(unit) for unit in (units or ())[:3]]
+    if len(names) == 3 and all(name in METRES for name in names):
+        return names[0], np.array([METRES[name] / METRES[names[0]] for name in names])
+    return names[0] if names and len(set(names)) == 1 else "", np.ones(3)

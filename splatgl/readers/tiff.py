@@ -24,15 +24,15 @@ from splatgl.data.color import luma
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
-from splatgl.readers.channels import mark_microscope
+from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope
 from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
 from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
+from splatgl.readers.imagej import calibrate
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
     Planes,
-    calibration_line,
-    calibration_unit,
+    find_calibration,
     find_channels,
     find_pixels,
     list_planes,
@@ -194,11 +194,27 @@ def _ignored_notes(image: _Image) -> list[str]:
     dpi, survey = tiff_dpi(image.series.keyframe), image.survey
     if resolution_grid(dpi)[0][1] and stated_grid(image.tiff, image.pixels) is None and not (survey and survey.step):
         notes.append(resolution_grid(dpi)[1])
-    if (line := calibration_line(image.tiff)) is not None:
-        notes.append(f"values are {line[0]:g} + {line[1]:g} × the stored ones, by ImageJ's calibration")
-    if image.series.keyframe.photometric.name == "MINISWHITE":
-        notes.append("values are as they are stored, though the file shows 0 as white")
-    return notes
+    return [*notes, *value_notes(image.series.keyframe)]
+
+
+def value_notes(page: Any) -> list[str]:
+    """Notes on the values of a page, and on tags that do not affect them."""
+    calibration = find_calibration(page.parent)
+    notes = {
+        str(calibration): calibration is not None,
+        "values are as they are stored, though the file shows 0 as white": page.photometric.name == "MINISWHITE",
+        "values are numbers of colours in the file's table, which is not applied": page.photometric.name == "PALETTE"
+        and not page.parent.is_imagej,
+        "rows and columns are as stored: the tag of their orientation is not applied": _orientation(page) != 1,
+        MAGNITUDE_NOTE: page.dtype is not None and page.dtype.kind == "c",
+    }
+    return [note for note, applies in notes.items() if applies]
+
+
+def _orientation(page: Any) -> int:
+    """The tag of the first row's and column's side, 1 for top and left."""
+    tag = page.tags.get("Orientation")
+    return int(tag.value) if tag is not None else 1
 
 
 def _read_image(image: _Image, options: LoadOptions) -> Volume:
@@ -230,8 +246,7 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
         (samples,) = (
             read_in_parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
         )
-        line = None if pixels is None or whole else calibration_line(tiff)
-        samples = calibrate(samples, line)
+        samples = samples if pixels is None or whole else values_of(samples, tiff)
         volume = _level_volume(_mask_missing(samples, image.survey), series, levels[0])
         if pixels is not None and whole:
             return _with_colors(volume, pixels, here, series)
@@ -246,10 +261,9 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     if series.axes[z] == "S":
         channel_set = replace(channel_set, components=1)
     volume = channel_set.volume(options, read_one)
-    if calibration_line(tiff) is not None:
-        unit = calibration_unit(tiff)
-        parts = tuple(replace(part, value_unit=unit) for part in volume.channels)
-        volume = replace(volume, value_unit=unit, channels=parts)
+    if (calibration := find_calibration(tiff)) is not None:
+        parts = tuple(replace(part, value_unit=calibration.unit) for part in volume.channels)
+        volume = replace(volume, value_unit=calibration.unit, channels=parts)
     return mark_microscope(volume) if image.is_microscope else volume
 
 
@@ -267,7 +281,7 @@ def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOp
         )
     rows = np.squeeze(pixels)
     rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
-    rows = rows if series.is_color else calibrate(rows, calibration_line(image.tiff))
+    rows = rows if series.is_color else values_of(rows, image.tiff)
     is_map, note = classify_picture(image.path, rows, options, image.survey is not None)
     if is_map:
         volume = make_terrain(image.path, grey_heights(rows), options, image.survey)
@@ -302,17 +316,9 @@ def _mask_missing(samples: Any, survey: Survey | None) -> Any:
     return np.where(holes, np.nan, samples).astype(np.float32) if holes.any() else samples
 
 
-def calibrate(samples: Any, line: tuple[float, float] | None) -> Any:
-    """offset + slope · samples: int16 for ImageJ's signed numbers, which it stores without a sign, else float32; the
-    samples without a line.
-    """
-    if line is None:
-        return samples
-    offset, slope = line
-    if (offset, slope, samples.dtype.str[1:]) == (-32768, 1, "u2"):
-        return (samples.astype(np.uint16) ^ np.uint16(0x8000)).view(np.int16)
-    require_memory(byte_count(samples.shape, np.dtype(np.float32)), samples.nbytes)
-    return np.stack([(plane * np.float64(slope) + offset).astype(np.float32) for plane in samples])
+def values_of(samples: Any, tiff: Any) -> np.ndarray:
+    """The values of stored samples: calibrated, or magnitudes."""
+    return magnitudes(samples) if samples.dtype.kind == "c" else calibrate(samples, find_calibration(tiff))
 
 
 def _is_rgb(series: _Series) -> bool:

@@ -16,6 +16,7 @@ from splatgl.errors import expected
 from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.common import parse_number
 from splatgl.readers.heightmap import DEGREE, Survey
+from splatgl.readers.imagej import Calibration
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.vtk_xml import parse_xml
 
@@ -31,7 +32,7 @@ def find_channels(tiff: Any, pixels: Element | None, axes: str, shape: tuple[int
     if pixels is not None:
         channels = _ome_channels(pixels, count, times)
     elif tiff.imagej_metadata:
-        channels = _imagej_channels(tiff.imagej_metadata, count, times, calibration_line(tiff) or (0.0, 1.0))
+        channels = _imagej_channels(tiff.imagej_metadata, count, times, find_calibration(tiff))
     elif tiff.lsm_metadata:
         channels = _lsm_channels(tiff.lsm_metadata, count, times)
     else:
@@ -57,27 +58,15 @@ def _ome_color(text: str | None) -> str | None:
     return hex_color([number >> 24, number >> 16, number >> 8])
 
 
-def calibration_line(tiff: Any) -> tuple[float, float] | None:
-    """(offset, slope) of ImageJ's calibration from stored numbers to values; None if it is no straight line."""
-    metadata = tiff.imagej_metadata or {}
-    if str(metadata.get("cf")) != "0":
-        return None
-    offset, slope = parse_number(metadata.get("c0")), parse_number(metadata.get("c1"))
-    is_line = math.isfinite(offset) and math.isfinite(slope) and slope != 0
-    return (offset, slope) if is_line and (offset, slope) != (0, 1) else None
+def find_calibration(tiff: Any) -> Calibration | None:
+    """ImageJ's calibration of a file's values; None without one."""
+    return Calibration.of(tiff.imagej_metadata, np.dtype(tiff.pages[0].dtype))
 
 
-def calibration_unit(tiff: Any) -> str:
-    """The unit of ImageJ's calibrated values; "" for its grey value."""
-    unit = str((tiff.imagej_metadata or {}).get("vunit", "")).strip()
-    return "" if unit.lower() in ("gray value", "grey value") else unit
-
-
-def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int, line: tuple[float, float]) -> ChannelSet:
-    """ImageJ's channels: colours are the ends of lookup tables, windows the display ranges, of stored numbers.
-
-    line: (offset, slope) of values.
-    """
+def _imagej_channels(
+    metadata: Mapping[str, Any], count: int, times: int, calibration: Calibration | None
+) -> ChannelSet:
+    """ImageJ's channels: colours are the ends of lookup tables, windows the display ranges, of stored numbers."""
     tables, ranges = metadata.get("LUTs", ()), metadata.get("Ranges", ())
     # planes' labels name channels, which vary fastest, if they are the same on all planes of a channel; else numbers
     texts = [str(text).strip() for text in labels] if isinstance(labels := metadata.get("Labels"), list | tuple) else []
@@ -88,7 +77,8 @@ def _imagej_channels(metadata: Mapping[str, Any], count: int, times: int, line: 
     for n in range(count):
         table = tables[n] if n < len(tables) else ()
         color = hex_color([int(row[-1]) for row in table]) if len(table) == 3 else usual.get(n)
-        ends = sorted(line[0] + line[1] * parse_number(end) for end in ranges[2 * n : 2 * n + 2])
+        stored = np.array([parse_number(end) for end in ranges[2 * n : 2 * n + 2]])
+        ends = sorted(stored if calibration is None else calibration.values(stored))
         window = parse_window(*ends) if len(ends) == 2 else None
         channels.append(Channel(names[n], color, window))
     together = count > 1 and (composite or any(channel.color not in (None, WHITE) for channel in channels))

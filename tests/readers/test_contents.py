@@ -90,6 +90,7 @@ OTHER = {
     "a.mgz": (b"hello", "got text that begins with 'hello'"),
     "a.vti": (b'<VTKFile type="PolyData">', "got VTK PolyData; surfaces are not drawn"),
     "a.jp2": (b"\0\0\0\x0cjP  \r\n", "got JPEG 2000; a picture is one slice"),
+    "a.nia": (b"<nifti_image\n", "got NIfTI in text; save it as .nii.gz"),
     "scan": (b"Rar!", "expected one that is read, got RAR; unpack it"),
 }
 

@@ -119,6 +119,26 @@ def test_nrrd_spacings(tmp_path: Path) -> None:
     volume = load(put(tmp_path / "letter.nrrd", header, "spacings: 1.5 -2.25 nan\n", "\n", F.tobytes()))
     assert volume.spacing == (1.5, 2.25, 1.0) and volume.frame is None
     np.testing.assert_array_equal(volume.world_from_index, np.diag([1.5, -2.25, 1.0]))
+    assert volume.notes == ("the file states no spacing along z: 1 is taken",)
+
+
+def test_nrrd_units_of_several_lengths(tmp_path: Path) -> None:
+    """Lengths are converted to the first unit."""
+    header = NRRD.format(type="uchar", endian="little", encoding="raw")
+    units = 'units: "um" "um" "mm"\n'
+    volume = load(put(tmp_path / "a.nrrd", header, "spacings: 1 2 0.003\n", units, "\n", F.tobytes()))
+    assert volume.spacing == pytest.approx((1, 2, 3)) and volume.unit == "um"
+
+
+def test_gzip_data_of_several_members(tmp_path: Path) -> None:
+    """As programs write them that compress in parts."""
+    header = NRRD.format(type="uchar", endian="little", encoding="gzip")
+    parts = [gzip.compress(part.tobytes()) for part in F]
+    path = put(tmp_path / "a.nrrd", header, "\n", *parts)
+    np.testing.assert_array_equal(load(path).samples, F)
+    path.write_bytes(path.read_bytes()[: -len(parts[-1])] + b"junk")
+    with pytest.raises(InputError, match="inflated data: expected"):
+        load(path)
 
 
 def test_nrrd_left_anterior_is_turned(tmp_path: Path) -> None:

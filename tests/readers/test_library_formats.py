@@ -81,7 +81,7 @@ def test_a_stack_of_volumes_and_bytes_of_imod(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"mode": 4}, "mode: expected one of 0, 1, 2, 6, 12, got 4"),
+        ({"mode": 5}, "mode: expected one of 0, 1, 2, 3, 4, 6, 12, got 5"),
         ({"nx": 99999999}, "the file is cut short"),
         ({"mapc": 2}, "mapc, mapr, maps: expected 1, 2 and 3"),
         ({"cellb": (10, 10, 179)}, "angles that a cell can have"),
@@ -100,6 +100,37 @@ def test_damaged_mrc(tmp_path: Path, change: dict[str, Any], message: str) -> No
     path.write_bytes(header.tobytes() + data[1024:])
     with pytest.raises(InputError, match=message):
         load(path)
+
+
+def test_a_stack_of_pictures_in_mrc_is_told(tmp_path: Path) -> None:
+    mrcfile = pytest.importorskip("mrcfile")
+    with mrcfile.new(tmp_path / "a.mrcs") as file:
+        file.set_data(F.astype(np.float32))
+        file.set_image_stack()
+        file.voxel_size = 2.0
+    volume = load(tmp_path / "a.mrcs")
+    np.testing.assert_array_equal(volume.samples, F)
+    assert "stack of pictures" in volume.notes[0] and volume.spacing == (2, 2, 2)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_complex_mrc_is_drawn_by_its_magnitude(tmp_path: Path, order: str) -> None:
+    """Modes 3, pairs of integers, and 4, pairs of floats."""
+    mrcfile = pytest.importorskip("mrcfile")
+    values = (F * (3 - 4j)).astype(np.complex64)
+    with mrcfile.new(tmp_path / "a.mrc") as file:
+        file.set_data(values.astype(order + "c8"))
+        file.voxel_size = 2.0
+        layout = file.header.dtype
+    whole = (tmp_path / "a.mrc").read_bytes()
+    header = np.frombuffer(whole[:1024], layout).copy()
+    header["mode"] = 3
+    pairs = np.stack([values.real, values.imag], -1).astype(order + "i2")
+    (tmp_path / "b.mrc").write_bytes(header.tobytes() + pairs.tobytes())
+    for name in ("a.mrc", "b.mrc"):
+        volume = load(tmp_path / name)
+        np.testing.assert_allclose(volume.samples, np.abs(values))
+        assert volume.notes == ("complex numbers are drawn by their magnitude",) and volume.spacing == (2, 2, 2)
 
 
 # --- Analyze, MGH ----------------------------------------------------------------------------------------------------

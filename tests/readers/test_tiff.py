@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -333,6 +335,66 @@ def test_imagej_calibrates_values(tmp_path: Path, line: tuple[float, float], dty
     assert load(tmp_path / "a.tif").value_unit == "HU"
     assert f"{line[0]:g} + {line[1]:g} × the stored" in load(tmp_path / "a.tif").notes[0]
     assert np.array_equal(load(tmp_path / "slices/2.tif").samples, right[2:3])
+
+
+CURVES: dict[int, tuple[tuple[float, ...], Callable[[float], float]]] = {
+    1: ((1, 2, 3), lambda x: 1 + 2 * x + 3 * x**2),
+    3: ((1, 2, 3, 4e-3, 5e-5), lambda x: 1 + 2 * x + 3 * x**2 + 4e-3 * x**3 + 5e-5 * x**4),
+    4: ((2, 0.01), lambda x: 2 * math.exp(0.01 * x)),
+    5: ((2, 0.5), lambda x: 2 * math.sqrt(x)),
+    6: ((2, 0.5), lambda x: 2 * math.log(0.5 * x) if x else -2000),
+    7: ((9, 2, 50, 1), lambda x: 1 + 8 / (1 + (x / 50) ** 2)),
+    8: ((5, 2, 1.5, 40), lambda x: 2 * (x - 5) ** 1.5 * math.exp(-(x - 5) / 40) if x > 5 else 0),
+    9: ((1, 2, -3), lambda x: 1 + 2 * math.log(x + 3)),
+    10: ((5, 2, 3, 200), lambda x: 3 * ((x - 5) / (200 - x)) ** 0.5 if 5 <= x < 200 else 0),
+    11: ((2, 0.01, 7), lambda x: 2 * math.exp(-0.01 * x) + 7),
+    12: ((1, 9, 100, 30), lambda x: 1 + 8 * math.exp(-((x - 100) ** 2) / 1800)),
+    13: ((2, 0.01, 7), lambda x: 2 * (1 - math.exp(-0.01 * x)) + 7),
+    21: ((), lambda x: math.log10(255 / (x or 0.5))),
+}
+
+
+@pytest.mark.parametrize("function", CURVES)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_curved_calibrations_of_imagej(tmp_path: Path, function: int, dtype: type) -> None:
+    """The formulas of ImageJ's documentation; numbers of other types are not calibrated."""
+    stored: np.ndarray = np.arange(240).reshape(4, 5, 12).astype(dtype)
+    coefficients, right = CURVES[function]
+    text = f"ImageJ=1.53t\nimages=4\nslices=4\ncf={function}\nvunit=OD\n"
+    text += "".join(f"c{n}={number}\n" for n, number in enumerate(coefficients))
+    options = {"metadata": None, "photometric": "minisblack"}
+    tifffile.imwrite(tmp_path / "a.tif", stored, description=text, **options)
+    volume = load(tmp_path / "a.tif")
+    expected = np.vectorize(right, otypes=[float])(stored.astype(float))
+    np.testing.assert_allclose(volume.samples, expected, rtol=1e-6)
+    assert volume.value_unit == "OD" and "ImageJ's function" in volume.notes[0]
+    tifffile.imwrite(tmp_path / "a.tif", stored.astype(np.float32), description=text, **options)
+    np.testing.assert_array_equal(load(tmp_path / "a.tif").samples, stored)
+
+
+def test_values_below_zero_are_clipped_where_imagej_does(tmp_path: Path) -> None:
+    text = "ImageJ=1.53t\nimages=2\nslices=2\ncf=0\nc0=-5\nc1=2\nvunit=OD\nzeroclip=true\n"
+    stored = np.arange(8, dtype=np.uint8).reshape(2, 2, 2)
+    tifffile.imwrite(tmp_path / "a.tif", stored, description=text, metadata=None, photometric="minisblack")
+    np.testing.assert_array_equal(load(tmp_path / "a.tif").samples, np.maximum(2.0 * stored - 5, 0))
+
+
+def test_complex_numbers_tables_of_colours_and_turned_rows(tmp_path: Path) -> None:
+    """Magnitudes are drawn; a table of colours and an orientation, which are not applied, are told."""
+    values = (np.arange(60).reshape(3, 4, 5) * (3 - 4j)).astype(np.complex64)
+    (tmp_path / "slices").mkdir()
+    tifffile.imwrite(tmp_path / "a.tif", values, photometric="minisblack")
+    for n, plane in enumerate(values):
+        tifffile.imwrite(tmp_path / f"slices/{n}.tif", plane, photometric="minisblack")
+    for name in ("a.tif", "slices"):
+        volume = load(tmp_path / name)
+        np.testing.assert_allclose(volume.samples, np.abs(values), rtol=1e-6)
+        assert "complex numbers are drawn by their magnitude" in volume.notes
+    table = np.zeros((3, 256), np.uint16)
+    options = {"photometric": "palette", "colormap": table, "extratags": [(274, "H", 1, 3, True)]}
+    tifffile.imwrite(tmp_path / "b.tif", np.zeros((3, 4, 5), np.uint8), **options)
+    notes = " ".join(load(tmp_path / "b.tif").notes)
+    assert "colours in the file's table" in notes and "orientation is not applied" in notes
 
 
 def test_spacing_of_a_plain_stack_by_its_resolution(tmp_path: Path) -> None:
