@@ -378,6 +378,17 @@ def unit_name(text: str) -> str:
     return _SHORT.get(text.lower(), text)
 
 
+def shared_unit(units: Sequence[str]) -> tuple[str, np.ndarray]:
+    """The unit of the first axis, and what each axis' unit is in it; an unknown unit is that of the others. "" and ones
+    for units that differ and are not all lengths.
+    """
+    first = next((unit for unit in units if unit), "")
+    filled = [unit or first for unit in units]
+    if all(unit in METRES for unit in filled):
+        return filled[0], np.array([METRES[unit] / METRES[filled[0]] for unit in filled])
+    return first if len(set(filled)) == 1 else "", np.ones(len(filled))
+
+
 def value_unit_name(unit: object) -> str:
     """The unit of values that a file states: a short text; "" for none and for pure numbers."""
     text = str(unit or "").strip()

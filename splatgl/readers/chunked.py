@@ -8,7 +8,7 @@ import math
 import os
 import zipfile
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -214,25 +214,59 @@ class TransposedChunks(Transposed):
         self.chunks, self.fill_value = self.sizes(array.chunks), array.fill_value
 
 
+# CF's attributes of packing (conventions 1.11, sections 2.5.1 and 8.1)
+CF_NUMBERS = ("scale_factor", "add_offset", "_FillValue", "missing_value", "valid_min", "valid_max", "valid_range")
+# most numbers that stand for missing values
+_MOST_FILLS = 8
+
+
 @dataclass(frozen=True)
 class Packing:
-    """Packing of values into stored numbers: value = number · scale + offset; numbers equal to `fill` are missing."""
+    """Packing of values into stored numbers: value = number · scale + offset; numbers equal to one of `fills`, below
+    `low` and above `high` are missing. unsigned: whether signed numbers stand for those of the same bits without sign.
+    """
 
     scale: float = 1.0
     offset: float = 0.0
-    fill: float | None = None
+    fills: tuple[float, ...] = ()
+    low: float = -math.inf
+    high: float = math.inf
+    unsigned: bool = False
 
     @classmethod
-    def of(cls, scale: float | None, offset: float | None, fill: float | None) -> Packing | None:
+    def of(cls, stated: Mapping[str, np.ndarray | None], dtype: np.dtype, unsigned: object) -> Packing | None:
         """The packing that CF's attributes state; None if there are none: stored numbers are values."""
-        if scale is None and offset is None and fill is None:
-            return None
-        return cls(1.0 if scale is None else scale, 0.0 if offset is None else offset, fill)
+        turned = str(unsigned).lower() == "true" and dtype.kind == "i"
+        numbers = {name: np.asarray(value, np.float64).ravel() for name, value in stated.items() if value is not None}
+        wrap = 2.0 ** (8 * dtype.itemsize) if turned else 0.0
+        limits = {name: np.where(value < 0, value + wrap, value) for name, value in numbers.items()}
+        fills = np.concatenate([limits.get(name, np.zeros(0))[:_MOST_FILLS] for name in CF_NUMBERS[2:4]])
+        low, high = (_one(limits.get(name), default) for name, default in zip(CF_NUMBERS[4:6], _EVERY, strict=True))
+        if len(limits.get("valid_range", ())) == 2:
+            low, high = limits["valid_range"].tolist()
+        scale, offset = _one(numbers.get("scale_factor"), 1.0), _one(numbers.get("add_offset"), 0.0)
+        packing = cls(scale, offset, tuple(fills[np.isfinite(fills)].tolist()), low, high, turned)
+        return packing if packing != cls() or {"scale_factor", "add_offset"} & numbers.keys() else None
 
     def values(self, stored: np.ndarray) -> np.ndarray:
         """Values, float32; NaN where they are missing."""
+        if self.unsigned:
+            stored = stored.view(f"{stored.dtype.byteorder}u{stored.dtype.itemsize}")
         values = stored.astype(np.float64) * self.scale + self.offset
-        return (values if self.fill is None else np.where(stored == self.fill, np.nan, values)).astype(np.float32)
+        # numbers of the stored type, to which attributes in double precision are rounded
+        real = stored.dtype if stored.dtype.kind == "f" else np.dtype(np.float64)
+        missing = np.isin(stored, np.array(self.fills, real)) if self.fills else np.zeros(stored.shape, bool)
+        if (self.low, self.high) != _EVERY:
+            missing |= (stored < real.type(self.low)) | (stored > real.type(self.high))
+        return np.where(missing, np.nan, values).astype(np.float32)
+
+
+_EVERY = (-math.inf, math.inf)
+
+
+def _one(numbers: np.ndarray | None, default: float) -> float:
+    """The only number, else the default."""
+    return default if numbers is None or numbers.size != 1 or math.isnan(numbers[0]) else float(numbers[0])
 
 
 class Magnitude(Packing):

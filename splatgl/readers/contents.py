@@ -87,7 +87,7 @@ FIXES = {
     "a page of HTML": "download the file itself",
     "a pointer of Git LFS": "fetch the file with: git lfs pull",
     "JPEG 2000": "a picture is one slice; open the folder of all slices",
-    "VTK PolyData": "surfaces are not drawn; voxelize it",
+    "VTK PolyData": "it is a surface: --mesh and sg.load_mesh read it",
     **dict.fromkeys(("gzip", OTHER_GZIP, "bzip2", OTHER_BZIP2, "xz", "Zstandard", "7-Zip", "RAR", "ZIP"), "unpack it"),
 }
 # names of metadata in a Zarr store

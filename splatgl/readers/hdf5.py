@@ -34,7 +34,7 @@ from splatgl.readers.channels import (
     is_color_rule,
     split_components,
 )
-from splatgl.readers.chunked import Magnitude, Packing
+from splatgl.readers.chunked import CF_NUMBERS, Magnitude, Packing
 from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.hdf5_files import (
     MOST_VALUES,
@@ -257,13 +257,8 @@ def _transpose(samples: Any, axes: list[int]) -> Any:
 
 def _read_packing(dataset: Any) -> Packing | None:
     """NetCDF's packing of the numbers, None if they are values."""
-    stated = {
-        name: attribute_numbers(dataset, name) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
-    }
-    scale, offset, *fills = (
-        None if numbers is None or numbers.size != 1 else float(numbers[0]) for numbers in stated.values()
-    )
-    return Packing.of(scale, offset, next((fill for fill in fills if fill is not None and np.isfinite(fill)), None))
+    stated = {name: attribute_numbers(dataset, name) for name in CF_NUMBERS}
+    return Packing.of(stated, dataset.dtype, attribute_text(dataset, "_Unsigned"))
 
 
 def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tuple[Lattice, str | None]:

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from splatgl.data.affine import METRES, unit_name, value_unit_name, volume_on_grid
+from splatgl.data.affine import shared_unit, unit_name, value_unit_name, volume_on_grid
 from splatgl.data.volume import Label, Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
@@ -158,8 +158,8 @@ def _volume(header: Header, stored: np.ndarray, kinds: list[str], options: LoadO
             samples, color, vectors = split_components(values, is_color)
             told = (COLOR_NOTE,) * (is_color and "color" not in kind)
     matrix, origin, notes = _grid(header, space)
-    unit, factors = _units(header, space)
     # units are those of the space's axes with directions, else of the file's, which are then the same
+    unit, factors = shared_unit(_units(header, space))
     matrix, origin = factors[:, None] * matrix, factors * origin
     rotation: Any = header.get("measurement frame")
     if vectors is not None and np.shape(rotation) == (3, 3) and np.isfinite(rotation).all():
@@ -436,12 +436,9 @@ def _axis_field(header: Header, space: list[int], *names: str) -> np.ndarray:
     return np.array([values[axis] for axis in space], np.float64)
 
 
-def _units(header: Header, space: list[int]) -> tuple[str, np.ndarray]:
-    """The unit of the first axis of space, "" for none, and that of each of them in it [3]; lengths are converted."""
+def _units(header: Header, space: list[int]) -> list[str]:
+    """The units of the axes of space, "" for those without one."""
     units = header.get("space units")
-    if units is None and "units" in header:
-        units = [header["units"][axis] for axis in space] if len(header["units"]) == header["dimension"] else None
-    names = [unit_name(unit) for unit in (units or ())[:3]]
-    if len(names) == 3 and all(name in METRES for name in names):
-        return names[0], np.array([METRES[name] / METRES[names[0]] for name in names])
-    return names[0] if names and len(set(names)) == 1 else "", np.ones(3)
+    if units is None and len(header.get("units", ())) == header["dimension"]:
+        units = [header["units"][axis] for axis in space]
+    return [unit_name(unit) for unit in (units or ("",) * 3)[:3]]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import METRES, Coordinate, axis_kind, make_lattice, unit_name, value_unit_name
+from splatgl.data.affine import METRES, Coordinate, axis_kind, make_lattice, shared_unit, unit_name, value_unit_name
 from splatgl.data.volume import Hints, Label, Triple, Volume
 from splatgl.errors import Choice, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count
@@ -29,7 +29,7 @@ from splatgl.readers.channels import (
     mark_microscope,
     parse_window,
 )
-from splatgl.readers.chunked import Chunked, Packing, TransposedChunks
+from splatgl.readers.chunked import CF_NUMBERS, Chunked, Packing, TransposedChunks
 from splatgl.readers.common import array_fields, decoder_errors
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import METADATA, Remote
@@ -78,25 +78,22 @@ def _find_scale(group: Any, name: str, size: int) -> Any:
 def read_packing(node: Any) -> Packing | None:
     """The packing in an array's CF attributes, as xarray writes them, or None; format 2 has a fill value instead."""
     attributes = node.attrs.asdict()
-    scale, offset, fill, missing = (
-        _parse_number(attributes.get(name)) for name in ("scale_factor", "add_offset", "_FillValue", "missing_value")
-    )
-    if fill is None and dimension_names(node) and node.metadata.zarr_format == 2:
+    stated = {name: _parse_numbers(attributes.get(name)) for name in CF_NUMBERS}
+    if stated["_FillValue"] is None and dimension_names(node) and node.metadata.zarr_format == 2 and node.fill_value:
         # zarr itself fills with 0
-        fill = _parse_number(node.fill_value) or None
-    fill = missing if fill is None else fill
-    return Packing.of(scale, offset, None if fill is None or np.isnan(fill) else fill)
+        stated["_FillValue"] = _parse_numbers(node.fill_value)
+    return Packing.of(stated, node.dtype, attributes.get("_Unsigned"))
 
 
-def _parse_number(value: Any) -> float | None:
-    """A number, or one coded as base64 of eight bytes, as xarray writes floats in format 3; else None."""
+def _parse_numbers(value: Any) -> np.ndarray | None:
+    """Numbers, or one coded as base64 of eight bytes, as xarray writes floats in format 3; else None."""
     if isinstance(value, str):
         try:
-            return float(struct.unpack("<d", base64.b64decode(value, validate=True))[0])
+            return np.array(struct.unpack("<d", base64.b64decode(value, validate=True)))
         except (ValueError, struct.error):
             return None
-    number = np.asarray(value).ravel()
-    return float(number[0]) if number.size == 1 and number.dtype.kind in "uif" else None
+    numbers = np.asarray(value).ravel()
+    return numbers if numbers.dtype.kind in "uif" else None
 
 
 class Unpacked:
@@ -508,7 +505,7 @@ def _read_volume(
         about = array_fields(node.path.rsplit("/", 1)[-1], unpacked.dtype, unit, grid.unit)
         return grid.volume(samples, "coordinates", **about)
     spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
-    return Volume(samples, spacing, origin, unit=_unit(multiscale))
+    return Volume(samples, spacing, origin, unit=_unit(multiscale)[0])
 
 
 def _multiscale(group: Any) -> Multiscale | None:
@@ -566,7 +563,7 @@ def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tupl
 
 
 def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple, Triple]:
-    """Spacing and origin (x, y, z): the level's scale and translation, then the whole image's."""
+    """Spacing and origin (x, y, z) in the unit of x: the level's scale and translation, then the whole image's."""
     scale, origin = np.ones(len(names)), np.zeros(len(names))
     datasets = [entry for entry in multiscale["datasets"] if entry["path"].rsplit("/", 1)[-1] == level]
     for owner in (*datasets[:1], multiscale):
@@ -582,12 +579,14 @@ def _grid(multiscale: Multiscale, level: str, names: list[str]) -> tuple[Triple,
     x, y = names.index("x"), names.index("y")
     # a plane is as thick as a pixel is wide
     z = names.index("z") if "z" in names else x
-    (sx, sy, sz), (ox, oy, oz) = scale[[x, y, z]].tolist(), origin[[x, y, z]].tolist()
+    _, factors = _unit(multiscale)
+    (sx, sy, sz), (ox, oy, oz) = ((factors * numbers[[x, y, z]]).tolist() for numbers in (scale, origin))
     return (sx, sy, sz), (ox, oy, oz if "z" in names else 0.0)
 
 
-def _unit(multiscale: Multiscale) -> str:
-    """The unit that x, y and z share, "" without one."""
-    axes = [axis for axis in multiscale.get("axes", ()) if isinstance(axis, Mapping)]
-    units = {axis.get("unit", "") for axis in axes if axis.get("name") in ("x", "y", "z")}
-    return unit_name(units.pop()) if len(units) == 1 else ""
+def _unit(multiscale: Multiscale) -> tuple[str, np.ndarray]:
+    """The unit of x, and what the units of x, y and z are in it."""
+    units = {axis.get("name"): axis.get("unit", "") for axis in multiscale.get("axes", ()) if isinstance(axis, Mapping)}
+    # a plane is as thick as a pixel is wide
+    names = [units.get(name, units.get("x", "")) for name in "xyz"]
+    return shared_unit([unit_name(str(name)) for name in names])

@@ -72,7 +72,7 @@ def _has_faces(header: str) -> bool:
 
 def read(path: Path, options: LoadOptions) -> Volume:
     """The points of a .las, .laz, .pcd or .ply file, in a volume without matter that has their box; classes of sizes
-    are channels. Points with a coordinate that is not finite are left out.
+    are channels. Points with a coordinate that is not finite, and those that LAS marks as withheld, are left out.
 
     `array`: values to show in a colour map instead of the colours: "height", "intensity" or another field.
     `point_size`: the diameter of all points, by default the file's, else their spacing.
@@ -96,7 +96,8 @@ def _make_volume(places: np.ndarray, values: Values, unit: str, options: LoadOpt
     finite = np.isfinite(places).all(axis=1)
     notes: tuple[str, ...] = ()
     if not finite.all():
-        notes = (f"{len(places) - int(finite.sum()):,} of {len(places):,} points have no place, and are left out",)
+        left = f"{len(places) - int(finite.sum()):,} of {len(places):,} points"
+        notes = (f"{left} have no place or are withheld, and are left out",)
         values, places = {name: value[finite] for name, value in values.items()}, places[finite]
     if not len(places):
         raise expected("points", "at least one with finite coordinates", "none")
@@ -184,7 +185,10 @@ def _read_las(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
         kept = [*(("red", "green", "blue") if has_color else ()), "intensity", "classification", "return_number"]
         chunks, parts = [np.zeros((0, 3))], {name: list[np.ndarray]() for name in kept if name in names}
         for chunk in file.chunk_iterator(CHUNK):
-            chunks.append(np.stack([np.asarray(chunk[axis], np.float64) for axis in "xyz"], axis=1))
+            places = np.stack([np.asarray(chunk[axis], np.float64) for axis in "xyz"], axis=1)
+            # points that the file marks as deleted have no place
+            marked = np.asarray(chunk["withheld"], bool)[:, None] if "withheld" in names else False
+            chunks.append(np.where(marked, np.nan, places))
             for name, values in parts.items():
                 values.append(np.asarray(chunk[name]))
     places = np.concatenate(chunks)

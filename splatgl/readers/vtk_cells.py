@@ -21,7 +21,7 @@ from splatgl.errors import expected, import_extra
 from splatgl.fileio import budget
 from splatgl.readers.common import Shape, decoder_errors, find_data_file, grid_shape
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.vtk_legacy import Selection, select_arrays
+from splatgl.readers.vtk_legacy import MARKS, Selection, select_arrays
 from splatgl.readers.vtk_xml import VtkXml, image_grid, parse_numbers, parse_vtk, read_array, read_arrays, read_pieces
 
 # points of a cell with a volume, by VTK's number of its kind (vtkCellType.h)
@@ -35,8 +35,6 @@ _MOST_FINER, _FREE_VOXELS, _MOST_VOXELS, _VOXEL_BYTES = 64, 2**15, 2**24, 64
 _MOST_BLOCKS, _MOST_PLACE = 2**16, 1e30
 # VTK's number of hexahedra, and the bit of its marks of cells that another piece has, too
 _HEXAHEDRON, _TWICE = 12, 1
-# VTK's marks of points and cells, which are no values
-_MARKS = ("vtkGhostType", "vtkGhostLevels", "vtkValidPointMask")
 
 
 def _even_counts(span: np.ndarray, steps: np.ndarray, cells: int) -> np.ndarray:
@@ -160,10 +158,9 @@ def _read_part(file: VtkXml, node: Element, options: LoadOptions) -> _Part:
         [] if owner is None else read_arrays(file, owner, (1, 1, size))
         for owner, size in zip(owners, sizes, strict=True)
     )
-    ghosts = next((array.read().ravel() for array in cells if array.name == _MARKS[0]), None)
+    ghosts = next((array.read().ravel() for array in cells if array.name == MARKS[0]), None)
     if ghosts is not None:
         mesh = mesh.only(ghosts[mesh.kept] & _TWICE == 0)
-    points, cells = ([array for array in arrays if array.name not in _MARKS] for arrays in (points, cells))
     choice = select_arrays(points, cells, options)
     values, vectors = choice.samples[0, 0], None if choice.vectors is None else choice.vectors[0, 0]
     if choice.of_cells:
@@ -401,10 +398,7 @@ def _read_block(path: Path, name: str, level: int, options: LoadOptions) -> _Blo
     step = np.diag(matrix)
     if not np.array_equal(matrix, np.diag(step)) or step.min() <= 0 or np.abs([*step, *origin]).max() > _MOST_PLACE:
         raise expected(name, "positive steps along the axes", matrix.tolist())
-    points, cells = (
-        [each for each in group if each.name not in _MARKS] for group in (pieces[0].points, pieces[0].cells)
-    )
-    choice = select_arrays(points, cells, options)
+    choice = select_arrays(pieces[0].points, pieces[0].cells, options)
     return _Block(level, origin + step * pieces[0].low, step, replace(choice, vectors=None))
 
 

@@ -30,19 +30,24 @@ from splatgl.readers.common import (
 )
 from splatgl.readers.options import LoadOptions
 
+# VTK's marks of points and cells, which are no values; bits of the first for a hidden point and a hidden cell
+MARKS, HIDDEN_POINT, HIDDEN_CELL = ("vtkGhostType", "vtkGhostLevels", "vtkValidPointMask"), 2, 32
 # most names of arrays in a note
 MOST_LISTED = 8
 
 
 @dataclass(frozen=True)
 class PointArray:
-    """An array of a VTK grid; read() loads it as [D, H, W, components]."""
+    """An array of a VTK grid; read() loads it as [D, H, W, components]. active: whether the file names it as the one
+    that is drawn.
+    """
 
     name: str
     components: int
     is_vectors: bool
     read: Callable[[], np.ndarray]
     dtype: np.dtype | None = None
+    active: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,10 +83,13 @@ class Selection:
 def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], options: LoadOptions) -> Selection:
     """Selects among the arrays of points and of cells: those of cells if there are no others, or if one has that name.
 
-    Without options the first array with one component, else the length of the first vectors, becomes the samples.
-    `array` names another one; "scalars", "vectors" and "speed" also stand for the first of their kind. `channel`
-    picks a component. Raises InputError naming the arrays if the choice is not clear.
+    Without options the active array or the first with one component, else the length of the first vectors, becomes the
+    samples, with NaN for hidden points or cells. `array` names another one; "scalars", "vectors" and "speed" also stand
+    for the first of their kind. `channel` picks a component. Raises InputError naming the arrays if the choice is not
+    clear.
     """
+    marks = [[array for array in arrays if array.name == MARKS[0]] for arrays in (points, cells)]
+    points, cells = ([array for array in arrays if array.name not in MARKS] for arrays in (points, cells))
     of_points, of_cells = ([array.name for array in arrays] for arrays in (points, cells))
     in_cells = not points or (options.array not in (None, *of_points) and options.array in of_cells)
     arrays = cells if in_cells else points
@@ -107,12 +115,18 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
     if options.array is None and others:
         listed = ", ".join(others[:MOST_LISTED]) + ", …" * (len(others) > MOST_LISTED)
         notes += (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)
+    for mark in marks[in_cells]:
+        hidden = (mark.read()[..., 0] & (HIDDEN_CELL if in_cells else HIDDEN_POINT)) != 0
+        if hidden.any():
+            samples = np.where(hidden, np.nan, samples).astype(np.float32)
+            notes += (f"{hidden.sum()} {'cells' if in_cells else 'points'} that the file hides are left out",)
     about = {"notes": notes, **array_fields(chosen.name, samples.dtype, "", "mm", chosen.is_vectors)}
     return Selection(in_cells, samples, field, color, about)
 
 
 def _select_array(arrays: Sequence[PointArray], vectors: PointArray | None, options: LoadOptions) -> PointArray:
-    scalars = next((array for array in arrays if array.components == 1), None)
+    single = [array for array in arrays if array.components == 1]
+    scalars = next((array for array in single if array.active), next(iter(single), None))
     if options.array is None:
         return scalars or vectors or arrays[0]
     named = next((array for array in arrays if array.name == options.array), None)

@@ -304,6 +304,7 @@ def join_pieces(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray],
             template.is_vectors,
             partial(_join_arrays, parts, lows, counts),
             template.dtype,
+            template.active,
         )
         for template, *_ in zip(*groups, strict=True)
         for parts in [[group[groups[0].index(template)] for group in groups]]
@@ -391,7 +392,9 @@ def _read_coding(root: Element) -> Coding:
 
 def read_arrays(file: VtkXml, owner: Element, shape: Shape) -> list[PointArray]:
     """The arrays [D, H, W, components] below an element, which are read later."""
-    return [read_array(file, node, shape) for node in owner.findall("DataArray")]
+    active = owner.get("Scalars")
+    arrays = [read_array(file, node, shape) for node in owner.findall("DataArray")]
+    return [replace(array, active=array.name == active) for array in arrays]
 
 
 def read_array(file: VtkXml, node: Element, shape: Shape) -> PointArray:

@@ -21,10 +21,12 @@ from splatgl.readers.channels import ChannelSet
 from splatgl.readers.common import Shape, grid_shape
 from splatgl.readers.hdf5_files import attribute_numbers, attribute_text, find_node, has_real_numbers
 from splatgl.readers.hdf5_parts import read_samples
-from splatgl.readers.options import PARAVIEW, SURFACE, LoadOptions
+from splatgl.readers.options import PARAVIEW, LoadOptions
 from splatgl.readers.vtk_legacy import PointArray, cells_along, select_arrays
 
 # the group that holds everything
+# surfaces in the format
+SURFACE = "it is a surface: save it as .vtp or .stl for --mesh"
 ROOT = "VTKHDF"
 # most time steps, and arrays of a grid
 _MOST_STEPS, _MOST_ARRAYS = 2**20, 10_000
@@ -35,7 +37,12 @@ def read_image(path: Path, file: Any, options: LoadOptions) -> Volume:
     root = find_node(file, ROOT, anywhere=False)
     kind = attribute_text(root, "Type")
     if kind != "ImageData":
-        raise expected(ROOT, "ImageData", repr(kind), SURFACE if kind == "PolyData" else PARAVIEW)
+        raise expected(
+            ROOT,
+            "ImageData",
+            repr(kind),
+            SURFACE if kind == "PolyData" else PARAVIEW,
+        )
     extent, *stated = (
         _read_numbers(root, name, default)
         for name, default in (("WholeExtent", []), ("Direction", np.eye(3)), ("Spacing", [1] * 3), ("Origin", [0] * 3))

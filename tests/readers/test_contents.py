@@ -88,7 +88,7 @@ OTHER = {
     "b.tif": (b"\1\2\3", "got bytes that begin with 01 02 03; rename or convert the file"),
     "a.mha": (b"%PDF-1.7", "expected MetaImage, as the name says, got PDF"),
     "a.mgz": (b"hello", "got text that begins with 'hello'"),
-    "a.vti": (b'<VTKFile type="PolyData">', "got VTK PolyData; surfaces are not drawn"),
+    "a.vti": (b'<VTKFile type="PolyData">', "got VTK PolyData; it is a surface: --mesh"),
     "a.jp2": (b"\0\0\0\x0cjP  \r\n", "got JPEG 2000; a picture is one slice"),
     "a.nia": (b"<nifti_image\n", "got NIfTI in text; save it as .nii.gz"),
     "scan": (b"Rar!", "expected one that is read, got RAR; unpack it"),

@@ -14,7 +14,7 @@ from PIL import Image as Pillow
 from splatgl.cli.main import main
 from splatgl.errors import InputError
 from splatgl.readers import hdf5_files, hdf5_parts, load
-from splatgl.readers.chunked import Chunked
+from splatgl.readers.chunked import Chunked, Packing
 from splatgl.readers.common import is_mapped
 from splatgl.readers.hdf5 import _SPACINGS
 from tests.helpers.phantom import SPACING, F
@@ -470,3 +470,32 @@ def test_the_look_at_a_file_asks_for_fill_values(tmp_path: Path, monkeypatch: py
     with h5py.File(tmp_path / "a.h5", "w") as file:
         hdf5_probe.read_node("a", file.create_dataset("a", data=np.zeros((3, 3, 3))))
     assert asked == ["/a"]
+
+
+@pytest.mark.parametrize("form", ["NETCDF4", "NETCDF3_CLASSIC"])
+def test_missing_and_unsigned_numbers_of_netcdf(tmp_path: Path, form: str) -> None:
+    """As NetCDF's library reads them: both marks, limits, bytes without a sign, in single and double precision."""
+    netcdf = pytest.importorskip("netCDF4")
+    stored = np.arange(-60, 60, dtype=np.int8).reshape(4, 5, 6)
+    with netcdf.Dataset(tmp_path / "a.nc", "w", format=form) as file:
+        for name, size in zip("zyx", stored.shape, strict=True):
+            file.createDimension(name, size)
+        for name, kind, attributes in (
+            ("both", "f4", {"_FillValue": np.float32(-60), "missing_value": [np.float32(7), np.float32(8)]}),
+            ("limits", "f4", {"valid_range": np.array([-20, 30], "f4")}),
+            ("least", "i1", {"valid_min": np.int8(-3), "scale_factor": 0.5}),
+            ("unsigned", "i1", {"_Unsigned": "true", "_FillValue": np.int8(-1), "add_offset": 1.0}),
+            ("double", "f4", {"missing_value": 2.5}),
+        ):
+            fill = attributes.pop("_FillValue", None)
+            variable = file.createVariable(name, kind, ("z", "y", "x"), fill_value=fill)
+            variable.setncatts(attributes)
+            variable.set_auto_maskandscale(False)
+            variable[:] = np.where(stored == 0, 2.5, stored) if name == "double" else stored
+    with netcdf.Dataset(tmp_path / "a.nc") as file:
+        for name in file.variables:
+            right = np.ma.filled(file[name][:].astype(float), np.nan)
+            np.testing.assert_array_equal(load(tmp_path / "a.nc", array=name).samples, right.astype(np.float32))
+    # a mark in double precision is rounded to the numbers' type
+    packing = Packing.of({"missing_value": np.array([0.1])}, np.dtype("f4"), None)
+    assert packing is not None and np.isnan(packing.values(np.array([0.1, 0.2], np.float32))).tolist() == [True, False]

@@ -236,3 +236,21 @@ def test_n5_says_what_converts_it(tmp_path: Path) -> None:
     (tmp_path / "attributes.json").write_text('{"n5": "2.0.0"}')
     with pytest.raises(InputError, match="got N5; save it as OME-Zarr with Fiji"):
         load(tmp_path)
+
+
+def test_units_of_ome_zarr_that_differ(tmp_path: Path) -> None:
+    """Lengths are converted to the unit of x."""
+    group = zarr.open_group(str(tmp_path / "a.zarr"), mode="w", zarr_format=2)
+    group.create_array("0", shape=(3, 4, 5), dtype="u1", chunks=(3, 4, 5))[:] = 1
+    units = {"z": "nanometer", "y": "", "x": "micrometer"}
+    steps = [{"type": "scale", "scale": [500, 0.25, 0.5]}, {"type": "translation", "translation": [1000, 3, 4]}]
+    group.attrs["multiscales"] = [
+        {
+            "version": "0.4",
+            "axes": [{"name": name, "type": "space", "unit": unit} for name, unit in units.items()],
+            "datasets": [{"path": "0", "coordinateTransformations": steps}],
+        }
+    ]
+    volume = load(tmp_path / "a.zarr")
+    assert volume.unit == "um" and volume.spacing == pytest.approx((0.5, 0.25, 0.5))
+    assert volume.origin == pytest.approx((4, 3, 1))

@@ -66,7 +66,10 @@ def test_ply(form: str, tmp_path: Path) -> None:
 def test_pcd(kind: str, tmp_path: Path) -> None:
     places = write_pcd(tmp_path / "a.pcd", kind)
     volume = sg.load(tmp_path / "a.pcd")
-    assert volume.points is not None and volume.notes[0] == "1 of 40 points have no place, and are left out"
+    assert (
+        volume.points is not None
+        and volume.notes[0] == "1 of 40 points have no place or are withheld, and are left out"
+    )
     assert np.array_equal(volume.points.places, np.delete(places, 3, axis=0))
     assert np.allclose(volume.points.colors, linear_from_srgb(BYTES[1] / 255), atol=1e-6)
 
@@ -220,3 +223,15 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
     assert unpack_lzf(pack_lzf(plain), len(plain)) == plain
     with pytest.raises(sg.InputError, match="compressed data"):
         unpack_lzf(bytes([224, 0, 7]), 9)
+
+
+def test_withheld_points_are_left_out(tmp_path: Path) -> None:
+    """LAS keeps points that were deleted, with a mark."""
+    laspy = pytest.importorskip("laspy")
+    cloud = laspy.LasData(laspy.LasHeader(point_format=7, version="1.4"))
+    cloud.x, cloud.y, cloud.z = np.mgrid[:3, :4, :5].reshape(3, -1)
+    cloud.withheld = np.arange(60) % 4 == 0
+    cloud.write(tmp_path / "a.las")
+    volume = sg.load(tmp_path / "a.las")
+    assert volume.points is not None and len(volume.points.places) == 45
+    assert "15 of 60 points have no place or are withheld" in volume.notes[0]

@@ -234,3 +234,32 @@ def test_ids_bits_and_cells_of_legacy_files(tmp_path: Path) -> None:
         path.write_bytes(whole[:-4])
         with pytest.raises(InputError, match="the file is cut short or its header states a wrong size"):
             load(path)
+
+
+def test_the_active_array_is_drawn_without_hidden_points(tmp_path: Path) -> None:
+    """As VTK draws them: the array that the file names, and no point or cell that it marks as hidden."""
+    vtk = pytest.importorskip("vtk")
+    from vtk.util.numpy_support import numpy_to_vtk
+
+    values = np.arange(60, dtype=np.int16).reshape(3, 4, 5)
+    for of_cells in (False, True):
+        image = vtk.vtkImageData()
+        image.SetDimensions(*(size + of_cells for size in values.shape[::-1]))
+        data = image.GetCellData() if of_cells else image.GetPointData()
+        marks = np.where(values.ravel() < 7, vtk.vtkDataSetAttributes.HIDDENCELL if of_cells else 2, 1).astype(np.uint8)
+        for name, numbers in (("first", values.ravel()), ("second", 2 * values.ravel()), ("vtkGhostType", marks)):
+            array = numpy_to_vtk(numbers, deep=True)
+            array.SetName(name)
+            data.AddArray(array)
+        data.SetActiveScalars("second")
+        writer = vtk.vtkXMLImageDataWriter()
+        writer.SetFileName(str(tmp_path / "a.vti"))
+        writer.SetInputData(image)
+        writer.Write()
+        volume = load(tmp_path / "a.vti")
+        np.testing.assert_array_equal(volume.samples, np.where(values < 7, np.nan, 2 * values))
+        what = "cells" if of_cells else "points"
+        assert volume.notes == (
+            "array second of 2 is drawn; --array picks another: first",
+            f"7 {what} that the file hides are left out",
+        )
