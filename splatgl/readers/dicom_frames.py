@@ -45,6 +45,8 @@ TIMES: tuple[tuple[str | int, str, str], ...] = (
     ("FrameReferenceTime", "", "frame times"),
     ("AcquisitionNumber", "", "acquisitions"),
     ("AcquisitionTime", "", "acquisition times"),
+    ("FrameReferenceDateTime", "FrameContentSequence", "acquisition times"),
+    ("FrameAcquisitionDateTime", "FrameContentSequence", "acquisition times"),
     ("InstanceNumber", "", "images"),
 )
 
@@ -190,13 +192,11 @@ def _read_time(groups: _Groups, tag: str | int, sequence: str) -> float:
     """A tag as a number that orders images, NaN without one; of an acquisition's time and date their seconds."""
     try:
         value = groups.get(tag, sequence)
-        number = float(value.decode() if isinstance(value, bytes) else str(value))
-        if tag != "AcquisitionTime":
-            return number
-        # HHMMSS.F
-        day = str(groups.get("AcquisitionDate") or "")
-        days = date(int(day[:4]), int(day[4:6]), int(day[6:8])).toordinal() if re.fullmatch("[0-9]{8}", day) else 0
-        return days * 86400 + number // 10000 * 3600 + number // 100 % 100 * 60 + number % 100
+        text = value.decode() if isinstance(value, bytes) else str(value)
+        if tag == "AcquisitionTime":
+            return _seconds(str(groups.get("AcquisitionDate") or ""), text)
+        # YYYYMMDDHHMMSS.F&ZZXX
+        return _seconds(text[:8], re.split("[+-]", text[8:])[0]) if "DateTime" in str(tag) else float(text)
     except (NotImplementedError, ValueError):
         # of pydicom, too: an unknown type, or a value that is not of its tag's type
         return math.nan
@@ -226,6 +226,13 @@ def _multiframe(tags: Any, first: Frame) -> list[Frame]:
         normal = np.array([0.0, 0.0, 1.0])
     places = [start + (offset - (offsets[0] if stated is not None else 0.0)) * normal for offset in offsets]
     return [replace(first, number=n, position=tuple(place.tolist()), times=times[n]) for n, place in enumerate(places)]
+
+
+def _seconds(day: str, time: str) -> float:
+    """Seconds of a time HHMMSS.F, from the begin of the calendar on where the day YYYYMMDD is known."""
+    days = date(int(day[:4]), int(day[4:6]), int(day[6:8])).toordinal() if re.fullmatch("[0-9]{8}", day) else 0
+    number = float(time)
+    return days * 86400 + number // 10000 * 3600 + number // 100 % 100 * 60 + number % 100
 
 
 def _separate_moments(tags: Any, frames: list[Frame]) -> list[Frame]:

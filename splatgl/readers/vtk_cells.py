@@ -108,7 +108,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         nodes = [(each, node) for each in files for node in each.root.findall(f"{each.kind}/Piece")]
         parts = [_read_part(each, node, options) for each, node in nodes if all(_sizes(each, node))]
     if not parts:
-        raise expected("Piece", "one or more with cells", "none", "surfaces are not drawn; voxelize it")
+        raise expected("Piece", "one or more with cells", "none", "it is a surface: save it as .vtp for --mesh")
     mesh, choice = _join([part.mesh for part in parts]), parts[0].choice
     if any((part.choice.of_cells, part.vectors is None) != (choice.of_cells, choice.vectors is None) for part in parts):
         raise expected("pieces", "the same arrays in all pieces", "different arrays", "save the grid again")
@@ -117,7 +117,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     extents = mesh.extents
     sizes = np.where((extents > 0).all(axis=1), extents.prod(axis=1), np.inf)
     if not np.isfinite(sizes).any() or (high <= low).any():
-        raise expected("cells", "some with a volume", "flat ones", "surfaces are not drawn; voxelize it")
+        raise expected("cells", "some with a volume", "flat ones", "it is a surface: save it as .vtp for --mesh")
     voxels = _even_counts(high - low, extents[sizes.argmin()], len(mesh.kinds))
     step = (high - low) / voxels
     # 2. the values there, by VTK, and at the file's own points
@@ -228,7 +228,7 @@ def _read_mesh(file: VtkXml, node: Element) -> _Mesh:
     needed = np.array([_POINTS[kind] for kind in kinds[kept].tolist()], np.int64)
     if not len(kept) or (sizes[kept] != needed).any():
         got = "flat ones" if not len(kept) else "cells with other numbers of points"
-        raise expected("cells", "some with a volume", got, "surfaces are not drawn; voxelize it")
+        raise expected("cells", "some with a volume", got, "it is a surface: save it as .vtp for --mesh")
     offsets = np.concatenate([[0], np.cumsum(needed)])
     # places in `every` of the kept cells' points
     starts = np.repeat((ends - sizes)[kept] - offsets[:-1], needed)

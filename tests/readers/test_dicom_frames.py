@@ -190,6 +190,20 @@ def test_times_run_across_midnight(tmp_path: Path) -> None:
     assert volume.times == 3 and volume.time_step == pytest.approx(1.5)
 
 
+def test_times_of_enhanced_frames(tmp_path: Path) -> None:
+    """Their dates and times give the seconds between time points."""
+    data = enhanced(BYTES)
+    for n, group in enumerate(data.PerFrameFunctionalGroupsSequence):
+        group.PlanePositionSequence[0].ImagePositionPatient = [1, 2, 3.0 * (n % 3)]
+        group.FrameContentSequence = [
+            item(TemporalPositionIndex=n // 3 + 1, FrameReferenceDateTime=f"2024022923595{8 + n // 3}.5+0100")
+        ]
+    save(data, tmp_path / "a.dcm")
+    volume = sg.load(tmp_path / "a.dcm", time=1)
+    np.testing.assert_array_equal(volume.samples, BYTES[3:] * 2.0 - 7)
+    assert volume.times == 2 and volume.time_step == pytest.approx(1.0)
+
+
 def test_a_parametric_map_has_the_values_of_its_mapping(tmp_path: Path) -> None:
     """Stored numbers mean nothing; other images keep theirs, and a note says so."""
     mapping = item(RealWorldValueSlope=0.5, RealWorldValueIntercept=-3.0)

@@ -419,7 +419,7 @@ def test_time_series_and_blocks(tmp_path: Path) -> None:
         load(several, array=1, time=1)
     with pytest.raises(InputError, match="a name inside the header's folder"):
         load(listed(tmp_path / "b.pvd", "Collection", '<DataSet file="../x.vtr"/>'))
-    with pytest.raises(InputError, match=r"x\.vtp: expected a file of .*voxelize it"):
+    with pytest.raises(InputError, match=r"x\.vtp: expected a file of .*--mesh"):
         load(listed(tmp_path / "c.pvd", "Collection", '<DataSet file="x.vtp"/>'))
 
 

@@ -199,7 +199,7 @@ def test_bad_cells(tmp_path: Path) -> None:
         ),
         (text[:types] + text[types:].replace("11 11", "42 11", 1), r"types: expected tetrahedra.*numbers \[42\]"),
         (text[:types] + text[types:].replace("11 11", "10 11", 1), "other numbers of points"),
-        (text[:types] + text[types:].replace("11", "9"), "got flat ones; surfaces are not drawn"),
+        (text[:types] + text[types:].replace("11", "9"), "got flat ones; it is a surface"),
     ):
         (tmp_path / "a.vtu").write_text(changed)
         with pytest.raises(InputError, match=said):
