@@ -31,6 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         # the process ends: a last search for garbage would take a tenth of a second
         atexit.register(gc.freeze)
+        # products of small matrices alone are computed, for which threads of OpenBLAS wait without sleeping; numpy
+        # reads this when it is imported
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         sys.meta_path.insert(0, NibabelAlone)
     for stream in (sys.stdout, sys.stderr):
         # names of files, × and … in any encoding

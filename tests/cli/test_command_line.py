@@ -313,6 +313,17 @@ def test_the_source_is_never_overwritten(here: Path, capsys: Said) -> None:
 # --- terminals -------------------------------------------------------------------------------------------------------
 
 
+def test_a_command_computes_small_products_in_one_thread() -> None:
+    """OpenBLAS reads the variable when numpy is imported, so it is set before."""
+    code = "import os, sys\nfrom splatgl.cli.main import main\nsys.argv = ['splatgl', '--version']\n"
+    code += (
+        "try:\n    main()\nexcept SystemExit:\n    print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.splitlines()[-1] == "1 False"
+
+
 def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
     command = [sys.executable, "-m", "splatgl", *arguments]
     return subprocess.run(command, capture_output=True, env={**os.environ, **environment}, check=False)
