@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from splatgl.splat.scene import Scene
 
 
-# voxels in a slab: temporaries stay near 100 MB, numpy's overhead a thousandth
-SLAB_VOXELS = 1 << 22
+# voxels in a slab: temporaries stay near 200 MB, the planes that two slabs share are few
+SLAB_VOXELS = 1 << 23
 # kernel of values that are classified after reconstruction: its means are nearest to known fields
 POST_KERNEL = "b-spline"
 # ranges of values over which the steps of a table are numbers of float64

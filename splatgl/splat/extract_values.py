@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
-from itertools import islice, product
+from itertools import islice, pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,8 +24,8 @@ from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, rec
 
 # integer types up to this many bytes take their record values from a table
 TABLE_BYTES = 2
-# records filled at a time
-RECORDS = 1 << 14
+# records filled, and about as many samples tabulated, at a time: their temporaries stay in the cache
+RECORDS, TABULATED = 1 << 14, 1 << 15
 # planes of a slab that make its halo cheap
 THICK = 32
 # planes around a slab that differences read
@@ -69,10 +68,12 @@ def extract_post(
     gaps: list[np.ndarray] = [np.zeros((0, 3), np.int64)]
     for layer in layers:
         parts = [box_records(volume, post, kernel, box, gaps, hidden) for box in islice(remaining, len(layer))]
-        records = np.concatenate(parts) if len(parts) > 1 else parts[0]
-        # boxes are in row order; merge their planes
-        order = np.argsort(records["position"][:, 2], kind="stable") if len(parts) > 1 else slice(None)
-        gathered.add(records[order])
+        records = parts[0]
+        if len(parts) > 1:
+            # boxes are in row order; merge their planes
+            records = np.concatenate(parts)
+            records = records[np.argsort(records["position"][:, 2], kind="stable")]
+        gathered.add(records)
     return post_splats(volume, post, gathered.records, np.concatenate(gaps))
 
 
@@ -126,10 +127,15 @@ def box_records(
 
 def _meets(post: ValueClassifier, samples: np.ndarray) -> bool:
     """Whether the interval of the samples contains a wanted value."""
-    finite = samples if samples.dtype.kind in "bui" else samples[np.isfinite(samples)]
-    if not finite.size:
+    if not samples.size:
         return False
-    low, high = post.relative(np.array([finite.min(), finite.max()]))
+    ends = samples.min(), samples.max()
+    if not np.isfinite(ends).all():
+        finite = samples[np.isfinite(samples)]
+        if not finite.size:
+            return False
+        ends = finite.min(), finite.max()
+    low, high = post.relative(np.array(ends))
     return bool(((post.wanted[:, 0] <= high) & (post.wanted[:, 1] >= low)).any())
 
 
@@ -196,15 +202,26 @@ def post_records(
     wanted = keep[inner] & np.isfinite(u[inner])
     if near is not None:
         wanted &= near
-    places = np.nonzero(wanted)
-    records = np.zeros(len(places[0]), record_type(volume.shape, post=True))
+    start = inner[0].start or 0, inner[1].start or 0, inner[2].start or 0
+    rows, height = wanted.reshape(-1, wanted.shape[2]), wanted.shape[1]
+    ends = np.concatenate([[0], np.cumsum(np.count_nonzero(rows, axis=1))])
+    records = np.zeros(int(ends[-1]), record_type(volume.shape, post=True))
     if not len(records):
         return records
-    for place, own in zip(places, inner, strict=True):
-        place += own.start or 0
     around = post.around if post.faced else None
-    values = Values(u, *coefficients(u, kernel, places), beside, around)
-    in_parts(len(records), RECORDS, partial(_fill, records, values, places, first, world))
+    values = Values(u, *coefficients(u, kernel, wanted, start), beside, around)
+    # whole rows of voxels, about RECORDS of which are wanted
+    breaks = np.unique(np.searchsorted(ends, np.arange(0, len(records), RECORDS), side="right") - 1)
+    breaks = np.append(breaks, len(rows))
+
+    def fill(which: slice) -> None:
+        for first_row, last_row in pairwise(breaks[which.start : which.stop + 1].tolist()):
+            row, x = np.nonzero(rows[first_row:last_row])
+            z, y = np.divmod(row + first_row, height)
+            places = z + start[0], y + start[1], x + start[2]
+            _fill(records[ends[first_row] : ends[last_row]], values, places, first, world)
+
+    in_parts(len(breaks) - 1, 1, fill)
     return records
 
 
@@ -268,12 +285,9 @@ class Values(NamedTuple):
     around: Around | None
 
 
-def _fill(
-    records: np.ndarray, values: Values, places: tuple[np.ndarray, ...], first: Places, world: np.ndarray, part: slice
-) -> None:
+def _fill(filled: np.ndarray, values: Values, places: tuple[np.ndarray, ...], first: Places, world: np.ndarray) -> None:
     """Fills records of the voxels at `places` (z, y, x) of a part whose first voxel lies at `first`."""
-    z, y, x = (place[part] for place in places)
-    filled = records[part]
+    z, y, x = places
     for axis, place in enumerate((x, y, z)):
         np.add(place, first[2 - axis], out=filled["position"][:, axis], casting="unsafe")
     value = np.take(values.c, _flat(values.c, z, y, x) - _flat(values.c, *values.start))
@@ -291,12 +305,25 @@ def _flat(a: np.ndarray, z: Any, y: Any, x: Any) -> Any:
 
 def tabulate(samples: np.ndarray, of: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """`of` samples [...], from a table of integers of few bytes; `of` takes NaN where a sample is not finite."""
-    if samples.dtype.kind in "bui" and samples.dtype.itemsize <= TABLE_BYTES:
-        kind = samples.dtype if samples.dtype.kind != "b" else np.dtype(np.uint8)
+    bits = samples if samples.dtype.kind != "b" else samples.view(np.uint8)
+    is_integer, kind = bits.dtype.kind in "ui", bits.dtype.newbyteorder("=")
+    table = None
+    if is_integer and kind.itemsize <= TABLE_BYTES:
         # in the order of the samples' bits
-        table = of(np.arange(2 ** (8 * kind.itemsize)).astype(kind.newbyteorder("=")))
-        return np.take(table, samples.astype(kind.newbyteorder("="), copy=False).view(f"u{kind.itemsize}"))
-    return of(samples if samples.dtype.kind in "bui" else np.where(np.isfinite(samples), samples, np.nan))
+        table = of(np.arange(2 ** (8 * kind.itemsize)).astype(kind))
+
+    def part_of(part: np.ndarray) -> np.ndarray:
+        if table is None:
+            return of(part if is_integer else np.where(np.isfinite(part), part, np.nan))
+        return np.take(table, part.astype(kind, copy=False).view(f"u{kind.itemsize}"))
+
+    result = np.empty(bits.shape, part_of(bits[:0]).dtype)
+
+    def fill(planes: slice) -> None:
+        result[planes] = part_of(bits[planes])
+
+    in_parts(len(bits), max(TABULATED * len(bits) // max(bits.size, 1), 1), fill)
+    return result
 
 
 def values_of(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
@@ -345,34 +372,42 @@ def gradients(
     """[N, 3] per grid step along x, y, z: differences of order 4 or 2, central where a sample is missing, one-sided at
     the edges. around: maps u [N] to the values of missing neighbours, and to whether u is opaque.
     """
-    flat, reach = u.ravel(), order // 2
-    base = _flat(u, z, y, x)
-    center = flat[base].astype(np.float64)
+    flat, reach, base = u.ravel(), order // 2, _flat(u, z, y, x)
     # components in rows of memory
+    gradient, hard = np.zeros((3, len(base))).T, np.zeros(len(base), bool)
+    for axis, (index, stride) in enumerate(((x, 1), (y, u.shape[2]), (z, u.shape[1] * u.shape[2]))):
+        steps = (*range(-reach, 0), *range(1, reach + 1))
+        at = {step: np.take(flat, base + step * stride, mode="clip") for step in steps}
+        gradient[:, axis] = _central_difference(at, order)
+        hard |= ~np.isfinite(gradient[:, axis])
+        hard |= (index < reach) | (index >= u.shape[2 - axis] - reach)
+    some = np.flatnonzero(hard)
+    if len(some):
+        gradient[some] = _gradients_beside_gaps(u, (x[some], y[some], z[some]), order, around)
+    return gradient
+
+
+def _gradients_beside_gaps(
+    u: np.ndarray, places: tuple[np.ndarray, ...], order: int, around: Around | None
+) -> np.ndarray:
+    """`gradients` of voxels x, y, z whose neighbours may be missing, or beyond the ends."""
+    flat, reach, base = u.ravel(), order // 2, _flat(u, *places[::-1])
+    center = flat[base].astype(np.float64)
     gradient, gone = np.zeros((3, len(center))).T, np.zeros((2, len(center), 3), bool)
     outside, opaque = around(center) if around else (center, np.zeros(len(center), bool))
     filled = outside != center
-    for axis, (index, stride) in enumerate(((x, 1), (y, u.shape[2]), (z, u.shape[1] * u.shape[2]))):
-        last = u.shape[2 - axis] - 1
-        inner = len(index) > 0 and index.min() >= reach and index.max() <= last - reach
+    for axis, (index, stride) in enumerate(zip(places, (1, u.shape[2], u.shape[1] * u.shape[2]), strict=True)):
         at = {}
         for step in (*range(-reach, 0), *range(1, reach + 1)):
-            moved = step if inner else np.clip(index + step, 0, last) - index
-            at[step] = np.take(flat, base + moved * stride)
-            if not inner:
-                at[step] = np.where(moved == step, at[step].astype(np.float64), np.nan)
-        if inner:
-            gradient[:, axis] = _central_difference(at, order)
-            if np.isfinite(gradient[:, axis]).all():
-                continue
-            at = {step: value.astype(np.float64) for step, value in at.items()}
+            moved = np.clip(index + step, 0, u.shape[2 - axis] - 1) - index
+            at[step] = np.where(moved == step, np.take(flat, base + moved * stride).astype(np.float64), np.nan)
         gone[:, :, axis] = ~np.isfinite(at[-1]), ~np.isfinite(at[1])
         alone = filled & gone[:, :, axis].all(axis=0)
         for value in at.values():
             np.copyto(value, outside, where=filled & ~np.isfinite(value))
         # both faces of a single plane are alike
         gradient[:, axis] = np.where(alone, center - outside, _difference(at, center, order))
-    return clear_isolated(gradient, gone, opaque) if gone.any() else gradient
+    return clear_isolated(gradient, gone, opaque)
 
 
 def _central_difference(at: dict[int, np.ndarray], order: int) -> np.ndarray:

@@ -125,7 +125,7 @@ def _codes(post: ValueClassifier, samples: np.ndarray) -> np.ndarray:
         place = np.floor(post.relative(samples) * np.float32(scale) + np.float32(offset))
         return np.where(np.isnan(place), 0, np.clip(place, -1, BINS) + 2).astype(np.uint8)
 
-    return tabulate(np.ascontiguousarray(samples), code)
+    return tabulate(samples, code)
 
 
 def _depth_table(depths: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from splatgl.splat.splats import in_parts
 
 # steps of the prefilter, after which means of coefficients are near the samples
 PREFILTERED = {"b-spline": 4, FREE: 4}
-# shares of the rise of a peak, a pair of samples and a wave by which coefficients may exceed the samples around
-PEAK, PAIR, WAVE = np.float32(0.5), np.float32(0.25), np.float32(1.0)
+# shares of the rise of a peak and a pair of samples by which coefficients may exceed the samples around; of a wave all
+PEAK, PAIR = np.float32(0.5), np.float32(0.25)
 # voxels along a side of the cells of which boxes for the prefilter consist, the share of voxels above which one box
 # holds all, and the cost of two halves, relative to the whole, below which it is halved
 CELL, DENSE, WORTH = 8, 0.4, 0.85
@@ -31,41 +31,49 @@ def margin_of(kernel: Kernel) -> int:
     return (steps - 1) * STEP_HALO + LIMIT_HALO if steps else 0
 
 
-def coefficients(u: np.ndarray, kernel: Kernel, places: tuple[np.ndarray, ...]) -> tuple[np.ndarray, Places]:
-    """Coefficients of samples u [D, H, W] in a box around all `places` (z, y, x), defined at these, and the box's first
-    place.
+def coefficients(u: np.ndarray, kernel: Kernel, wanted: np.ndarray, start: Places) -> tuple[np.ndarray, Places]:
+    """Coefficients of samples u [D, H, W] in a box around all `wanted` voxels, bool [d, h, w], of the part of u that
+    begins at `start`; defined at these. And the box's first place.
     """
-    first, second, third = ((int(i.min()), int(i.max()) + 1) for i in places)
-    whole, margin = (slice(*first), slice(*second), slice(*third)), margin_of(kernel)
-    c, boxes = np.empty([side.stop - side.start for side in whole], np.float32), cover(places, whole, margin)
+    rows, planes = np.any(wanted, axis=2), np.any(wanted, axis=0)
+    lines = (np.flatnonzero(some) for some in (np.any(rows, axis=1), np.any(rows, axis=0), np.any(planes, axis=0)))
+    tight = tuple(slice(int(some[0]), int(some[-1]) + 1) for some in lines)
+    z, y, x = (side.start + begin for side, begin in zip(tight, start, strict=True))
+    margin = margin_of(kernel)
+    c, boxes = np.empty([side.stop - side.start for side in tight], np.float32), cover(wanted[tight], (z, y, x), margin)
 
     def fill(some: slice) -> None:
         for box in boxes[some]:
             outer = tuple(slice(max(side.start - margin, 0), side.stop + margin) for side in box)
             inner, here = (
-                tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(box, beside, strict=True))
-                for beside in (outer, whole)
+                tuple(slice(a.start - b, a.stop - b) for a, b in zip(box, beside, strict=True))
+                for beside in ([side.start for side in outer], (z, y, x))
             )
             c[here] = prefilter(u[outer], kernel)[inner]
 
     in_parts(len(boxes), 1, fill)
-    return c, (first[0], second[0], third[0])
+    return c, (z, y, x)
 
 
 Sides = tuple[slice, ...]
 
 
-def cover(places: tuple[np.ndarray, ...], whole: Sides, margin: int) -> list[Sides]:
-    """Boxes that contain all `places` (z, y, x) of the box `whole`, and are small with their margins; of whole cells of
-    CELL voxels, but at the ends.
+def cover(wanted: np.ndarray, start: Places, margin: int) -> list[Sides]:
+    """Boxes that contain all `wanted` voxels, bool [d, h, w], of which the first lies at `start`, and are small with
+    their margins; of whole cells of CELL voxels, but at the ends.
     """
-    if len(places[0]) > DENSE * math.prod(side.stop - side.start for side in whole):
+    whole = tuple(slice(a, a + size) for a, size in zip(start, wanted.shape, strict=True))
+    if np.count_nonzero(wanted) > DENSE * wanted.size:
         return [whole]
-    cells = np.zeros([-(-side.stop // CELL) for side in whole], bool)
-    cells[tuple(i // CELL for i in places)] = True
+    for axis, side in enumerate(whole):
+        along = np.moveaxis(wanted, axis, 0)
+        starts = [max(cell - side.start, 0) for cell in range(side.start // CELL * CELL, side.stop, CELL)]
+        cells = [np.any(along[a:b], axis=0) for a, b in pairwise([*starts, len(along)])]
+        wanted = np.moveaxis(np.stack(cells), 0, axis)
+    first = tuple(side.start // CELL for side in whole)
     return [
         tuple(slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, whole, strict=True))
-        for box in _halve(cells, (0, 0, 0), margin)
+        for box in _halve(wanted, first, margin)
     ]
 
 
@@ -209,7 +217,12 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
         for axis in range(3):
             least, most = _extreme_filter(np.minimum, least, axis), _extreme_filter(np.maximum, most, axis)
         for axis in range(3):
-            _widen(least, most, part, gone, axis)
+            # across the axis, limits depend on the next neighbours only
+            near = tuple(
+                slice(None) if n == axis else slice(max(side.start - 1, 0), side.stop + 1)
+                for n, side in enumerate(inner)
+            )
+            _widen(least[near], most[near], part[near], None if gone is None else gone[near], axis)
         low[some], high[some] = least[inner], most[inner]
 
     in_blocks(u.shape, LIMIT_HALO, limit)
@@ -219,8 +232,8 @@ def _limits(u: np.ndarray, complete: bool) -> tuple[np.ndarray, np.ndarray]:
 def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray | None, axis: int) -> None:
     """Widens the limits in place for peaks and waves along an axis. gone: missing samples."""
     a, low, high = (array.swapaxes(0, axis) for array in (u, least, most))
-    # difference to the next sample, 0 to missing ones, padded by two on each side
-    rise = np.zeros((len(a) + 5, *a.shape[1:]), u.dtype)
+    # difference to the next sample, 0 to missing ones, padded by two on each side; in the order of u's memory
+    rise = np.zeros([size + 5 * (n == axis) for n, size in enumerate(u.shape)], u.dtype).swapaxes(0, axis)
     np.subtract(a[1:], a[:-1], out=rise[3:-3])
     if gone is not None:
         np.copyto(rise, 0, where=np.isnan(rise))
@@ -244,7 +257,6 @@ def _widen(least: np.ndarray, most: np.ndarray, u: np.ndarray, gone: np.ndarray 
         np.copyto(wave, np.float32(1e30), where=gone.swapaxes(0, axis))
     for along in (0, 0, 1, 2):
         wave = _extreme_filter(np.minimum, wave, along)
-    wave *= WAVE
     low -= wave
     high += wave
 

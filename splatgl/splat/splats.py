@@ -181,8 +181,11 @@ class GrowingRecords:
         self.records = np.zeros(0, record)
 
     def add(self, part: np.ndarray) -> None:
-        """Appends records; arrays read from `records` before become invalid."""
+        """Appends records, of which the first are not copied; arrays read from `records` before become invalid."""
         before = len(self.records)
+        if not before and part.base is None:
+            self.records = part
+            return
         self.records.resize(before + len(part), refcheck=False)
         self.records[before:] = part
 

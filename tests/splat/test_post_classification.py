@@ -21,6 +21,7 @@ from splatgl.reference.rays import Rays
 from splatgl.reference.renderer import render_pixels
 from splatgl.splat import extract_values, prefilter
 from splatgl.splat.culling import tiles_beside_box
+from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Motion
 from splatgl.splat.preintegration import CELLS, ClassIntegral, ValueClassifier, opaque_intervals
 from splatgl.splat.settings import Technique
@@ -564,3 +565,17 @@ def test_means_of_values_close_together_keep_their_digits() -> None:
         low, high = integral.knots - apart / 2, integral.knots + apart / 2
         for first, last in ((low, high), (high, low)):
             np.testing.assert_allclose(integral.mean(first, last)[:, 3], -np.log1p(-0.05), rtol=1e-12)
+
+
+def test_coefficients_of_scattered_voxels_are_those_of_the_whole_volume() -> None:
+    """Boxes of cells with their margins, which begin anywhere in cells."""
+    rng, shape = np.random.default_rng(3), kernel("b-spline")
+    u = rng.random((40, 30, 50)).astype(np.float32)
+    start, wanted = (5, 0, 3), np.zeros((31, 30, 44), bool)
+    wanted[2:5, 3:9, 1:4] = wanted[20:, 17:20, 30:] = True
+    assert len(prefilter.cover(wanted, start, 6)) > 1
+    c, first = prefilter.coefficients(u, shape, wanted, start)
+    z, y, x = (n + at for n, at in zip(np.nonzero(wanted), start, strict=True))
+    assert first == (z.min(), y.min(), x.min())
+    scattered = c[z - first[0], y - first[1], x - first[2]]
+    assert np.abs(scattered - prefilter.prefilter(u, shape)[z, y, x]).max() < 1e-6
