@@ -12,7 +12,7 @@ import numpy as np
 
 from splatgl.annotations.text import MICRO, line_length, plain, write_line
 from splatgl.data.color import Color
-from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, PatchMark, TextMark
+from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, PatchMark, TextMark, move_mark
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import error_prefix, expected
@@ -228,7 +228,7 @@ class Canvas:
         """Draws a smaller canvas over this one; at: (x, y) of its corner."""
         self.paste(part.pixels, at)
         if self.marks is not None:
-            self.marks.extend(mark.moved(*at) for mark in part.marks or ())
+            self.marks.extend(move_mark(mark, *at) for mark in part.marks or ())
 
     def clear(self, rect: Rect) -> None:
         """Clears a rectangle."""

@@ -153,16 +153,16 @@ def unite_sizes(
     mask: [H, W] of `right`, as is returned for images of one size; only its pixels count. align: one of ALIGNMENTS.
     """
     shapes = np.array([image.pixels.shape[:2] for image in (actual, right)])
-    whole = shapes.max(axis=0)
+    canvas_shape = shapes.max(axis=0)
     if mask is not None:
         _check_mask(mask, right.pixels)
-    if (shapes == whole).all():
+    if (shapes == canvas_shape).all():
         return actual, right, mask
-    starts = (whole - shapes) // 2 if align == "center" else np.zeros_like(shapes)
-    canvases, shared = [], np.ones(tuple(whole), bool)
+    starts = (canvas_shape - shapes) // 2 if align == "center" else np.zeros_like(shapes)
+    canvases, shared = [], np.ones(tuple(canvas_shape), bool)
     for image, (top, left), (height, width) in zip((actual, right), starts, shapes, strict=True):
         place = slice(top, top + height), slice(left, left + width)
-        canvas, covered = np.zeros((*whole, 4), image.pixels.dtype), np.zeros(tuple(whole), bool)
+        canvas, covered = np.zeros((*canvas_shape, 4), image.pixels.dtype), np.zeros(tuple(canvas_shape), bool)
         canvas[place] = image.pixels
         covered[place] = True if image is actual or mask is None else mask
         canvases.append(replace(image, pixels=canvas))

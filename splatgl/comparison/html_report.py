@@ -96,8 +96,8 @@ def data_uri(samples: np.ndarray) -> str:
 MOST_PICTURED = 100
 # states of a case, worst first
 STATES = ("unusable", "different", "missing", "same")
-# the page's styles and script, beside this file
-ASSETS = ("report.css", "report.js")
+# the page's styles, script and controls, beside this file
+ASSETS = ("report.css", "report.js", "report_controls.html")
 HINTS = {
     "maximum": "largest difference of a channel",
     "rmse": "root mean square of the differences",
@@ -154,12 +154,12 @@ def build_page(cases: Sequence[Case], title: str, extra: str = "") -> str:
     """The HTML page: counts, then differing cases with images, then a line for each equal case. extra: more HTML."""
     ranked = sorted(cases, key=lambda c: STATES.index(c.state))
     numbers = {state: sum(c.state == state for c in cases) for state in STATES}
-    css, js = (files("splatgl.comparison").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
+    css, js, controls = (files("splatgl.comparison").joinpath(name).read_text(encoding="utf-8") for name in ASSETS)
     wrong = [c for c in ranked if c.state != "same"]
     rows = "".join(f"<tr><td>{escape(c.name)}<td>{escape(c.line)}" for c in cases if c.state == "same")
     parts = [
         f'<header><h1>{escape(title)}</h1><p class="counts">{_filters(numbers)}</p>',
-        f"{_controls() if wrong else ''}</header>",
+        f"{controls if wrong else ''}</header>",
         "<main>",
         *(_section(c, pictured=i < MOST_PICTURED) for i, c in enumerate(wrong)),
         f'<details class="same"><summary>{numbers["same"]} the same</summary><table>{rows}</table></details>'
@@ -198,14 +198,9 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]], classes: Iter
     for cells, name in zip(rows, classes, strict=True):
         # a number is not parted from its unit
         texts = [escape(cell).replace(" %", "\xa0%").replace(" ms", "\xa0ms") for cell in cells]
-        shown = "".join(f"<td{own}>{text}" for own, text in zip(names, texts, strict=True))
+        shown = "".join(f"<td{named}>{text}" for named, text in zip(names, texts, strict=True))
         lines.append(f"<tr{name and f' class={name}'}>{shown}")
     return f"{opening}{''.join(lines)}</table>"
-
-
-# what the page shows of a case, in the order of the keys 1 to 5, and what moves its handle
-VIEWS = ("side by side", "slider", "blink", "overlay", "difference")
-KEYS = "j, k: next, previous · 1–5: view · m: mark · c: copy the commands of all marked · /: search"
 
 
 def list_files(title: str, names: Sequence[str]) -> str:
@@ -223,26 +218,6 @@ def _filters(numbers: Mapping[str, int]) -> str:
         f'<button class="{state}" data-state="{state}" aria-pressed="true">{count} {state}</button>'
         for state, count in numbers.items()
         if count
-    )
-
-
-def _controls() -> str:
-    grounds = "".join(f'<option value="{name}">{name}</option>' for name in ("checks", "black", "white"))
-    views = "".join(
-        f'<label><input type="radio" name="view" value="{number}"{" checked" if number == 1 else ""}>{name}</label>'
-        for number, name in enumerate(VIEWS, 1)
-    )
-    return (
-        f'<div class="controls"><span class="views">{views}</span>'
-        '<input id="find" type="search" placeholder="part of a name" aria-label="part of a name">'
-        '<label>enlarge <select id="zoom"><option value="0">to fit</option>'
-        '<option value="1">1×</option><option value="2">2×</option><option value="4">4×</option>'
-        '<option value="8">8×</option></select></label>'
-        f'<label>behind <select id="ground">{grounds}</select></label>'
-        '<label>difference × <input id="gain" type="range" min="0" max="6" step="0.5" value="0">'
-        "<output>1</output></label>"
-        '<button id="accept" disabled>copy commands of <span>0</span> marked</button>'
-        f'<span class="keys">{KEYS}</span></div>'
     )
 
 

@@ -98,8 +98,8 @@ class Baselines:
 
     def _named(self, pattern: str) -> list[Path]:
         """Files named by the stem, a match of the pattern, and the suffix."""
-        whole = re.compile(re.escape(self.stem) + pattern + re.escape(self.suffix))
-        return sorted(path for path in self.folder.glob("*") if whole.fullmatch(path.name))
+        names = re.compile(re.escape(self.stem) + pattern + re.escape(self.suffix))
+        return sorted(path for path in self.folder.glob("*") if names.fullmatch(path.name))
 
 
 def renderer_class(image: Image) -> str | None:
@@ -170,8 +170,8 @@ class ImageRegression:
         __tracebackhide__ = True
         failures = []
         try:
-            given = {key.rstrip("_"): value for key, value in options.items()}
-            settings = self.settings.but({"tolerance": tolerance, **given})
+            keywords = {key.rstrip("_"): value for key, value in options.items()}
+            settings = self.settings.but({"tolerance": tolerance, **keywords})
             criteria = settings.criteria()
             if mask is not None:
                 counts = np.asarray(mask, bool)

@@ -161,9 +161,8 @@ def frames(path: Path) -> Iterator[Picture]:
         yield replace(_decode_bytes(content), name=str(path))
     elif ending in ANIMATED and (animation := _open_animation(path)):
         with animation:
-            yield from _numbered(
-                path, (np.asarray(frame.convert("RGBA")) for frame in ImageSequence.Iterator(animation))
-            )
+            pages = (np.asarray(frame.convert("RGBA")) for frame in ImageSequence.Iterator(animation))
+            yield from _numbered(path, pages)
     else:
         yield read(path)
 

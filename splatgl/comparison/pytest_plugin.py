@@ -75,11 +75,13 @@ def settings_of(config: pytest.Config) -> Settings:
     """The project's settings: of pyproject.toml and of pytest's configuration. Bad ones fail the test."""
     from splatgl.comparison.settings import Settings
     from splatgl.errors import InputError
+    from splatgl.fileio import parse_table
 
     if SETTINGS not in config.stash:
         try:
-            settings = Settings.of_project(config.rootpath)
-            config.stash[SETTINGS] = replace(settings.but_text(config.getini(INI), INI), folder=config.rootpath)
+            table = parse_table(config.getini(INI), f"{INI}: expected settings in TOML")
+            settings = Settings.of_project(config.rootpath).but(table, INI)
+            config.stash[SETTINGS] = replace(settings, folder=config.rootpath)
         except InputError as error:
             pytest.fail(str(error), pytrace=False)
     return config.stash[SETTINGS]
@@ -87,8 +89,8 @@ def settings_of(config: pytest.Config) -> Settings:
 
 def output_of(config: pytest.Config, option: str) -> Path | None:
     """The folder of the report, or the file of the summary: of the option, else of the settings."""
-    given = _option(config, option)
-    return Path(given) if given else settings_of(config).path(option.rpartition("-")[2])
+    path = _option(config, option)
+    return Path(path) if path else settings_of(config).path(option.rpartition("-")[2])
 
 
 @pytest.fixture

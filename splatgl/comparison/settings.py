@@ -15,7 +15,7 @@ from splatgl.comparison.pictures import read_mask
 from splatgl.comparison.verdict import NOISE, Criteria, Pair, Tolerance, Verdict
 from splatgl.data.image import Image
 from splatgl.errors import error_prefix, expected
-from splatgl.fileio import load_table, parse_table
+from splatgl.fileio import load_table
 from splatgl.options import refuse_unknown
 
 METRICS = ("maximum", "rmse", "psnr", "bias", "share", "unmatched", "levels", "density", "ssim", "flip")
@@ -61,16 +61,12 @@ class Settings:
         named = {name.replace("_", "-"): value for name, value in values.items() if value is not None}
         refuse_unknown(what, named, KEYS)
         limits = {"noise", *FIELDS}
-        kept = {k: v for k, v in self.values.items() if k not in limits or not limits & set(named)}
-        changed = replace(self, values={**kept, **named})
+        others = {k: v for k, v in self.values.items() if k not in limits or not limits & set(named)}
+        changed = replace(self, values={**others, **named})
         if what != "options":
             with error_prefix(what):
                 changed.criteria()
         return changed
-
-    def but_text(self, text: str, what: str) -> Settings:
-        """The settings with those of a text in TOML."""
-        return self.but(parse_table(text, f"{what}: expected settings in TOML"), what)
 
     def get(self, name: str, default: Any = None) -> Any:
         """A value by its name."""
@@ -114,9 +110,9 @@ class Settings:
         """The limits: those given, else those of the noise."""
         threshold = self.get("threshold")
         threshold = None if threshold is None else read_limit("threshold", threshold)
-        given = self.get("tolerance")
-        if isinstance(given, Tolerance):
-            return given
+        tolerance = self.get("tolerance")
+        if isinstance(tolerance, Tolerance):
+            return tolerance
         limits: dict[str, float] = {}
         for name, limit in FIELDS.items():
             if name in self.values:
@@ -130,8 +126,8 @@ class Settings:
         if not isinstance(regions, Mapping):
             raise expected("regions", "names with rectangles, such as clock = [0, 0, 90, 20]", repr(regions))
         rectangles, pictures = [], []
-        given = self.get("ignore", ())
-        for part in [given] if isinstance(given, str) or _is_rectangle(given) else given:
+        ignored = self.get("ignore", ())
+        for part in [ignored] if isinstance(ignored, str) or _is_rectangle(ignored) else ignored:
             region = regions.get(part, part) if isinstance(part, str) else part
             if isinstance(region, str) and "," in region:
                 region = [int(n) if n.strip().isdigit() else n for n in region.split(",")]
@@ -148,11 +144,9 @@ class Settings:
 
 def _is_rectangle(value: Any) -> bool:
     """Whether a value is left, top, width and height."""
-    is_list = isinstance(value, Iterable) and not isinstance(value, str | Mapping)
-    numbers = list(value) if is_list else []
-    return (
-        len(numbers) == 4 and all(isinstance(n, int | np.integer) and n >= 0 for n in numbers) and min(numbers[2:]) > 0
-    )
+    numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str | Mapping) else []
+    are_counts = all(isinstance(n, int | np.integer) and n >= 0 for n in numbers)
+    return len(numbers) == 4 and are_counts and min(numbers[2:]) > 0
 
 
 def read_limit(name: str, value: Any) -> float:

@@ -193,8 +193,8 @@ class Verdict:
         if self.comparison.box is None:
             return f"no pixel over {self.comparison.over}, {worst}"
         left, top, right, bottom = self.comparison.box
-        whole = f"of {self.size[0]}×{self.size[1]}"
-        return f"columns {left}–{right - 1}, rows {top}–{bottom - 1} ({right - left}×{bottom - top} {whole}), {worst}"
+        picture = f"of {self.size[0]}×{self.size[1]}"
+        return f"columns {left}–{right - 1}, rows {top}–{bottom - 1} ({right - left}×{bottom - top} {picture}), {worst}"
 
 
 def judge(

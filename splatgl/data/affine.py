@@ -116,21 +116,14 @@ class Lattice:
         for axis in sorted(range(3), key=lambda axis: self.at[axis] is None):
             sizes[axis] = min(sizes[axis], max(most, 1))
             most //= sizes[axis]
-        low = [(whole - size) // 2 for whole, size in zip(samples.shape, sizes, strict=True)]
+        low = [(count - size) // 2 for count, size in zip(samples.shape, sizes, strict=True)]
         stored = np.asarray(samples[tuple(slice(a, a + size) for a, size in zip(low, sizes, strict=True))], np.float64)
-        # 2. the planes around them, and the values between these
+        # 2. the values between the planes around them
         places = [
             np.arange(a, a + size, dtype=float) if at is None else at[a : a + size]
             for a, size, at in zip(low, sizes, self.at, strict=True)
         ]
-        first = [int(each[0]) for each in places]
-        back = np.asarray(
-            resampled[tuple(slice(a, int(np.ceil(each[-1])) + 1) for a, each in zip(first, places, strict=True))]
-        )
-        back = back.astype(np.float64)
-        for axis, each in enumerate(places):
-            if self.at[axis] is not None:
-                back = np.moveaxis(interpolate_planes(np.moveaxis(back, axis, 0), each - first[axis]), 0, axis)
+        back = interpolate_grid(resampled, places, np.float64)
         return describe_error(back, stored, "" if stored.size == math.prod(samples.shape) else " in its middle")
 
 
@@ -195,9 +188,7 @@ def make_lattice(axes: Sequence[Coordinate], of: str = "", even: bool = False) -
     factors, unit = [1.0] * 3, ""
     if not even:
         counts = [axis.size if planes is None else len(planes) for axis, planes in zip(axes, between, strict=True)]
-        factors, unit, scaled = _unit_factors(
-            axes, [abs(step) * count for step, count in zip(steps, counts, strict=True)]
-        )
+        factors, unit, scaled = _unit_factors(axes, (np.abs(steps) * counts).tolist())
         notes += scaled
     scaled_steps = [step * factor for step, factor in zip(steps, factors, strict=True)]
     known = [abs(step) for step in scaled_steps if np.isfinite(step)] or [1.0]
@@ -319,15 +310,28 @@ def interpolate_planes(planes: np.ndarray, places: np.ndarray) -> np.ndarray:
     return result
 
 
+def interpolate_grid(samples: Any, places: Sequence[np.ndarray], dtype: Any = None) -> np.ndarray:
+    """Samples at all combinations of fractional indices along each axis, see `interpolate_planes`; only the box around
+    them is read. dtype: of the samples before, None: their own.
+    """
+    first = [int(at.min()) if len(at) else 0 for at in places]
+    ends = (int(np.ceil(at.max())) + 1 if len(at) else 0 for at in places)
+    block = np.asarray(samples[tuple(map(slice, first, ends))], dtype)
+    for axis, (at, low) in enumerate(zip(places, first, strict=True)):
+        if len(at) != block.shape[axis] or (at - low != np.arange(len(at))).any():
+            block = np.moveaxis(interpolate_planes(np.moveaxis(block, axis, 0), at - low), 0, axis)
+    return block
+
+
 class Resampled:
     """Samples [z, y, x] at other planes, computed when they are read: linear; whole numbers take the nearest plane."""
 
     def __init__(self, samples: Any, between: Sequence[np.ndarray | None]) -> None:
         self.samples, self.dtype = samples, np.dtype(samples.dtype)
-        whole = self.dtype.kind in "bui"
+        rounds = self.dtype.kind in "bui"
         sizes = zip(between, samples.shape, strict=True)
         self.places = [
-            np.arange(float(n)) if indices is None else np.rint(indices) if whole else indices for indices, n in sizes
+            np.arange(float(n)) if indices is None else np.rint(indices) if rounds else indices for indices, n in sizes
         ]
         self.shape = tuple(map(len, self.places))
 
@@ -335,15 +339,7 @@ class Resampled:
         keys = key if isinstance(key, tuple) else (key,)
         keys = keys[: keys.index(Ellipsis)] if Ellipsis in keys else keys
         wanted = [places[entry] for places, entry in zip(self.places, keys, strict=False)] + self.places[len(keys) :]
-        box, within = [], []
-        for places in map(np.atleast_1d, wanted):
-            low = int(places.min()) if len(places) else 0
-            box.append(slice(low, int(np.ceil(places.max())) + 1 if len(places) else 0))
-            within.append(places - low)
-        block = np.asarray(self.samples[tuple(box)])
-        for axis, places in enumerate(within):
-            if len(places) != block.shape[axis] or (places != np.arange(len(places))).any():
-                block = np.moveaxis(interpolate_planes(np.moveaxis(block, axis, 0), places), 0, axis)
+        block = interpolate_grid(self.samples, [np.atleast_1d(places) for places in wanted])
         return block[tuple(0 if np.ndim(places) == 0 else slice(None) for places in wanted)]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from importlib import import_module
 from importlib.util import find_spec
@@ -54,13 +54,11 @@ def of_xarray(x: Any, options: ArrayOptions) -> Volume:
     """The volume of a DataArray, or of the variable `array` of a Dataset."""
     array = _variable(x, options).squeeze(drop=True) if len(x.dims) > 3 else _variable(x, options)
     if array.ndim > 3:
-        extra = next(
-            (name for name in array.dims if _kind_of_dimension(array, name) not in tuple("xyz")), array.dims[0]
-        )
+        extra = next((name for name in array.dims if _dimension_kind(array, name) not in tuple("xyz")), array.dims[0])
         fix = f"pick one by x.isel({extra}=0)"
         raise expected("DataArray", "3 dimensions", f"{array.ndim} ({', '.join(map(str, array.dims))})", fix)
     check_samples(array, "DataArray")
-    axes = _order_axes([_kind_of_dimension(array, name) for name in array.dims])
+    axes = _order_axes([_dimension_kind(array, name) for name in array.dims])
     names = [array.dims[axis] for axis in axes]
     # 1. samples: views in memory and of dask; arrays in a file are read in parts
     if getattr(array.variable, "_in_memory", False) or array.chunks is not None:
@@ -89,7 +87,7 @@ def _variable(x: Any, options: ArrayOptions) -> Any:
     return x[options.array]
 
 
-def _kind_of_dimension(array: Any, name: Any) -> str:
+def _dimension_kind(array: Any, name: Any) -> str:
     return axis_kind(str(name), array.coords[name].attrs if name in array.coords else {})
 
 
@@ -113,10 +111,8 @@ def _coordinate(array: Any, name: Any, options: ArrayOptions) -> Coordinate:
 
 
 # colour maps that need no library, and those that napari shares with cmap and matplotlib
-BUILTIN_MAPS, SHARED_MAPS = (
-    ("gray", "viridis"),
-    ("magma", "inferno", "plasma", "turbo", "twilight", "twilight_shifted", "hsv"),
-)
+BUILTIN_MAPS = ("gray", "viridis")
+SHARED_MAPS = ("magma", "inferno", "plasma", "turbo", "twilight", "twilight_shifted", "hsv")
 
 
 def of_napari(x: Any, options: ArrayOptions) -> Volume:
@@ -137,7 +133,8 @@ def of_napari(x: Any, options: ArrayOptions) -> Volume:
     world = np.array([x.data_to_world((*lead, *corner))[-3:] for corner in corners])
     origin, matrix = world[0][::-1], (world[1:] - world[0]).T[::-1, ::-1]
     hints = _hints(x)
-    unit = _unit(x)
+    units = {unit_name(str(unit)) for unit in tuple(getattr(x, "units", None) or ())[-3:]}
+    unit = units.pop() if len(units) == 1 else ""
     volumes = []
     for data in levels:
         factor = np.array(finest[-3:]) / data.shape[-3:]
@@ -177,16 +174,8 @@ def _hints(x: Any) -> Hints:
         return Hints()
     low, high = (float(limit) for limit in x.contrast_limits)
     name = str(x.colormap.name)
-    known = name in BUILTIN_MAPS or (
-        name in SHARED_MAPS and any(find_spec(package) for package in ("cmap", "matplotlib"))
-    )
+    known = name in BUILTIN_MAPS or (name in SHARED_MAPS and any(map(find_spec, ("cmap", "matplotlib"))))
     return Hints(window=(low, high) if low < high else None, colormap=name if known else None)
-
-
-def _unit(x: Any) -> str:
-    """The unit of z, y and x, if they share one."""
-    units = {unit_name(str(unit)) for unit in tuple(getattr(x, "units", None) or ())[-3:]}
-    return units.pop() if len(units) == 1 else ""
 
 
 def of_simpleitk(x: Any, options: ArrayOptions) -> Volume:
@@ -262,13 +251,25 @@ class Transposed:
         return np.expand_dims(part, free.index(None)) if None in free else part
 
 
+class Changed:
+    """An array of a shape and type that is read in parts, each of which a function changes."""
+
+    def __init__(
+        self, array: Any, shape: Sequence[int], dtype: np.dtype, change: Callable[[np.ndarray], np.ndarray]
+    ) -> None:
+        self.array, self.shape, self.dtype, self.change = array, tuple(shape), dtype, change
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        return self.change(np.asarray(self.array[key]))
+
+
 class Window:
     """A box of an array that is read in parts, as an array of its own."""
 
     def __init__(self, array: Any, box: tuple[slice, ...]) -> None:
-        whole = (*box, *[slice(None)] * (len(array.shape) - len(box)))
+        keys = (*box, *[slice(None)] * (len(array.shape) - len(box)))
         self.array, self.dtype = array, np.dtype(array.dtype)
-        self.ranges = [range(size)[at] for size, at in zip(array.shape, whole, strict=True)]
+        self.ranges = [range(size)[at] for size, at in zip(array.shape, keys, strict=True)]
         self.shape = tuple(map(len, self.ranges))
 
     @classmethod

@@ -61,9 +61,7 @@ def _outline(mesh: Mesh, normal: np.ndarray, place: float) -> np.ndarray:
     _, count = np.unique(sides, axis=0, return_counts=True)
     if (count % 2).any():
         this = "meshes that are closed where planes cut them"
-        raise expected(
-            "caps", this, f"{mesh.name or 'a mesh'}, which is open", "close its holes, or leave out its caps"
-        )
+        raise expected("caps", this, f"{mesh.name or 'a mesh'}, which is open", "close its holes, or leave caps out")
     ends, along = places[sides], beyond[sides]
     share = along[:, 0] / (along[:, 0] - along[:, 1])
     return np.asarray(ends[:, 0] + (ends[:, 1] - ends[:, 0]) * share[:, None]).reshape(-1, 2, 3)

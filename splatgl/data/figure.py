@@ -41,10 +41,6 @@ class TextMark:
     color: Color
     halo: Halo
 
-    def moved(self, x: float, y: float) -> TextMark:
-        """The same, that many pixels farther right and down."""
-        return replace(self, at=(self.at[0] + x, self.at[1] + y))
-
 
 @dataclass(frozen=True, eq=False)
 class LinesMark:
@@ -56,10 +52,6 @@ class LinesMark:
     alpha: float
     halo: Halo
 
-    def moved(self, x: float, y: float) -> LinesMark:
-        """The same, that many pixels farther right and down."""
-        return replace(self, segments=self.segments + np.array([x, y, x, y]))
-
 
 @dataclass(frozen=True, eq=False)
 class AreaMark:
@@ -69,10 +61,6 @@ class AreaMark:
     color: Color
     alpha: float = 1.0
 
-    def moved(self, x: float, y: float) -> AreaMark:
-        """The same, that many pixels farther right and down."""
-        return replace(self, points=self.points + np.array([x, y]))
-
 
 @dataclass(frozen=True, eq=False)
 class PatchMark:
@@ -81,12 +69,17 @@ class PatchMark:
     pixels: np.ndarray
     at: tuple[float, float]
 
-    def moved(self, x: float, y: float) -> PatchMark:
-        """The same, that many pixels farther right and down."""
-        return replace(self, at=(self.at[0] + x, self.at[1] + y))
-
 
 Mark: TypeAlias = TextMark | LinesMark | AreaMark | PatchMark
+
+
+def move_mark(mark: Mark, x: float, y: float) -> Mark:
+    """A mark, that many pixels farther right and down."""
+    if isinstance(mark, LinesMark):
+        return replace(mark, segments=mark.segments + np.array([x, y, x, y]))
+    if isinstance(mark, AreaMark):
+        return replace(mark, points=mark.points + np.array([x, y]))
+    return replace(mark, at=(mark.at[0] + x, mark.at[1] + y))
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,9 +79,11 @@ class Image:
         if ending in JPEG:
             samples = self._samples(info, 8, background or (0.0, 0.0, 0.0))
             return encode_jpeg(samples, info)
-        if ending in VECTOR:
-            return self._page(info, background).encoded(ending, info, density(info))
         # the samples first: this adds the X-ray scale to `info`
+        if ending in VECTOR:
+            page = self.figure or Figure(_linear_pixels(self._samples(info, 8, None)))
+            page = page if background is None else replace(page, ground=background)
+            return page.encoded(ending, info, density(info))
         samples = self._samples(info, bits, background)
         return encode_png(samples, chunks=_about_chunks(info))
 
@@ -158,13 +160,6 @@ class Image:
         ground = self.info.get("background") if self.info.get("blend") == "xray" else None
         return (float(ground[0]), float(ground[1]), float(ground[2])) if isinstance(ground, list | tuple) else None
 
-    def _page(self, info: dict[str, object], background: tuple[float, float, float] | None) -> Figure:
-        """The figure on its background; without annotations the pixels alone. The scale of an X-ray is stored in
-        `info`.
-        """
-        figure = self.figure or Figure(_linear_pixels(self._samples(info, 8, None)))
-        return figure if background is None else replace(figure, ground=background)
-
     def _samples(self, info: dict[str, object], bits: int, background: tuple[float, float, float] | None) -> np.ndarray:
         """Straight sRGB, uint8 or uint16 [H, W, 4]; the scale of an X-ray is stored in `info`."""
         image = self
@@ -178,8 +173,8 @@ class Image:
             raise expected("bits", "8 or 16", bits)
         if bits == 8 and image.pixels.dtype == np.float32 and (image.pixels[..., 3] == 1).all():
             return srgb_bytes(np.clip(np.nan_to_num(image.pixels), np.float32(0), np.float32(1)))
-        one = 2**bits - 1
-        return np.rint(image.straight() * one).astype(np.uint8 if bits == 8 else np.uint16)
+        top = 2**bits - 1
+        return np.rint(image.straight() * top).astype(np.uint8 if bits == 8 else np.uint16)
 
 
 def _npy(values: np.ndarray) -> bytes:

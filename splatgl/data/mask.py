@@ -99,40 +99,33 @@ class Mask:
     def _plane(self, step: np.ndarray, start: np.ndarray, z: int, low: Places, high: Places) -> np.ndarray:
         """bool: voxels inside, for one plane of a volume."""
         y, x = np.meshgrid(np.arange(low[1], high[1]), np.arange(low[2], high[2]), indexing="ij")
-        places = [
-            _nearest(row[0] * x + row[1] * y + (row[2] * z + offset)) for row, offset in zip(step, start, strict=True)
-        ]
-        valid = np.ones(x.shape, bool)
-        for place, size in zip(places, self.inside.shape[::-1], strict=True):
-            valid &= (place >= 0) & (place < size)
-        x, y, z_ = (np.where(valid, place, 0) for place in places)
-        return np.asarray(valid & self.inside[z_, y, x])
+        places = _nearest(np.tensordot(step, np.stack([x, y, np.full_like(x, z)]), 1) + start[:, None, None])
+        valid = ((places >= 0) & (places < np.reshape(self.inside.shape[::-1], (3, 1, 1)))).all(axis=0)
+        x, y, planes = np.where(valid, places, 0)
+        return np.asarray(valid & self.inside[planes, y, x])
 
 
-def make_mask(given: Any, volume: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
+def make_mask(source: Any, volume: Volume, labels: Sequence[int] = (), outside: bool = False) -> Mask:
     """The mask of a volume, of an array [D, H, W] on the grid of `volume`, or of FILE[:N,N…][:outside]."""
     from splatgl.readers import load
 
-    if hasattr(given, "shares"):
-        return given
-    if isinstance(given, str | Path):
-        file, numbers, beyond = parse_mask(str(given))
+    if hasattr(source, "shares"):
+        return source
+    if isinstance(source, str | Path):
+        file, numbers, beyond = parse_mask(str(source))
         if not file:
-            raise expected("mask", "FILE[:N,N…][:outside]", repr(str(given)))
+            raise expected("mask", "FILE[:N,N…][:outside]", repr(str(source)))
         try:
             source = load(file)
         except InputError as error:
             raise InputError(f"mask {error}") from error
         return Mask.of(source, (*labels, *numbers), outside != beyond)
-    if isinstance(given, Volume):
-        return Mask.of(given, labels, outside)
-    array = np.asarray(given)
+    if isinstance(source, Volume):
+        return Mask.of(source, labels, outside)
+    array = np.asarray(source)
     if array.shape != volume.shape:
         raise expected("mask", f"an array {volume.shape} on the volume's grid, a Volume or a file", array.shape)
-    grid = replace(
-        volume, samples=array, name="", color=None, vectors=None, coarser=(), channels=(), masks=(), notes=()
-    )
-    return Mask.of(grid, labels, outside)
+    return Mask.of(replace(volume, samples=array, name="", channels=(), notes=()), labels, outside)
 
 
 def parse_mask(text: str) -> tuple[str, tuple[int, ...], bool]:

@@ -230,11 +230,11 @@ class Mesh:
         return cls(vertices, np.concatenate([np.zeros((0, 3), np.int64), *quads]), **look)
 
 
-def _array(what: str, given: Any, kind: Any) -> np.ndarray:
+def _array(what: str, values: Any, kind: Any) -> np.ndarray:
     try:
-        array: np.ndarray = np.ascontiguousarray(given, kind)
+        array: np.ndarray = np.ascontiguousarray(values, kind)
     except (TypeError, ValueError) as error:
-        raise expected(what, "an array [N, 3] of numbers", type(given).__name__) from error
+        raise expected(what, "an array [N, 3] of numbers", type(values).__name__) from error
     if array.size == 0:
         return np.zeros((0, 3), kind)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -242,37 +242,37 @@ def _array(what: str, given: Any, kind: Any) -> np.ndarray:
     return array
 
 
-def _values(given: Any, count: int) -> np.ndarray:
+def _values(stated: Any, count: int) -> np.ndarray:
     """float64 [N], NaN where they are not finite."""
     try:
-        values: np.ndarray = np.array(given, np.float64)
+        values: np.ndarray = np.array(stated, np.float64)
     except (TypeError, ValueError) as error:
-        raise expected("values", "numbers", type(given).__name__) from error
+        raise expected("values", "numbers", type(stated).__name__) from error
     if values.shape != (count,):
         raise expected("values", f"one for each of {count} vertices", f"shape {values.shape}")
     values[~np.isfinite(values)] = np.nan
     return values
 
 
-def _window(given: Any) -> tuple[float, float]:
+def _window(ends: Any) -> tuple[float, float]:
     try:
-        low, high = (float(number) for number in given)
+        low, high = (float(number) for number in ends)
     except (TypeError, ValueError):
         low = high = np.nan
     if not -np.inf < low < high < np.inf:
-        raise expected("window", "two finite numbers, the first below the second", repr(given)[:80])
+        raise expected("window", "two finite numbers, the first below the second", repr(ends)[:80])
     return low, high
 
 
-def _color(given: str | Sequence[float]) -> tuple[float, float, float]:
+def _color(color: str | Sequence[float]) -> tuple[float, float, float]:
     """Linear RGB."""
     try:
-        given = linear_from_srgb(np.array(srgb_of_name(given)) / 255).tolist() if isinstance(given, str) else given
-        r, g, b = np.asarray(given, np.float64).tolist()
+        color = linear_from_srgb(np.array(srgb_of_name(color)) / 255).tolist() if isinstance(color, str) else color
+        r, g, b = np.asarray(color, np.float64).tolist()
     except (TypeError, ValueError):
         r = g = b = np.nan
     if not all(0 <= part <= 1 for part in (r, g, b)):
-        raise expected("color", "#rrggbb, a CSS name or three linear numbers from 0 to 1", repr(given)[:80])
+        raise expected("color", "#rrggbb, a CSS name or three linear numbers from 0 to 1", repr(color)[:80])
     return r, g, b
 
 
@@ -343,12 +343,12 @@ def _clip_triangles(corners: np.ndarray, beyond: np.ndarray) -> np.ndarray:
     """The parts of triangles [M, 3, K] where `beyond` [M, 3], linear between corners, is at least 0, as triangles."""
     inside = beyond >= 0
     count = inside.sum(axis=1)
-    whole = corners[count == 3]
+    inner = corners[count == 3]
     # one corner inside gives one triangle, one outside two; rotated so that this corner is the first
     tips, stumps = (_rotate_corners(corners, beyond, count == n, inside if n == 1 else ~inside) for n in (1, 2))
     (a, *_), (ab, ac) = tips
     (_, e, f), (de, df) = stumps
-    parts = [whole, np.stack([a, ab, ac], axis=1), np.stack([de, e, f], axis=1), np.stack([de, f, df], axis=1)]
+    parts = [inner, np.stack([a, ab, ac], axis=1), np.stack([de, e, f], axis=1), np.stack([de, f, df], axis=1)]
     return np.concatenate(parts)
 
 

@@ -99,17 +99,13 @@ def _neighbour_distances(places: np.ndarray, sample: np.ndarray, cell: float, co
 
     all_keys = keys(places)
     order = np.argsort(all_keys, kind="stable")
-    sorted_keys, own = all_keys[order], keys(sample)
-    found: list[list[np.ndarray]] = [[] for _ in sample]
-    for y, z in product((-1, 0, 1), repeat=2):
-        middle = own + y * factors[1] + z * factors[2]
-        begin = np.searchsorted(sorted_keys, middle - 1, "left").tolist()
-        end = np.searchsorted(sorted_keys, middle + 1, "right").tolist()
-        for own_parts, first, last in zip(found, begin, end, strict=True):
-            own_parts.append(order[first:last])
+    # three cells along x at a time, in nine rows [M, 9]
+    middle = keys(sample)[:, None] + [y * factors[1] + z * factors[2] for y, z in product((-1, 0, 1), repeat=2)]
+    begin = np.searchsorted(all_keys[order], middle - 1, "left")
+    end = np.searchsorted(all_keys[order], middle + 1, "right")
     result = np.full(len(sample), np.inf)
-    for n, parts in enumerate(found):
-        near = np.concatenate(parts)
+    for n, ends in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
+        near = np.concatenate([order[first:last] for first, last in zip(*ends, strict=True)])
         if len(near) > count:
             squared = ((places[near] - sample[n]) ** 2).sum(axis=1)
             result[n] = np.sqrt(np.partition(squared, count)[count])

@@ -125,10 +125,10 @@ def join_samples(how: str, near: np.ndarray, far: np.ndarray) -> np.ndarray:
         return near + (1 - near[..., 3:]) * far
     if how == "sum":
         return near + far
-    one, other = near[..., 0], far[..., 0]
+    front, back = near[..., 0], far[..., 0]
     if how == "attenuated":
-        other = other * np.exp(-near[..., 3])
-    value = np.where(near[..., 1] <= 0, other, np.where(far[..., 1] <= 0, one, COMBINE[how](one, other)))
+        back = back * np.exp(-near[..., 3])
+    value = np.where(near[..., 1] <= 0, back, np.where(far[..., 1] <= 0, front, COMBINE[how](front, back)))
     return np.stack([value, near[..., 1] + far[..., 1], np.zeros_like(value), near[..., 3] + far[..., 3]], axis=-1)
 
 

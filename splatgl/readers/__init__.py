@@ -94,7 +94,7 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str | None:
 def _load(path: Path, options: LoadOptions) -> Volume:
     form = _find_format(path, options)
     _check_file(path, form, options)
-    named = next((each for each in FORMATS if _suffix(path, each) not in ("", ".zip")), form)
+    named = next((known for known in FORMATS if _suffix(path, known) not in ("", ".zip")), form)
     other = form.reader != named.reader and not _suffix(path, form) and path.is_file()
     note = f"its contents are {form.title}, not what its name says" if other else ""
     with error_prefix(note) if note else nullcontext():
@@ -146,14 +146,14 @@ def _find_format(path: Path, options: LoadOptions) -> Format:
     detectable = [form for form in FORMATS if form.tells and kind in form.kinds]
     if kind == "folder":
         default = None if is_pattern(path) else named
-        found = next((form for form in detectable if _import_function(form.tells)(path)), default)
-        if found is None:
+        form = next((form for form in detectable if _import_function(form.tells)(path)), default)
+        if form is None:
             names = " or ".join(form.title for form in detectable)
             if is_pattern(path):
                 raise expected("pattern", "at least two pictures", "fewer", "check the names")
             fix = converter(".n5") if is_n5(path) else "name a file in it"
             raise expected("path", f"a file, or a folder of {names}", "N5" if is_n5(path) else "another folder", fix)
-        return found
+        return form
     has_bytes = path.is_file() and path.stat().st_size > 0
     contents = identify(path) if has_bytes else ""
     if named and (not has_bytes or contents in (named.title, *named.starts) or (not contents and "?" in named.starts)):
@@ -163,8 +163,8 @@ def _find_format(path: Path, options: LoadOptions) -> Format:
     # of packed data that are too short only the name tells
     candidates = [form for form in FORMATS if contents in (form.title, *form.starts) and contents not in UNKNOWN]
     closer = (form for form in candidates or detectable if form in detectable and _import_function(form.tells)(path))
-    found = next(closer, next(iter(candidates), None))
-    return found or _refuse_contents(path, named, contents)
+    form = next(closer, next(iter(candidates), None))
+    return form or _refuse_contents(path, named, contents)
 
 
 def _refuse_contents(path: Path, named: Format | None, contents: str) -> Format:

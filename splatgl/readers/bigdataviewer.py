@@ -10,6 +10,7 @@ import re
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -17,6 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.affine import unit_name, volume_on_grid
+from splatgl.data.arrays import Changed
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import MOST_CHANNELS, Channel, ChannelSet, mark_microscope
@@ -144,17 +146,12 @@ def _read_setup(
     # 1. levels: factors along x, y, z
     node = find_node(file, f"s{number:02}/resolutions", anywhere=False)
     if not hasattr(node, "shape") or len(node.shape) != 2 or node.shape[1] != 3 or not 0 < node.shape[0] <= 64:
-        raise expected(
-            f"s{number:02}/resolutions", "three factors for each level", "none", "is this the right HDF5 file?"
-        )
+        raise expected(f"s{number:02}/resolutions", "three factors a level", "none", "is this the right HDF5 file?")
     factors = np.asarray(node[()], np.float64)
-    if options.level is not None and options.level >= len(factors):
-        raise expected("level", f"a number from 0 to {len(factors) - 1}", options.level)
-    wanted = range(len(factors)) if options.level is None else (options.level,)
     # 2. the grid of the finest level, and the samples
     matrix, origin, unit = _find_grid(root, setup, time)
     volumes = []
-    for level in wanted:
+    for level in options.level_numbers(len(factors)):
         name = f"t{time:05}/s{number:02}/{level}/cells"
         cells = find_node(file, name, options.anywhere)
         if not hasattr(cells, "shape") or len(cells.shape) != 3 or cells.dtype.kind not in "iu":
@@ -163,20 +160,13 @@ def _read_setup(
             raise expected(name, f"{image.size[::-1]} voxels, as the XML says", cells.shape)
         samples: Any = read_samples(path, cells, [slice(None)] * 3, options.anywhere)
         unsigned = np.dtype(f"{cells.dtype.str[0]}u{cells.dtype.itemsize}")
-        samples = samples.view(unsigned) if isinstance(samples, np.ndarray) else _Unsigned(samples, unsigned)
+        if isinstance(samples, np.ndarray):
+            samples = samples.view(unsigned)
+        else:
+            samples = Changed(samples, samples.shape, unsigned, methodcaller("view", unsigned))
         shift = (factors[level] - 1) / 2
         volumes.append(volume_on_grid(samples, matrix * factors[level], matrix @ shift + origin, "affine", unit=unit))
     return replace(volumes[0], coarser=tuple(volumes[1:]))
-
-
-class _Unsigned:
-    """Samples that are read in parts, as unsigned numbers."""
-
-    def __init__(self, samples: Any, dtype: np.dtype) -> None:
-        self.samples, self.shape, self.dtype = samples, samples.shape, dtype
-
-    def __getitem__(self, key: Any) -> np.ndarray:
-        return np.asarray(self.samples[key]).view(self.dtype)
 
 
 def _find_grid(root: Element, setup: Element, time: int) -> tuple[np.ndarray, np.ndarray, str]:
@@ -186,24 +176,25 @@ def _find_grid(root: Element, setup: Element, time: int) -> tuple[np.ndarray, np
     """
     stated = [float(word) for word in setup.findtext("voxelSize/size", "1 1 1").split()]
     unit = unit_name(setup.findtext("voxelSize/unit", ""))
-    whole = np.eye(4)
+    registered = np.eye(4)
     number = setup.findtext("id", "0")
     for node in root.findall("ViewRegistrations/ViewRegistration"):
         if (node.get("timepoint"), node.get("setup")) != (str(time), number):
             continue
         # the first transformation is applied last
-        for each in node.findall("ViewTransform"):
-            numbers = np.array((each.findtext("affine") or "").split(), np.float64)
+        for transform in node.findall("ViewTransform"):
+            numbers = np.array((transform.findtext("affine") or "").split(), np.float64)
             if numbers.size != 12:
                 raise expected("affine", "12 numbers", numbers.size)
-            whole = whole @ np.vstack([numbers.reshape(3, 4), [0, 0, 0, 1]])
-    lengths = np.linalg.norm(whole[:3, :3], axis=0)
+            registered = registered @ np.vstack([numbers.reshape(3, 4), [0, 0, 0, 1]])
+    matrix, origin = registered[:3, :3], registered[:3, 3]
+    lengths = np.linalg.norm(matrix, axis=0)
     if len(stated) != 3 or not (np.array(stated) > 0).all():
-        return whole[:3, :3], whole[:3, 3], ""
+        return matrix, origin, ""
     scales = np.array(stated) / np.maximum(lengths, 1e-300)
     if np.ptp(scales) > _OTHER_UNITS * scales.max():
         # a registration that does not scale leaves the sizes of voxels
         turned = np.allclose(lengths, 1, atol=_OTHER_UNITS)
-        return (whole[:3, :3] * stated, whole[:3, 3], unit) if turned else (whole[:3, :3], whole[:3, 3], "")
+        return (matrix * stated, origin, unit) if turned else (matrix, origin, "")
     scale = float(scales.mean())
-    return whole[:3, :3] * scale, whole[:3, 3] * scale, unit
+    return matrix * scale, origin * scale, unit

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatgl.data.color import luma
 from splatgl.data.volume import Volume
-from splatgl.errors import Choice, expected
+from splatgl.errors import Choice, expected, list_names
 from splatgl.readers.common import parse_number
 from splatgl.readers.options import LoadOptions
 
@@ -25,8 +25,6 @@ SECONDS = {
 
 # most channels of an image: a damaged header may state any number
 MOST_CHANNELS = 4096
-# most channels that a message names
-MOST_SHOWN = 8
 # notes on the rules by which components are read
 COLOR_NOTE = "three or four bytes per voxel are taken for a colour: --channel N picks one"
 VECTOR_NOTE = "three numbers per voxel are taken for a vector, and its length is drawn: --channel N picks one"
@@ -65,13 +63,9 @@ class ChannelSet:
             if isinstance(requested, int) and requested >= self.components:
                 this = f"a number from 0 to {self.components - 1}" if self.components > 1 else "a file of channels"
                 raise expected("channel", this, requested)
-            return [
-                None
-                if requested in ("all", None)
-                else requested
-                if isinstance(requested, int)
-                else self._number(requested, count)
-            ]
+            if requested in ("all", None):
+                return [None]
+            return [requested if isinstance(requested, int) else self._number(str(requested), count)]
         if requested is None and not self.together:
             fix = f"pick with channel=0 … channel={count - 1}, channel=all"
             error = expected("axes", "one sample per voxel", f"{count} {self.what}", fix)
@@ -86,8 +80,7 @@ class ChannelSet:
             return names.index(text)
         if re.fullmatch("[0-9]{1,6}", text) and int(text) < count:
             return int(text)
-        known = ", ".join(names[:MOST_SHOWN]) + ", …" * (len(names) > MOST_SHOWN)
-        this = f"a number from 0 to {count - 1}" + (f", or one of {known}" if any(names) else "")
+        this = f"a number from 0 to {count - 1}" + (f", or one of {list_names(names)}" if any(names) else "")
         raise expected("channel", this, repr(text))
 
     def volume(self, options: LoadOptions, read: Callable[[int | None], Volume]) -> Volume:
@@ -143,12 +136,18 @@ def is_vector_rule(dtype: np.dtype | None, count: int) -> bool:
     return dtype is not None and dtype.kind in "if" and count == 3
 
 
+def split_colors(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Luma [D, H, W] and colours uint8 [D, H, W, 3] of colours of 8 or 16 bits, with or without alpha; see `luma`."""
+    color = values if values.dtype.itemsize == 1 else (values >> 8).astype(np.uint8)
+    return luma(color), np.ascontiguousarray(color[..., :3])
+
+
 def split_components(values: np.ndarray, is_color: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """(samples [D, H, W], colours or None, vectors or None) of [D, H, W, components]: samples are luma or lengths."""
     if is_color:
         if values.dtype != np.uint8:
-            raise expected("colours", "uint8", values.dtype, "pick one with channel=0, channel=1 or channel=2")
-        return luma(values), np.ascontiguousarray(values[..., :3]), None
+            raise expected("colours", "uint8", values.dtype, "pick one with channel=0 … channel=2")
+        return (*split_colors(values), None)
     vectors = np.asarray(values, np.float32)
     return np.stack([np.linalg.norm(plane, axis=-1) for plane in vectors]), None, vectors
 

@@ -29,6 +29,12 @@ from splatgl.readers.remote import cache_folder
 CACHE_BYTES = 2**27
 
 
+def file_tag(path: Path | str) -> str:
+    """The path, size and time of a file."""
+    status = os.stat(path)
+    return f"{path} {status.st_size} {status.st_mtime_ns}"
+
+
 class OneFile:
     """The file of an array's chunks, which are named by the index of any sample; base of arrays in other files."""
 
@@ -37,8 +43,7 @@ class OneFile:
 
     def tag(self) -> str:
         """Text that changes with the contents: the path, size and time of the file."""
-        status = self.path.stat()
-        return f"{self.path} {status.st_size} {status.st_mtime_ns}"
+        return file_tag(self.path)
 
     def ready(self, places: Iterable[Sequence[int]]) -> None:
         """Called before chunks are read, with an index for each; does nothing, as all chunks are in the file."""
@@ -80,8 +85,8 @@ class Chunked:
 
     def __getitem__(self, key: Key) -> np.ndarray:
         keys = key if isinstance(key, tuple) else (key,)
-        whole = keys + (slice(None),) * (len(self.shape) - len(keys))
-        sizes = zip(self.shape, whole, strict=True)
+        keys += (slice(None),) * (len(self.shape) - len(keys))
+        sizes = zip(self.shape, keys, strict=True)
         steps = [range(size)[at] if isinstance(at, slice) else range(at, at + 1) for size, at in sizes]
         # from the first to the last sample along each axis
         begin, end = [min(step, default=0) for step in steps], [max(step, default=-1) + 1 for step in steps]
@@ -99,7 +104,7 @@ class Chunked:
                 for starts in (begin, low)
             )
             result[to] = self._chunk(place, low, high)[of]
-        spans = zip(whole, steps, strict=True)
+        spans = zip(keys, steps, strict=True)
         return result[tuple(slice(None, None, step.step) if isinstance(at, slice) else 0 for at, step in spans)]
 
     def _begin(self, place: tuple[int, ...]) -> list[int]:
@@ -116,18 +121,17 @@ class Chunked:
         part = tuple(next(free) if isinstance(at, slice) else at for at in self.index)
         try:
             with decoder_errors(f"{self.form}, chunk {', '.join(map(str, place))}"):
-                if not self.files.holds(self._begin(place)):
-                    empty = np.asarray(self.array.fill_value or 0, self.dtype)
-                    chunk = np.broadcast_to(empty, [b - a for a, b in zip(low, high, strict=True)])
-                    if self.extents:
-                        self.extents.add(place, chunk)
-                    return chunk
-                chunk = np.asarray(self.array[part])
+                is_stored = self.files.holds(self._begin(place))
+                empty = np.asarray(self.array.fill_value or 0, self.dtype)
+                size = [b - a for a, b in zip(low, high, strict=True)]
+                chunk = np.asarray(self.array[part]) if is_stored else np.broadcast_to(empty, size)
         except InputError as error:
             raise InputError(f"{self.name}: {error}") from error
         with self.lock:
             if self.extents:
                 self.extents.add(place, chunk)
+            if not is_stored:
+                return chunk
             self.cache[place] = chunk
             most = max(CACHE_BYTES // max(math.prod(self.chunks) * self.dtype.itemsize, 1), 1)
             while len(self.cache) > most:
@@ -190,28 +194,27 @@ class Extents:
 
 def folder_tag(folder: Path) -> str:
     """Paths, sizes and times of all files of an array: any change of the array changes the tag."""
-    files = []
-    folders = [str(folder.resolve())]
-    while folders:
-        with os.scandir(folders.pop()) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    folders.append(entry.path)
-                else:
-                    status = entry.stat()
-                    files.append(f"{entry.path} {status.st_size} {status.st_mtime_ns}")
-    return "\n".join(sorted(files))
+    files = (os.path.join(place, name) for place, _, names in os.walk(folder.resolve()) for name in names)
+    return "\n".join(map(file_tag, sorted(files)))
 
 
 class TransposedChunks(Transposed):
     """A Zarr array with its axes in another order, as `Chunked` reads it; nothing is read before it is indexed.
 
     names: one per axis of the array; wanted: names in the order wanted; an unknown name is an axis of one entry.
+    packing: of values into the array's numbers; None: these are the values.
     """
 
-    def __init__(self, array: Any, names: Sequence[str], wanted: Sequence[str]) -> None:
+    def __init__(self, array: Any, names: Sequence[str], wanted: Sequence[str], packing: Packing | None = None) -> None:
         super().__init__(array, [names.index(name) if name in names else None for name in wanted])
-        self.chunks, self.fill_value = self.sizes(array.chunks), array.fill_value
+        self.packing, self.chunks, self.fill_value = packing, self.sizes(array.chunks), array.fill_value
+        if packing is not None:
+            self.dtype = np.dtype(np.float32)
+            self.fill_value = packing.values(np.asarray(array.fill_value or 0)).item()
+
+    def __getitem__(self, key: Key) -> np.ndarray:
+        stored = super().__getitem__(key)
+        return stored if self.packing is None else self.packing.values(stored)
 
 
 # CF's attributes of packing (conventions 1.11, sections 2.5.1 and 8.1)

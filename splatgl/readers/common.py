@@ -7,6 +7,7 @@ import gzip
 import logging
 import math
 import re
+import sys
 import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from splatgl.data.volume import Hints
-from splatgl.errors import InputError, expected
+from splatgl.errors import InputError, expected, one_line
 from splatgl.fileio import byte_count, require_memory
 
 # parts of names of simulated fields, anywhere in a name, and whole words
@@ -70,8 +71,6 @@ MAX_BYTES = 2**29
 GZIP, BZIP2 = b"\x1f\x8b", b"BZh"
 # bytes inflated or read at a time: small beside a volume, large beside a call's cost
 CHUNK_BYTES = 2**20
-# most characters of a library's message that are passed on: some quote the file
-REASON_LIMIT = 200
 
 # loggers of libraries that print by themselves or through Python's last resort; tifffile's is listened to
 LOGGERS = (
@@ -213,15 +212,13 @@ def decoder_errors(title: str) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        reason = " ".join(str(error).split())[:REASON_LIMIT] or type(error).__name__
-        if _is_incompatible(error):
-            raise InputError(
-                f"cannot be read as {title}: the library that reads it fails, whatever the file ({reason}); "
-                "install another version of it"
-            ) from error
-        raise InputError(
-            f"cannot be read as {title}: {reason}; the file may be damaged, or of an unsupported kind"
-        ) from error
+        # a library's code is at fault, and not what a file holds
+        if isinstance(error, AttributeError | TypeError | ImportError) and _MISFIT.search(str(error)):
+            why = f"the library that reads it fails, whatever the file ({one_line(error)})"
+            why += "; install another version of it"
+        else:
+            why = f"{one_line(error)}; the file may be damaged, or of an unsupported kind"
+        raise InputError(f"cannot be read as {title}: {why}") from error
 
 
 # what Python says where libraries of versions that do not fit call each other
@@ -231,9 +228,23 @@ _MISFIT = re.compile(
 )
 
 
-def _is_incompatible(error: Exception) -> bool:
-    """Whether an exception comes from a library's code, and not from what a file holds."""
-    return isinstance(error, AttributeError | TypeError | ImportError) and _MISFIT.search(str(error)) is not None
+def run_elsewhere(program: Sequence[str], seconds: float) -> bool | None:
+    """Whether a Python program succeeds in a process of its own; None if it takes longer. What fails before it prints
+    something proves nothing, and counts as success.
+    """
+    import subprocess
+
+    # -P: the folder of a script holds modules with common names; on Windows no console opens
+    command, flags = [sys.executable, "-P", *program], getattr(subprocess, "CREATE_NO_WINDOW", 0)
+    none, out = subprocess.DEVNULL, subprocess.PIPE
+    try:
+        ended = subprocess.run(command, stdin=none, stdout=out, stderr=none, timeout=seconds, creationflags=flags)
+    except subprocess.TimeoutExpired:
+        return None
+    except OSError:
+        # the program that Python is embedded in, or none
+        return True
+    return ended.returncode == 0 or not ended.stdout
 
 
 @contextmanager

@@ -19,17 +19,12 @@ STARTS = {
     b"\xff\xd8\xff": "JPEG",
     b"GIF8": "GIF",
     b"NRRD": "NRRD",
-    b"II*\x00": "TIFF",
-    b"MM\x00*": "TIFF",
-    b"II+\x00": "TIFF",
-    b"MM\x00+": "TIFF",
+    **dict.fromkeys((b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+"), "TIFF"),
     b"\x89HDF\r\n\x1a\n": "HDF5",
     b"MATLAB 5.0 MAT-file": "MATLAB's format before 7.3",
     b"SIMPLE  =": "FITS",
     b"CTDATA-HEADER_V1": "Scanco ISQ",
-    b"CDF\x01": "NetCDF-3",
-    b"CDF\x02": "NetCDF-3",
-    b"CDF\x05": "NetCDF-3",
+    **dict.fromkeys((b"CDF\x01", b"CDF\x02", b"CDF\x05"), "NetCDF-3"),
     b"\x0e\x03\x13\x01": "HDF4",
     b"# vtk DataFile": "legacy VTK",
     b"# === DATA DESCRIPTION FILE ===": "PAR/REC",
@@ -39,11 +34,8 @@ STARTS = {
     b"\0\0\0\x0cjP  ": "JPEG 2000",
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "a compound file",
     b"LASF": "LAS",
-    b"ply\n": "PLY",
-    b"ply\r": "PLY",
-    b"# .PCD": "PCD",
-    b"VERSION .7": "PCD",
-    b"VERSION 0.7": "PCD",
+    **dict.fromkeys((b"ply\n", b"ply\r"), "PLY"),
+    **dict.fromkeys((b"# .PCD", b"VERSION .7", b"VERSION 0.7"), "PCD"),
     b"%PDF": "PDF",
     b"7z\xbc\xaf\x27\x1c": "7-Zip",
     b"\xfd7zXZ": "xz",
@@ -172,8 +164,8 @@ def _text_kind(head: bytes) -> str:
     if text[:4] in (b"\xff\xfe<\0", b"\xfe\xff\0<"):
         return "XML"
     if text[:1] == b"<":
-        found = _VTK_TYPE.search(text)
-        kind = found[1].decode("ascii", "replace") if found else ""
+        match = _VTK_TYPE.search(text)
+        kind = match[1].decode("ascii", "replace") if match else ""
         is_page = re.match(rb"<!doctype html|<html|<head", text.lower())
         if b"<SpimData" in text:
             return "BigDataViewer"
@@ -205,8 +197,6 @@ def describe_bytes(path: Path) -> str:
     """The first bytes of a file that is of no known kind, for a message."""
     with path.open("rb") as file:
         head = file.read(_SHOWN)
-    return f"text that begins with {head.decode()!r}" if _is_text(head) else f"bytes that begin with {head.hex(' ')}"
-
-
-def _is_text(head: bytes) -> bool:
-    return head.isascii() and head.decode("latin-1").replace("\n", " ").replace("\t", " ").strip("\r").isprintable()
+    text = head.decode("latin-1")
+    is_text = head.isascii() and text.replace("\n", " ").replace("\t", " ").strip("\r").isprintable()
+    return f"text that begins with {text!r}" if is_text else f"bytes that begin with {head.hex(' ')}"

@@ -7,9 +7,10 @@ overviews, which are stored smaller than they are, are left out.
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,9 +24,11 @@ from splatgl.errors import expected, import_extra
 from splatgl.readers.channels import Channel, parse_window
 from splatgl.readers.chunked import OneFile
 from splatgl.readers.common import MAX_BYTES, decoder_errors, parse_number, require_bytes, require_plausible
+from splatgl.readers.dicom_pixels import check_picture
 from splatgl.readers.microscopes import Image, Planes, check_planes, even_spacing, read_image
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import list_series
+from splatgl.readers.tiff_validation import jpeg_xr_size
 from splatgl.readers.vtk_xml import parse_xml
 
 START = b"ZISRAWFILE"
@@ -47,6 +50,8 @@ _PIXELS |= {12: ("<i4", 1), 13: ("<f8", 1)}
 _PLAIN, _JPEG, _JPEG_XR, _ZSTD, _ZSTD_PREFIXED = 0, 1, 4, 5, 6
 # most subblocks: a header may state any number
 _MOST_TILES = 2**22
+# colour of a channel, with or without alpha before it
+_COLOR = re.compile("#(?:[0-9a-fA-F]{2})?[0-9a-fA-F]{6}")
 
 
 @dataclass(frozen=True)
@@ -194,15 +199,11 @@ def _read_channels(root: Element, count: int, first: int, dtype: np.dtype) -> tu
         nodes = [nodes[number] for nodes in (named, shown) if number < len(nodes)]
         name = next((node.get("Name") for node in nodes if node.get("Name")), None) or str(number)
         colors = [node.findtext("Color", "") for node in reversed(nodes)]
-        color = next((f"#{text[-6:].lower()}" for text in colors if len(text) in (7, 9) and text[0] == "#"), None)
+        color = next((f"#{text[-6:].lower()}" for text in colors if _COLOR.fullmatch(text)), None)
         low, high = ((nodes[-1].findtext(end) if nodes else None) for end in ("Low", "High"))
         window = parse_window(parse_number(low) * most, parse_number(high) * most) if most else None
-        channels.append(Channel(name, color if color and _is_hex(color[1:]) else None, window))
+        channels.append(Channel(name, color, window))
     return tuple(channels)
-
-
-def _is_hex(text: str) -> bool:
-    return all(letter in "0123456789abcdef" for letter in text)
 
 
 def _read_plane(
@@ -253,14 +254,11 @@ def _decode(data: bytes, compression: int, dtype: np.dtype, shape: tuple[int, ..
         raise expected("subblock", f"at most {MAX_BYTES} bytes", needed, "the file is damaged")
     require_plausible(needed, len(data), bounded=False)
     codecs = import_extra("imagecodecs", "compressed CZI files", "imagecodecs", "readers")
-    decoders: dict[int, Callable[[bytes, np.ndarray], Any]] = {
-        _JPEG: lambda data, out: codecs.jpeg8_decode(data, out=out),
-        _JPEG_XR: lambda data, out: codecs.jpegxr_decode(_check_tags(data), out=out),
-    }
-    if compression in decoders:
-        pixels = np.zeros(shape, dtype)
-        decoders[compression](data, pixels)
-        return pixels
+    if compression == _JPEG:
+        return np.asarray(codecs.jpeg8_decode(data, out=np.zeros(shape, dtype)))
+    if compression == _JPEG_XR:
+        check_picture(jpeg_xr_size(data), shape[0], shape[1], exact=True)
+        return np.asarray(codecs.jpegxr_decode(data, out=np.zeros(shape, dtype)))
     if compression not in (_ZSTD, _ZSTD_PREFIXED):
         fix = "save it with another compression in ZEN"
         raise expected("compression", "none, JPEG, JPEG XR or Zstandard", f"number {compression}", fix)
@@ -273,14 +271,3 @@ def _decode(data: bytes, compression: int, dtype: np.dtype, shape: tuple[int, ..
     if split and dtype.itemsize == 2:
         plain = np.ascontiguousarray(plain.reshape(2, -1).T).ravel()
     return plain.view(dtype).reshape(shape)
-
-
-def _check_tags(data: bytes) -> bytes:
-    """JPEG XR's data. Raises InputError for tags that its library prints a line about (ITU-T T.832, table A.4)."""
-    at = int.from_bytes(data[4:8], "little")
-    entries = data[at + 2 : at + 2 + 12 * int.from_bytes(data[at : at + 2], "little")]
-    tags = [int.from_bytes(entries[n : n + 2], "little") for n in range(0, len(entries), 12)]
-    unknown = [hex(tag) for tag in tags if tag >> 8 != 0xBC]
-    if unknown or not tags:
-        raise expected("JPEG XR", "tags 0xbc00 to 0xbcff", ", ".join(unknown) or "none", "the file is damaged")
-    return data

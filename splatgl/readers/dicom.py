@@ -558,11 +558,9 @@ def select_series(candidates: Sequence[Series], options: LoadOptions) -> Series:
     ends = [candidate for candidate in candidates if candidate.head.series.endswith(requested)]
     matches = [candidate for candidate in ends if candidate.head.series == requested] or ends
     if len({candidate.head.series for candidate in matches}) != 1:
-        listed = "; ".join(map(str, candidates[:LISTED])) + ("; …" if len(candidates) > LISTED else "")
-        got = f"{len(matches)} matches" if matches else "no match"
-        raise expected(
-            "series", f"a number from 1 to {len(candidates)}, or the end of one UID", got, f"pick one of {listed}"
-        )
+        this, got = f"a number from 1 to {len(candidates)}, or the end of one UID", f"{len(matches) or 'no'} matches"
+        listed = "; ".join(map(str, candidates[:LISTED])) + "; …" * (len(candidates) > LISTED)
+        raise expected("series", this, got, f"pick one of {listed}")
     return max(matches, key=rank_series)
 
 

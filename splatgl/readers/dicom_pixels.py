@@ -127,9 +127,9 @@ def decode_frames(header: Header, frames: Sequence[Frame]) -> Iterator[tuple[Fra
                 raise expected("pixels", f"{header.size}", array.shape[:2], "the file is damaged")
             if color is not None:
                 array = np.rint(color @ LUMA).astype(np.uint8)
-            for each in sorted(wanted) if is_mosaic else [number]:
-                part = header.mosaic.tile(each) if is_mosaic else ()
-                yield wanted[each], array[part], None if color is None else color[part]
+            for place in sorted(wanted) if is_mosaic else [number]:
+                part = header.mosaic.tile(place) if is_mosaic else ()
+                yield wanted[place], array[part], None if color is None else color[part]
 
 
 def _read_stored(file: Bounded, header: Header, wanted: Sequence[int]) -> Iterator[tuple[int, bytes]]:

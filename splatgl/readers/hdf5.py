@@ -127,9 +127,7 @@ def _is_color_axis(dataset: Any, axis: int, kinds: list[str]) -> bool:
 def _read_colors(grid: Lattice, samples: Any, axes: list[int], colors: int, about: dict[str, Any]) -> Volume:
     """The volume of samples along the axes of space and of colours."""
     if not isinstance(samples, np.ndarray) or any(places is not None for places in grid.between):
-        raise expected(
-            "colours", "an even grid in one part", "another", "pick one with channel=0, channel=1 or channel=2"
-        )
+        raise expected("colours", "an even grid in one part", "another", "pick one with channel=0 … channel=2")
     ranks = np.argsort(np.argsort([*axes, colors])).tolist()
     luma, color, _ = split_components(samples.transpose(ranks), is_color=True)
     volume = grid.volume(luma, "spacing", color=color, **about)
@@ -146,10 +144,10 @@ def _find_channels(
     what = "channels"
     if channels and kinds[others[0]] != "c":
         what = f"entries along axis {others[0] + 1} of {_join_shape(dataset.shape)}"
-    found = ChannelSet(channels, components=components, what=what)
+    channel_set = ChannelSet(channels, components=components, what=what)
     if time is None:
-        return found
-    return replace(found, times=dataset.shape[time], step=_time_step(path, dataset, time, options))
+        return channel_set
+    return replace(channel_set, times=dataset.shape[time], step=_time_step(path, dataset, time, options))
 
 
 def list_datasets(path: Path) -> list[str]:
@@ -267,11 +265,8 @@ def _grid(path: Path, dataset: Any, axes: list[int], options: LoadOptions) -> tu
     if stated is not None:
         return stated
     # the coordinates along the axes of space, None for an axis without a number per sample
-    sizes = [dataset.shape[axis] for axis in axes]
-    all_scales = axis_scales(dataset)
-    scales = [
-        all_scales[axis] if _is_scale(all_scales[axis], size) else None for axis, size in zip(axes, sizes, strict=True)
-    ]
+    sizes, every = [dataset.shape[axis] for axis in axes], axis_scales(dataset)
+    scales = [every[axis] if _is_scale(every[axis], dataset.shape[axis]) else None for axis in axes]
     plain = [Coordinate(name, size) for name, size in zip("zyx", sizes, strict=True)]
     for name in () if all(scale is not None for scale in scales) else _SPACINGS:
         steps = _steps(attribute_numbers(dataset, name), len(dataset.shape), axes)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.readers.common import decoder_errors
+from splatgl.readers.common import decoder_errors, run_elsewhere
 
 # most objects that are visited, soft links to one object, and numbers of an attribute or a dimension scale
 _MOST_OBJECTS, _MOST_LINKS, MOST_VALUES = 10_000, 32, 2**20
@@ -37,27 +35,9 @@ def probe(path: Path) -> None:
     status = path.stat()
     key = (str(path.resolve()), status.st_size, status.st_mtime_ns)
     if key not in _FAILED:
-        _FAILED[key] = _fails(path)
+        _FAILED[key] = run_elsewhere([str(_PROBE), str(path)], _PROBE_TIMEOUT) is not True
     if _FAILED[key]:
         raise InputError("cannot be read: the format's library fails on the file, which may be damaged")
-
-
-def _fails(path: Path) -> bool:
-    """Whether a process that reads the file's metadata crashes or exceeds its limits."""
-    # -P: the folder of the script holds modules with common names
-    run = [sys.executable, "-P", str(_PROBE), str(path)]
-    none, out = subprocess.DEVNULL, subprocess.PIPE
-    # no console of Windows for a program without one
-    flags = getattr(subprocess, "CREATE_NO_WINDOW", 0)
-    try:
-        ended = subprocess.run(run, stdin=none, stdout=out, stderr=none, timeout=_PROBE_TIMEOUT, creationflags=flags)
-        # a probe that failed before it opened the file proves nothing
-        return ended.returncode != 0 and bool(ended.stdout)
-    except subprocess.TimeoutExpired:
-        return True
-    except OSError:
-        # the program that Python is embedded in, or none
-        return False
 
 
 def find_datasets(file: Any) -> dict[str, Any]:

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from splatgl.data.color import luma
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import expected
 from splatgl.fileio import require_memory
-from splatgl.readers.channels import mark_microscope
+from splatgl.readers.channels import mark_microscope, split_colors
 from splatgl.readers.common import decoder_errors, parse_number, require_plausible
 from splatgl.readers.options import DEFAULT_LEVELS, LoadOptions
 
@@ -164,7 +163,7 @@ def _parse_rows(path: Path) -> np.ndarray:
 def make_terrain(path: Path, rows: np.ndarray, options: LoadOptions, survey: Survey | None = None) -> Volume:
     """The terrain of heights [H, W], row 0 the northern edge, with holes for missing ones, sized by the survey."""
     _check_columns(path, rows.shape[1], rows.shape[0], options.levels)
-    color, survey = _load_color(path, options), survey or Survey()
+    color, survey = _load_color(options), survey or Survey()
     if options.relief is not None and options.spacing is not None:
         raise expected("relief", "no value beside spacing, whose z is the height of a level", options.relief)
     values, new_notes = _mask_missing(rows if survey.is_south_first else rows[::-1], survey.missing)
@@ -209,8 +208,8 @@ def make_plane(pixels: np.ndarray) -> Volume:
         return Volume(pixels[None, ..., 0])
     if pixels.ndim != 3 or pixels.shape[-1] > 4 or pixels.dtype not in (np.uint8, np.uint16):
         raise expected("picture", "grey, or colours of 8 or 16 bits", f"{pixels.dtype} {pixels.shape}")
-    color = pixels[None] if pixels.dtype == np.uint8 else (pixels[None] >> 8).astype(np.uint8)
-    return Volume(luma(color), color=np.ascontiguousarray(color[..., :3]))
+    samples, color = split_colors(pixels[None])
+    return Volume(samples, color=color)
 
 
 def classify_picture(path: Path, pixels: np.ndarray, options: LoadOptions, surveyed: bool = False) -> tuple[bool, str]:
@@ -256,7 +255,7 @@ def grey_heights(pixels: np.ndarray) -> np.ndarray:
     return colors[..., 0]
 
 
-def _load_color(path: Path, options: LoadOptions) -> np.ndarray | None:
+def _load_color(options: LoadOptions) -> np.ndarray | None:
     """The colour picture uint8 [H, W, 3], flipped so that row 0 is at y = 0; None without one."""
     if options.color is None:
         return None

@@ -16,12 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.color import luma
 from splatgl.data.volume import Volume
-from splatgl.errors import expected, import_extra
+from splatgl.errors import expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
-from splatgl.readers.channels import Channel, ChannelSet
-from splatgl.readers.chunked import Chunked, OneFile
+from splatgl.readers.channels import Channel, ChannelSet, split_colors
+from splatgl.readers.chunked import Chunked, OneFile, file_tag
 from splatgl.readers.common import decoder_errors
 from splatgl.readers.dicom_pixels import MOST_TILES, picture_size
 from splatgl.readers.heightmap import PICTURES, open_picture
@@ -53,8 +52,8 @@ _NUMBERS, _WORD = re.compile(r"\d+(?:\.\d+)*"), re.compile(r"([a-z]*)[^a-z]*$")
 # bytes of a log
 _LOG_SIZE, _LOG_BYTES = re.compile(rb"(?m)^\s*(Image )?Pixel Size \(um\)\s*=\s*([0-9.]+)"), 2**16
 _LOG_SLICES = b"[Reconstruction]"
-# most missing numbers that a note names
-_MOST_NAMED = 5
+# most logs that are read
+_MOST_LOGS = 5
 
 Shape = tuple[int, ...]
 
@@ -76,10 +75,10 @@ def read(path: Path, options: LoadOptions) -> Volume:
     _check_series(files)
     stacks, channels, times, notes = _arrange(files)
     first = _read_plane(files[0])
-    (spacing, unit), told = _find_grid(files[0])
-    told = told if options.spacing is None else []
-    told += _with_page(files[0], value_notes) if KINDS[files[0].suffix.lower()] == "TIFF" else []
-    notes = [f"{len(stacks[0, 0])} slices, from {files[0].name} to {files[-1].name}", *told, *notes]
+    (spacing, unit), grid_notes = _find_grid(files[0])
+    grid_notes = grid_notes if options.spacing is None else []
+    grid_notes += _with_page(files[0], value_notes) if KINDS[files[0].suffix.lower()] == "TIFF" else []
+    notes = [f"{len(stacks[0, 0])} slices, from {files[0].name} to {files[-1].name}", *grid_notes, *notes]
     notes += [f"{left} other file{'s are' if left > 1 else ' is'} left out"] * bool(left)
     of = ChannelSet(tuple(map(Channel, channels)) if len(channels) > 1 else (), times=max(len(times), 1))
 
@@ -87,8 +86,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
         return _read_stack(stacks[channel or 0, options.time or 0], first)
 
     volume = of.volume(options, read_one)
-    each_channel = tuple(replace(each, spacing=spacing, unit=unit) for each in volume.channels)
-    return replace(volume, spacing=spacing, unit=unit, channels=each_channel, notes=(*notes, *volume.notes))
+    channels_on_grid = tuple(replace(channel, spacing=spacing, unit=unit) for channel in volume.channels)
+    return replace(volume, spacing=spacing, unit=unit, channels=channels_on_grid, notes=(*notes, *volume.notes))
 
 
 def _find_pictures(path: Path) -> tuple[list[Path], int]:
@@ -115,8 +114,8 @@ def _check_series(files: Sequence[Path]) -> None:
         return
     if any(a & b for a, b in pairwise(counted)):
         patterns = [f"{name.replace('#', '*')}{some[0].suffix}" for name, some in series]
-        listed = ", ".join(patterns[:_MOST_NAMED]) + ", …" * (len(patterns) > _MOST_NAMED)
-        raise expected("slices", "those of one stack", listed, f"name one of these: {files[0].parent / patterns[0]}")
+        fix = f"name one of these: {files[0].parent / patterns[0]}"
+        raise expected("slices", "those of one stack", list_names(patterns), fix)
 
 
 def _arrange(files: Sequence[Path]) -> tuple[dict[tuple[int, int], list[Path]], list[str], list[str], list[str]]:
@@ -126,8 +125,8 @@ def _arrange(files: Sequence[Path]) -> tuple[dict[tuple[int, int], list[Path]], 
         return {(0, 0): list(files)}, [], [], []
     varying = [at for at in range(len(numbers[0])) if len({row[at] for row in numbers}) > 1]
     words = {}
-    for at, found in enumerate(_NUMBERS.finditer(files[0].stem)):
-        before = _WORD.search(files[0].stem[: found.start()].lower())
+    for at, match in enumerate(_NUMBERS.finditer(files[0].stem)):
+        before = _WORD.search(files[0].stem[: match.start()].lower())
         words[at] = before[1] if before else ""
     axes = [[at for at in varying if words[at] in kinds][:1] for kinds in (_CHANNELS, _TIMES)]
     # a single varying number counts slices, whatever the word before it
@@ -167,9 +166,9 @@ def _missing_notes(texts: list[str]) -> list[str]:
     missing = sorted(set(range(numbers[0], numbers[-1], step)) - set(numbers)) if step > 0 else []
     if not missing or len(missing) > len(numbers):
         return []
-    listed = ", ".join(map(str, missing[:_MOST_NAMED])) + ", …" * (len(missing) > _MOST_NAMED)
-    what = f"number {listed} is missing" if len(missing) == 1 else f"numbers {listed} are missing"
-    return [f"{what}: the slices around {'it' if len(missing) == 1 else 'them'} are drawn as neighbours"]
+    if len(missing) == 1:
+        return [f"number {missing[0]} is missing: the slices around it are drawn as neighbours"]
+    return [f"numbers {list_names(missing, 5)} are missing: the slices around them are drawn as neighbours"]
 
 
 # --- samples ----------------------------------------------------------------------------------------------------------
@@ -196,7 +195,8 @@ def _read_stack(files: Sequence[Path], first: np.ndarray) -> Volume:
         return Volume(np.ascontiguousarray(samples[..., 0]))
     if samples.shape[-1] not in (3, 4) or samples.dtype != np.uint8:
         raise expected(files[0].name, "grey, or colours of 8 bits", f"{first.dtype} {first.shape}", "save it as grey")
-    return Volume(luma(samples), color=np.ascontiguousarray(samples[..., :3]))
+    luma, color = split_colors(samples)
+    return Volume(luma, color=color)
 
 
 def _check_same(file: Path, shape: Shape, dtype: np.dtype | None, first_file: Path, first: np.ndarray) -> None:
@@ -218,8 +218,7 @@ class _Planes(OneFile):
 
     def tag(self) -> str:
         """Text that changes with any of the files."""
-        status = ((file, file.stat()) for file in self.files)
-        return "\n".join(f"{file.resolve()} {each.st_size} {each.st_mtime_ns}" for file, each in status)
+        return "\n".join(file_tag(file.resolve()) for file in self.files)
 
     def __getitem__(self, index: Any) -> np.ndarray:
         planes = [_read_plane(self.files[n]) for n in range(len(self.files))[index[0]]]
@@ -316,12 +315,12 @@ def _find_grid(file: Path) -> tuple[Grid, list[str]]:
         with decoder_errors(f"a picture ({file.name})"), Image.open(file, formats=PICTURES) as picture:
             across, down = picture.info.get("dpi", (0.0, 0.0))
             dpi = (float(across), float(down))
-    for log in sorted(file.parent.glob("*.log"))[:_MOST_NAMED]:
+    for log in sorted(file.parent.glob("*.log"))[:_MOST_LOGS]:
         with log.open("rb") as opened:
             text = opened.read(_LOG_BYTES)
         slices = _LOG_SIZE.findall(text.partition(_LOG_SLICES)[2])
-        found = slices or sorted(_LOG_SIZE.findall(text), reverse=True)
-        size = float(found[0][1]) if found and found[0][1].count(b".") < 2 else 0.0
+        sizes = slices or sorted(_LOG_SIZE.findall(text), reverse=True)
+        size = float(sizes[0][1]) if sizes and sizes[0][1].count(b".") < 2 else 0.0
         if 0 < size < np.inf:
             return ((size, size, size), "um"), [f"voxels of {size:g} um by {log.name}"]
     grid, note = resolution_grid(dpi)

@@ -17,7 +17,7 @@ from splatgl.data.affine import unit_name, volume_on_grid
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.readers.channels import Channel, ChannelSet, hex_color, mark_microscope, parse_window
-from splatgl.readers.common import decoder_errors, grid_shape, parse_number
+from splatgl.readers.common import convert_words, decoder_errors, grid_shape, parse_number
 from splatgl.readers.hdf5_files import attribute_text, find_node, has_real_numbers, open_hdf5
 from splatgl.readers.hdf5_parts import read_samples
 from splatgl.readers.options import LoadOptions
@@ -42,9 +42,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
         time = options.time_number(times)
         # 2. its levels
         levels = _count_groups(_find_group(file, "DataSet"), "ResolutionLevel", _MOST)
-        if options.level is not None and options.level >= levels:
-            raise expected("level", f"a number from 0 to {levels - 1}", options.level)
-        wanted = range(levels) if options.level is None else range(options.level, options.level + 1)
+        wanted = options.level_numbers(levels)
         # 3. the samples, and the box of all levels
         image = _find_group(file, "DataSetInfo/Image")
         channel_set = ChannelSet(tuple(_read_channel(file, n) for n in range(channels)), channels > 1, times)
@@ -110,10 +108,4 @@ def _read_corner(image: Any, name: str, default: Sequence[float]) -> np.ndarray:
 
 def _read_number(node: Any, name: str, default: float) -> float:
     """The number in the letters of an attribute."""
-    if name not in node.attrs:
-        return default
-    text = attribute_text(node, name)
-    try:
-        return float(text)
-    except ValueError:
-        raise expected(name, "a number", repr(text)) from None
+    return convert_words([attribute_text(node, name)], float, name)[0] if name in node.attrs else default

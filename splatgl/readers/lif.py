@@ -96,9 +96,9 @@ def _map_samples(source: Any, order: list[int]) -> np.ndarray:
 def _read_steps(node: Any) -> tuple[tuple[float, float, float], str, float | None]:
     """Spacing in micrometres, unit, and seconds between time points; lengths reach from the first to the last entry."""
     steps, unit = dict[str, float](), ""
-    for each in node.findall("./Data/Image/ImageDescription/Dimensions/DimensionDescription"):
-        letter, name = _LETTERS.get(each.get("DimID", ""), ""), each.get("Unit", "").strip()
-        length, count = (parse_number(each.get(key)) for key in ("Length", "NumberOfElements"))
+    for axis in node.findall("./Data/Image/ImageDescription/Dimensions/DimensionDescription"):
+        letter, name = _LETTERS.get(axis.get("DimID", ""), ""), axis.get("Unit", "").strip()
+        length, count = (parse_number(axis.get(key)) for key in ("Length", "NumberOfElements"))
         step = abs(length) / (count - 1) if count > 1 else 0.0
         if letter == "T":
             steps[letter] = step * SECONDS.get(name, 0.0)
@@ -112,9 +112,9 @@ def _read_channels(node: Any) -> tuple[Channel, ...]:
     """Names and colours: the dye, else the lookup table, in the order in which channels are stored."""
     nodes = node.findall("./Data/Image/ImageDescription/Channels/ChannelDescription")
     channels = list[Channel]()
-    for each in sorted(nodes, key=lambda each: parse_number(each.get("BytesInc"), 0.0)):
-        keys = {item.findtext("Key"): item.findtext("Value") or "" for item in each.findall("ChannelProperty")}
-        table = each.get("LUTName", "").strip()
+    for channel_node in sorted(nodes, key=lambda channel_node: parse_number(channel_node.get("BytesInc"), 0.0)):
+        keys = {item.findtext("Key"): item.findtext("Value") or "" for item in channel_node.findall("ChannelProperty")}
+        table = channel_node.get("LUTName", "").strip()
         channels.append(Channel(keys.get("DyeName") or table or str(len(channels)), _COLORS.get(table.lower())))
     names = [channel.name for channel in channels]
     # of equal names none picks a channel

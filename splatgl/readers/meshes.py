@@ -14,8 +14,9 @@ import numpy as np
 from splatgl.data.mesh import SIDES, Mesh, ring_points
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.readers.common import decoder_errors, silence_libraries
+from splatgl.readers.vtk_cells import read_cells, read_count, read_points
 from splatgl.readers.vtk_legacy import PointArray
-from splatgl.readers.vtk_xml import VtkXml, parse_numbers, parse_vtk, read_arrays
+from splatgl.readers.vtk_xml import VtkXml, parse_vtk, read_arrays
 
 # default radius of lines: a share of the diagonal of all lines
 THIN = 1 / 400
@@ -145,8 +146,11 @@ def _read_vtp(path: Path, radius: float | None, array: str | None) -> Mesh:
 
 def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str | None) -> list[Mesh]:
     """Triangles and tubes of a piece, with their numbers or colours."""
-    points = _read_points(file, piece)
-    kinds = {name: _read_cells(file, piece, name, len(points)) for name in ("Verts", "Lines", "Polys", "Strips")}
+    number = read_count(piece, "NumberOfPoints")
+    points = read_points(file, piece, number) if number else np.zeros((0, 3))
+    counts = {name: read_count(piece, f"NumberOf{name}") for name in ("Verts", "Lines", "Polys", "Strips")}
+    none = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    kinds = {name: read_cells(file, piece, name, n, number) if n else none for name, n in counts.items()}
     # first cell numbers of the kinds, as VTK counts cells
     starts = dict(zip(kinds, np.cumsum([0, *(len(ends) for _, ends in kinds.values())]).tolist(), strict=False))
     numbers = select_numbers(file, piece, (len(points), sum(len(ends) for _, ends in kinds.values())), array)
@@ -164,44 +168,6 @@ def _read_piece(file: VtkXml, piece: Element, radius: float | None, array: str |
         surface = assign_numbers(surface, numbers, np.arange(len(points)))
         rings = [cell[ring_points(points[cell])] for cell in lines]
     return [surface, assign_numbers(tubes, numbers, np.repeat(np.concatenate([np.zeros(0, np.int64), *rings]), SIDES))]
-
-
-def _read_points(file: VtkXml, piece: Element) -> np.ndarray:
-    """Points float64 [N, 3]."""
-    count, owner = _read_count(piece, "NumberOfPoints"), piece.find("Points")
-    arrays = [] if owner is None or not count else read_arrays(file, owner, (1, 1, count))
-    if count and not (arrays and arrays[0].components == 3):
-        raise expected("Points", "an array of three numbers a point", "none")
-    return arrays[0].read().reshape(-1, 3).astype(np.float64) if arrays else np.zeros((0, 3))
-
-
-def _read_cells(file: VtkXml, piece: Element, name: str, points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Point numbers of all cells, int64, and the ends of the cells in them."""
-    count, owner = _read_count(piece, f"NumberOf{name}"), piece.find(name)
-    nothing = np.zeros(0, np.int64)
-    if not count or owner is None:
-        return nothing, nothing
-    nodes = {node.get("Name"): node for node in owner.findall("DataArray")}
-    if not nodes.keys() >= {"offsets", "connectivity"}:
-        raise expected(name, "the arrays offsets and connectivity", ", ".join(map(str, nodes)) or "none")
-    (ends,) = (array for array in read_arrays(file, owner, (1, 1, count)) if array.name == "offsets")
-    offsets = ends.read().ravel().astype(np.int64)
-    if (np.diff(offsets, prepend=0) < 0).any() or offsets[-1] > 2**40:
-        raise expected(name, "offsets that do not decrease", "decreasing or too large offsets")
-    if not offsets[-1]:
-        return nothing, nothing
-    (array,) = (array for array in read_arrays(file, owner, (1, 1, int(offsets[-1]))) if array.name == "connectivity")
-    numbers = array.read().ravel().astype(np.int64)
-    if not (numbers.min() >= 0 and numbers.max() < points):
-        raise expected(name, f"numbers of {points} points", f"{numbers.min()} to {numbers.max()}")
-    return numbers, offsets
-
-
-def _read_count(piece: Element, name: str) -> int:
-    count = int(parse_numbers(piece, name, "0", 1)[0])
-    if count < 0:
-        raise expected(name, "zero or more", count)
-    return count
 
 
 def _fan_polygons(numbers: np.ndarray, ends: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:

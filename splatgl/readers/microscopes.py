@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.color import luma
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
-from splatgl.readers.channels import Channel, ChannelSet, mark_microscope
+from splatgl.readers.channels import Channel, ChannelSet, mark_microscope, split_colors
 from splatgl.readers.chunked import Chunked, OneFile
 from splatgl.readers.common import MAX_BYTES, decoder_errors
 from splatgl.readers.options import LoadOptions
@@ -68,9 +67,8 @@ class Planes:
 
     def __getitem__(self, key: tuple[int | slice, ...]) -> np.ndarray:
         count = len(self.lead)
-        places = [
-            range(size)[at] if isinstance(at, slice) else [at] for at, size in zip(key[:count], self.lead, strict=True)
-        ]
+        leading = zip(key[:count], self.lead, strict=True)
+        places = [range(size)[at] if isinstance(at, slice) else [at] for at, size in leading]
         within = key[count:]
         counts = [len(place) for place in places]
         empty = np.broadcast_to(np.zeros((), self.dtype), self.plane)
@@ -152,11 +150,7 @@ def read_image(path: Path, form: str, images: Sequence[Image], options: LoadOpti
         index = options.index(image.shape, picked)
         samples = _read_samples(path, form, array, index, file)
         samples = samples if "Z" in sizes else samples[None]
-        color = None
-        if len(samples.shape) == 4:
-            color = samples[..., :3]
-            color = np.ascontiguousarray(color if color.dtype.itemsize == 1 else color >> 8).astype(np.uint8)
-            samples = luma(color)
+        samples, color = split_colors(samples) if len(samples.shape) == 4 else (samples, None)
         return Volume(samples, image.spacing, unit=image.unit, color=color)
 
     with decoder_errors(form):

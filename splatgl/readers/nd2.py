@@ -69,6 +69,8 @@ def _find_images(path: Path, file: OpenFile) -> list[Image]:
     lead = [n for n in range(len(axes)) if n != place]
     sizes = [*(counts[n] for n in lead), frame[0]]
     x, y, z = (float(step) for step in source.voxel_size())
+    dyes = [channel.channel for channel in source.metadata.channels]
+    names = tuple(Channel(dye.name or str(n), hex_color(dye.color[:3])) for n, dye in enumerate(dyes))
     images = []
     for number in range(counts[place] if place >= 0 else 1):
         name = (points[number].name if number < len(points) else "") or f"position {number}" * (place >= 0)
@@ -80,7 +82,7 @@ def _find_images(path: Path, file: OpenFile) -> list[Image]:
                 "".join(axes[n] for n in lead) + "CYX" + "S" * is_color,
                 planes.shape,
                 partial(lambda planes: planes, planes),
-                _read_channels(source),
+                names,
                 even_spacing(x, y, z if "Z" in axes else 0.0),
                 "um" if x > 0 else "",
                 _time_step(source),
@@ -97,21 +99,16 @@ def _read_plane(
     position: sizes of the loops, the place of positions among them or -1, and the position.
     """
     counts, place, number = position
-    whole = list(index[:-1])
+    loops = list(index[:-1])
     if place >= 0:
-        whole.insert(place, number)
+        loops.insert(place, number)
     # the last loop runs fastest
-    frame = np.asarray(source.read_frame(int(np.ravel_multi_index(whole, counts)) if whole else 0))
+    frame = np.asarray(source.read_frame(int(np.ravel_multi_index(loops, counts)) if loops else 0))
     if frame.size != math.prod(shape):
         raise expected("frame", str(shape), frame.shape, "the file is damaged")
     # the library squeezes axes of one entry
     plane = frame.reshape(shape)[index[-1]]
     return plane if shape[3] > 1 else plane[..., 0]
-
-
-def _read_channels(source: Any) -> tuple[Channel, ...]:
-    channels = [channel.channel for channel in source.metadata.channels]
-    return tuple(Channel(each.name or str(n), hex_color(each.color[:3])) for n, each in enumerate(channels))
 
 
 def _time_step(source: Any) -> float | None:

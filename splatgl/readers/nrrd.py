@@ -308,7 +308,7 @@ def _read_data(path: Path, header: Header, start: int, shape: list[int], anywher
     if name is None:
         return _read_file(path, header, start, shape, dtype)
     names, axes = _list_files(name, header.get(LISTED, ()), shape)
-    files = [find_data_file(path, each, anywhere) for each in names]
+    files = [find_data_file(path, name, anywhere) for name in names]
     if axes == len(shape):
         return _read_file(files[0], header, 0, shape, dtype)
     count, inner = math.prod(shape[: len(shape) - axes]), shape[len(shape) - axes :]

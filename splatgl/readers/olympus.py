@@ -105,9 +105,9 @@ def _find_image(path: Path, file: OpenFile) -> Image:
     for name in source.glob("*.tif"):
         match = _PLANE.fullmatch(name)
         parts = re.findall(r"([A-Z])(\d+)", match[1].upper()) if match else []
-        found = "".join(letter for letter, _ in parts)
-        if found and len(set(found)) == len(found) and (not letters or found == letters):
-            letters = found
+        axes = "".join(letter for letter, _ in parts)
+        if axes and len(set(axes)) == len(axes) and (not letters or axes == letters):
+            letters = axes
             planes[tuple(int(digits) - 1 for _, digits in parts)] = name
     if not planes or min(map(min, planes)) < 0:
         raise expected("file", "planes named as s_C001Z001.tif", "none", "is this an OIB file?")

@@ -18,7 +18,7 @@ import numpy as np
 
 from splatgl.data.affine import METRES, Coordinate, axis_kind, make_lattice, shared_unit, unit_name, value_unit_name
 from splatgl.data.volume import Hints, Label, Triple, Volume
-from splatgl.errors import Choice, expected, import_extra
+from splatgl.errors import Choice, expected, import_extra, list_names
 from splatgl.fileio import WHOLE_BYTES, byte_count
 from splatgl.readers.channels import (
     MOST_CHANNELS,
@@ -94,18 +94,6 @@ def _parse_numbers(value: Any) -> np.ndarray | None:
             return None
     numbers = np.asarray(value).ravel()
     return numbers if numbers.dtype.kind in "uif" else None
-
-
-class Unpacked:
-    """The values of a packed array, behind the interface that `Chunked` reads."""
-
-    def __init__(self, array: Any, packing: Packing) -> None:
-        self.array, self.packing = array, packing
-        self.shape, self.chunks, self.dtype = array.shape, array.chunks, np.dtype(np.float32)
-        self.fill_value = packing.values(np.asarray(array.fill_value or 0)).item()
-
-    def __getitem__(self, index: Any) -> np.ndarray:
-        return self.packing.values(np.asarray(self.array[index]))
 
 
 def axis_names(node: Any, multiscale: Mapping[str, Any] | None, group: Any = None) -> list[str]:
@@ -201,8 +189,8 @@ def _time_step(multiscale: Mapping[str, Any] | None, names: list[str]) -> float 
 WHOLE_LEVEL = 0
 # axes of samples in order
 SPACE = ("z", "y", "x")
-# most groups and arrays that are searched for images, and most names in a message
-MOST_GROUPS, MOST_NAMED = 1000, 8
+# most groups and arrays that are searched for images
+MOST_GROUPS = 1000
 # files that mark a folder as a Zarr store
 MARKERS = ("zarr.json", ".zarray", ".zgroup")
 Multiscale = Mapping[str, Any]
@@ -253,11 +241,10 @@ def read(path: Path, options: LoadOptions, remote: Remote | None = None) -> Volu
                 volumes.append(_with_stored_colors(path, group, node, volume, remote))
             return replace(volumes[0], coarser=tuple(volumes[1:]))
 
-        attributes: dict[str, Any] = group.attrs.asdict()
-        channel_set = find_channels(attributes.get("ome", attributes).get("omero"), nodes[0], multiscale, group)
-        volume = replace(channel_set.volume(options, read_one), labels=read_labels(attributes.get("ome", attributes)))
+        channel_set = find_channels(_metadata(group).get("omero"), nodes[0], multiscale, group)
+        volume = replace(channel_set.volume(options, read_one), labels=read_labels(_metadata(group)))
         volume = replace(volume, notes=(*notes, *volume.notes))
-        return mark_microscope(volume) if multiscale and "splatgl" not in attributes else volume
+        return mark_microscope(volume) if multiscale and "splatgl" not in group.attrs else volume
 
 
 def _open(path: Path) -> tuple[Any, Any]:
@@ -295,8 +282,7 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     """
     import zarr
 
-    attributes = group.attrs.asdict()
-    attributes = attributes.get("ome", attributes)
+    attributes = _metadata(group)
     if options.array is not None:
         if options.well is not None or options.field is not None:
             raise expected("array", "none beside well and field", repr(options.array), "leave it out")
@@ -321,13 +307,9 @@ def _select_image(group: Any, options: LoadOptions, remote: Remote | None) -> tu
     names = [image.path[len(group.path) :].strip("/") for image in images]
     first = images[0] if isinstance(images[0], zarr.Group) else group
     remaining = options if first is images[0] else replace(options, array=names[0])
-    others = _listed(names[1:])
+    others = list_names(names[1:])
     notes = (f"image {names[0]} of {len(names)} is read; --array picks another: {others}",) if len(names) > 1 else ()
     return first, remaining, notes
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMED]) + ", …" * (len(names) > MOST_NAMED)
 
 
 def _select_field(
@@ -336,7 +318,7 @@ def _select_field(
     """(group of the field of a plate or a well, remaining options, notes); by default the first field that exists."""
     wells = _well_paths(attributes)
     if options.well is not None and options.well.strip("/") not in wells:
-        raise expected("well", f"one of {_listed(wells)}" if wells[0] else "a plate", repr(options.well))
+        raise expected("well", f"one of {list_names(wells)}" if wells[0] else "a plate", repr(options.well))
     # the first well that is there, of a plate in parts
     there = (name for name in wells if not name or remote or name in group)
     well = next(there, wells[0]) if options.well is None else options.well.strip("/")
@@ -356,7 +338,7 @@ def _select_field(
         raise expected("field", f"an image in {path}", "none", "the plate is not complete")
     notes = []
     if options.well is None and len(wells) > 1:
-        notes.append(f"well {well} of {len(wells)} is read; --well picks another: {_listed(wells[1:])}")
+        notes.append(f"well {well} of {len(wells)} is read; --well picks another: {list_names(wells[1:])}")
     if options.field is None and len(fields) > 1:
         notes.append(f"field 0 of {len(fields)} is read; --field picks another")
     return node, replace(options, well=None, field=None), tuple(notes)
@@ -375,9 +357,10 @@ def _well_paths(attributes: Mapping[str, Any]) -> list[str]:
 
 def _field_paths(well: Any) -> list[str]:
     """The paths of a well's images: those in its metadata, else its images by name. [] if there are none."""
-    attributes: dict[str, Any] = well.attrs.asdict() if well is not None else {}
-    images = (attributes.get("ome", attributes).get("well") or {}).get("images") or ()
-    return [str(image.get("path", "")) for image in images] or ([] if well is None else _child_images(well))
+    if well is None:
+        return []
+    images = (_metadata(well).get("well") or {}).get("images") or ()
+    return [str(image.get("path", "")) for image in images] or _child_images(well)
 
 
 def _child_images(group: Any) -> list[str]:
@@ -429,8 +412,7 @@ def list_images(path: Path) -> list[str]:
         group, _ = _open(path)
         if not isinstance(group, zarr.Group):
             return []
-        attributes = group.attrs.asdict()
-        attributes = attributes.get("ome", attributes)
+        attributes = _metadata(group)
         if isinstance(attributes.get("plate"), Mapping):
             wells = _well_paths(attributes)[:MOST_GROUPS]
             fields = [(well, n, field) for well in wells for n, field in enumerate(_field_paths(group.get(well)))]
@@ -464,7 +446,8 @@ def find_labels(path: Path, options: LoadOptions, name: str) -> str:
         image, _, _ = _select_image(group, options, None)
         names = list_labels(image)
         if name not in names:
-            raise expected("labels", f"a file, or one of {_listed(names) or 'the labels beside an image'}", repr(name))
+            this = f"a file, or one of {list_names(names) or 'the labels beside an image'}"
+            raise expected("labels", this, repr(name))
         return f"{image.path[len(group.path) :]}/labels/{name}".strip("/")
 
 
@@ -489,28 +472,31 @@ def _read_volume(
     # 2. its samples
     names = axis_names(node, multiscale, group)
     wanted = [*(name for name in names if name not in SPACE), *SPACE]
-    array = TransposedChunks(node, names, wanted)
+    array = TransposedChunks(node, names, wanted, read_packing(node) if multiscale is None else None)
     index = _index(array.shape, wanted, options)
     whole = remote is None and byte_count(array.shape[-3:], node.dtype) <= most
     files = check_array(path, node, whole, remote.fetch if remote else None)
     files.index = array.source
-    packed = read_packing(node) if multiscale is None else None
-    unpacked = array if packed is None else Unpacked(array, packed)
-    samples: Any = unpacked[index] if whole else Chunked(str(remote or path), unpacked, index, files)
+    samples: Any = array[index] if whole else Chunked(str(remote or path), array, index, files)
     # 3. its grid
     if multiscale is None:
         grid = make_lattice(read_coordinates(group, node, names), even=options.spacing is not None)
         unit = value_unit_name(str(node.attrs.asdict().get("units") or ""))
         unit = "" if unit_name(unit) in METRES else unit
-        about = array_fields(node.path.rsplit("/", 1)[-1], unpacked.dtype, unit, grid.unit)
+        about = array_fields(node.path.rsplit("/", 1)[-1], array.dtype, unit, grid.unit)
         return grid.volume(samples, "coordinates", **about)
     spacing, origin = _grid(multiscale, node.path.rsplit("/", 1)[-1], names)
     return Volume(samples, spacing, origin, unit=_unit(multiscale)[0])
 
 
-def _multiscale(group: Any) -> Multiscale | None:
+def _metadata(group: Any) -> Mapping[str, Any]:
+    """OME's metadata of a group, which version 0.5 has below "ome"."""
     attributes = group.attrs.asdict()
-    images = attributes.get("ome", attributes).get("multiscales")
+    return attributes.get("ome", attributes)
+
+
+def _multiscale(group: Any) -> Multiscale | None:
+    images = _metadata(group).get("multiscales")
     return images[0] if images else None
 
 
@@ -524,9 +510,8 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
     names = volumes or [key for key, _ in arrays]
     levels = [entry["path"] for entry in multiscale["datasets"]] if multiscale is not None else []
     if options.level is not None and (name is not None or options.level >= len(levels)):
-        this = (
-            f"a number from 0 to {len(levels) - 1}" if levels and name is None else "a multiscale image, and no array"
-        )
+        several = levels and name is None
+        this = f"a number from 0 to {len(levels) - 1}" if several else "a multiscale image, and no array"
         raise expected("level", this, options.level)
     if name is None and levels:
         name = levels[options.level or 0]
@@ -536,7 +521,7 @@ def _select_level(group: Any, multiscale: Multiscale | None, options: LoadOption
     if not isinstance(node, zarr.Array):
         names = names or [image.path[len(group.path) :].strip("/") for image in _find_images(group)]
         if not names:
-            held = ", ".join([key for key, _ in _children(group)][:MOST_NAMED]) or "nothing"
+            held = list_names([key for key, _ in _children(group)]) or "nothing"
             raise expected("store", "an array of three axes in one of its groups", held, "check the path")
         got = "several arrays" if name is None else repr(name)
         fix = f"pick one with array=NAME; there are: {', '.join(names)}"
@@ -554,9 +539,7 @@ def _describe_array(array: Any) -> str:
 def _index(shape: Sequence[int], names: list[str], options: LoadOptions) -> tuple[int | slice, ...]:
     long = [axis for axis, name in enumerate(names) if name not in "zyxt" and shape[axis] > 1]
     if len(long) > 1:
-        raise expected(
-            "axes", "one axis beside z, y, x and t", f"{[names[axis] for axis in long]}", "save a part of it"
-        )
+        raise expected("axes", "one axis beside z, y, x and t", [names[axis] for axis in long], "save a part of it")
     picked: dict[int, str | int] = {axis: 0 for axis, name in enumerate(names) if name not in SPACE}
     picked |= {axis: "time" for axis, name in enumerate(names) if name == "t" and shape[axis] > 1}
     return options.index(shape, picked | dict.fromkeys(long, "channel"))

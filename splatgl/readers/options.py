@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatgl.data.volume import Triple
-from splatgl.errors import Choice, InputError, expected
+from splatgl.errors import Choice, expected
 from splatgl.options import Group, Kind, check_options, non_default, option
 from splatgl.readers.contents import OTHER_GZIP, PACKINGS
 
@@ -75,14 +75,10 @@ def sample_type(text: str) -> np.dtype:
     try:
         dtype = np.dtype(named[1]).newbyteorder(">" if named[2] == "be" else "<") if named else np.dtype(text)
     except TypeError:
-        raise _bad_dtype(text) from None
+        dtype = np.dtype(object)
     if dtype.kind not in "buif":
-        raise _bad_dtype(text)
+        raise expected("dtype", 'a real number type such as uint8, uint16be, float32 or ">u2"', repr(text))
     return dtype
-
-
-def _bad_dtype(text: str) -> InputError:
-    return expected("dtype", 'a real number type such as uint8, uint16be, float32 or ">u2"', repr(text))
 
 
 def _dtype(text: Any) -> str:
@@ -243,6 +239,12 @@ class LoadOptions:
                 raise Choice(str(error), name, [(f"0 … {count - 1}", place)])
             index[axis] = entry or 0
         return tuple(index)
+
+    def level_numbers(self, count: int) -> range:
+        """The level that `level` picks, else all of `count` levels."""
+        if self.level is not None and self.level >= count:
+            raise expected("level", f"a number from 0 to {count - 1}", self.level)
+        return range(count) if self.level is None else range(self.level, self.level + 1)
 
     def refuse(self, name: str, this: str) -> None:
         """InputError for an option that the file does not support; 0 is accepted. this: files that support it."""

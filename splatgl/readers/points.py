@@ -106,10 +106,10 @@ def _make_volume(places: np.ndarray, values: Values, unit: str, options: LoadOpt
     colors, color_notes = _find_colors({"height": places[:, 2], **values}, options.array)
     classes, size_note = _find_sizes(places, values, options.point_size, unit)
     low, high = places.min(axis=0), places.max(axis=0)
-    whole = empty_volume(low, high, SOLID, unit=unit, notes=(*notes, *color_notes, size_note))
-    parts = [replace(whole, points=Points(places[which], colors[which], size), notes=()) for size, which in classes]
+    box = empty_volume(low, high, SOLID, unit=unit, notes=(*notes, *color_notes, size_note))
+    parts = [replace(box, points=Points(places[which], colors[which], size), notes=()) for size, which in classes]
     named = [replace(part, name=f"size {size:.4g}") for part, (size, _) in zip(parts, classes, strict=True)]
-    return replace(whole, points=parts[0].points, channels=tuple(named) if len(named) > 1 else ())
+    return replace(box, points=parts[0].points, channels=tuple(named) if len(named) > 1 else ())
 
 
 def _find_sizes(
@@ -217,9 +217,7 @@ def _check_las(path: Path) -> None:
             packing = file.read(length) if int.from_bytes(record[18:20], "little") == LASZIP else packing
             at += VLR + length
             if at > start:
-                raise expected(
-                    "records of variable length", f"{count} before the points", "more bytes", "it is damaged"
-                )
+                raise expected("records of variable length", f"{count} before the points", "more", "it is damaged")
         size, points = int.from_bytes(head[105:107], "little"), int.from_bytes(head[107:111], "little")
         points = max(points, int.from_bytes(head[247:255], "little") if head[25] >= 4 else 0)
         require_plausible(points * size, there)
@@ -302,7 +300,8 @@ def _read_pcd(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
             require_bytes(packed, there - start - 8)
             if unpacked != count * dtype.itemsize:
                 raise expected("compressed data", f"{count * dtype.itemsize} bytes", unpacked, "the file is damaged")
-            data, columns, at = unpack_lzf(file.read(packed), unpacked), [], 0
+            imagecodecs = import_extra("imagecodecs", "compressed PCD files", "imagecodecs", "readers")
+            data, columns, at = bytes(imagecodecs.lzf_decode(file.read(packed), out=unpacked)), [], 0
             for code, size in zip(codes, counts, strict=True):
                 bytes_of = count * size * np.dtype(code).itemsize
                 columns.append(np.frombuffer(data, code, count * size, at).reshape(count, size))
@@ -333,32 +332,6 @@ def _pcd_header(file: BinaryIO) -> dict[str, str]:
     return fields
 
 
-def unpack_lzf(packed: bytes, size: int) -> bytes:
-    """The `size` bytes of LZF data: runs of literals, and copies of earlier bytes. Raises InputError for other data."""
-    result, at = bytearray(), 0
-    while at < len(packed) and len(result) <= size:
-        control, at = packed[at], at + 1
-        if control < 32:
-            result += packed[at : at + control + 1]
-            at += control + 1
-            continue
-        length = control >> 5
-        if length == 7:
-            length, at = length + packed[at], at + 1
-        back, at = ((control & 31) << 8) + packed[at] + 1, at + 1
-        start = len(result) - back
-        if start < 0:
-            raise expected(
-                "compressed data", "copies of earlier bytes", "earlier than the first", "the file is damaged"
-            )
-        # a copy may overlap what it writes
-        piece = result[start : start + length + 2]
-        result += (piece * ((length + 2) // len(piece) + 1))[: length + 2]
-    if len(result) != size:
-        raise expected("compressed data", f"{size} bytes", len(result), "the file is damaged")
-    return bytes(result)
-
-
 def _read_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
     """PLY, text and binary in both byte orders: the element vertex, which stands first but for others without lists."""
     with path.open("rb") as file:
@@ -369,9 +342,7 @@ def _read_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
         if not text.startswith("ply") or form is None:
             raise expected("header", "a PLY header with a format", repr(text[:16]))
         if _has_faces(text):
-            raise expected(
-                "PLY", "points without faces", "faces, or no points", "sg.load_mesh and --mesh read surfaces"
-            )
+            raise expected("PLY", "points without faces", "faces, or none", "sg.load_mesh and --mesh read surfaces")
         order, there = ">" if "big" in form[1] else "<", path.stat().st_size
         for element in re.split(r"(?m)^element ", text)[1:]:
             name, count = element.split()[0], int(element.split()[1])

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from splatgl.errors import InputError, expected, import_extra
+from splatgl.errors import InputError, expected, import_extra, one_line
 from splatgl.fileio import shorten_name, write_file
 from splatgl.platforms import user_folder
 
@@ -25,8 +25,8 @@ from splatgl.platforms import user_folder
 ATTEMPTS, WAIT, CONNECT, ANSWER = 4, 0.5, 10.0, 30.0
 # metadata files of a Zarr store
 METADATA = ("zarr.json", ".zgroup", ".zattrs", ".zarray")
-# most bytes of a metadata file, and most characters of a server's message
-MOST_METADATA, MOST_MESSAGE = 1 << 26, 120
+# most bytes of a metadata file
+MOST_METADATA = 1 << 26
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 
@@ -63,10 +63,10 @@ class Remote:
         try:
             self.files, self.root = fsspec.url_to_fs(address, **options)
         except ImportError as error:
-            fix = f"pip install 'splatgl[remote]': {_short_message(error)}"
+            fix = f"pip install 'splatgl[remote]': {one_line(error)}"
             raise InputError(f"{scheme} addresses need the extra remote, {fix}") from None
         except ValueError as error:
-            raise expected("address", "a protocol that fsspec knows", scheme, _short_message(error)) from None
+            raise expected("address", "a protocol that fsspec knows", scheme, one_line(error)) from None
         digest = hashlib.sha256(address.encode()).hexdigest()[:16]
         self.folder = cache_folder() / f"{digest}-{re.sub(r'[^A-Za-z0-9._-]', '_', address_name(address))[:60]}"
         self.absent: set[str] = set()
@@ -154,15 +154,10 @@ class Remote:
             except FileNotFoundError:
                 raise expected("address", "a file, or a Zarr store", "nothing there", "check it") from None
             except PermissionError as error:
-                raise InputError(f"refused: {_short_message(error)}") from None
+                raise InputError(f"refused: {one_line(error)}") from None
             except Exception as error:
                 # the libraries of services raise many types
                 if attempt + 1 == ATTEMPTS:
-                    raise InputError(f"no answer in {ATTEMPTS} attempts: {_short_message(error)}") from None
+                    raise InputError(f"no answer in {ATTEMPTS} attempts: {one_line(error)}") from None
                 time.sleep(WAIT * 2**attempt)
         raise AssertionError
-
-
-def _short_message(error: BaseException) -> str:
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text if len(text) <= MOST_MESSAGE else text[: MOST_MESSAGE - 1] + "…"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -20,15 +19,15 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.affine import METRES, unit_name
-from splatgl.data.color import luma
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
-from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope
-from splatgl.readers.chunked import Chunked, OneFile, TransposedChunks
+from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope, split_colors
+from splatgl.readers.chunked import Chunked, TransposedChunks
 from splatgl.readers.common import decoder_errors, find_data_file, map_array, require_bytes, require_plausible
 from splatgl.readers.heightmap import HEIGHTS, Survey, classify_picture, grey_heights, make_plane, make_terrain
 from splatgl.readers.imagej import calibrate
+from splatgl.readers.microscopes import OpenFile
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.tiff_images import (
     Planes,
@@ -92,9 +91,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
         with decoder_errors("TIFF"):
             if tiff.ome_metadata:
                 check_ome(parse_xml(tiff.ome_metadata, "OME-XML"))
-            found = list_planes(tiff.ome_metadata, path.name) if "FileName" in (tiff.ome_metadata or "") else None
-        if found is not None:
-            return _read_files(path, tiff, *found, options)
+            listed = list_planes(tiff.ome_metadata, path.name) if "FileName" in (tiff.ome_metadata or "") else None
+        if listed is not None:
+            return _read_files(path, tiff, *listed, options)
         with decoder_errors("TIFF"):
             place, notes = select_image(tiff.series, options)
             pixels = find_pixels(tiff, place)
@@ -186,9 +185,7 @@ def _ignored_notes(image: _Image) -> list[str]:
     """Notes on statements of the file that are ignored."""
     notes = []
     if image.tiff.ome_metadata and image.series.kind != "ome":
-        notes.append(
-            "OME's metadata name other files, or planes that are not here: only the pages of this one are read"
-        )
+        notes.append("OME's metadata name other files, or planes that are not here: only this one's pages are read")
     if image.pixels is not None and (note := plane_step(image.pixels)[2]):
         notes.append(note)
     dpi, survey = tiff_dpi(image.series.keyframe), image.survey
@@ -238,17 +235,17 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
     pixels = None if large else _read_pixels(image, series, number, time)
 
     def read_one(channel: int | None) -> Volume:
-        whole = _is_rgb(series) and (channel is None or _is_channelled(series))
-        index = _index(series, z, replace(options, channel=0 if channel is None and whole else channel))
+        colored = _is_rgb(series) and (channel is None or _is_channelled(series))
+        index = _index(series, z, replace(options, channel=0 if channel is None and colored else channel))
         # the pixels may be of one time point only
         sizes = zip(index, series.shape if pixels is None else pixels.shape, strict=True)
         here = tuple(at if size > 1 or isinstance(at, slice) else 0 for at, size in sizes)
         (samples,) = (
             read_in_parts(path, image.place, [number], series.axes, index) if pixels is None else [pixels[here]]
         )
-        samples = samples if pixels is None or whole else values_of(samples, tiff)
+        samples = samples if pixels is None or colored else values_of(samples, tiff)
         volume = _level_volume(_mask_missing(samples, image.survey), series, levels[0])
-        if pixels is not None and whole:
+        if pixels is not None and colored:
             return _with_colors(volume, pixels, here, series)
         if options.level is not None or len(levels) == 1:
             return volume
@@ -269,16 +266,14 @@ def _read_image(image: _Image, options: LoadOptions) -> Volume:
 
 def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOptions) -> Volume:
     """The terrain or the plane of a single picture; of the bands of a survey one is read."""
-    bands, told = _band_axis(image, series), ""
+    bands, band_note = _band_axis(image, series), ""
     for name in ("array", "time", *["channel"] * (bands is None)):
         options.refuse(name, "a stack, where this is a single picture")
     pixels = _read_pixels(image, series, number)
     if bands is not None:
         band = options.channel_number(pixels.shape[bands]) or 0
-        pixels, told = (
-            pixels.take(band, axis=bands),
-            f"band {band} of {pixels.shape[bands]} is read: --channel picks another",
-        )
+        band_note = f"band {band} of {pixels.shape[bands]} is read: --channel picks another"
+        pixels = pixels.take(band, axis=bands)
     rows = np.squeeze(pixels)
     rows = rows.reshape(rows.shape if rows.ndim > 1 else (1, -1))
     rows = rows if series.is_color else values_of(rows, image.tiff)
@@ -287,7 +282,7 @@ def _picture_volume(image: _Image, series: _Series, number: int, options: LoadOp
         volume = make_terrain(image.path, grey_heights(rows), options, image.survey)
     else:
         volume = replace(mark_microscope(make_plane(rows)), spacing=series.grid[0], unit=series.grid[1])
-    return replace(volume, notes=(*volume.notes, *filter(None, (told, note))))
+    return replace(volume, notes=(*volume.notes, *filter(None, (band_note, note))))
 
 
 def _band_axis(image: _Image, series: _Series) -> int | None:
@@ -336,9 +331,9 @@ def _with_colors(volume: Volume, pixels: np.ndarray, index: tuple[int | slice, .
     """The volume with colours, and their luma as samples. index: of one component."""
     axis = series.axes.index("S")
     every = (*index[:axis], slice(None), *index[axis + 1 :])
-    color = np.moveaxis(pixels[every], sum(isinstance(at, slice) for at in index[:axis]), -1)
-    color = color if color.dtype.itemsize == 1 else (color >> 8).astype(np.uint8)
-    return replace(volume, samples=luma(color), color=np.ascontiguousarray(color[..., :3]))
+    values = np.moveaxis(pixels[every], sum(isinstance(at, slice) for at in index[:axis]), -1)
+    samples, color = split_colors(values)
+    return replace(volume, samples=samples, color=color)
 
 
 def _is_coarser_level(level: _Series, finest: _Series) -> bool:
@@ -466,16 +461,16 @@ def _read_pixels(image: _Image, series: _Series, level: int, time: int = 0) -> n
     if series.offset is not None:
         return map_array(image.path, series.offset, series.dtype, series.shape)
     with decoder_errors("TIFF"):
-        whole = image.series.levels[level]
-        ahead, at = whole.shape[: -len(whole.keyframe.shape)], whole.axes.find("T")
-        if 0 <= at < len(ahead) and math.prod(ahead) == len(whole):
-            pages = np.arange(len(whole)).reshape(ahead).take(time, axis=at).ravel().tolist()
-            if all(whole[page] is not None for page in pages):
+        pages_of = image.series.levels[level]
+        ahead, at = pages_of.shape[: -len(pages_of.keyframe.shape)], pages_of.axes.find("T")
+        if 0 <= at < len(ahead) and math.prod(ahead) == len(pages_of):
+            pages = np.arange(len(pages_of)).reshape(ahead).take(time, axis=at).ravel().tolist()
+            if all(pages_of[page] is not None for page in pages):
                 shape = (*series.shape[:at], 1, *series.shape[at + 1 :])
                 require_memory(byte_count(shape, series.dtype), image.path.stat().st_size)
                 return np.asarray(image.tiff.asarray(key=pages, series=image.place, level=level)).reshape(shape)
         require_memory(byte_count(series.shape, series.dtype), image.path.stat().st_size)
-        return np.asarray(whole.asarray()).reshape(series.shape)
+        return np.asarray(pages_of.asarray()).reshape(series.shape)
 
 
 def _grid(image: _Image) -> Grid:
@@ -507,11 +502,11 @@ def resolution_grid(dpi: tuple[float, float]) -> tuple[Grid, str]:
     """The grid of pixels per inch along x and y, and a note on it; spacing 1 without a unit if none are stated, and for
     numbers that are no voxel size.
     """
-    if not all(1 < each < 1e9 for each in dpi):
+    if not all(1 < resolution < 1e9 for resolution in dpi):
         return ((1.0, 1.0, 1.0), ""), ""
-    if all(any(abs(each - usual) < 0.5 for usual in _USUAL_DPI) for each in dpi):
+    if all(any(abs(resolution - usual) < 0.5 for usual in _USUAL_DPI) for resolution in dpi):
         return ((1.0, 1.0, 1.0), ""), f"{dpi[0]:.4g} dots per inch in the tags are no voxel size and ignored"
-    x, y = (_INCH / each for each in dpi)
+    x, y = (_INCH / resolution for resolution in dpi)
     scale, unit = (1.0, "mm") if x >= 0.1 else (1000.0, "um")
     note = f"pixels of {x * scale:.4g} {unit} by the tags of resolution, slices as far apart: --spacing sets another"
     return ((x * scale, y * scale, x * scale), unit), note
@@ -520,7 +515,7 @@ def resolution_grid(dpi: tuple[float, float]) -> tuple[Grid, str]:
 def tiff_dpi(page: Any) -> tuple[float, float]:
     """Pixels per inch along x and y by the tags; 0 if there are none."""
     per = {2: 1.0, 3: _INCH / 10}.get(int(page.resolutionunit), 0.0)
-    x, y = (float(each) * per for each in page.get_resolution(page.resolutionunit)) if per else (0.0, 0.0)
+    x, y = (float(number) * per for number in page.get_resolution(page.resolutionunit)) if per else (0.0, 0.0)
     return x, y
 
 
@@ -566,22 +561,12 @@ def read_in_parts(
     an axis that the series lacks has one entry. The file stays open as long as one part lives.
     """
     zarr = import_extra("zarr", "multiscale TIFF files", "zarr", "readers")
-    file = _OpenTiff(path)
+    file = OpenFile(path, open_tiff(path))
     with decoder_errors("TIFF"):
-        series = file.tiff.series[place]
+        series = file.file.series[place]
         for level in levels:
             check_before_decoding(series.levels[level].pages)
-        arrays = [
-            (zarr.open_array(series.aszarr(level=level), mode="r"), series.levels[level].axes) for level in levels
-        ]
-        turned = [TransposedChunks(array, names, axes) for array, names in arrays]
+        arrays = [zarr.open_array(series.aszarr(level=level), mode="r") for level in levels]
+        names = [series.levels[level].axes for level in levels]
+        turned = [TransposedChunks(*stored, axes) for stored in zip(arrays, names, strict=True)]
     return [Chunked(str(path), array, index, file, "TIFF") for array in turned]
-
-
-class _OpenTiff(OneFile):
-    """A TIFF file that is open as long as this object lives."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.tiff = open_tiff(path)
-        weakref.finalize(self, self.tiff.close)

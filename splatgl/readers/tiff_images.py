@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.data.affine import METRES, unit_name
-from splatgl.errors import expected
+from splatgl.errors import expected, list_names
 from splatgl.readers.channels import SECONDS, Channel, ChannelSet, hex_color, parse_window
 from splatgl.readers.common import parse_number
 from splatgl.readers.heightmap import DEGREE, Survey
@@ -114,7 +114,6 @@ GEOGRAPHIC = 2
 # metres per unit, by EPSG's numbers and by GDAL's names
 EPSG_METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937, 9036: 1000.0}
 GDAL_METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "ft": 0.3048, "foot": 0.3048, "us-ft": 1200 / 3937, "km": 1000.0}
-MOST_LISTED = 6
 
 
 def select_image(images: Sequence[Any], options: LoadOptions) -> tuple[int, tuple[str, ...]]:
@@ -126,12 +125,11 @@ def select_image(images: Sequence[Any], options: LoadOptions) -> tuple[int, tupl
         raise expected("file", "one image at least", "none in it")
     requested = None if options.series is None else str(options.series)
     lines = [f"{n} {image}" for n, image in enumerate(map(describe_series, images), 1)]
-    listed = ", ".join(lines[:MOST_LISTED]) + ", …" * (len(lines) > MOST_LISTED)
     if requested is not None:
         named = [n for n, image in enumerate(images) if image.name == requested]
         number = int(requested) - 1 if re.fullmatch("[0-9]{1,6}", requested) else -1
         if not named and not 0 <= number < len(images):
-            raise expected("series", f"one of {listed}", repr(requested))
+            raise expected("series", f"one of {list_names(lines, 6)}", repr(requested))
         return named[0] if named else number, ()
     sizes = [
         math.prod(n for n, axis in zip(image.shape, image.axes, strict=True) if axis not in "SCT") for image in images
@@ -141,7 +139,7 @@ def select_image(images: Sequence[Any], options: LoadOptions) -> tuple[int, tupl
     place = max(range(len(images)), key=lambda n: (sizes[n] > planes[n], sizes[n], -n))
     if len(images) == 1:
         return 0, ()
-    others = ", ".join([line for n, line in enumerate(lines) if n != place][:MOST_LISTED])
+    others = list_names([line for n, line in enumerate(lines) if n != place], 6)
     note = f"image {lines[place]} of {len(images)} is read, the largest stack; --series N picks another: {others}"
     return place, (note,)
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import math
 import struct
-import subprocess
-import sys
 import zlib
 from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
@@ -19,7 +17,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatgl.errors import expected, import_extra
-from splatgl.readers.common import MAX_BYTES, convert_words, decoder_errors, parse_number
+from splatgl.readers.common import MAX_BYTES, convert_words, decoder_errors, parse_number, run_elsewhere
 from splatgl.readers.dicom_pixels import check_picture, picture_size
 
 # most planes of a series: a list of them takes memory, even if they are not in the file
@@ -158,7 +156,7 @@ def _webp_size(data: bytes) -> Size:
 _XR_TAGS = {*range(0xBC01, 0xBC05), *range(0xBC80, 0xBC84), *range(0xBCC0, 0xBCC6)}
 
 
-def _xr_size(data: bytes) -> Size:
+def jpeg_xr_size(data: bytes) -> Size:
     """The size in the header of a JPEG XR picture, whose container is like TIFF's (T.832 annex A)."""
     (start,) = struct.unpack("<I", data[4:8])
     (count,) = struct.unpack("<H", data[start : start + 2])
@@ -205,7 +203,7 @@ def _lerc_size(data: bytes, packing: int = 0, most: int = 0) -> Size:
 _LZW, _LERC = 5, 34887
 _SIZES: dict[int, Callable[[bytes], Size]] = {
     **dict.fromkeys((7, 33003, 33004, 33005, 33007, 34712, 34892), picture_size),
-    **dict.fromkeys((22610, 34934), _xr_size),
+    **dict.fromkeys((22610, 34934), jpeg_xr_size),
     **dict.fromkeys((34927, 50001), _webp_size),
     **dict.fromkeys((50002, 52546), jpeg_xl_size),
     34933: _png_size,
@@ -256,8 +254,7 @@ def _check_size(data: bytes, frame: Any, size_of: Callable[[bytes], Size]) -> No
     check_picture(size, int(frame.chunks[0]), int(frame.chunks[1]))
 
 
-# JPEG XR: its decoder crashes on damaged data, so that a file is decoded elsewhere first. What fails before it prints
-# proves nothing
+# JPEG XR: its decoder crashes on damaged data, so that a file is decoded elsewhere first
 _XR = (22610, 34934)
 _TRY = "import sys, tifffile\nprint(1, flush=True)\nfor page in tifffile.TiffFile(sys.argv[1]).pages: page.asarray()"
 # most seconds to start, and bytes that are decoded in another one at the slowest: damaged data may loop
@@ -267,18 +264,9 @@ _TRY_SECONDS, _TRY_BYTES = 6.0, 2**20
 @lru_cache(maxsize=64)
 def _try_elsewhere(path: str, size: int, _time: int) -> str:
     """Returns how a message names pages that a process of its own decodes, if it fails on these; else ""."""
-    run, none = [sys.executable, "-P", "-c", _TRY, path], subprocess.DEVNULL
-    flags, seconds = getattr(subprocess, "CREATE_NO_WINDOW", 0), _TRY_SECONDS + size / _TRY_BYTES
-    try:
-        ended = subprocess.run(
-            run, stdin=none, stdout=subprocess.PIPE, stderr=none, timeout=seconds, creationflags=flags
-        )
-    except OSError:
-        # the program that Python is embedded in, or none
-        return ""
-    except subprocess.TimeoutExpired:
-        return f"are decoded in {seconds:.0f} s"
-    return "its library decodes" if ended.returncode != 0 and ended.stdout else ""
+    seconds = _TRY_SECONDS + size / _TRY_BYTES
+    succeeds = run_elsewhere(["-c", _TRY, path], seconds)
+    return f"are decoded in {seconds:.0f} s" if succeeds is None else "" if succeeds else "its library decodes"
 
 
 class _CheckedDecoder:
@@ -287,10 +275,10 @@ class _CheckedDecoder:
     def __init__(self, decode: Callable[..., Any], check: Callable[[bytes], None]) -> None:
         self.decode, self.check = decode, check
 
-    def __call__(self, data: bytes | None, index: int, **given: Any) -> Any:
+    def __call__(self, data: bytes | None, index: int, **options: Any) -> Any:
         if data is not None:
             self.check(data)
-        return self.decode(data, index, **given)
+        return self.decode(data, index, **options)
 
 
 def check_lzw(data: bytes, reversed_bits: bool = False) -> None:

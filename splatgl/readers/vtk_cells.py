@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.affine import describe_error, interpolate_planes
+from splatgl.data.affine import describe_error, interpolate_grid
 from splatgl.data.volume import Volume, triple
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import budget
@@ -33,6 +33,8 @@ _FLAT = (*range(10), 21, 22, 23, 28, 30, 34, 35, 36)
 _MOST_FINER, _FREE_VOXELS, _MOST_VOXELS, _VOXEL_BYTES = 64, 2**15, 2**24, 64
 # most blocks of an AMR grid, and largest coordinate
 _MOST_BLOCKS, _MOST_PLACE = 2**16, 1e30
+# largest offset of a cell in the numbers of points
+_MOST_ENDS = 2**40
 # VTK's number of hexahedra, and the bit of its marks of cells that another piece has, too
 _HEXAHEDRON, _TWICE = 12, 1
 
@@ -105,8 +107,8 @@ def read(path: Path, options: LoadOptions) -> Volume:
         names = [node.get("Source", "") for node in file.root.findall(f"{file.kind}/Piece")]
         files = [parse_vtk(find_data_file(path, name, options.anywhere), (file.kind[1:],)) for name in names]
     with decoder_errors("VTK XML"):
-        nodes = [(each, node) for each in files for node in each.root.findall(f"{each.kind}/Piece")]
-        parts = [_read_part(each, node, options) for each, node in nodes if all(_sizes(each, node))]
+        nodes = [(source, node) for source in files for node in source.root.findall(f"{source.kind}/Piece")]
+        parts = [_read_part(source, node, options) for source, node in nodes if all(_sizes(source, node))]
     if not parts:
         raise expected("Piece", "one or more with cells", "none", "it is a surface: save it as .vtp for --mesh")
     mesh, choice = _join([part.mesh for part in parts]), parts[0].choice
@@ -138,7 +140,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
 def _sizes(file: VtkXml, node: Element) -> tuple[int, int]:
     """Points and cells of a piece."""
     if file.kind == "UnstructuredGrid":
-        return _count(node, "NumberOfPoints"), _count(node, "NumberOfCells")
+        return read_count(node, "NumberOfPoints"), read_count(node, "NumberOfCells")
     shape = _structured_shape(node)
     return math.prod(shape), math.prod(count - 1 for count in shape)
 
@@ -188,38 +190,30 @@ def _join(meshes: list[_Mesh]) -> _Mesh:
 def _read_curved(file: VtkXml, node: Element) -> _Mesh:
     """The points of a structured piece, and its hexahedra."""
     shape = _structured_shape(node)
-    points = _read_points(file, node, math.prod(shape))
+    points = read_points(file, node, math.prod(shape))
     number = np.arange(len(points)).reshape(shape)
-    ring = [(0, 0), (0, 1), (1, 1), (1, 0)]
-    corners = [
-        number[z : shape[0] - 1 + z, y : shape[1] - 1 + y, x : shape[2] - 1 + x] for z in (0, 1) for y, x in ring
-    ]
-    count = corners[0].size
-    return _Mesh(
-        points, np.full(count, _HEXAHEDRON), 8 * np.arange(count + 1), np.stack(corners, -1).ravel(), np.arange(count)
-    )
+    ring, (d, h, w) = [(0, 0), (0, 1), (1, 1), (1, 0)], (size - 1 for size in shape)
+    corners = np.stack([number[z : z + d, y : y + h, x : x + w] for z in (0, 1) for y, x in ring], axis=-1)
+    count = d * h * w
+    return _Mesh(points, np.full(count, _HEXAHEDRON), 8 * np.arange(count + 1), corners.ravel(), np.arange(count))
 
 
-def _count(node: Element, name: str) -> int:
-    return int(parse_numbers(node, name, "0", 1)[0])
+def read_count(node: Element, name: str) -> int:
+    """The number of an attribute; 0 without it. Raises InputError for others than whole ones of at least 0."""
+    number = parse_numbers(node, name, "0", 1)[0]
+    if number < 0 or number != int(number):
+        raise expected(name, "a whole number from 0", f"{number:g}")
+    return int(number)
 
 
 def _read_mesh(file: VtkXml, node: Element) -> _Mesh:
     """The points and cells of a piece. Raises InputError for numbers that are no points, and for unknown cells."""
-    number, count = _count(node, "NumberOfPoints"), _count(node, "NumberOfCells")
+    number, count = _sizes(file, node)
     if number < 1 or count < 1:
         raise expected("Piece", "points and cells", f"{number} and {count}")
-    points = _read_points(file, node, number)
-    ends = _read_named(file, node.find("Cells"), "offsets", count).reshape(-1).astype(np.int64)
-    kinds = _read_named(file, node.find("Cells"), "types", count).reshape(-1).astype(np.int64)
-    sizes = np.diff(ends, prepend=0)
-    if len(ends) != count or len(kinds) != count or sizes.min() < 0:
-        raise expected(
-            "Cells", f"{count} rising offsets and types", f"{len(ends)}, {len(kinds)}", "the file is damaged"
-        )
-    every = _read_named(file, node.find("Cells"), "connectivity", int(ends[-1])).reshape(-1).astype(np.int64)
-    if every.size and (every.min() < 0 or every.max() >= number):
-        raise expected("connectivity", f"numbers from 0 to {number - 1}", f"{every.min()} to {every.max()}")
+    points = read_points(file, node, number)
+    every, ends = read_cells(file, node, "Cells", count, number)
+    sizes, kinds = np.diff(ends, prepend=0), _read_whole(file, node, ("Cells", "types"), count)
     unknown = sorted(set(kinds.tolist()) - set(_POINTS) - set(_FLAT))
     if unknown:
         this = "tetrahedra, voxels, hexahedra, wedges, pyramids, prisms or quadratic ones"
@@ -236,21 +230,37 @@ def _read_mesh(file: VtkXml, node: Element) -> _Mesh:
     return _Mesh(points, kinds[kept], offsets, corners, kept)
 
 
-def _read_points(file: VtkXml, node: Element, number: int) -> np.ndarray:
-    """The points [P, 3] of a piece."""
-    points = _read_named(file, node.find("Points"), "", number).reshape(-1)
+def read_points(file: VtkXml, node: Element, number: int) -> np.ndarray:
+    """The points, float64 [P, 3], of a piece."""
+    array = node.find("Points/DataArray")
+    if array is None:
+        raise expected("Points", "an array", "none")
+    points = read_array(file, array, (1, 1, number)).read().reshape(-1)
     if points.size != 3 * number or not (np.abs(points) < _MOST_PLACE).all():
         raise expected("Points", f"{number} times three finite coordinates", points.size)
     return np.asarray(points.reshape(-1, 3).astype(np.float64))
 
 
-def _read_named(file: VtkXml, owner: Element | None, name: str, count: int) -> np.ndarray:
-    """The numbers of the array below an element with that name, or of its only one."""
-    nodes = [] if owner is None else owner.findall("DataArray")
-    node = next((node for node in nodes if not name or node.get("Name") == name), None)
-    if node is None:
-        raise expected("Cells" if name else "Points", f"an array {name}".rstrip(), "none")
-    return read_array(file, node, (1, 1, count)).read()
+def read_cells(file: VtkXml, node: Element, kind: str, count: int, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Point numbers of all cells of a kind, int64, and the ends of the cells in them. points: of the piece."""
+    ends = _read_whole(file, node, (kind, "offsets"), count)
+    if np.diff(ends, prepend=0).min(initial=0) < 0 or ends.max(initial=0) > _MOST_ENDS:
+        raise expected(kind, f"{count} rising offsets", "others", "the file is damaged")
+    numbers = _read_whole(file, node, (kind, "connectivity"), int(ends[-1])) if ends[-1] else ends[:0]
+    if numbers.size and (numbers.min() < 0 or numbers.max() >= points):
+        raise expected(kind, f"numbers of {points} points", f"{numbers.min()} to {numbers.max()}")
+    return numbers, ends
+
+
+def _read_whole(file: VtkXml, node: Element, place: tuple[str, str], count: int) -> np.ndarray:
+    """The whole numbers, int64 [count], of the array of a name below an element of a piece."""
+    array = node.find(f"{place[0]}/DataArray[@Name='{place[1]}']")
+    if array is None:
+        raise expected(place[0], f"an array {place[1]}", "none")
+    numbers = read_array(file, array, (1, 1, count)).read().reshape(-1).astype(np.int64)
+    if len(numbers) != count:
+        raise expected(place[1], f"{count} numbers", len(numbers), "the file is damaged")
+    return numbers
 
 
 def _probe(vtk: Any, mesh: _Mesh, values: np.ndarray, in_cells: bool, place: tuple[Any, Any, Any]) -> np.ndarray:
@@ -264,7 +274,7 @@ def _probe(vtk: Any, mesh: _Mesh, values: np.ndarray, in_cells: bool, place: tup
     grid, cells, points = vtkUnstructuredGrid(), vtkCellArray(), vtkPoints()
     points.SetData(numpy_to_vtk(mesh.points, deep=1))
     grid.SetPoints(points)
-    cells.SetData(*(numpy_to_vtkIdTypeArray(each, deep=1) for each in (mesh.offsets, mesh.corners)))
+    cells.SetData(*(numpy_to_vtkIdTypeArray(numbers, deep=1) for numbers in (mesh.offsets, mesh.corners)))
     grid.SetCells(numpy_to_vtk(mesh.kinds.astype(np.uint8), deep=1), cells)
     array = numpy_to_vtk(np.ascontiguousarray(values, np.float64), deep=1)
     array.SetName("values")
@@ -279,8 +289,8 @@ def _probe(vtk: Any, mesh: _Mesh, values: np.ndarray, in_cells: bool, place: tup
     resample.Update()
     data = resample.GetOutput().GetPointData()
     inside = vtk_to_numpy(data.GetArray("vtkValidPointMask")).astype(bool)
-    found = vtk_to_numpy(data.GetArray("values")).reshape(len(inside), -1)
-    samples = np.where(inside[:, None], found, np.nan).astype(np.float32)
+    probed = vtk_to_numpy(data.GetArray("values")).reshape(len(inside), -1)
+    samples = np.where(inside[:, None], probed, np.nan).astype(np.float32)
     return samples.reshape(*counts[::-1], -1)
 
 
@@ -350,7 +360,7 @@ def read_amr(path: Path, options: LoadOptions) -> Volume:
     voxels = voxels if in_cells else voxels + 1
     start = low + step / 2 * in_cells
     dtypes = {block.choice.samples.dtype for block in blocks}
-    wide = np.dtype(np.float64 if any(each.itemsize > 4 for each in dtypes) else np.float32)
+    wide = np.dtype(np.float64 if any(dtype.itemsize > 4 for dtype in dtypes) else np.float32)
     samples = np.full(tuple(voxels[::-1]), np.nan, wide)
     level = np.full(samples.shape, -1, np.int16)
     for block in blocks:
@@ -371,20 +381,15 @@ def _describe_amr(
     blocks: list[_Block], samples: np.ndarray, level: np.ndarray, grid: tuple[np.ndarray, np.ndarray]
 ) -> str:
     """The error at the points of each block that no finer one covers. level: of the block of each voxel."""
-    own, back = [], []
+    stored, back = [], []
     start, step = grid
     for block in blocks:
         at = [(block.first[n] + block.step[n] * np.arange(block.counts[n]) - start[n]) / step[n] for n in (2, 1, 0)]
-        at = [np.clip(each, 0, size - 1) for each, size in zip(at, samples.shape, strict=True)]
-        seen = level[np.ix_(*(np.rint(each).astype(np.int64) for each in at))] == block.level
-        first = [int(each[0]) for each in at]
-        read_back = samples[tuple(slice(a, int(each[-1]) + 2) for a, each in zip(first, at, strict=True))]
-        for axis, each in enumerate(at):
-            planes = np.moveaxis(read_back, axis, 0)
-            read_back = np.moveaxis(interpolate_planes(planes, each - first[axis]), 0, axis)
-        own.append(block.choice.samples[seen])
-        back.append(read_back[seen])
-    return describe_error(np.concatenate(back), np.concatenate(own).astype(np.float64))
+        at = [np.clip(indices, 0, size - 1) for indices, size in zip(at, samples.shape, strict=True)]
+        seen = level[np.ix_(*(np.rint(indices).astype(np.int64) for indices in at))] == block.level
+        stored.append(block.choice.samples[seen])
+        back.append(interpolate_grid(samples, at)[seen])
+    return describe_error(np.concatenate(back), np.concatenate(stored).astype(np.float64))
 
 
 def _read_block(path: Path, name: str, level: int, options: LoadOptions) -> _Block:
@@ -406,15 +411,14 @@ def _resample(
     block: _Block, start: np.ndarray, step: np.ndarray, voxels: np.ndarray
 ) -> tuple[tuple[slice, ...], np.ndarray]:
     """The box of voxels in a block, and their values: of the cell there, or linear between points."""
-    box, values = [], block.choice.samples
-    for axis, n in enumerate((2, 1, 0)):
+    box, indices = [], []
+    for n in (2, 1, 0):
         # voxels whose places lie in the block, but for rounding
         ends = [(block.low[n] - start[n]) / step[n], (block.high[n] - start[n]) / step[n]]
         low = min(max(math.ceil(ends[0] - 1e-6), 0), int(voxels[n]))
         high = min(max(math.floor(ends[1] + 1e-6) + 1, low), int(voxels[n]))
         places = start[n] + step[n] * np.arange(low, high)
         at = np.clip((places - block.first[n]) / block.step[n], 0, block.counts[n] - 1)
-        at = np.rint(at + (1e-9 if block.choice.of_cells else 0)) if block.choice.of_cells else at
-        values = np.moveaxis(interpolate_planes(np.moveaxis(values, axis, 0), at), 0, axis)
+        indices.append(np.rint(at + 1e-9) if block.choice.of_cells else at)
         box.append(slice(low, high))
-    return tuple(box), values
+    return tuple(box), interpolate_grid(block.choice.samples, indices)

@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from splatgl.data.volume import Volume
-from splatgl.errors import expected
+from splatgl.errors import expected, list_names
 from splatgl.readers import vtk_cells, vtk_xml
 from splatgl.readers.channels import ChannelSet
 from splatgl.readers.common import find_data_file
@@ -26,8 +26,6 @@ _READERS = {
     **dict.fromkeys((".vtu", ".vts", ".pvtu", ".pvts"), vtk_cells.read),
 }
 
-# most names in a message
-_MOST_LISTED = 8
 # the number of a time step or block, and an array in it
 _NUMBERED = re.compile("[0-9]{1,9}(/|$)")
 # the name of a time step or block, and the name of its file
@@ -53,9 +51,9 @@ def read(path: Path, options: LoadOptions) -> Volume:
         array = options.array
     else:
         name, array = _select_entry(entries, options, what)
-    one = replace(options, array=array, time=None)
+    entry_options = replace(options, array=array, time=None)
     times = ChannelSet(times=len(entries) if by_time else 1)
-    return times.volume(replace(options, channel=None), lambda _: _read_entry(path, name, one, is_series))
+    return times.volume(replace(options, channel=None), lambda _: _read_entry(path, name, entry_options, is_series))
 
 
 def _read_entry(path: Path, name: str, options: LoadOptions, collections: bool) -> Volume:
@@ -88,8 +86,7 @@ def _list_blocks(owner: Element) -> list[Entry]:
 
 def _select_entry(entries: list[Entry], options: LoadOptions, what: str) -> tuple[str, str | int | None]:
     """The requested file, and the array in it."""
-    listed = ", ".join(f"{n} ({name})" if name else f"{n}" for n, (name, _) in enumerate(entries[:_MOST_LISTED]))
-    listed += ", …" if len(entries) > _MOST_LISTED else ""
+    listed = list_names([f"{n} ({name})" if name else f"{n}" for n, (name, _) in enumerate(entries)])
     requested = None if options.array is None else str(options.array)
     if requested is not None:
         head, _, rest = requested.partition("/")

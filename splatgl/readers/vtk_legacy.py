@@ -14,9 +14,9 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from splatgl.data.affine import Coordinate, make_lattice
-from splatgl.data.volume import Triple, Volume, triple
-from splatgl.errors import Choice, expected
+from splatgl.data.affine import Coordinate, make_lattice, volume_on_grid
+from splatgl.data.volume import Volume, triple
+from splatgl.errors import Choice, expected, list_names
 from splatgl.fileio import byte_count
 from splatgl.readers.channels import COLOR_NOTE, VECTOR_NOTE, is_color_rule, is_vector_rule, split_components
 from splatgl.readers.common import (
@@ -32,8 +32,6 @@ from splatgl.readers.options import LoadOptions
 
 # VTK's marks of points and cells, which are no values; bits of the first for a hidden point and a hidden cell
 MARKS, HIDDEN_POINT, HIDDEN_CELL = ("vtkGhostType", "vtkGhostLevels", "vtkValidPointMask"), 2, 32
-# most names of arrays in a note
-MOST_LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -64,17 +62,21 @@ class Selection:
     color: np.ndarray | None
     about: dict[str, Any]
 
-    def volume(self, spacing: Triple, origin: Triple, direction: np.ndarray) -> Volume:
-        """The volume of the samples on a grid."""
-        return Volume(self.samples, spacing, origin, direction, vectors=self.vectors, color=self.color, **self.about)
+    def volume(self, matrix: np.ndarray, origin: np.ndarray, shape: Sequence[int], what: str) -> Volume:
+        """The volume on a grid of points [shape] (z, y, x), of which the first is at `origin`; the centres of cells are
+        half a step farther. matrix: world-from-index; what: the name of the grid in messages.
+        """
+        middle = np.where(np.array(shape[::-1]) > 1, 0.5, 0.0) * self.of_cells
+        arrays = {"vectors": self.vectors, "color": self.color}
+        return volume_on_grid(self.samples, matrix, origin + matrix @ middle, what, **arrays, **self.about)
 
     def rectilinear(self, places: Sequence[np.ndarray], even: bool) -> Volume:
         """The volume on a rectilinear grid, resampled if it is uneven. places: coordinates of points along x, y, z.
 
         even: whether to take the steps for even.
         """
-        centres = [(each[1:] + each[:-1]) / 2 if self.of_cells and len(each) > 1 else each for each in places]
-        axes = [Coordinate(name, len(each), each) for name, each in zip("zyx", centres[::-1], strict=True)]
+        centres = [(axis[1:] + axis[:-1]) / 2 if self.of_cells and len(axis) > 1 else axis for axis in places]
+        axes = [Coordinate(name, len(axis), axis) for name, axis in zip("zyx", centres[::-1], strict=True)]
         grid = make_lattice(axes, even=even)
         vectors = None if self.vectors is None else np.asarray(grid.resampled(self.vectors))
         return grid.volume(self.samples, "coordinates", vectors=vectors, **self.about)
@@ -113,8 +115,7 @@ def select_arrays(points: Sequence[PointArray], cells: Sequence[PointArray], opt
     others = [array.name for array in every if array.name != chosen.name]
     notes = (COLOR_NOTE,) * (color is not None) + (VECTOR_NOTE,) * (is_field > chosen.is_vectors)
     if options.array is None and others:
-        listed = ", ".join(others[:MOST_LISTED]) + ", …" * (len(others) > MOST_LISTED)
-        notes += (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {listed}",)
+        notes += (f"array {chosen.name} of {len(every)} is drawn; --array picks another: {list_names(others)}",)
     for mark in marks[in_cells]:
         hidden = (mark.read()[..., 0] & (HIDDEN_CELL if in_cells else HIDDEN_POINT)) != 0
         if hidden.any():
@@ -151,26 +152,14 @@ def _component(chosen: PointArray, options: LoadOptions) -> np.ndarray:
 _COLOR = "color_scalars"
 # big-endian numpy codes; long has eight bytes, as 64-bit Unix writes it, and ids have four, as VTK writes them
 _TYPES = {
-    _COLOR: "u1",
-    "unsigned_char": "u1",
-    "char": "i1",
-    "signed_char": "i1",
-    "unsigned_short": ">u2",
-    "short": ">i2",
-    "unsigned_int": ">u4",
-    "int": ">i4",
-    "unsigned_long": ">u8",
-    "long": ">i8",
-    "vtktypeint64": ">i8",
-    "vtktypeuint64": ">u8",
-    "vtkidtype": ">i4",
-    "float": ">f4",
-    "double": ">f8",
+    **{_COLOR: "u1", "unsigned_char": "u1", "unsigned_short": ">u2", "unsigned_int": ">u4", "unsigned_long": ">u8"},
+    **{"char": "i1", "signed_char": "i1", "short": ">i2", "int": ">i4", "long": ">i8"},
+    **{"vtktypeint64": ">i8", "vtktypeuint64": ">u8", "vtkidtype": ">i4", "float": ">f4", "double": ">f8"},
 }
 
 # longest header line in bytes; a longer one means another kind of file
 _LINE_LIMIT = 4096
-_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9}
+_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 
 Words = list[str]
 
@@ -249,7 +238,7 @@ class _Parser:
         read = self.values(count * components, type_name)
         if count != self.count or not (self.of_points or count):
             return
-        shape = self.shape() if self.of_points else tuple(map(cells_along, self.shape()))
+        shape = self.shape() if self.of_points else count_cells(self.shape())
         if count == math.prod(shape):
             kind = _TYPES.get(type_name.lower())
             dtype = None if kind is None else np.dtype(kind)
@@ -274,10 +263,7 @@ def read(path: Path, options: LoadOptions) -> Volume:
     steps = grid.get("SPACING", grid.get("ASPECT_RATIO", ["1", "1", "1"]))
     spacing = triple(convert_words(steps, float, "SPACING"), "SPACING")
     origin = triple(convert_words(grid.get("ORIGIN", ["0", "0", "0"]), float, "ORIGIN"), "ORIGIN")
-    if choice.of_cells:
-        halves = [step / 2 * (count > 1) for step, count in zip(spacing, parser.shape()[::-1], strict=True)]
-        origin = triple([start + half for start, half in zip(origin, halves, strict=True)], "ORIGIN")
-    return choice.volume(spacing, origin, np.eye(3))
+    return choice.volume(np.diag(spacing), np.array(origin), parser.shape(), "SPACING")
 
 
 def _is_binary(file: BinaryIO) -> bool:
@@ -330,8 +316,6 @@ def _attribute(parser: _Parser, keyword: str, rest: Words) -> None:
         parser.add(rest[0], components, rest[1], False, parser.count)
     elif keyword in _COMPONENTS and len(rest) >= 2:
         parser.add(rest[0], _COMPONENTS[keyword], rest[1], keyword == "VECTORS", parser.count)
-    elif keyword in ("GLOBAL_IDS", "PEDIGREE_IDS") and len(rest) >= 2:
-        parser.add(rest[0], 1, rest[1], False, parser.count)
     elif keyword == "TEXTURE_COORDINATES" and len(rest) >= 3:
         parser.add(rest[0], _whole_numbers(rest[1:2], keyword)[0], rest[2], False, parser.count)
     elif keyword == "COLOR_SCALARS" and len(rest) >= 2:
@@ -366,6 +350,7 @@ def _whole_numbers(words: Words, what: str) -> list[int]:
     return numbers
 
 
-def cells_along(points: int) -> int:
-    """The number of cells along an axis; a flat grid has one layer."""
-    return max(points - 1, 1)
+def count_cells(points: Shape) -> Shape:
+    """The numbers of cells between points; a flat grid has one layer."""
+    d, h, w = (max(count - 1, 1) for count in points)
+    return d, h, w

@@ -23,8 +23,7 @@ from xml.etree.ElementTree import XML, Element, TreeBuilder, XMLParser
 
 import numpy as np
 
-from splatgl.data.affine import spacing_and_direction
-from splatgl.data.volume import Volume, triple
+from splatgl.data.volume import Volume
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.common import (
@@ -39,7 +38,7 @@ from splatgl.readers.common import (
     require_plausible,
 )
 from splatgl.readers.options import LoadOptions
-from splatgl.readers.vtk_legacy import PointArray, Selection, cells_along, select_arrays
+from splatgl.readers.vtk_legacy import PointArray, Selection, count_cells, select_arrays
 
 # world-from-index [3, 3], and the position of index (0, 0, 0)
 Grid = tuple[np.ndarray, np.ndarray]
@@ -89,14 +88,8 @@ def read_pieces(file: VtkXml) -> tuple[list[Piece], list[list[PointArray]]]:
 def _read_piece(file: VtkXml, node: Element, extent: list[int]) -> Piece:
     low = (extent[0], extent[2], extent[4])
     shape = grid_shape([extent[axis + 1] - extent[axis] + 1 for axis in (0, 2, 4)], "Extent")
-    cells: Shape = tuple(cells_along(count) for count in shape)  # type: ignore[assignment]
-    of_points, of_cells = node.find("PointData"), node.find("CellData")
-    return Piece(
-        low,
-        shape,
-        [] if of_points is None else read_arrays(file, of_points, shape),
-        [] if of_cells is None else read_arrays(file, of_cells, cells),
-    )
+    owners = ((node.find("PointData"), shape), (node.find("CellData"), count_cells(shape)))
+    return Piece(low, shape, *([] if owner is None else read_arrays(file, owner, counts) for owner, counts in owners))
 
 
 def _read_coordinates(file: VtkXml, node: Element, piece: Piece) -> list[PointArray]:
@@ -143,12 +136,9 @@ def _select(pieces: list[Piece], options: LoadOptions) -> tuple[Selection, Index
 
 def _volume(pieces: list[Piece], grid: Grid, options: LoadOptions) -> Volume:
     matrix, origin = grid
-    spacing, direction = spacing_and_direction(matrix, "Direction and Spacing")
     choice, low = _select(pieces, options)
-    # the place of the first sample
-    counts = np.array([max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]) - low
-    first = np.array(low, np.float64) + (np.where(counts > 1, 0.5, 0.0) if choice.of_cells else 0.0)
-    return choice.volume(spacing, triple(matrix @ first + origin, "Origin"), direction)
+    counts = np.max([np.add(piece.low, piece.shape[::-1]) for piece in pieces], axis=0) - low
+    return choice.volume(matrix, origin + matrix @ low, counts[::-1], "Direction and Spacing")
 
 
 Shape4 = tuple[int, int, int, int]
@@ -293,22 +283,13 @@ def join_pieces(pieces: Sequence[Piece], cells: bool) -> tuple[list[PointArray],
     descriptions = [[(array.name, array.components, array.dtype) for array in group] for group in groups]
     if any(array != descriptions[0] for array in descriptions):
         raise expected("pieces", "the same arrays in all pieces", "different arrays", "save the grid again")
-    last = [max(piece.low[axis] + piece.shape[2 - axis] for piece in pieces) for axis in range(3)]
-    shape = tuple(end - begin for end, begin in zip(last[::-1], first[::-1], strict=True))
-    counts: Shape = tuple(cells_along(size) for size in shape) if cells else shape  # type: ignore[assignment]
+    last = np.max([np.add(piece.low, piece.shape[::-1]) for piece in pieces], axis=0)
+    d, h, w = (last - first)[::-1].tolist()
+    shape = (d, h, w)
+    counts = count_cells(shape) if cells else shape
     lows = [tuple(at - begin for at, begin in zip(piece.low, first, strict=True))[::-1] for piece in pieces]
-    return [
-        PointArray(
-            template.name,
-            template.components,
-            template.is_vectors,
-            partial(_join_arrays, parts, lows, counts),
-            template.dtype,
-            template.active,
-        )
-        for template, *_ in zip(*groups, strict=True)
-        for parts in [[group[groups[0].index(template)] for group in groups]]
-    ], first
+    joined = [replace(parts[0], read=partial(_join_arrays, parts, lows, counts)) for parts in zip(*groups, strict=True)]
+    return joined, first
 
 
 def _join_arrays(parts: Sequence[PointArray], lows: Sequence[tuple[int, ...]], shape: Shape) -> np.ndarray:
@@ -317,14 +298,14 @@ def _join_arrays(parts: Sequence[PointArray], lows: Sequence[tuple[int, ...]], s
     arrays = [part.read() for part in parts]
     if np.prod(shape, dtype=np.float64) > sum(array.size / array.shape[3] for array in arrays):
         raise expected("pieces", "a whole grid", "gaps between them")
-    whole = np.empty((*shape, parts[0].components), parts[0].dtype)
+    joined = np.empty((*shape, parts[0].components), parts[0].dtype)
     filled = np.zeros(shape, bool)
     for array, low in zip(arrays, lows, strict=True):
         box = tuple(slice(at, at + size) for at, size in zip(low, array.shape[:3], strict=True))
-        whole[box], filled[box] = array, True
+        joined[box], filled[box] = array, True
     if not filled.all():
         raise expected("pieces", "a whole grid", "gaps between them")
-    return whole
+    return joined
 
 
 _TYPES = {

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from splatgl.data.affine import spacing_and_direction
-from splatgl.data.volume import Volume, triple
+from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.fileio import byte_count, require_memory
 from splatgl.readers.channels import ChannelSet
@@ -22,11 +21,11 @@ from splatgl.readers.common import Shape, grid_shape
 from splatgl.readers.hdf5_files import attribute_numbers, attribute_text, find_node, has_real_numbers
 from splatgl.readers.hdf5_parts import read_samples
 from splatgl.readers.options import PARAVIEW, LoadOptions
-from splatgl.readers.vtk_legacy import PointArray, cells_along, select_arrays
+from splatgl.readers.vtk_legacy import PointArray, count_cells, select_arrays
 
-# the group that holds everything
 # surfaces in the format
 SURFACE = "it is a surface: save it as .vtp or .stl for --mesh"
+# the group that holds everything
 ROOT = "VTKHDF"
 # most time steps, and arrays of a grid
 _MOST_STEPS, _MOST_ARRAYS = 2**20, 10_000
@@ -59,13 +58,10 @@ def read_image(path: Path, file: Any, options: LoadOptions) -> Volume:
 
     def read_step(_: int | None) -> Volume:
         time = (options.time or 0) if timed else None
-        cells: Shape = tuple(cells_along(count) for count in shape)  # type: ignore[assignment]
-        points_found = _find_arrays(path, root, "PointData", shape, time, options)
-        choice = select_arrays(points_found, _find_arrays(path, root, "CellData", cells, time, options), options)
-        halves = np.where(np.array(shape[::-1]) > 1, 0.5, 0.0) if choice.of_cells else np.zeros(3)
-        places = matrix @ (low + halves) + origin
-        steps_and_turns = spacing_and_direction(matrix, "Direction and Spacing")
-        return choice.volume(steps_and_turns[0], triple(places, "Origin"), steps_and_turns[1])
+        points = _find_arrays(path, root, "PointData", shape, time, options)
+        cells = _find_arrays(path, root, "CellData", count_cells(shape), time, options)
+        choice = select_arrays(points, cells, options)
+        return choice.volume(matrix, origin + matrix @ low, shape, "Direction and Spacing")
 
     return ChannelSet(times=times, components=2**20).volume(options, read_step)
 

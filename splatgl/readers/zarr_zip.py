@@ -12,13 +12,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from splatgl.errors import expected
+from splatgl.errors import expected, list_names
+from splatgl.readers.chunked import file_tag
 from splatgl.readers.common import MAX_BYTES, decoder_errors
 from splatgl.readers.contents import ZARR
 from splatgl.readers.remote import MOST_METADATA
-
-# most stores that a message names
-_MOST_NAMED = 4
 
 
 class ZipPath:
@@ -62,8 +60,7 @@ class ZipPath:
 
     def tag(self) -> str:
         """Text that changes with the contents."""
-        status = self.file.stat()
-        return f"{self.file.resolve()} {status.st_size} {status.st_mtime_ns} {self.path}"
+        return f"{file_tag(self.file.resolve())} {self.path}"
 
 
 def open_zip(path: Path) -> tuple[Any, ZipPath, str]:
@@ -73,24 +70,20 @@ def open_zip(path: Path) -> tuple[Any, ZipPath, str]:
     with decoder_errors("a zip"):
         archive = zipfile.ZipFile(path)
         store = zarr.storage.ZipStore(path, mode="r", read_only=True)
-    members = archive.infolist()
+    members, folders = archive.infolist(), set[str]()
     if sum(member.compress_size for member in members) > path.stat().st_size:
         raise expected("zip", "separate members", "members that overlap", "the file is damaged")
     for member in members:
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or member.flag_bits & 1:
             raise expected(member.filename, "stored or deflated data", "another compression", "zip the folder again")
-        is_metadata = member.filename.rsplit("/", 1)[-1] in ZARR
+        folder, _, name = member.filename.rpartition("/")
+        folders |= {folder} if name in ZARR[:3] else set()
+        is_metadata = name in ZARR
         most = MOST_METADATA if is_metadata else MAX_BYTES if member.compress_type else path.stat().st_size
         if member.file_size > most:
             raise expected(member.filename, f"at most {most} bytes", member.file_size, "the file is damaged")
-    folders = {"/".join(member.filename.split("/")[:-1]) for member in members if _is_marker(member.filename)}
     least = min((folder.count("/") + bool(folder) for folder in folders), default=0)
     roots = sorted(folder for folder in folders if folder.count("/") + bool(folder) == least)
     if len(roots) != 1:
-        got = ", ".join(roots[:_MOST_NAMED]) or "other files"
-        raise expected("zip", "one Zarr store", got, "unpack it and name the store")
+        raise expected("zip", "one Zarr store", list_names(roots) or "other files", "unpack it and name the store")
     return store, ZipPath(archive, path), roots[0]
-
-
-def _is_marker(name: str) -> bool:
-    return name.rsplit("/", 1)[-1] in ZARR[:3]

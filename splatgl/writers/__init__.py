@@ -9,12 +9,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from splatgl.data.affine import METRES
+from splatgl.data.arrays import Changed
 from splatgl.data.color import luma
 from splatgl.data.volume import Label, Volume, triple
 from splatgl.errors import expected, import_extra
@@ -280,22 +282,12 @@ def _color_channels(volume: Volume) -> tuple[Volume, ...]:
     return tuple(
         replace(
             plain,
-            samples=_Component(volume.color, n),
+            samples=Changed(volume.color, volume.shape, np.dtype(np.uint8), itemgetter((..., n))),
             name=name,
             hints=replace(volume.hints, color=color, window=(0.0, 255.0)),
         )
         for n, (name, color) in enumerate(rows)
     )
-
-
-class _Component:
-    """One component of an array [D, H, W, 3], as an array [D, H, W] that is read in parts."""
-
-    def __init__(self, array: Any, number: int) -> None:
-        self.array, self.number, self.shape, self.dtype = array, number, tuple(array.shape[:3]), np.dtype(array.dtype)
-
-    def __getitem__(self, key: Any) -> np.ndarray:
-        return np.asarray(np.asarray(self.array[key])[..., self.number])
 
 
 def _stated_unit(unit: str, units: Sequence[str]) -> tuple[str, float]:

@@ -12,7 +12,6 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -157,11 +156,11 @@ def quick_looks(reader: str, names: Sequence[str]) -> None:
     for end in (ours, answer):
         os.close(end)
 
-    def run(command: Sequence[str], **_options: Any) -> SimpleNamespace:
-        os.write(theirs, os.fsencode(command[-1]) + b"\0")
-        return SimpleNamespace(returncode=int(os.read(answers, 16)), stdout=b"looking")
+    def run(program: Sequence[str], _seconds: float) -> bool:
+        os.write(theirs, os.fsencode(program[-1]) + b"\0")
+        return int(os.read(answers, 16)) == 0
 
-    module.subprocess = SimpleNamespace(run=run, DEVNULL=None, PIPE=None)
+    module.run_elsewhere = run
 
 
 def _serve(ours: int, answer: int, script: str) -> None:

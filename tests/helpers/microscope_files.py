@@ -44,7 +44,7 @@ def czi(path: Path, scenes: Sequence[np.ndarray] = (STACK,), compression: int = 
                     struct.pack("<4siifi", name.encode(), start, length, float(start), stored)
                     for name, start, length, stored in places
                 )
-                kind = {"u1": 0, "u2": 1, "f4": 2}[tile.dtype.str[1:]] if tile.ndim == 2 else 3
+                kind = {"u1": 0, "u2": 1, "f4": 2}[tile.dtype.str[1:]] if tile.ndim == 2 else (3, 9)[tile.shape[2] - 3]
                 entry = struct.pack("<2siqiiB5si", b"DV", kind, at, 0, compression, factor - 1, b"", len(places))
                 entries.append(entry + dimensions)
                 data = _czi_pixels(tile, compression)
@@ -67,7 +67,7 @@ def _segment(name: bytes, data: bytes) -> bytes:
 
 def _czi_pixels(tile: np.ndarray, compression: int) -> bytes:
     if compression == 0:
-        return (tile[..., ::-1] if tile.ndim == 3 else tile).tobytes()
+        return (tile[..., [2, 1, 0, 3][: tile.shape[2]]] if tile.ndim == 3 else tile).tobytes()
     import imagecodecs
 
     if compression == 4:

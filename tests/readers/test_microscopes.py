@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from splatgl.cli.main import main
+from splatgl.data.color import luma
 from splatgl.data.volume import Volume
 from splatgl.errors import Choice, InputError
 from splatgl.readers import list_volumes, load, microscopes
@@ -74,6 +75,12 @@ def test_colors_and_gaps_of_czi(tmp_path: Path) -> None:
     volume = load(files.czi(tmp_path / "a.czi", (rgb,)))
     np.testing.assert_array_equal(volume.color, rgb[0, 0])
     np.testing.assert_array_equal(load(tmp_path / "a.czi", channel=2).samples, rgb[0, 0, ..., 2])
+    # transparent voxels are
+    rgba = np.concatenate([rgb, rgb[..., :1]], axis=-1)
+    volume = load(files.czi(tmp_path / "c.czi", (rgba,)))
+    np.testing.assert_array_equal(volume.color, rgb[0, 0])
+    np.testing.assert_array_equal(volume.samples, luma(rgba[0, 0]))
+    assert (volume.samples < luma(rgb[0, 0])).any()
     # a plane that the directory does not list
     data = files.czi(tmp_path / "b.czi").read_bytes()
     at = data.index(b"ZISRAWDIRECTORY") + 32

@@ -13,9 +13,9 @@ from splatgl.cli.main import main
 from splatgl.data.color import linear_from_srgb
 from splatgl.data.points import Points, median_spacing, size_classes
 from splatgl.data.volume import empty_volume
-from splatgl.readers.points import SOLID, unpack_lzf
+from splatgl.readers.points import SOLID
 from splatgl.splat.ray_overlap import ray_overlap
-from tests.helpers.points import BYTES, COLORED, PLACES, pack_lzf, write_las, write_pcd, write_ply
+from tests.helpers.points import BYTES, COLORED, PLACES, write_las, write_pcd, write_ply
 
 Said = pytest.CaptureFixture[str]
 
@@ -219,10 +219,12 @@ def test_damaged_files_are_told_in_a_line(tmp_path: Path, rng: np.random.Generat
     with pytest.raises(sg.InputError, match="packed points: expected items of"):
         sg.load(tmp_path / "b.laz")
     assert median_spacing(np.array([[0, 0, 0], [0, 0, 5e-320]])) == 1.0
-    plain = rng.integers(0, 9, 16).astype(np.uint8).tobytes() * 50 + bytes(300)
-    assert unpack_lzf(pack_lzf(plain), len(plain)) == plain
-    with pytest.raises(sg.InputError, match="compressed data"):
-        unpack_lzf(bytes([224, 0, 7]), 9)
+    write_pcd(tmp_path / "a.pcd", "binary_compressed")
+    head, mark, data = (tmp_path / "a.pcd").read_bytes().partition(b"binary_compressed\n")
+    # a copy of bytes before the first, behind both sizes
+    (tmp_path / "b.pcd").write_bytes(head + mark + data[:8] + bytes([224, 0, 255]) + data[11:])
+    with pytest.raises(sg.InputError, match="cannot be read as points"):
+        sg.load(tmp_path / "b.pcd")
 
 
 def test_withheld_points_are_left_out(tmp_path: Path) -> None:

@@ -447,7 +447,7 @@ def test_ome_in_several_files(tmp_path: Path) -> None:
 def test_ome_names_files_of_its_folder_only(tmp_path: Path) -> None:
     stack = planes_in_files(tmp_path, "../t{}_c{}.ome.tif")
     volume = load(tmp_path / "t0_c1.ome.tif")
-    assert np.array_equal(volume.samples, stack[0, 1]) and "only the pages of this one" in volume.notes[0]
+    assert np.array_equal(volume.samples, stack[0, 1]) and "only this one's pages" in volume.notes[0]
 
 
 @pytest.mark.parametrize("way", ["contig", "separate"])

@@ -195,11 +195,13 @@ def test_bad_cells(tmp_path: Path) -> None:
     for changed, said in (
         (
             re.sub(r'(Name="connectivity"[^>]*>\s*)0 ', r"\g<1>9999 ", text),
-            "connectivity: expected numbers from 0 to 59",
+            "Cells: expected numbers of 60 points",
         ),
         (text[:types] + text[types:].replace("11 11", "42 11", 1), r"types: expected tetrahedra.*numbers \[42\]"),
         (text[:types] + text[types:].replace("11 11", "10 11", 1), "other numbers of points"),
         (text[:types] + text[types:].replace("11", "9"), "got flat ones; it is a surface"),
+        (text.replace('NumberOfCells="', 'NumberOfCells="-'), "NumberOfCells: expected a whole number from 0, got -24"),
+        (text.replace('Points="60"', 'Points="59.5"'), "NumberOfPoints: .* from 0, got 59.5"),
     ):
         (tmp_path / "a.vtu").write_text(changed)
         with pytest.raises(InputError, match=said):

@@ -58,13 +58,13 @@ def _layer(path: str, first: Volume, number: int, channel: Volume) -> LayerData:
         data = [_times(data[0], first.times, partial(_time, path, number))]
     metadata: dict[str, Any] = {"frame": channel.frame, "notes": first.notes}
     keywords = {"name": channel.name or first.name, "metadata": metadata, **_geometry(channel, first, several)}
-    whole = data if len(data) > 1 else data[0]
+    shown = data if len(data) > 1 else data[0]
     if channel.labels is not None and channel.samples.dtype.kind in "ui":
-        return whole, {**keywords, **_label_keywords(channel)}, "labels"
+        return shown, {**keywords, **_label_keywords(channel)}, "labels"
     if channel.color is not None:
-        return whole, {**keywords, "rgb": True}, "image"
+        return shown, {**keywords, "rgb": True}, "image"
     limits = _range(channel.samples) if several else {}
-    return whole, {**keywords, **limits, **_display(channel, len(first.channels) > 1)}, "image"
+    return shown, {**keywords, **limits, **_display(channel, len(first.channels) > 1)}, "image"
 
 
 def _lazy(samples: Any) -> Any:

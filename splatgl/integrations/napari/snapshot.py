@@ -172,7 +172,7 @@ def take(viewer: Any) -> Snapshot:
     # axes before the last three are at their sliders, if they are not displayed
     lead = count - 3 if count > 3 and min(order[-int(dims.ndisplay) :]) >= count - 3 else 0
     layers = [_layer(layer, viewer, lead, camera) for layer in viewer.layers]
-    kept = SimpleNamespace(
+    shown = SimpleNamespace(
         ndisplay=int(dims.ndisplay),
         ndim=count - lead,
         order=tuple(axis - lead for axis in order if axis >= lead),
@@ -180,7 +180,7 @@ def take(viewer: Any) -> Snapshot:
         margins=(*getattr(dims, "margin_left", ()), *getattr(dims, "margin_right", ())),
     )
     extras, is_grid = _canvas_extras(viewer)
-    return Snapshot(layers, camera, kept, canvas, _ground(viewer), extras, is_grid)
+    return Snapshot(layers, camera, shown, canvas, _ground(viewer), extras, is_grid)
 
 
 def view_of(viewer: Any) -> tuple[SimpleNamespace, SimpleNamespace]:
@@ -194,9 +194,8 @@ def view_of(viewer: Any) -> tuple[SimpleNamespace, SimpleNamespace]:
     plain = {name: tuple(float(number) for number in getattr(camera, name)) for name in names}
     numbers = {name: float(getattr(camera, name)) for name in ("zoom", "perspective")}
     orientation = tuple(str(getattr(direction, "value", direction)) for direction in directions)
-    return SimpleNamespace(size=(float(high), float(wide))), SimpleNamespace(
-        **plain, **numbers, orientation=orientation
-    )
+    size = SimpleNamespace(size=(float(high), float(wide)))
+    return size, SimpleNamespace(**plain, **numbers, orientation=orientation)
 
 
 def _canvas_extras(viewer: Any) -> tuple[tuple[str, ...], bool]:

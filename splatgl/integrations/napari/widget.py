@@ -107,13 +107,10 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
 
     def _add_buttons(self) -> None:
         """Adds the buttons, the image and its summary."""
-        self.render_button, self.cancel_button = QPushButton("Render"), QPushButton("Cancel")
-        self.save_button, self.copy_button, self.layer_button = (
-            QPushButton(name) for name in ("Save…", "Copy", "As layer")
-        )
-        actions = (self.draw, self.cancel, self.save, self.copy, self.add_layer)
+        buttons = [QPushButton(name) for name in ("Render", "Cancel", "Save…", "Copy", "As layer")]
+        self.render_button, self.cancel_button, self.save_button, self.copy_button, self.layer_button = buttons
         row = QHBoxLayout()
-        for button, action in zip(self._buttons(), actions, strict=True):
+        for button, action in zip(buttons, (self.draw, self.cancel, self.save, self.copy, self.add_layer), strict=True):
             button.clicked.connect(action)
             row.addWidget(button)
         self.bar = QProgressBar()
@@ -131,9 +128,6 @@ class Panel(QWidget):  # type: ignore[misc, unused-ignore]
         column.addWidget(self.shown, stretch=1)
         column.addWidget(self.summary)
         self._enable()
-
-    def _buttons(self) -> tuple[Any, ...]:
-        return self.render_button, self.cancel_button, self.save_button, self.copy_button, self.layer_button
 
     def _enable(self) -> None:
         """Enables the buttons that have something to do."""

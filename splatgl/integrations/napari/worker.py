@@ -214,7 +214,12 @@ class Worker:
                 assert self.process is not None and self.process.stdin is not None
                 self.drawn = number
                 write(self.process.stdin, (number, self._signed(snapshot)))
-        if snapshot is None and before and not self._waited():
+        if snapshot is not None or not before:
+            return
+        end = time.monotonic() + PATIENCE
+        while self.drawn and time.monotonic() < end:
+            time.sleep(0.02)
+        if self.drawn:
             process.kill()
             process.wait()
             self.start()
@@ -228,13 +233,6 @@ class Worker:
         for layer in layers:
             layer.data = None if layer.samples_key in known else layer.data
         return replace(snapshot, layers=layers)
-
-    def _waited(self) -> bool:
-        """Whether the picture that is being drawn ends within PATIENCE."""
-        end = time.monotonic() + PATIENCE
-        while self.drawn and time.monotonic() < end:
-            time.sleep(0.02)
-        return not self.drawn
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None

@@ -59,8 +59,8 @@ def _resample(grid: Any, array: Any, in_cells: bool) -> list[Volume]:
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     places = [vtk_to_numpy(axis) for axis in (grid.GetZCoordinates(), grid.GetYCoordinates(), grid.GetXCoordinates())]
-    places = [(each[1:] + each[:-1]) / 2 if in_cells and len(each) > 1 else each for each in places]
-    lattice = make_lattice([Coordinate(name, len(each), each) for name, each in zip("zyx", places, strict=True)])
+    places = [(axis[1:] + axis[:-1]) / 2 if in_cells and len(axis) > 1 else axis for axis in places]
+    lattice = make_lattice([Coordinate(name, len(axis), axis) for name, axis in zip("zyx", places, strict=True)])
     values = vtk_to_numpy(array).reshape(*map(len, places), -1)
     parts = (check_samples(values[..., number], "array") for number in range(values.shape[3]))
     return [lattice.volume(part, "rectilinear grid", name=array.GetName() or "") for part in parts]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -54,11 +53,12 @@ def _draw(canvas: Canvas, prop: Any, renderer: Any) -> None:
     if kind == "vtkScalarBarActor":
         _draw_bar(canvas, prop)
     elif kind == "vtkCornerAnnotation":
-        for text, place in _corner_texts(prop):
-            _write_corner(canvas, prop, text, place)
+        for number, place in enumerate(CORNERS):
+            if prop.GetText(number):
+                _write_corner(canvas, prop, str(prop.GetText(number)), place)
     elif kind == "vtkTextActor" and prop.GetInput():
         looks, at = prop.GetTextProperty(), prop.GetPositionCoordinate()
-        x, y = _place(at, prop, renderer, canvas.size)
+        x, y = _place(at, renderer, canvas.size)
         pen = _pen(canvas, looks.GetFontSize(), looks)
         lines = str(prop.GetInput()).split("\n")
         wide = max(pen.text_size(line)[0] for line in lines)
@@ -69,7 +69,7 @@ def _draw(canvas: Canvas, prop: Any, renderer: Any) -> None:
             pen.text(line, round(left), round(top) + number * tall)
 
 
-def _place(at: Any, prop: Any, renderer: Any, size: tuple[int, int]) -> tuple[float, float]:
+def _place(at: Any, renderer: Any, size: tuple[int, int]) -> tuple[float, float]:
     """Place of a text in pixels from the left and the bottom of a picture of `size`."""
     x, y = at.GetValue()[:2]
     if at.GetCoordinateSystem() == SHARES:
@@ -79,12 +79,6 @@ def _place(at: Any, prop: Any, renderer: Any, size: tuple[int, int]) -> tuple[fl
         x, y = at.GetComputedDisplayValue(renderer)
     # places are in the pixels of the plotter
     return (x * size[0] / wide, y * size[1] / tall) if wide and tall else (x, y)
-
-
-def _corner_texts(prop: Any) -> Iterator[tuple[str, tuple[float, float]]]:
-    for number, place in enumerate(CORNERS):
-        if prop.GetText(number):
-            yield str(prop.GetText(number)), place
 
 
 def _write_corner(canvas: Canvas, prop: Any, text: str, place: tuple[float, float]) -> None:
@@ -115,7 +109,9 @@ def _draw_bar(canvas: Canvas, bar: Any) -> None:
     pen = _pen(canvas, bar.GetLabelTextProperty().GetFontSize(), bar.GetLabelTextProperty())
     title, line = str(bar.GetTitle() or ""), pen.text_size("0")[1]
     shares = np.linspace(0.0, 1.0, max(bar.GetNumberOfLabels(), 2))
-    texts = [_format(bar.GetLabelFormat(), value) for value in _values(bar.GetLookupTable(), shares).tolist()]
+    # a format of C, or from VTK 9.6 on of std::format
+    write = bar.GetLabelFormat().format if "{" in bar.GetLabelFormat() else bar.GetLabelFormat().__mod__
+    texts = [write(value).strip() for value in _values(bar.GetLookupTable(), shares).tolist()]
     if bar.GetOrientation() == UPRIGHT:
         long, thick = tall - line * bool(title), max(2, round(BAR * wide))
         colors = _colors(bar.GetLookupTable(), long)[::-1, None]
@@ -150,8 +146,3 @@ def _colors(table: Any, count: int) -> np.ndarray:
         table.GetColor(value, rgb)
         colors[number] = rgb
     return linear_from_srgb(colors)
-
-
-def _format(form: str, value: float) -> str:
-    """A number in a format of VTK: of C, or from 9.6 on of std::format."""
-    return (form.format(value) if "{" in form else form % value).strip()

@@ -162,20 +162,17 @@ def _color_samples(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
 def _opacity_samples(transfer: Transfer) -> tuple[np.ndarray, np.ndarray]:
     """Distinct values and opacities, linear in between."""
     if transfer.labels:
-        rows = [(n + side, share) for n, _, full in transfer.labels for side, share in _plateau(full)]
-        return np.array([place for place, _ in rows]), np.array([share for _, share in rows])
+        numbers, _, shares = zip(*transfer.labels, strict=True)
+        places = np.add.outer(numbers, (-HALF, -WITHIN, WITHIN, HALF))
+        return places.ravel(), np.multiply.outer(shares, (0.0, 1.0, 1.0, 0.0)).ravel()
     values = transfer.bends
     ends = np.array([value for value, _ in transfer.points])
     steps = np.unique(ends[:-1][np.diff(ends) == 0])
     width = max(float(np.ptp(values)), float(np.abs(values).max()), STEP) * STEP
     before = [next(share for value, share in transfer.points if value == step) for step in steps]
-    places, shares = np.append(values, steps - width), np.append(transfer.opacity(values), before)
-    places, first = np.unique(places, return_index=True)
-    return places, shares[first]
-
-
-def _plateau(opacity: float) -> tuple[tuple[float, float], ...]:
-    return (-HALF, 0.0), (-WITHIN, opacity), (WITHIN, opacity), (HALF, 0.0)
+    opacities = np.append(transfer.opacity(values), before)
+    places, first = np.unique(np.append(values, steps - width), return_index=True)
+    return places, opacities[first]
 
 
 def matrix_of(prop: Any) -> np.ndarray:

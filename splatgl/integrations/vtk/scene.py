@@ -33,12 +33,9 @@ UNBOUNDED = (float(np.finfo(np.float32).min), float(np.finfo(np.float32).max))
 DRAWN_OVER = ("vtkScalarBarActor", "vtkTextActor", "vtkCornerAnnotation")
 # classes of props without a counterpart here
 KINDS = {
-    "vtkTextActor3D": "a text",
-    "vtkBillboardTextActor3D": "a text",
+    **dict.fromkeys(("vtkTextActor3D", "vtkBillboardTextActor3D"), "a text"),
+    **dict.fromkeys(("vtkCubeAxesActor", "vtkAxesActor", "vtkAxisActor2D"), "axes"),
     "vtkLegendBoxActor": "a legend",
-    "vtkCubeAxesActor": "axes",
-    "vtkAxesActor": "axes",
-    "vtkAxisActor2D": "axes",
     "vtkImageSlice": "an image",
     "vtkActor2D": "labels",
 }
@@ -52,11 +49,11 @@ def renderer_of(x: Any) -> Any:
     """
     renderer = getattr(x, "renderer", x)
     if hasattr(renderer, "GetRenderers"):
-        found = items(renderer.GetRenderers())
+        renderers = items(renderer.GetRenderers())
         style = renderer.GetInteractor() and renderer.GetInteractor().GetInteractorStyle()
         clicked = style.GetCurrentRenderer() if hasattr(style, "GetCurrentRenderer") else None
-        shown = [each for each in found if each.GetViewProps().GetNumberOfItems()]
-        renderer = clicked if clicked in found else (shown or found or [x])[0]
+        shown = [other for other in renderers if other.GetViewProps().GetNumberOfItems()]
+        renderer = clicked if clicked in renderers else (shown or renderers or [x])[0]
     if not hasattr(renderer, "GetVolumes"):
         raise expected("scene", "a plotter of PyVista, or a window or renderer of VTK", f"a {type(x).__name__}")
     return renderer
