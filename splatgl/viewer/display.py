@@ -35,8 +35,6 @@ from splatgl.viewer.window import Window
 
 # screen units of the first window
 SIZE = (1024, 768)
-# maximum number of panel frames queued by events
-MOST_FRAMES = 20
 OTHER = "the picture before"
 # purpose of the extra library, for the message where it is missing
 PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
@@ -258,8 +256,7 @@ class Display:
         before = self.panel.touched
         consumed = bool(self.panel.event(kind, *values))
         if kind != "cursor" or self.window.held or before or self.panel.touched:
-            # the panel handles one event per frame and shows its effect in the next
-            self.dirty = min(max(self.dirty, 1) + 1, MOST_FRAMES)
+            self.refresh()
         return consumed
 
     def say(self, message: str, topic: str = "") -> None:

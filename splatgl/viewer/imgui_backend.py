@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ FONT = 14.0
 DOUBLE = 0.5
 RELEASE, PRESS = 0, 1
 ESCAPE = 256
+# maximum number of frames that are due
+MOST_FRAMES = 20
 # events of the mouse that may not share a frame
 MOUSE = {"cursor", "button"}
 # GLFW codes of the keys that go through the panel's widgets and edit them
@@ -72,8 +74,8 @@ class Gui:
         # no ini file
         self.io.set_ini_filename("")
         self.last = time.perf_counter()
-        # whether this is the first frame, which ImGui only measures
-        self.fresh = True
+        # frames that are due: ImGui only measures the first
+        self.owed = 2
         # whether keys go through the panel's widgets
         self.focused = False
         # whose colours are set
@@ -111,6 +113,9 @@ class Gui:
         """Handles a GLFW event; True if the panel consumes it: over the panel, keys for a text field, and those that go
         through widgets, if it has them.
         """
+        if kind != "cursor" or not self.waiting or self.waiting[-1][0] != kind:
+            # it handles an event in a frame, and shows its effect in the next
+            self.owed = min(max(self.owed, 1) + 1, MOST_FRAMES)
         self.waiting.append((kind, values))
         if kind == "cursor":
             self.cursor = values[0], values[1]
@@ -171,7 +176,6 @@ class Gui:
         self.io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(width, 1), pixels[1] / max(height, 1))
         self.io.delta_time = max(now - self.last, 1e-4)
         self.last = now
-        self._pass_events()
         self._navigate(state.panel)
         was_open = self.panel.takes_moves
         if was_open:
@@ -183,16 +187,25 @@ class Gui:
         with current(self.window.screen.ctx):
             docked = docked_width(pixels, self.window.scale) > 0
             room = width if docked else round(width * state.pose.camera.size[0] / max(pixels[0], 1)), height
-            for _ in range(1 + self.fresh):
-                imgui.backends.opengl3_new_frame()
-                imgui.new_frame()
-                state = self.panel.draw(state, document, frame, room, docked)
-                imgui.render()
-            self.fresh = False
+            state = self._handle_events(state, lambda now: self.panel.draw(now, document, frame, room, docked))
             imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
         if self.panel.takes_moves and not was_open:
             self.window.listener.refresh()
         return state
+
+    def _handle_events(self, state: State, draw: Callable[[State], State]) -> State:
+        """Lets ImGui handle events, each in a frame, until the state changes; returns the state."""
+        before = state
+        while True:
+            self.owed = max(self.owed - 1, 0)
+            self._pass_events()
+            imgui.backends.opengl3_new_frame()
+            imgui.new_frame()
+            state = draw(state)
+            imgui.render()
+            self.io.delta_time = 1e-4
+            if not self.owed or state is not before or self.panel.widgets.effects:
+                return state
 
     def _navigate(self, is_shown: bool) -> None:
         """Lets keys go through widgets, in the panel if it has the keys, and in boxes."""

@@ -15,7 +15,7 @@ from splatgl.viewer.hud import progress_text
 from splatgl.viewer.reference_view import ReferenceInputs
 
 # maximum panel frames between two portions of a picture
-MOST_SHOWN = 4
+MOST_SHOWN = 2
 
 
 class LiveView(Display):
@@ -105,7 +105,7 @@ class LiveView(Display):
     def _is_interrupted(self, inputs: int) -> bool:
         """Polls events during a frame and shows the panel that they change; True after new input, which cancels it."""
         self.window.wait(0.0)
-        # a click takes several frames: until it is released, and the list that it opens is measured and drawn
+        # a change is shown after the frame that makes it
         for _ in range(MOST_SHOWN):
             if self.dirty and self.inputs == inputs and self.panel is not None:
                 self._redisplay()
@@ -158,7 +158,7 @@ class LiveView(Display):
             self.effects += effects
             if self.state is not before or effects:
                 self.touch()
-            if self.panel.waiting:
+            if self.panel.waiting or self.panel.owed:
                 self.refresh()
 
     @property

@@ -239,8 +239,34 @@ def test_a_message_stands_below_the_axes_of_a_narrow_picture(document: Document)
         assert least <= text.above <= 1.2 * least
 
 
+def test_a_click_is_handled_before_it_is_shown(document: Document, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a frame each for its press, its release and the list that it opens; what it changes comes first."""
+    backend = pytest.importorskip("splatgl.viewer.imgui_backend", reason="needs the extra gui")
+    calls = SimpleNamespace(new_frame=lambda: None, render=lambda: None)
+    calls.backends = SimpleNamespace(opengl3_new_frame=lambda: None)
+    monkeypatch.setattr(backend, "imgui", calls)
+    gui = backend.Gui.__new__(backend.Gui)
+    gui.owed, gui.waiting, gui.focused, gui.cursor = 0, [], False, (0.0, 0.0)
+    gui.panel = SimpleNamespace(covers=lambda x, y: True, widgets=SimpleNamespace(effects=[]))
+    gui.io = SimpleNamespace(add_mouse_button_event=lambda *given: None, add_key_event=lambda *given: None)
+    monkeypatch.setattr(backend, "MODIFIERS", ())
+    state, drawn = State.of(document, SIZE), list[State]()
+
+    def draw(now: State, changes: int) -> State:
+        drawn.append(now)
+        return replace(now, message="changed") if len(drawn) == changes else now
+
+    for changes, count in ((0, 3), (2, 2)):
+        drawn.clear()
+        for action in (1, 0):
+            gui.event("button", 0, action, 0)
+        changed = gui._handle_events(state, partial(draw, changes=changes))
+        assert len(drawn) == count and changed.message == ("changed" if changes else "") and not gui.waiting
+    assert gui.owed == 1
+
+
 def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All of its frames at once: its press, its release, and the list that it opens; a new input cancels instead."""
+    """With what it changes; a new input cancels instead."""
     view = LiveView.__new__(LiveView)
     view.window, view.panel = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False)), object()
     shown: list[int] = []
@@ -250,10 +276,10 @@ def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) 
         shown.append(self.dirty)
 
     monkeypatch.setattr(LiveView, "_redisplay", redisplay)
-    view.inputs, view.dirty = 3, 3
-    assert not view._is_interrupted(3) and shown == [2, 1, 0]
+    view.inputs, view.dirty = 3, 2
+    assert not view._is_interrupted(3) and shown == [1, 0]
     view.dirty = 3
-    assert view._is_interrupted(2) and len(shown) == 3
+    assert view._is_interrupted(2) and len(shown) == 2
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators give back by themselves, or never")
