@@ -31,8 +31,9 @@ from splatgl.options import Kind
 # seconds after which something will not come; pixels along a side of the squares that are watched, in the picture and
 # in an open list; seconds of a drag
 PATIENCE, SIDE, LISTED, DRAGGED = 120.0, 400, 60, 4.0
-# pixels of the panel, and from a list's field to the middle of what is watched of the open list; of a move of a point
-PANEL, BELOW, MOVED = 330, 60, 12
+# pixels of the panel, and from a list's field to the middle of what is watched of the open list, below tooltips; of a
+# move of a point
+PANEL, BELOW, MOVED = 330, 150, 12
 # seconds after a key in which the picture is being refined
 REFINING = 0.1
 ESCAPE = 0xFF1B
@@ -268,6 +269,9 @@ def move_point(hands: Hands, place: tuple[float, float], times: int) -> list[flo
 def dragged(hands: Hands) -> float:
     """Pictures a second while the mouse goes round."""
     x, y = hands.middle
+    # away from the panel, whose points could be dragged
+    hands.move(x, y)
+    refine(hands)
     hands.button(True)
     begun, last, pictures = time.perf_counter(), hands.seen(), 0
     while (gone := time.perf_counter() - begun) < DRAGGED:

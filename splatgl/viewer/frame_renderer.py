@@ -144,11 +144,11 @@ class FrameRenderer:
         self.whole = 0.0
         self.beside: object = None
 
-    def draw(self, state: State, document: Document, level: Level, gliding: bool, interrupted: Ask) -> Frame:
+    def draw(self, state: State, document: Document, level: Level, gliding: bool, interrupted: Ask | None) -> Frame:
         """Renders the splats at a level and keeps the image. Raises InputError as the renderer does.
 
         gliding: the view moves continuously from the last frame, so that motion blur may apply. interrupted: polled
-        during a full frame; True raises Interrupted and leaves the painter unchanged.
+        during the frame, if any; True raises Interrupted and leaves the painter unchanged.
         """
         started = time.perf_counter()
         camera = state.pose.camera.resized(level.size(state.pose.camera.size))
@@ -167,17 +167,15 @@ class FrameRenderer:
         motion = self._motion(state, camera, started - self.begun, layered) if gliding else None
         if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
             settings = settings.but(moments=MOMENTS)
-        # previews are short and not cancelled
-        ask = interrupted if level == FULL else None
         matter, drawn_with = document.subject_at(level.stride, settings) if layered else (splats, settings)
         render = partial(
-            self.renderer.render, camera=camera, settings=drawn_with, motion=motion, verify_bound=False, interrupted=ask
+            self.renderer.render, camera=camera, settings=drawn_with, motion=motion, verify_bound=False, interrupted=interrupted
         )
         image = render(matter)
         pixels = image.pixels
         if tint and first.is_post_classified:
             pixels = tint_light(pixels, render(splats_before(splats, camera, z_k)).pixels)
-        pinned = None if state.beside is None else self._draw_pinned(state.beside, camera, level, ask)
+        pinned = None if state.beside is None else self._draw_pinned(state.beside, camera, level, interrupted)
         seconds = time.perf_counter() - started
 
         subject = (state.pose, state.settings, document, state.show_zk)

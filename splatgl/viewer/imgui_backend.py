@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -28,6 +29,8 @@ RELEASE, PRESS = 0, 1
 ESCAPE = 256
 # maximum number of frames that are due
 MOST_FRAMES = 20
+# seconds that the cursor rests before a tooltip; frames that it takes: ImGui sees the rest, measures and draws it
+TOOLTIP, TOOLTIP_FRAMES = 0.4, 3
 # events of the mouse that may not share a frame
 MOUSE = {"cursor", "button"}
 # GLFW codes of the keys that go through the panel's widgets and edit them
@@ -76,6 +79,8 @@ class Gui:
         self.last = time.perf_counter()
         # frames that are due: ImGui only measures the first
         self.owed = 2
+        # when a tooltip is due, if the cursor moved over the panel
+        self.tooltip_at = math.inf
         # whether keys go through the panel's widgets
         self.focused = False
         # whose colours are set
@@ -119,6 +124,7 @@ class Gui:
         self.waiting.append((kind, values))
         if kind == "cursor":
             self.cursor = values[0], values[1]
+            self.tooltip_at = time.monotonic() + TOOLTIP if self.touched else math.inf
             return False
         if kind in ("button", "scroll"):
             # ImGui's bit flag is one frame old: the cursor may have moved since
@@ -132,6 +138,13 @@ class Gui:
             return True
         moves = self.focused and kind == "key" and values[0] in MOVES
         return bool(self.io.want_text_input or self.panel.popup or moves)
+
+    def tooltip_is_due(self, now: float) -> bool:
+        """Whether the cursor has rested long enough for a tooltip, which the next frame then shows; True once."""
+        is_due = now >= self.tooltip_at
+        if is_due:
+            self.tooltip_at, self.owed = math.inf, max(self.owed, TOOLTIP_FRAMES)
+        return is_due
 
     def _pass_events(self) -> None:
         """Passes events to ImGui until the mouse moves after a button or the reverse: of a move and a release in one
@@ -176,7 +189,6 @@ class Gui:
         self.io.display_framebuffer_scale = imgui.ImVec2(pixels[0] / max(width, 1), pixels[1] / max(height, 1))
         self.io.delta_time = max(now - self.last, 1e-4)
         self.last = now
-        self._navigate(state.panel)
         was_open = self.panel.takes_moves
         if was_open:
             # the veil behind boxes fades in by frames, of which a window at rest draws none
@@ -199,6 +211,8 @@ class Gui:
         while True:
             self.owed = max(self.owed - 1, 0)
             self._pass_events()
+            # a frame before may have closed a box
+            self._navigate(state.panel)
             imgui.backends.opengl3_new_frame()
             imgui.new_frame()
             state = draw(state)
@@ -259,6 +273,8 @@ def _shape_widgets() -> None:
     style.window_border_size = style.frame_border_size = 0.0
     style.window_padding, style.frame_padding = imgui.ImVec2(10.0, 8.0), imgui.ImVec2(6.0, 3.0)
     style.item_spacing, style.item_inner_spacing = imgui.ImVec2(8.0, 5.0), imgui.ImVec2(6.0, 3.0)
+    # the cursor may have moved a little before the latest frame
+    style.hover_delay_short = 0.8 * TOOLTIP
     style.set_color_(imgui.Col_.modal_window_dim_bg, imgui.ImVec4(0.0, 0.0, 0.0, 0.6))
 
 

@@ -16,6 +16,8 @@ from splatgl.viewer.reference_view import ReferenceInputs
 
 # maximum panel frames between two portions of a picture
 MOST_SHOWN = 2
+# seconds of a preview that the panel waits for
+WAITED = 0.05
 
 
 class LiveView(Display):
@@ -81,7 +83,9 @@ class LiveView(Display):
         if wanted != self.refiner.drawn:
             self.reference.forget()
         try:
-            interrupted = partial(self._is_interrupted, inputs)
+            # quick previews need no portions
+            is_slow = level == 0 or self.refiner.pace.expected(level) > WAITED
+            interrupted = partial(self._is_interrupted, inputs, level == 0) if is_slow else None
             frame = self.painter.draw(self.state, self.document, LADDER[level], blurs, interrupted)
         except Interrupted:
             return None
@@ -102,14 +106,16 @@ class LiveView(Display):
         if self.coming is None and not self.state.message:
             self.say(self.reject_reason, PICTURE)
 
-    def _is_interrupted(self, inputs: int) -> bool:
-        """Polls events during a frame and shows the panel that they change; True after new input, which cancels it."""
+    def _is_interrupted(self, inputs: int, is_full: bool = True) -> bool:
+        """Polls events during a frame and shows the panel that they change; True after new input, which cancels the
+        frame if `is_full`. A preview goes on, and shows the panel only while the cursor is over it.
+        """
         self.window.wait(0.0)
         # a change is shown after the frame that makes it
         for _ in range(MOST_SHOWN):
-            if self.dirty and self.inputs == inputs and self.panel is not None:
+            if self.dirty and self.panel is not None and (self.inputs == inputs if is_full else self.panel.touched):
                 self._redisplay()
-        return self.inputs != inputs or self.window.closing
+        return self.window.closing or (is_full and self.inputs != inputs)
 
     def _compare(self) -> None:
         """Requests the reference of a full-quality frame once its view is at rest."""

@@ -110,7 +110,8 @@ class Viewer(LiveView):
         due = self.refiner.patience(self.wanted(), moment)
         if not moment.whole:
             due = min(IDLE if due is None else due, max(0.0, REST - moment.idle) or IDLE)
-        return IDLE if due is None or (due == 0.0 and moment.held) else min(due, IDLE)
+        due = IDLE if due is None or (due == 0.0 and moment.held) else due
+        return max(0.0, min(due, IDLE, self.panel.tooltip_at - self.now() if self.panel else IDLE))
 
     def _advance(self) -> None:
         """Advances rotation, previews, time series and recordings; at rest, records a step of the history and frees
@@ -128,6 +129,8 @@ class Viewer(LiveView):
             state = played(state)
             self.played = now
         self.state, self.ticked = state, now
+        if self.panel is not None and self.panel.tooltip_is_due(now):
+            self.refresh()
         progressed, message = self.recorder.look()
         if message:
             self.say(message)

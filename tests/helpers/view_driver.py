@@ -150,11 +150,11 @@ def nudged(viewer: Viewer) -> dict[str, Any]:
     shown: list[Any] = []
     interrupted = viewer._is_interrupted
 
-    def turned_again(inputs: int) -> bool:
-        if not shown:
+    def turned_again(inputs: int, is_full: bool) -> bool:
+        if not shown and is_full:
             shown.append(viewer.painter.frame)
             viewer.mouse("wheel", Pointer((120.0, 90.0), notches=1.0))
-        return interrupted(inputs)
+        return interrupted(inputs, is_full)
 
     viewer._is_interrupted = turned_again  # type: ignore[method-assign]
     viewer.mouse("wheel", Pointer((120.0, 90.0), notches=1.0))
@@ -168,10 +168,10 @@ def clicked(viewer: Viewer, place: tuple[float, float]) -> dict[str, Any]:
     panel, interrupted, draw = viewer.panel, viewer._is_interrupted, viewer.painter.draw
     clicks, began, during = [1, 0], [], []
 
-    def beneath(inputs: int) -> bool:
-        if clicks:
+    def beneath(inputs: int, is_full: bool) -> bool:
+        if clicks and is_full:
             viewer.raw("button", 0, clicks.pop(0), 0)
-        ended = interrupted(inputs)
+        ended = interrupted(inputs, is_full)
         during.append(panel.panel.place)
         return ended
 

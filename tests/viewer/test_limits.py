@@ -250,6 +250,7 @@ def test_a_click_is_handled_before_it_is_shown(document: Document, monkeypatch: 
     gui.panel = SimpleNamespace(covers=lambda x, y: True, widgets=SimpleNamespace(effects=[]))
     gui.io = SimpleNamespace(add_mouse_button_event=lambda *given: None, add_key_event=lambda *given: None)
     monkeypatch.setattr(backend, "MODIFIERS", ())
+    monkeypatch.setattr(gui, "_navigate", lambda is_shown: None)
     state, drawn = State.of(document, SIZE), list[State]()
 
     def draw(now: State, changes: int) -> State:
@@ -266,9 +267,10 @@ def test_a_click_is_handled_before_it_is_shown(document: Document, monkeypatch: 
 
 
 def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With what it changes; a new input cancels instead."""
+    """With what it changes; a new input cancels a full picture instead, and no preview."""
     view = LiveView.__new__(LiveView)
-    view.window, view.panel = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False)), object()
+    view.window = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False))
+    view.panel = SimpleNamespace(touched=False)
     shown: list[int] = []
 
     def redisplay(self: LiveView) -> None:
@@ -279,7 +281,13 @@ def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) 
     view.inputs, view.dirty = 3, 2
     assert not view._is_interrupted(3) and shown == [1, 0]
     view.dirty = 3
-    assert view._is_interrupted(2) and len(shown) == 2
+    assert view._is_interrupted(2) and not view._is_interrupted(2, is_full=False) and len(shown) == 2
+    assert not view._is_interrupted(3, is_full=False) and len(shown) == 2
+    # over the panel, its widgets follow the mouse
+    view.panel.touched = True
+    assert not view._is_interrupted(2, is_full=False) and shown == [1, 0, 2, 1]
+    view.window.closing = True
+    assert view._is_interrupted(3, is_full=False)
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators give back by themselves, or never")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -19,6 +20,8 @@ pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"needs {' and '.join(MISS
 # places in a window of 600 × 585 pixels: the fields of the extinction and of the threshold, and lists
 EXTINCTION, THRESHOLD, COLORS = (463, 526), (400, 551), (450, 426)
 PRESET, FIRST, SHIFT = (450, 116), (340, 50), (463, 476)
+# seconds that the cursor rests before a tooltip
+TOOLTIP = 0.4
 # the list of shapes and its first one; two places of the strip of colours, without a point
 SHAPES, STEP, STRIP, ASIDE = (500, 402), (460, 446), (510, 356), (540, 356)
 
@@ -48,6 +51,18 @@ def test_numbers_are_dragged(panel: Window) -> None:
     assert after["threshold"] > before["threshold"] == 0.0 and np.allclose(after["eye"], before["eye"])
     pointed(panel, *EXTINCTION)
     assert panel.drag(1, EXTINCTION, (EXTINCTION[0] + 60, EXTINCTION[1]))["extinction"] != 1.0
+
+
+@pytest.mark.long
+def test_a_resting_cursor_shows_a_tooltip(panel: Window) -> None:
+    """Although a window at rest draws no frames."""
+    below = slice(PRESET[1] + 14, PRESET[1] + 26), slice(PRESET[0] + 20, PRESET[0] + 80)
+    pointed(panel, *PRESET)
+    time.sleep(2 * TOOLTIP)
+    panel.ask("look")
+    shown = panel.shot()[below]
+    pointed(panel, 10, 10)
+    assert (panel.shot()[below] != shown).any()
 
 
 @pytest.mark.long
