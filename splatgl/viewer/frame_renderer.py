@@ -168,9 +168,8 @@ class FrameRenderer:
         if motion is not None and self.renderer.plan(splats, camera, settings, motion).moments > MOMENTS:
             settings = settings.but(moments=MOMENTS)
         matter, drawn_with = document.subject_at(level.stride, settings) if layered else (splats, settings)
-        render = partial(
-            self.renderer.render, camera=camera, settings=drawn_with, motion=motion, verify_bound=False, interrupted=interrupted
-        )
+        draw = partial(self.renderer.render, verify_bound=False, interrupted=interrupted)
+        render = partial(draw, camera=camera, settings=drawn_with, motion=motion)
         image = render(matter)
         pixels = image.pixels
         if tint and first.is_post_classified:

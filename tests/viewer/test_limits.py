@@ -269,7 +269,7 @@ def test_a_click_is_handled_before_it_is_shown(document: Document, monkeypatch: 
 def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """With what it changes; a new input cancels a full picture instead, and no preview."""
     view = LiveView.__new__(LiveView)
-    view.window = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False))
+    view.window = window = cast(Any, SimpleNamespace(wait=lambda seconds: None, closing=False))
     view.panel = SimpleNamespace(touched=False)
     shown: list[int] = []
 
@@ -286,7 +286,7 @@ def test_a_click_is_shown_between_two_portions(monkeypatch: pytest.MonkeyPatch) 
     # over the panel, its widgets follow the mouse
     view.panel.touched = True
     assert not view._is_interrupted(2, is_full=False) and shown == [1, 0, 2, 1]
-    view.window.closing = True
+    window.closing = True
     assert view._is_interrupted(3, is_full=False)
 
 
