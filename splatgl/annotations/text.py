@@ -184,7 +184,7 @@ def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
     font, pad = load_font(round(height)), max(1, round(PADDING * height / FONT))
     step, columns = round(height * LEADING), _columns(lines, count)
     cells: list[tuple[str, float, int]] = []
-    right = 0.0
+    right, bottom = 0.0, 0
     for part in columns:
         rows = [[plain(cell) for cell in line.split("\t")] for line in part]
         # column widths come from rows with several cells; a single cell spans all columns
@@ -193,18 +193,25 @@ def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
         for column in range(max(map(len, tabbed), default=0)):
             widest = max(font.getlength(row[column]) for row in tabbed if column < len(row))
             ends.append(ends[-1] + 2 * pad + widest)
+        y = pad
         for number, row in enumerate(rows):
-            cells += [(cell, ends[column], pad + number * step) for column, cell in enumerate(row) if cell]
+            # a third of a line before a heading
+            y += step // 3 if number and _is_heading(part[number]) else 0
+            cells += [(cell, ends[column], y) for column, cell in enumerate(row) if cell]
+            y += step
         alone = [ends[0] + font.getlength(row[0]) + pad for row in rows if len(row) == 1]
-        right = max([ends[-1] - pad, *alone])
-    return Block(tuple(cells), round(height), pad, (int(right) + 1, step * max(map(len, columns)) + 2 * pad))
+        right, bottom = max([ends[-1] - pad, *alone]), max(bottom, y + pad)
+    return Block(tuple(cells), round(height), pad, (int(right) + 1, bottom))
+
+
+def _is_heading(line: str) -> bool:
+    """Whether a line's second cell is empty."""
+    return line.endswith("\t")
 
 
 def _columns(lines: tuple[str, ...], count: int) -> list[tuple[str, ...]]:
-    """Lines in columns of about equal length, which begin with headings, lines of an empty second cell, if there are
-    enough of them.
-    """
-    headings = [number for number, line in enumerate(lines) if number and line.endswith("\t")]
+    """Lines in columns of about equal length, which begin with headings, if there are enough of them."""
+    headings = [number for number, line in enumerate(lines) if number and _is_heading(line)]
     ends = [len(lines) * number // count for number in range(count + 1)]
     if len(headings) >= count:
         ends[1:-1] = [min(headings, key=lambda heading: abs(heading - end)) for end in ends[1:-1]]

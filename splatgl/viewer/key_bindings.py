@@ -88,7 +88,9 @@ def help_rows(commands: Iterable[Command]) -> list[tuple[str, str]]:
 
 
 def _join_keys(keys: Sequence[str]) -> str:
-    """The first keys of a row, as many as a narrow column takes."""
+    """The first keys of a row, as many as a narrow column takes; signs stand without commas, which could be keys."""
+    if not any(character.isalnum() for key in keys for character in key):
+        return " ".join(keys)
     count = max(n for n in range(1, len(keys) + 1) if n == 1 or len(", ".join(keys[:n])) <= LONGEST)
     return ", ".join(keys[:count])
 
