@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,7 +48,8 @@ TEXT, EDGE, PAPER = (235, 235, 235, 255), (0, 0, 0, 160), (0, 0, 0, 175)
 NOTE, LINE = (255, 214, 90, 255), (255, 214, 90, 255)
 # heights in pixels at a content scale of 1
 FONT, PADDING = 13, 6
-# font heights to try for a text that has to fit
+# lines before a heading, and font heights to try for a text that has to fit
+GAP = 0.5
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6)
 CORNERS = ("top left", "bottom left", "middle")
 # line spacing in font heights
@@ -174,13 +175,16 @@ def _fit_block(text: Text, size: tuple[int, int], scale: float) -> Block:
     """The text in one column, or, if it has to fit, in as many columns and as small as needed."""
     if not text.fit:
         return _block(text.lines, FONT * scale, 1)
-    blocks = [_block(text.lines, FONT * scale * share, count) for share in SHARES for count in (1, 2, 3)]
-    return next((block for block in blocks if block.size[0] <= size[0] and block.size[1] <= size[1]), blocks[-1])
+    # groups stand apart where letters of that height leave room
+    forms = product(SHARES, (GAP, 0.0), (1, 2, 3))
+    blocks = (_block(text.lines, FONT * scale * share, count, gap) for share, gap, count in forms)
+    fitting = (block for block in blocks if block.size[0] <= size[0] and block.size[1] <= size[1])
+    return next(fitting, _block(text.lines, FONT * scale * SHARES[-1], 3))
 
 
 @lru_cache(maxsize=32)
-def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
-    """Lines in columns of equal length; tabs separate cells within a column."""
+def _block(lines: tuple[str, ...], height: float, count: int, gap: float = 0.0) -> Block:
+    """Lines in columns of equal length; tabs separate cells within a column. gap: lines before a heading."""
     font, pad = load_font(round(height)), max(1, round(PADDING * height / FONT))
     step, columns = round(height * LEADING), _columns(lines, count)
     cells: list[tuple[str, float, int]] = []
@@ -195,8 +199,7 @@ def _block(lines: tuple[str, ...], height: float, count: int) -> Block:
             ends.append(ends[-1] + 2 * pad + widest)
         y = pad
         for number, row in enumerate(rows):
-            # a third of a line before a heading
-            y += step // 3 if number and _is_heading(part[number]) else 0
+            y += round(gap * step) if number and _is_heading(part[number]) else 0
             cells += [(cell, ends[column], y) for column, cell in enumerate(row) if cell]
             y += step
         alone = [ends[0] + font.getlength(row[0]) + pad for row in rows if len(row) == 1]

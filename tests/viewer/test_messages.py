@@ -62,6 +62,9 @@ def test_the_help_fits_small_windows(scale: float) -> None:
     assert block.size[0] <= size[0] and block.size[1] <= size[1] and block.height >= 0.75 * FONT * scale
     cells = [cell for line in text.lines for cell in line.split("\t") if cell]
     assert len([cell for cell in block.cells if cell[1] >= 0]) == len(cells)
+    # with more room, its groups stand apart
+    wide = {cell: y for cell, _, y in _fit_block(text, (size[0] * 2, size[1] * 2), scale).cells}
+    assert wide["EDIT"] - wide["quit"] > 1.4 * (wide["quit"] - wide["save the floats (NPY) and the scene"])
 
 
 @pytest.mark.long
