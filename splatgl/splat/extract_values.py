@@ -211,11 +211,11 @@ def post_records(
     around = post.around if post.faced else None
     values = Values(u, *coefficients(u, kernel, wanted, start), beside, around)
     # whole rows of voxels, about RECORDS of which are wanted
-    breaks = np.unique(np.searchsorted(ends, np.arange(0, len(records), RECORDS), side="right") - 1)
-    breaks = np.append(breaks, len(rows))
+    firsts = np.searchsorted(ends, np.arange(0, len(records), RECORDS), side="right") - 1
+    breaks = [*dict.fromkeys(firsts.tolist()), len(rows)]
 
     def fill(which: slice) -> None:
-        for first_row, last_row in pairwise(breaks[which.start : which.stop + 1].tolist()):
+        for first_row, last_row in pairwise(breaks[which.start : which.stop + 1]):
             row, x = np.nonzero(rows[first_row:last_row])
             z, y = np.divmod(row + first_row, height)
             places = z + start[0], y + start[1], x + start[2]

@@ -93,7 +93,7 @@ class Counting:
 
 def test_arrays_on_disk_are_read_in_parts() -> None:
     """Their slices alone are asked for, while the picture's splats are extracted."""
-    big = np.zeros((700, 96, 96), np.uint8)
+    big = np.zeros((1400, 96, 96), np.uint8)
     big[340:360, 20:30, 20:30] = 1
     counting = Counting(big)
     volume = sg.Volume.of(counting)
