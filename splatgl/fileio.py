@@ -12,7 +12,7 @@ import stat
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from numbers import Integral, Real
 from pathlib import Path
@@ -162,6 +162,11 @@ def toml_value(what: str, value: Any) -> str:
     if isinstance(value, Sequence):
         return "[" + ", ".join(toml_value(what, part) for part in value) + "]"
     raise expected(what, "text, numbers or lists of them", type(value).__name__)
+
+
+def toml_rows(head: str, table: Mapping[str, Any]) -> list[str]:
+    """Lines of a table of TOML: an empty one, the head, such as [settings] or [[mesh]], and a line for each key."""
+    return ["", head, *(f"{key} = {toml_value(key, value)}" for key, value in table.items())]
 
 
 # most bytes of a shortened name: file systems allow 255, of which an ending takes some

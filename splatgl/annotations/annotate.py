@@ -11,7 +11,7 @@ from pkgutil import iter_modules
 import numpy as np
 
 import splatgl.annotations as package
-from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect, Subject
+from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Subject
 from splatgl.data.color import Color
 from splatgl.data.figure import Figure
 from splatgl.data.image import Image
@@ -66,7 +66,7 @@ def annotated(
 def on_ground(image: Image, ground: Color | None) -> Image:
     """An annotated image over its background, if it was drawn without it for the edges behind the box."""
     names = image.info["annotated"]
-    is_over_lines = isinstance(names, list) and has_lines_behind(names)
+    is_over_lines = isinstance(names, list) and any(row.lines for row in _rows(names))
     if ground is None or image.info.get("background") is not None or not is_over_lines:
         return image
     pixels = image.pixels + (1 - image.pixels[..., 3:]) * np.array([*ground, 1.0], np.float32)
@@ -88,11 +88,6 @@ def compose(layer: Canvas, view: AnnotationView, names: Sequence[str]) -> None:
             row.lines[0](layer, view)
     for row in rows:
         row.draw(layer, replace(view, text=text_of(names, row.name) or ""))
-
-
-def has_lines_behind(names: Sequence[str]) -> bool:
-    """Whether an annotation has lines that lie behind the image."""
-    return any(row.lines for row in _rows(names))
 
 
 def draw_behind(layer: Canvas, view: AnnotationView, names: Sequence[str]) -> None:
@@ -159,22 +154,16 @@ def text_of(annotate: Sequence[str], name: str) -> str | None:
 def _draw_time(layer: Canvas, view: AnnotationView) -> None:
     """Draws the time in a corner."""
     (width, height), pad, (wide, tall) = layer.size, layer.pad, layer.text_size(view.text)
-    _write(layer, view.text, "time", [pad, width - pad - wide], [pad, height - pad - tall])
+    if view.text:
+        lefts, tops = (pad, width - pad - wide), (pad, height - pad - tall)
+        layer.write(view.text, [(left, top) for top in tops for left in lefts], "time")
 
 
 def _draw_title(layer: Canvas, view: AnnotationView) -> None:
     """Draws the title in the middle of the top, below the time where both do not fit."""
     (width, _), pad, (wide, tall) = layer.size, layer.pad, layer.text_size(view.text)
-    _write(layer, view.text, "title", [(width - wide) // 2, pad, width - pad - wide], [pad, pad + tall])
-
-
-def _write(layer: Canvas, text: str, name: str, lefts: Sequence[int], tops: Sequence[int]) -> None:
-    """Writes a text at the first free place."""
-    if text:
-        wide, tall = layer.text_size(text)
-        rect = layer.reserve([Rect(x, y, x + wide, y + tall) for y in tops for x in lefts], name)
-        if rect is not None:
-            layer.text(text, rect.left, rect.top)
+    lefts = ((width - wide) // 2, pad, width - pad - wide)
+    layer.write(view.text, [(left, top) for top in (pad, pad + tall) for left in lefts], "title")
 
 
 ROWS = (

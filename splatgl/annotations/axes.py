@@ -6,7 +6,6 @@ import numpy as np
 
 from splatgl.annotations.canvas import Annotation, AnnotationView, Canvas, Rect
 from splatgl.data.color import Color
-from splatgl.splat.camera import Camera
 
 # colours of x, y, z, linear RGB, legible on black and on white
 COLORS: tuple[Color, ...] = ((0.75, 0.04, 0.03), (0.02, 0.40, 0.04), (0.08, 0.22, 0.90))
@@ -20,11 +19,6 @@ OBLIQUE = 0.34
 ROUNDS = 20
 # shifts of a letter along an edge of the image, as fractions of the edge, to try if its place is taken
 SHIFTS = (0.0, -0.12, 0.12, -0.24, 0.24, -0.36, 0.36)
-
-
-def directions(camera: Camera) -> np.ndarray:
-    """World x, y, z in eye axes, [3, 3]: right, down and away from the eye; rows of unit length."""
-    return np.asarray(camera.eye_from_world.T)
 
 
 def letters(frame: str, direction: np.ndarray) -> str:
@@ -44,7 +38,8 @@ def draw_triad(layer: Canvas, view: AnnotationView) -> None:
     if place is None:
         return
     middle = np.array([place.left + half, place.top + half], np.float64)
-    axes = directions(view.camera)
+    # of world x, y, z: right, down and away from the eye
+    axes = view.camera.eye_from_world.T
     letters_at = middle + _apart(_ends(axes, em), em)
     for axis in np.argsort(-axes[:, 2], kind="stable"):
         along, color = axes[axis, :2], COLORS[axis]
@@ -102,9 +97,7 @@ def draw_directions(layer: Canvas, view: AnnotationView) -> None:
         step = (0, -1) if x > 0 else (-x, -y)
         rect = _inwards(layer, Rect(left, top, left + wide, top + tall), step)
         shifts = [(round(share * width * abs(y)), round(share * height * abs(x))) for share in SHIFTS]
-        place = layer.reserve([rect.moved(*shift) for shift in shifts], f"direction {text}")
-        if place is not None:
-            layer.text(text, place.left, place.top)
+        layer.write(text, [(rect.left + x_by, rect.top + y_by) for x_by, y_by in shifts], f"direction {text}")
 
 
 def _inwards(layer: Canvas, rect: Rect, step: tuple[int, int]) -> Rect:

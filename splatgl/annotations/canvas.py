@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, TypeAlias
@@ -16,8 +16,7 @@ from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, Pat
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import error_prefix, expected
-from splatgl.fileio import toml_value
-from splatgl.options import Kind, check_options, declared, non_default, option, refuse_unknown
+from splatgl.options import Kind, check_options, declared, option, refuse_unknown
 from splatgl.splat.camera import Camera
 from splatgl.splat.transfer import Transfer
 
@@ -148,6 +147,13 @@ class Canvas:
     def text_size(self, text: str) -> tuple[int, int]:
         """Width and height of a line of text with its halo."""
         return text_size(text, self.em, self.edge)
+
+    def write(self, text: str, corners: Iterable[tuple[int, int]], name: str, color: Color | None = None) -> None:
+        """Draws a line of text at the first free corner, left and top, as `reserve` chooses; a note if none is free."""
+        wide, tall = self.text_size(text)
+        rect = self.reserve([Rect(left, top, left + wide, top + tall) for left, top in corners], name)
+        if rect is not None:
+            self.text(text, rect.left, rect.top, color)
 
     def mark(self, mark: Mark) -> None:
         """Records what is drawn."""
@@ -420,10 +426,6 @@ class Measure:
         refuse_unknown(what, table, declared(cls))
         with error_prefix(what):
             return cls(**table)
-
-    def lines(self) -> list[str]:
-        """Lines of the table of a scene file."""
-        return ["", "[[measure]]", *(f"{key} = {toml_value(key, value)}" for key, value in non_default(self).items())]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatgl.annotations.bounding_box import clip_to_front, project_points
-from splatgl.annotations.canvas import WHITE, Annotation, AnnotationView, Canvas, Measure, Rect
+from splatgl.annotations.canvas import WHITE, Annotation, AnnotationView, Canvas, Measure
 from splatgl.annotations.scale_bar import length_text
 
 # linear RGB on dark and on light pictures
@@ -46,7 +46,7 @@ def draw(layer: Canvas, view: AnnotationView) -> None:
         layer.segments(np.tile(project_points(ahead, view.camera), 2), color, width=DOT * layer.stroke)
         text = measure_text(measure, view.subject.unit)
         middle = (lines[0, :2] + lines[0, 2:]) / 2 if len(points) == 2 else lines[0, 2:]
-        _write(layer, text, middle, color)
+        layer.write(text, _corners_beside(layer, text, middle), f"measure {text}", color)
 
 
 def _arc(points: np.ndarray, view: AnnotationView) -> np.ndarray:
@@ -65,15 +65,13 @@ def _arc(points: np.ndarray, view: AnnotationView) -> np.ndarray:
     return np.concatenate([places[:-1], places[1:]], axis=1)
 
 
-def _write(layer: Canvas, text: str, at: np.ndarray, color: tuple[float, float, float]) -> None:
-    """Writes a value beside its line, where there is room."""
+def _corners_beside(layer: Canvas, text: str, at: np.ndarray) -> list[tuple[int, int]]:
+    """Upper left corners of a text around a place [2], best first."""
     (wide, tall), gap = layer.text_size(text), layer.pad
-    x, y = (round(float(each)) for each in at)
+    x, y = np.rint(at).astype(int).tolist()
     corners = [(x + gap, y - tall - gap // 2), (x + gap, y + gap // 2), (x - gap - wide, y - tall - gap // 2)]
     corners += [(x - gap - wide, y + gap // 2), (x - wide // 2, y - tall - 2 * gap), (x - wide // 2, y + 2 * gap)]
-    rect = layer.reserve([Rect(left, top, left + wide, top + tall) for left, top in corners], f"measure {text}")
-    if rect is not None:
-        layer.text(text, rect.left, rect.top, color)
+    return corners
 
 
 ABOUT = "The distances and angles of the scene."

@@ -9,16 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from splatgl.cli.options import add_option, add_source
+from splatgl.cli.options import add_option, add_source, volume_source
 from splatgl.data.arrays import Window
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Volume, triple, with_parts
 from splatgl.errors import expected
 from splatgl.fileio import check_source
-from splatgl.options import declared, names_of
+from splatgl.options import declared
 from splatgl.readers import load
-from splatgl.readers.options import LoadOptions, inside
-from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.clipping import crop_ends
@@ -38,13 +36,9 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Writes the file, or nothing."""
-    output, (source, array) = Path(args.output), inside(args.source)
+    output, (source, options) = Path(args.output), volume_source(args)
     target = find_target(output)
     check_source(output, source)
-    if is_mesh(source):
-        raise expected(source, "a volume", "a mesh", "splatgl render draws it")
-    options = {name: getattr(args, name) for name in names_of(LoadOptions) if getattr(args, name) is not None}
-    options |= {} if array is None or "array" in options else {"array": array}
     times = options.pop("time", None)
 
     def open_time(number: int | None) -> Volume:

@@ -148,6 +148,15 @@ def scene_from(args: argparse.Namespace) -> SceneFile:
     return scene.with_preset_blend() if "blend" in vars(args) and args.blend is None else scene
 
 
+def volume_source(args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
+    """The source and the options of its reader, of a command that reads one volume. Raises InputError for a mesh."""
+    source, array = inside(args.source)
+    if is_mesh(source):
+        raise expected(source, "a volume", "a mesh", "splatgl render draws it")
+    options = {name: getattr(args, name) for name in names_of(LoadOptions) if getattr(args, name) is not None}
+    return source, options if array is None else {"array": array, **options}
+
+
 def record_of(args: argparse.Namespace, record: type[Record]) -> Record:
     """A dataclass of the options that its fields have on the command line."""
     given = {item.name: getattr(args, item.name, None) for item in fields(record)}

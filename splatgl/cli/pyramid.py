@@ -71,7 +71,7 @@ def write(path: Path, volume: Volume, transfer: Transfer) -> list[Places]:
     import zarr
 
     group = zarr.open_group(path, mode="w", zarr_format=2)
-    unit = transfer.unit or Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    unit = transfer.unit or Grid.of(volume).mean_spacing
     grids = level_grids(volume)
     opacity, color = _arrays(group, 0, volume.shape)
     for low, high in level_boxes(volume.shape):
@@ -116,7 +116,7 @@ def classified(volume: Volume, transfer: Transfer, low: Places, high: Places) ->
     first, last = volume.around(low, high, HALO)
     part = volume.part(first, last)
     inside = tuple(slice(a - f, b - f) for a, b, f in zip(low, high, first, strict=True))
-    unit = transfer.unit or Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    unit = transfer.unit or Grid.of(volume).mean_spacing
     splats = extract(part, replace(transfer, unit=unit), classification="pre")
     opacity, shade = np.zeros(part.shape, np.float32), np.zeros((*part.shape, 3), np.uint8)
     x, y, z = splats.records["position"].T

@@ -18,13 +18,14 @@ from splatgl import __version__
 from splatgl.cli.options import add_backend, add_options, record_of
 from splatgl.comparison.metrics import require_flip
 from splatgl.data.scenes import FORMULAS
-from splatgl.data.volume import Volume, halve_volume
+from splatgl.data.volume import halve_volume
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
 from splatgl.errors import InputError, expected
 from splatgl.options import declared
-from splatgl.scene.draw import WorkerOptions
+from splatgl.scene.draw import WorkerOptions, terminal_bar
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.extract import extract
+from splatgl.splat.grid import Grid
 from splatgl.splat.kernels import require_built_in
 from splatgl.splat.settings import Settings
 from splatgl.splat.splats import Splats
@@ -115,10 +116,15 @@ def _measure(args: argparse.Namespace, level: Level, sources: list[str], folder:
         }
         for scene in scenes:
             check_size(renderer.ctx, scene.camera.size)
-        _create(folder)
+        try:
+            (folder / TRUTHS_FOLDER).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be created: {error.strerror or error}") from error
         store = Store(folder / NAME, head, args.resume)
         if not args.resume:
-            _delete_truths(folder / TRUTHS_FOLDER)
+            # code changes may invalidate those of an earlier report
+            for path in (folder / TRUTHS_FOLDER).glob("*.npy"):
+                path.unlink()
         task = Task(level, tuple(args.only), args.peers, _has_flip(), folder / TRUTHS_FOLDER)
         if record_of(args, WorkerOptions).are_used:
             _prepare(args, renderer, sources, scenes, task)
@@ -175,20 +181,6 @@ def _folder(name: str) -> Path:
     return folder
 
 
-def _create(folder: Path) -> None:
-    """Creates the folder and its subfolder of truths."""
-    try:
-        (folder / TRUTHS_FOLDER).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be created: {error.strerror or error}") from error
-
-
-def _delete_truths(folder: Path) -> None:
-    """Deletes truths of an earlier report, which code changes may invalidate."""
-    for path in folder.glob("*.npy"):
-        path.unlink()
-
-
 def _has_flip() -> bool:
     try:
         require_flip()
@@ -208,22 +200,15 @@ def list_methods() -> str:
 
 @contextmanager
 def _progress(steps: int, quiet: bool) -> Iterator[Tick]:
-    """Progress bar, if tqdm is installed and stderr is a terminal."""
-    if not quiet and sys.stderr.isatty():
-        try:
-            from tqdm import tqdm
-        except ImportError:
-            pass
-        else:
-            with tqdm(total=steps, unit="step", leave=False) as bar:
+    """A function that takes the description of a step, and shows it and the steps done on a terminal."""
+    with terminal_bar(is_quiet=quiet, total=steps, unit="step") as bar:
 
-                def tick(text: str) -> None:
-                    bar.set_description(text, refresh=False)
-                    bar.update()
+        def tick(text: str) -> None:
+            if bar is not None:
+                bar.set_description(text, refresh=False)
+                bar.update()
 
-                yield tick
-                return
-    yield lambda text: None
+        yield tick
 
 
 def subjects(sources: Sequence[str], level: Level) -> list[Subject]:
@@ -244,7 +229,7 @@ def subject(source: str, level: Level) -> Subject:
     volume = scene.open()
     transfer, scene = scene.transfer_for(volume), scene.cut(volume)
     # keep the unit length of opacities when voxels are merged
-    transfer = replace(transfer, unit=transfer.unit or float(abs(_volume_of_voxel(volume)) ** (1 / 3)))
+    transfer = replace(transfer, unit=transfer.unit or Grid.of(volume).mean_spacing)
     splats = extract(volume, transfer, scene.threshold, classification="pre")
     if not len(splats):
         raise expected(source, "voxels that are not transparent", "none", "give a scene.toml with a transfer function")
@@ -269,10 +254,6 @@ def subject(source: str, level: Level) -> Subject:
 
     name = Path(source).name.split(".")[0]
     return Subject(name, camera, scene.settings, build, note, (volume, transfer), formula)
-
-
-def _volume_of_voxel(volume: Volume) -> float:
-    return float(np.linalg.det(volume.world_from_index))
 
 
 def _fit_size(size: tuple[int, int], longest: int) -> tuple[int, int]:

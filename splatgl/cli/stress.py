@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from splatgl.gl.renderer import Renderer
 
 
+# suffix of each file of results, and its text of (results, name of the renderer)
+FILES: dict[str, tuple[str, Callable[[list[Result], str], str]]] = {
+    "markdown": (".md", as_markdown),
+    "csv": (".csv", lambda results, drawn_by: as_csv(results)),
+    "json": (".json", as_json),
+}
 # exit code if a bound is violated
 BROKEN = 1
 # up to this many cases, all checks are printed
@@ -68,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
                 print(format_line(results[-1]), flush=True)
     print(verdict(results))
     for kind, path in files.items():
-        write_file(path, _text(kind, results, drawn_by).encode())
+        write_file(path, FILES[kind][1](results, drawn_by).encode())
     return 0 if all(result.ok for result in results) else BROKEN
 
 
@@ -112,25 +118,17 @@ def _explain(case: Case, renderer: Renderer) -> int:
     return 0 if result.ok else BROKEN
 
 
-def _text(kind: str, results: list[Result], drawn_by: str) -> str:
-    if kind == "csv":
-        return as_csv(results)
-    return as_json(results, drawn_by) if kind == "json" else as_markdown(results, drawn_by)
-
-
 def _files(args: argparse.Namespace) -> dict[str, Path]:
     """Output files by kind, checked before any work."""
-    files = {kind: Path(path) for kind in ("markdown", "csv", "json") if (path := getattr(args, kind))}
+    files = {kind: Path(path) for kind in FILES if (path := getattr(args, kind))}
     if args.output:
         folder = Path(args.output)
         if folder.exists() and not folder.is_dir():
             raise expected(folder, "a folder", "a file", "give another name to --output")
         check_folder(folder, folder)
-        names = {"markdown": "stress.md", "csv": "stress.csv", "json": "stress.json"}
-        files = {**{kind: folder / name for kind, name in names.items()}, **files}
-    suffixes = {"markdown": (".md",), "csv": (".csv",), "json": (".json",)}
+        files = {**{kind: folder / f"stress{suffix}" for kind, (suffix, _) in FILES.items()}, **files}
     for kind, path in files.items():
-        check_output(path, suffixes[kind])
+        check_output(path, (FILES[kind][0],))
     return files
 
 

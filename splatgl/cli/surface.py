@@ -7,15 +7,13 @@ import time
 from pathlib import Path
 
 from splatgl.cli.convert import crop_volume
-from splatgl.cli.options import add_options, add_source
+from splatgl.cli.options import add_options, add_source, volume_source
 from splatgl.data.scenes import SCENES
 from splatgl.errors import expected, import_extra
 from splatgl.fileio import check_output, check_source
-from splatgl.options import Kind, names_of
+from splatgl.options import Kind
 from splatgl.readers import load
-from splatgl.readers.options import LoadOptions, inside
 from splatgl.scene.draw import progress_bar
-from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.writers.surface import EXTRA, SAVED, iso_mesh, save_mesh
@@ -39,17 +37,13 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Writes the files; returns 0."""
-    source, array = inside(args.source)
+    source, options = volume_source(args)
     targets = _targets(args.output, args.iso)
     for target in targets.values():
         check_output(target, SAVED)
         check_source(target, source)
     for module, library in (("skimage.measure", "scikit-image"), ("trimesh", "trimesh")):
         import_extra(module, "surfaces", library, EXTRA)
-    if is_mesh(source):
-        raise expected(source, "a volume", "a mesh", "splatgl render draws it")
-    options = {name: getattr(args, name) for name in names_of(LoadOptions) if getattr(args, name) is not None}
-    options |= {} if array is None or "array" in options else {"array": array}
     volume = SCENES[source]() if source in SCENES and not options else load(source, **options)
     print_notes(volume, args.quiet)
     volume = crop_volume(volume, args.crop) if args.crop else volume

@@ -82,7 +82,7 @@ def choose_level(
         with Renderer() as opened:
             return choose_level(volume, transfer, camera, settings, opened)
     # opacities refer to the finest voxels
-    spacing = Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
+    spacing = Grid.of(volume).mean_spacing
     transfer = replace(transfer, unit=transfer.unit or spacing)
     boxes = list(_boxes(volume, coarsest, transfer, camera, settings, renderer))
     if not boxes:

@@ -333,7 +333,7 @@ def progress_bar(unit: str, is_quiet: bool, alike: bool = False) -> Iterator[Cal
     if is_quiet:
         yield lambda done, total: None
         return
-    with _bar(unit) as bar:
+    with terminal_bar(desc="drawing", unit=unit, delay=PATIENCE) as bar:
         lines = ProgressLines(unit, alike)
 
         def show(done: int, total: int) -> None:
@@ -346,13 +346,15 @@ def progress_bar(unit: str, is_quiet: bool, alike: bool = False) -> Iterator[Cal
         yield show
 
 
-def _bar(unit: str) -> AbstractContextManager[Any]:
-    """A bar of tqdm, or a context of None."""
+def terminal_bar(is_quiet: bool = False, **options: Any) -> AbstractContextManager[Any]:
+    """A bar of tqdm with these options; a context of None without tqdm, and if stderr is no terminal."""
+    if is_quiet or not sys.stderr.isatty():
+        return nullcontext()
     try:
         from tqdm import tqdm
     except ImportError:
         return nullcontext()
-    return tqdm(desc="drawing", unit=unit, delay=PATIENCE, leave=False) if sys.stderr.isatty() else nullcontext()
+    return tqdm(**options, leave=False)
 
 
 class ProgressLines:

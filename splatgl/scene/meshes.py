@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.data.mesh import CAPS, OF_VOLUME
 from splatgl.data.volume import Volume, empty_volume
 from splatgl.errors import InputError, error_prefix, expected
-from splatgl.fileio import toml_value
+from splatgl.fileio import toml_rows
 from splatgl.options import Group, Kind, Option, check_options, declared, non_default, option, refuse_unknown
 from splatgl.readers.points import is_points
 
@@ -113,7 +113,7 @@ class MeshFile:
         """Lines of the table of a scene file. Raises InputError for a mesh in memory."""
         if self.held is not None:
             raise expected("scene", "meshes in files, which a scene file can name", "one in memory")
-        return ["", "[[mesh]]", *(f"{key} = {toml_value(key, value)}" for key, value in non_default(self).items())]
+        return toml_rows("[[mesh]]", non_default(self))
 
 
 def source_key(file: MeshFile) -> MeshFile:

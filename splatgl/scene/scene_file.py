@@ -35,7 +35,7 @@ from splatgl.data.mask import OUTSIDE, parse_mask
 from splatgl.data.scenes import SCENES
 from splatgl.data.volume import Hints, Volume
 from splatgl.errors import error_prefix, expected
-from splatgl.fileio import load_table, toml_value
+from splatgl.fileio import load_table, toml_rows, toml_value
 from splatgl.options import Group, Kind, check_options, checked, declared, names_of, non_default, option, refuse_unknown
 from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
@@ -399,16 +399,15 @@ class SceneFile:
         animation = {name: value for name, value in self.animation.items() if name != "keyframe"}
         lines = scene._lines("", {**tables, "vectors": non_default(self.vectors), "animation": animation})
         for row in self.animation.get("keyframe", ()):
-            lines += ["", "[[animation.keyframe]]", *(f"{name} = {toml_value(name, row[name])}" for name in row)]
+            lines += toml_rows("[[animation.keyframe]]", row)
         for scissors in scene.scissors:
-            rows = scissors.table.items()
-            lines += ["", "[[scissors]]", *(f"{key} = {toml_value(key, value)}" for key, value in rows)]
+            lines += toml_rows("[[scissors]]", scissors.table)
         for layer in scene.layers:
             lines += ["", "[[layer]]", *layer._lines("layer.", {})]
         for mesh in scene.meshes:
             lines += mesh.lines()
         for measure in scene.measures:
-            lines += measure.lines()
+            lines += toml_rows("[[measure]]", non_default(measure))
         return "\n".join(lines) + "\n"
 
     def _lines(self, prefix: str, extra_tables: Mapping[str, Mapping[str, Any]]) -> list[str]:
