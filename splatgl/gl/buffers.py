@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import moderngl
@@ -31,6 +31,29 @@ K = TypeVar("K")
 Attribute = tuple[str, moderngl.Buffer, str, str, int, int]
 # attributes of four words of a record each; the attribute in_rest has the remaining words
 WORDS = ("in_first", "in_second")
+
+
+class Freeable(Protocol):
+    """An object of OpenGL, or an owner of some."""
+
+    def release(self) -> object:
+        """Frees it."""
+
+
+def free(*parts: Freeable | None) -> None:
+    """Frees those that there are."""
+    for part in parts:
+        if part is not None:
+            part.release()
+
+
+def texel_texture(
+    ctx: moderngl.Context, size: tuple[int, int], components: int, dtype: str, data: bytes | None = None
+) -> moderngl.Texture:
+    """Returns a texture whose texels are read as they are, without interpolation."""
+    texture = ctx.texture(size, components, data, alignment=4, dtype=dtype)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    return texture
 
 
 class SplatBuffers:
@@ -90,10 +113,7 @@ class SplatBuffer:
 
     def release(self) -> None:
         """Frees the instances and the textures; they are uploaded again on demand."""
-        clustered = self.clustered[1] if self.clustered else None
-        for part in (*self.sorted.values(), self.textured, clustered):
-            if part is not None:
-                part.release()
+        free(*self.sorted.values(), self.textured, self.clustered[1] if self.clustered else None)
         self.sorted, self.textured, self.clustered = {}, None, None
 
 
@@ -128,7 +148,8 @@ class Instances:
 
     def release(self) -> None:
         """Frees the vertex arrays and the buffer; they are recreated on demand."""
-        _release(self.arrays, self.buffer)
+        free(*self.arrays.values(), self.buffer)
+        self.arrays.clear()
         self.buffer = None
 
     def _attributes(self) -> list[Attribute]:
@@ -180,7 +201,7 @@ class Textured:
 
     def __init__(self, ctx: moderngl.Context, splats: Splats) -> None:
         self.ctx, self.splats = ctx, splats
-        self.orders = Orders(splats, self._listed)
+        self.orders = Orders(splats, lambda rows: _filled(ctx, rows[:, None]))
         self.records: moderngl.Texture | None = None
         self.rest: moderngl.Texture | None = None
         self.runs = False
@@ -201,8 +222,8 @@ class Textured:
             self._release_rest()
             first, rest = self._words(runs)
             if self.records is None:
-                self.records = self._texture(first)
-            self.rest, self.runs = self._texture(rest), runs
+                self.records = _filled(self.ctx, first)
+            self.rest, self.runs = _filled(self.ctx, rest), runs
         assert self.records is not None
         return Texels(self.records, self.rest, self.orders.of(order))
 
@@ -217,7 +238,7 @@ class Textured:
     def _in_order(self, runs: bool, order: DrawOrder, which: Range) -> Texels:
         self._release_sorted()
         rows = slice(*which) if order.boxes is None else indices(self.splats, order)[slice(*which)]
-        first, rest = (self._texture(words[rows]) for words in self._words(runs))
+        first, rest = (_filled(self.ctx, words[rows]) for words in self._words(runs))
         return Texels(first, rest, None, block_boxes(self.splats.records["position"][rows]))
 
     def release(self) -> None:
@@ -225,29 +246,20 @@ class Textured:
         self.orders.release()
         self._release_rest()
         self._release_sorted()
-        if self.records is not None:
-            self.records.release()
-            self.records = None
+        free(self.records)
+        self.records = None
 
     def _release_rest(self) -> None:
-        if self.rest is not None:
-            self.rest.release()
-            self.rest = None
+        free(self.rest)
+        self.rest = None
 
     def _release_sorted(self) -> None:
         if self.sorted is not None:
-            self.sorted[1].records.release()
-            self.sorted[1].rest.release()
+            free(self.sorted[1].records, self.sorted[1].rest)
             self.sorted = None
 
     def _words(self, runs: bool) -> tuple[np.ndarray, np.ndarray]:
         return _words(self.splats.records_with_runs if runs else self.splats.records)
-
-    def _listed(self, indices: np.ndarray) -> moderngl.Texture:
-        return self._texture(indices[:, None])
-
-    def _texture(self, words: np.ndarray) -> moderngl.Texture:
-        return _filled(self.ctx, words)
 
 
 class Rewritten:
@@ -271,8 +283,7 @@ class Rewritten:
 
     def release(self) -> None:
         """Frees the textures."""
-        for texture in self.textures:
-            texture.release()
+        free(*self.textures)
         self.textures = []
 
 
@@ -298,19 +309,15 @@ def order_texture(ctx: moderngl.Context, old: moderngl.Texture | None, count: in
     height = -(-max(count, 1) // ABREAST)
     if old is not None and old.height >= height:
         return old
-    if old is not None:
-        old.release()
-    order = ctx.texture((ABREAST, uneven(height)), 1, dtype="u4")
-    order.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return order
+    free(old)
+    return texel_texture(ctx, (ABREAST, uneven(height)), 1, "u4")
 
 
 def grow_buffer(ctx: moderngl.Context, buffers: dict[K, moderngl.Buffer], key: K, size: int) -> moderngl.Buffer:
     """Returns a buffer of at least `size` bytes from `buffers`; replaces a smaller one by an empty one."""
     buffer = buffers.get(key)
     if buffer is None or buffer.size < size:
-        if buffer is not None:
-            buffer.release()
+        free(buffer)
         buffer = buffers[key] = ctx.buffer(reserve=size)
     return buffer
 
@@ -338,8 +345,7 @@ def _filled(ctx: moderngl.Context, words: np.ndarray) -> moderngl.Texture:
     """Creates a texture of words [N, n], up to four per texel."""
     channels = min(words.shape[1], 4)
     size = ABREAST * words.shape[1] // channels, uneven(_rows(words))
-    texture = ctx.texture(size, channels, alignment=4, dtype="u4")
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    texture = texel_texture(ctx, size, channels, "u4")
     _write(texture, words)
     return texture
 
@@ -349,15 +355,6 @@ def _write(texture: moderngl.Texture, words: np.ndarray) -> None:
     for first in range(0, max(len(words), 1), PART):
         part = _padded(words[first : first + PART])
         texture.write(part, (0, first // ABREAST, texture.width, len(part) // ABREAST), alignment=4)
-
-
-def _release(arrays: dict[moderngl.Program, moderngl.VertexArray], *buffers: moderngl.Buffer | None) -> None:
-    for array in arrays.values():
-        array.release()
-    arrays.clear()
-    for buffer in buffers:
-        if buffer is not None:
-            buffer.release()
 
 
 # limit in bytes of cached drawing orders, 4 per splat: enough to turn back and forth interactively, not for a movie

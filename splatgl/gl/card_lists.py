@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Texels, clear_buffer, grow_buffer, most_block, order_texture
+from splatgl.gl.buffers import Texels, clear_buffer, free, grow_buffer, most_block, order_texture
 from splatgl.gl.features import Uniforms
 from splatgl.gl.program import set_uniforms
 from splatgl.gl.shader import CLOSED, SORT_BLOCK, SORT_LANES
@@ -53,9 +53,7 @@ class CardLists:
 
     def release(self) -> None:
         """Frees the buffers and the texture; they are recreated on demand."""
-        for part in (*self.buffers.values(), self.order):
-            if part is not None:
-                part.release()
+        free(*self.buffers.values(), self.order)
         self.buffers, self.order = {}, None
 
     def begin(self, closed: np.ndarray, state: int = 0) -> None:

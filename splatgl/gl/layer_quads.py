@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import Instances, uneven
+from splatgl.gl.buffers import Instances, free, texel_texture, uneven
 from splatgl.gl.features import feature_uniforms
 from splatgl.gl.layers import Drawn, layer_uniforms, union
 from splatgl.gl.meshes import LIMIT_UNITS, Limits
@@ -191,8 +191,7 @@ class BoxPieces:
 
     def release(self) -> None:
         """Frees the buffers."""
-        for instances, _ in self.octants.values():
-            instances.release()
+        free(*(instances for instances, _ in self.octants.values()))
 
     def extent(self) -> tuple[float, float]:
         """Returns the first and last distance of the boxes, in voxels."""
@@ -303,12 +302,9 @@ class LayerQuads:
 
     def release(self) -> None:
         """Frees all textures and buffers; they are recreated on demand."""
-        for quads in self.quads:
-            quads.release()
+        free(*self.quads)
         self.quads = []
-        for part in (self.slots, self.texture):
-            if part is not None:
-                part.release()
+        free(self.slots, self.texture)
         self.slots, self.texture = None, None
 
     def composite(
@@ -431,12 +427,9 @@ class LayerQuads:
         size = slots.across * slots.size[0], -(-total // slots.across) * slots.size[1]
         if self.slots is None or self.slots.size[0] < size[0] or self.slots.size[1] < size[1]:
             old = self.slots, self.texture
-            self.texture = self.ctx.texture((uneven(size[0]), uneven(size[1])), 4, dtype="u4")
-            self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self.texture = texel_texture(self.ctx, (uneven(size[0]), uneven(size[1])), 4, "u4")
             self.slots = self.ctx.framebuffer([self.texture])
-            for part in old:
-                if part is not None:
-                    part.release()
+            free(*old)
         self.slots.scissor = None  # type: ignore[assignment]
         self.slots.viewport = 0, 0, *self.slots.size
         self.slots.use()

@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError
-from splatgl.gl.buffers import DrawOrder, SplatBuffers, clear_buffer, most_block
+from splatgl.gl.buffers import DrawOrder, SplatBuffers, clear_buffer, free, most_block
 from splatgl.gl.near_sheets import NearSheets
 from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.shader import PAGE
@@ -73,8 +73,7 @@ class LayerTiles(SheetTiles):
     def release(self) -> None:
         """Frees all buffers and textures; they are recreated on demand."""
         super().release()
-        if self.heads is not None:
-            self.heads.release()
+        free(self.heads)
         self.heads = None
 
     def composite(
@@ -222,8 +221,7 @@ class LayerTiles(SheetTiles):
         """Returns the heads, without a page; lists are empty where they are not written before they are read."""
         size = 4 * (1 + HEAD * len(layers) * pixels)
         if self.heads is None or self.heads.size < size:
-            if self.heads is not None:
-                self.heads.release()
+            free(self.heads)
             self.heads = self.ctx.buffer(reserve=size)
         is_listed = self.card is None and not any(plan.resolved.boxes for _, plan in layers)
         clear_buffer(self.heads, 4 if is_listed else size)

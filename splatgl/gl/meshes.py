@@ -15,6 +15,7 @@ import numpy as np
 
 from splatgl.data.mesh import Mesh, Texture
 from splatgl.errors import InputError
+from splatgl.gl.buffers import free, texel_texture
 from splatgl.gl.program import Programs, set_uniforms, use_blend
 from splatgl.gl.target import Target, check_size, settle
 from splatgl.splat.camera import Camera
@@ -63,8 +64,7 @@ class Peel:
 
     def release(self) -> None:
         """Frees the target."""
-        for part in (self.framebuffer, self.light, self.depth, self.buffer):
-            part.release()
+        free(self.framebuffer, self.light, self.depth, self.buffer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +88,7 @@ class Surfaces:
 
     def release(self) -> None:
         """Frees the targets; they are recreated on demand."""
-        for target in self.targets:
-            target.release()
+        free(*self.targets)
         self.targets = []
         self._keep_textures(())
 
@@ -107,8 +106,7 @@ class Surfaces:
         corners = [corners_of(opaque, 0, camera, unit), corners_of(clear, maps, camera, unit)]
         depths = depth_range(np.concatenate([group["place"][:, 2] for group in corners]), camera.perspective)
         tables = map_tables([*opaque, *clear])
-        mapped = self.ctx.texture(tables.shape[1::-1], 3, tables.tobytes(), dtype="f4")
-        mapped.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        mapped = texel_texture(self.ctx, tables.shape[1::-1], 3, "f4", tables.tobytes())
         groups = [self._groups(opaque, corners[0], 0), self._groups(clear, corners[1], maps)]
         end, before, now, ends = self._sized(camera.size)
         # a new size has freed them
@@ -129,9 +127,7 @@ class Surfaces:
                 raise InputError(f"meshes: expected at most {MOST_PEELS} surfaces behind each other, got more")
             yield Limits(before.depth, end.depth, unit), end.light
         finally:
-            mapped.release()
-            for group in (*groups[0], *groups[1]):
-                group.corners.release()
+            free(mapped, *(group.corners for group in (*groups[0], *groups[1])))
 
     def composite(self, target: Target, matter: Target, surface: moderngl.Texture) -> None:
         """Blends matter, and the surface behind it, behind the contents of the target."""
@@ -205,9 +201,8 @@ class Surfaces:
             if texture not in self.textures:
                 (height, width), channels = texture.texels.shape[:2], 1 if texture.mapped else 4
                 check_size(self.ctx, (width, height))
-                uploaded = self.ctx.texture((width, height), channels, texture.texels.tobytes(), dtype="f4")
-                uploaded.filter = (moderngl.NEAREST, moderngl.NEAREST)
-                self.textures[texture] = uploaded
+                texels = texture.texels.tobytes()
+                self.textures[texture] = texel_texture(self.ctx, (width, height), channels, "f4", texels)
 
     def _sized(self, size: tuple[int, int]) -> list[Peel]:
         """Returns four targets of `size`, recreated when the size changes."""
@@ -218,9 +213,7 @@ class Surfaces:
         return self.targets
 
     def _peel(self, size: tuple[int, int]) -> Peel:
-        light, depth = self.ctx.texture(size, 4, dtype="f4"), self.ctx.texture(size, 1, dtype="f4")
-        for texture in (light, depth):
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        light, depth = (texel_texture(self.ctx, size, components, "f4") for components in (4, 1))
         buffer = self.ctx.depth_renderbuffer(size)
         return Peel(light, depth, self.ctx.framebuffer([light, depth], buffer), buffer)
 

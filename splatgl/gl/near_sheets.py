@@ -8,7 +8,8 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
-from splatgl.gl.program import Programs
+from splatgl.gl.buffers import free
+from splatgl.gl.program import Programs, set_uniforms
 from splatgl.gl.textures import Tables
 from splatgl.splat.plan import Plan
 from splatgl.splat.sheets import NearField
@@ -40,9 +41,7 @@ class NearSheets:
 
     def release(self) -> None:
         """Frees the textures; they are recreated on demand."""
-        for part in (self.target, *self.textures, self.voxels):
-            if part is not None:
-                part.release()
+        free(self.target, *self.textures, self.voxels)
         self.target, self.textures, self.voxels = None, [], None
 
     def draw(self, near: NearField | None, plan: Plan, first_sheet: float) -> dict[str, object]:
@@ -60,15 +59,9 @@ class NearSheets:
         assert self.target is not None
         program = self.programs.for_screen("near_field.frag", plan.program, {"SIDE": 2 * near.around})
         self.tables.use(plan)
-        uniforms = {
-            "near_voxels": VOXELS_UNIT,
-            "near_low": tuple(near.low - plan.view.eye_index),
-            "thickness": sheets.thickness,
-            "near_step": step,
-            "near_rows": rows,
-        }
-        for name, value in uniforms.items():
-            program[name] = value
+        low = tuple(near.low - plan.view.eye_index)
+        set_uniforms(program, near_voxels=VOXELS_UNIT, near_low=low, thickness=sheets.thickness)
+        set_uniforms(program, near_step=step, near_rows=rows)
         self.target.use()
         self.ctx.enable_only(moderngl.NOTHING)
         self.whole(program)
@@ -87,8 +80,7 @@ class NearSheets:
         """Uploads the voxels and creates textures of the given size."""
         shape = near.cells.shape[2::-1]
         if self.voxels is None or self.voxels.size != shape:
-            if self.voxels is not None:
-                self.voxels.release()
+            free(self.voxels)
             self.voxels = self.ctx.texture3d(shape, 4, alignment=4, dtype="f4")
             self.voxels.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.voxels.write(np.ascontiguousarray(near.cells))
@@ -100,9 +92,7 @@ class NearSheets:
                 texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
                 texture.repeat_x = texture.repeat_y = False
             self.target = self.ctx.framebuffer(self.textures)
-            for part in old:
-                if part is not None:
-                    part.release()
+            free(*old)
 
 
 def grid_step(near: NearField, plan: Plan) -> int:

@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 
 from splatgl.data.mesh import Mesh
-from splatgl.gl.buffers import DrawOrder, SplatBuffers
+from splatgl.gl.buffers import DrawOrder, SplatBuffers, free
 from splatgl.gl.card_lists import CardLists
 from splatgl.gl.features import FieldTextures
 from splatgl.gl.layer_quads import LayerQuads
@@ -91,16 +91,8 @@ class Passes:
         """Frees the targets, and the buffers of splats and techniques."""
         # when moderngl creates a framebuffer, it rebinds the current one, which must not be freed by then
         self.ctx.detect_framebuffer(0).use()
-        self.targets.release()
-        self.splats.release()
-        self.surfaces.release()
-        self.fields.release()
-        self.near.release()
-        for technique in self.techniques.values():
-            technique.release()
-        self.layer_quads.release()
-        if self.card is not None:
-            self.card.release()
+        free(self.targets, self.splats, self.surfaces, self.fields, self.near)
+        free(*self.techniques.values(), self.layer_quads, self.card)
 
     def draw(
         self,

@@ -6,7 +6,7 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import expected
-from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, SplatBuffers, chunks, indices
+from splatgl.gl.buffers import Attribute, DrawOrder, Range, Sorted, SplatBuffers, chunks, free, indices
 from splatgl.gl.features import feature_uniforms
 from splatgl.gl.meshes import LIMIT_UNITS, Limits
 from splatgl.gl.program import Programs, set_uniforms, use_blend
@@ -59,8 +59,7 @@ class Streaks(Quads):
 
     def release(self) -> None:
         """Frees the buffers of the moving splats."""
-        if self.flowing is not None:
-            self.flowing.release()
+        free(self.flowing)
         self.flowing = None
 
     def _instances(self, splats: Splats, plan: Plan, order: DrawOrder, which: Range) -> Sorted:

@@ -15,6 +15,7 @@ import numpy as np
 
 from splatgl.errors import InputError, expected
 from splatgl.gl.backends import BackendError, WindowLoader, hand_back
+from splatgl.gl.buffers import free
 from splatgl.gl.context import adopt, current
 from splatgl.gl.program import build
 from splatgl.platforms import DISPLAY_FIX
@@ -85,8 +86,7 @@ class Screen:
                 return
             self.textures[name] = self.ctx.texture(size, 4, np.ascontiguousarray(pixels), dtype=dtype)
             self.textures[name].repeat_x = self.textures[name].repeat_y = False
-            if old is not None:
-                old.release()
+            free(old)
 
     def draw(self, size: tuple[int, int], look: ScreenStyle) -> None:
         """Draws the textures into the window's back buffer of `size` pixels; restores the current context."""
@@ -236,11 +236,9 @@ class Marker:
         self._forget(())
         while self.programs:
             program, vertices = self.programs.popitem()[1]
-            vertices.release()
-            program.release()
-        if self.instances is not None:
-            self.instances.release()
-            self.instances = None
+            free(vertices, program)
+        free(self.instances)
+        self.instances = None
 
     def _forget(self, sprites: Sequence[Sprite]) -> None:
         """Frees the textures of all pictures but those of `sprites`."""
@@ -284,8 +282,7 @@ class Marker:
 
     def _grow(self, size: int) -> None:
         if self.instances is not None:
-            self.instances.release()
-            self.programs["stroke"][1].release()
+            free(self.instances, self.programs["stroke"][1])
             program = self.programs["stroke"][0]
         else:
             program = build(self.ctx, "stroke.vert", "stroke.frag", {})

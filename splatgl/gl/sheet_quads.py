@@ -17,7 +17,7 @@ from typing import NamedTuple
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import DrawOrder, Instances, uneven
+from splatgl.gl.buffers import DrawOrder, Instances, free, texel_texture, uneven
 from splatgl.gl.features import Uniforms
 from splatgl.gl.meshes import LIMIT_UNITS, Limits
 from splatgl.gl.near_sheets import NearSheets
@@ -120,9 +120,7 @@ class SheetQuads:
 
     def release(self) -> None:
         """Frees the textures and the buffer; they are recreated on demand."""
-        for part in (self.instances, self.ring, self.joined, self.joined_before):
-            if part is not None:
-                part.release()
+        free(self.instances, self.ring, self.joined, self.joined_before)
         self.filled, self.ring, self.joined, self.joined_before = None, None, None, None
 
     def draw(self, target: Target, splats: Splats, plan: Plan, order: DrawOrder, portions: Portions) -> None:
@@ -296,8 +294,7 @@ class SheetQuads:
         if old is not None and old.size == size:
             return old
         new = JoinedValues(self.ctx, size)
-        if old is not None:
-            old.release()
+        free(old)
         return new
 
     def _begin_before(self, size: tuple[int, int]) -> moderngl.Framebuffer:
@@ -313,8 +310,7 @@ class SheetQuads:
         ring = self.ring
         if ring is None or ring.kind._replace(rows=kind.rows) != kind or ring.kind.rows < kind.rows:
             old, self.ring = ring, Ring(self.ctx, kind)
-            if old is not None:
-                old.release()
+            free(old)
         assert self.ring is not None
         return self.ring
 
@@ -324,15 +320,13 @@ class JoinedValues:
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
         self.size = size
-        self.texture = ctx.texture((uneven(size[0]), uneven(size[1])), 4, dtype="f4")
-        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.texture = texel_texture(ctx, (uneven(size[0]), uneven(size[1])), 4, "f4")
         self.framebuffer = ctx.framebuffer([self.texture])
         self.framebuffer.viewport = (0, 0, *size)
 
     def release(self) -> None:
         """Frees both."""
-        self.framebuffer.release()
-        self.texture.release()
+        free(self.framebuffer, self.texture)
 
 
 class Ring:
@@ -341,10 +335,8 @@ class Ring:
     def __init__(self, ctx: moderngl.Context, kind: Kind) -> None:
         self.ctx, self.kind, self.count, self.slots, self.top = ctx, kind, kind.sheets, kind.sheets + 2 * kind.post, 0
         size = uneven(kind.size[0]), uneven(kind.rows)
-        self.sums = [ctx.texture(size, 4, dtype="f4") for _ in range(self.slots)]
-        self.masses = [ctx.texture(size, 1, dtype="f4") for _ in range(self.slots * kind.post)]
-        for texture in (*self.sums, *self.masses):
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.sums = [texel_texture(ctx, size, 4, "f4") for _ in range(self.slots)]
+        self.masses = [texel_texture(ctx, size, 1, "f4") for _ in range(self.slots * kind.post)]
         # framebuffers of all open sheets from a slot on, and of a single slot
         self.open = [ctx.framebuffer(self._attachments(n, self.count)) for n in range(self.slots)]
         self.each = [ctx.framebuffer(self._attachments(n, 1)) for n in range(self.slots)]
@@ -371,10 +363,7 @@ class Ring:
 
     def release(self) -> None:
         """Frees the textures."""
-        for framebuffer in (*self.open, *self.each):
-            framebuffer.release()
-        for texture in (*self.sums, *self.masses):
-            texture.release()
+        free(*self.open, *self.each, *self.sums, *self.masses)
 
     def _attachments(self, first: int, count: int) -> list[moderngl.Texture | moderngl.Renderbuffer]:
         slots = [(first + n) % self.slots for n in range(count)]

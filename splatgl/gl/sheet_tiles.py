@@ -17,6 +17,7 @@ from splatgl.gl.buffers import (
     SplatBuffers,
     Texels,
     clear_buffer,
+    free,
     grow_buffer,
     most_block,
     order_texture,
@@ -420,9 +421,7 @@ class SheetOrder:
 
     def release(self) -> None:
         """Frees the buffers and the texture; they are recreated on demand."""
-        for part in (*self.buffers.values(), self.order):
-            if part is not None:
-                part.release()
+        free(*self.buffers.values(), self.order)
         self.buffers, self.order = {}, None
 
     def sorted(

@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 
 from splatgl.errors import InputError, expected
-from splatgl.gl.buffers import uneven
+from splatgl.gl.buffers import free, texel_texture, uneven
 from splatgl.gl.context import is_software
 from splatgl.splat.culling import Window
 
@@ -54,6 +54,10 @@ class Target:
         self.framebuffer.clear()
         settle(self.framebuffer.ctx)
 
+    def release(self) -> None:
+        """Frees the target."""
+        free(self.framebuffer, self.texture)
+
 
 def settle(ctx: moderngl.Context) -> None:
     """Waits until the pass into a framebuffer ends, on software renderers only. llvmpipe frees the memory of released
@@ -81,20 +85,18 @@ class Targets:
             old, target = target, self._make(size, form)
             target.framebuffer.use()
             self.kept[role] = target
-            if old:
-                _release(old)
+            free(old)
         return target
 
     def release(self) -> None:
         """Frees all targets."""
         while self.kept:
-            _release(self.kept.popitem()[1])
+            self.kept.popitem()[1].release()
 
     def _make(self, size: tuple[int, int], form: str) -> Target:
         check_size(self.ctx, size)
         try:
-            texture = self.ctx.texture((uneven(size[0]), uneven(size[1])), 4, dtype=FORMATS[form][0])
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            texture = texel_texture(self.ctx, (uneven(size[0]), uneven(size[1])), 4, FORMATS[form][0])
             target = Target(size, texture, self.ctx.framebuffer([texture]), form)
             target.framebuffer.viewport = (0, 0, *size)
             return target
@@ -102,11 +104,6 @@ class Targets:
             raise InputError(
                 f"image size {size[0]}×{size[1]}: OpenGL cannot draw into {form} of that size ({error})"
             ) from error
-
-
-def _release(target: Target) -> None:
-    target.framebuffer.release()
-    target.texture.release()
 
 
 def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 import moderngl
 import numpy as np
 
+from splatgl.gl.buffers import texel_texture
 from splatgl.gl.shader import TABLE_ROW
 from splatgl.splat.kernels import Kernel, footprint_table, half_line_table, radial_table
 from splatgl.splat.motion_blur import blur_table
@@ -69,8 +70,7 @@ class Tables:
                 cached[1].release()
                 cached = None
             if cached is None:
-                texture = self.ctx.texture(texels.shape[1::-1], 4, texels.tobytes(), dtype="u4")
-                texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+                texture = texel_texture(self.ctx, texels.shape[1::-1], 4, "u4", texels.tobytes())
                 self.owned.callback(texture.release)
             else:
                 texture = cached[1]

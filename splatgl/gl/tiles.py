@@ -15,7 +15,18 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from splatgl.gl.buffers import DrawOrder, Range, SplatBuffers, Texels, chunks, clear_buffer, grow_buffer, uneven
+from splatgl.gl.buffers import (
+    DrawOrder,
+    Range,
+    SplatBuffers,
+    Texels,
+    chunks,
+    clear_buffer,
+    free,
+    grow_buffer,
+    texel_texture,
+    uneven,
+)
 from splatgl.gl.card_lists import MOST_BAND, MOST_SPLATS, CardLists
 from splatgl.gl.features import Uniforms, feature_uniforms
 from splatgl.gl.program import Programs, set_uniforms
@@ -76,9 +87,7 @@ class Placed:
 
     def release(self) -> None:
         """Frees the textures."""
-        for part in (self.framebuffer, *self.textures, self.list):
-            if part is not None:
-                part.release()
+        free(self.framebuffer, *self.textures, self.list)
 
 
 class Tiles:
@@ -261,13 +270,10 @@ class Tiles:
 
     def _make_placed(self, number: int, height: int) -> None:
         old = self.placed.framebuffer, *self.placed.textures
-        self.placed.textures = [self.ctx.texture((ABREAST, uneven(height)), 4, dtype="u4") for _ in range(number)]
-        for texture in self.placed.textures:
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        size = ABREAST, uneven(height)
+        self.placed.textures = [texel_texture(self.ctx, size, 4, "u4") for _ in range(number)]
         self.placed.framebuffer = self.ctx.framebuffer(self.placed.textures)
-        for part in old:
-            if part is not None:
-                part.release()
+        free(*old)
 
     def _count(self, plan: Plan, count: int) -> np.ndarray | None:
         """Returns (tile, begin, end, 0) of each non-empty list, uint32 [lists, 4]; None beyond MOST_LISTED entries.
@@ -312,10 +318,8 @@ class Tiles:
         self._run(plan, count, {"COUNTING": False}, total + 4)
         texture = self.placed.list
         if texture is None or texture.height < height:
-            if texture is not None:
-                texture.release()
-            texture = self.placed.list = self.ctx.texture((LISTED, uneven(height)), 4, dtype="u4")
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            free(texture)
+            texture = self.placed.list = texel_texture(self.ctx, (LISTED, uneven(height)), 4, "u4")
         # copied: llvmpipe reads textures faster than buffers, and writes buffers faster than images
         texture.write(listed, viewport=(0, 0, LISTED, height))
 
