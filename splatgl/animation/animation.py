@@ -210,7 +210,8 @@ class Animation:
             *(first.mask or ()),
         )
         names = self.over.names if self.over else ()
-        return digest_of(files, drawn, views, self.count, self.hold, self.flow, self.bits, *names)
+        parts = files, drawn, views, self.count, self.hold, self.flow, self.bits, *names
+        return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
     def draw(self, renderer: Renderer, frames: Frames, todo: Sequence[int], quiet: bool) -> None:
         """Renders and saves the frames; the next volume of a series is read in parallel."""
@@ -538,11 +539,6 @@ class Frames:
         folder = self.path(0).parent
         if not any(folder.iterdir()):
             folder.rmdir()
-
-
-def digest_of(*parts: object) -> str:
-    """A short digest of everything that determines an animation."""
-    return hashlib.sha256("\n".join(map(repr, parts)).encode()).hexdigest()[:DIGITS]
 
 
 def _check_template(text: str) -> None:

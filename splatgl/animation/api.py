@@ -137,7 +137,9 @@ def write_animation(
             animation.draw(renderer, frames, todo, quiet)
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK
-        write_movie(frames.movie, [frames.path(n) for n in wanted], fps or _default_fps(animation), ground)
+        # fewer for a short series, so that it can be followed
+        usual = min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
+        write_movie(frames.movie, [frames.path(n) for n in wanted], fps or usual, ground)
         frames.clear(wanted)
     return frames, len(wanted) - len(todo)
 
@@ -146,8 +148,3 @@ def check_fps(fps: float | None, name: str) -> None:
     """Raises InputError for frames per second that no movie has."""
     if fps is not None and not (is_number(fps) and MIN_FPS <= fps <= MAX_FPS):
         raise expected(name, f"a number from {MIN_FPS:g} to {MAX_FPS:g}", fps)
-
-
-def _default_fps(animation: Animation) -> float:
-    """Frames per second: fewer for a short series, so that it can be followed."""
-    return min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS

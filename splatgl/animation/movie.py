@@ -104,10 +104,7 @@ WILDCARDS = re.compile(r"[*?\[]")
 
 
 def volumes(scene: SceneFile, more: Sequence[str]) -> list[SceneFile]:
-    """The scene of each volume: a pattern expands to all matching files, sorted by the numbers in their names.
-
-    Raises InputError for a pattern without matches.
-    """
+    """The scene of each volume; patterns are expanded as by `expanded`."""
     return [replace(scene, volume=source) for source in expanded((scene.volume, *more))]
 
 

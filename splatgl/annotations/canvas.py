@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from splatgl.annotations.text import MICRO, line_length, plain, write_line
+from splatgl.annotations.text import MICRO, load_font, plain, write_line
 from splatgl.data.color import Color
 from splatgl.data.figure import HALO_ALPHA, AreaMark, Halo, LinesMark, Mark, PatchMark, TextMark, move_mark
 from splatgl.data.mesh import Mesh
@@ -266,7 +266,8 @@ def ink_on(light: np.ndarray) -> Color:
 @lru_cache(maxsize=1024)
 def text_size(text: str, em: int, edge: int) -> tuple[int, int]:
     """Width and height of a line of text with its halo; em: font height."""
-    return int(np.ceil(line_length(readable(text), em))) + 2 * edge, em + 2 * edge + 2
+    length = load_font(em).getlength(readable(text).replace(MICRO, "u"))
+    return int(np.ceil(length)) + 2 * edge, em + 2 * edge + 2
 
 
 @lru_cache(maxsize=256)

@@ -109,11 +109,6 @@ def plain(text: str) -> str:
     return legible(text.translate(PLAIN))
 
 
-def line_length(text: str, height: int) -> float:
-    """Width of a line that `write_line` writes, pixels."""
-    return float(load_font(height).getlength(text.replace(MICRO, "u")))
-
-
 def write_line(mask: Any, at: tuple[int, int], text: str, height: int, stroke: int = 0) -> None:
     """Writes a line on a mask of Pillow, mode L; at: the first point on its baseline; height: of the font, pixels.
     stroke: width of an outline that is filled, too.

@@ -212,11 +212,12 @@ class BoxPieces:
         start = start + eye
         units = step / np.linalg.norm(step, axis=1, keepdims=True)
         # an octant may begin between two rays: least numbers are those of rays around it, as numbers are quasi-concave
-        around = UNSURE if band.is_whole else UNSURE + largest_steps(units.reshape(*band.grid, 3))
+        rows = units.reshape(*band.grid, 3)
+        apart = sum(float(np.abs(np.diff(rows, axis=axis)).max(initial=0.0)) for axis in (0, 1))
+        around = UNSURE if band.is_whole else UNSURE + apart
         self.numbers = {}
         for signs in product((1, -1), repeat=3):
-            apart = units * np.array(signs) + np.array(signs) * -UPRIGHT
-            rays = (apart > -around).all(axis=1)
+            rays = (units * np.array(signs) + np.array(signs) * -UPRIGHT > -around).all(axis=1)
             if rays.any():
                 self.numbers[signs] = Numbering(start[rays] @ signs, step[rays] @ signs, ROUNDING)
         self.done = dict.fromkeys(self.numbers, -END)
@@ -448,11 +449,6 @@ class Slabs(NamedTuple):
 
 # pixels between two rays whose numbers are computed, and the most between them per depth: by more, numbers bend
 APART, MOST_APART = 8, 0.0125
-
-
-def largest_steps(rays: np.ndarray) -> float:
-    """Returns the sum of the largest changes of a component along rows and along columns [H, W, 3]."""
-    return float(sum(np.abs(np.diff(rays, axis=axis)).max(initial=0.0) for axis in (0, 1)))
 
 
 def band_of(layers: Sequence[Drawn], window: Window) -> Band:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value, over_background
-from splatgl.reference.ray_integral import OPAQUE, distances, samples_of
+from splatgl.reference.ray_integral import OPAQUE, check_counts, distances, samples_of
 from splatgl.reference.rays import Rays
 from splatgl.reference.sheets import weight_extinction
 from splatgl.splat.ambient_occlusion import LightVolume
@@ -274,9 +274,7 @@ def field_integral(
     settings, of which only it and mip_attenuation count. Raises InputError for numbers below 1 and unknown blends.
     """
     started = time.perf_counter()
-    for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
-        if count < 1:
-            raise expected(name, "a number of at least 1", count)
+    check_counts(steps_per_voxel, samples)
     look = blend if isinstance(blend, Settings) else None
     blend = look.blend if look else str(blend)
     if blend not in BLENDS:
@@ -292,14 +290,19 @@ def field_integral(
         free = distances(dilate(select_needed(_values(volume, post), 2, post.wanted)[0]))
     unit = transfer.unit or grid.mean_spacing
     shading = transfer.shading and BLENDS[blend].ordered
-    marched = Marched(field, transfer, free, grid.mean_spacing, unit, LIGHTS["head"] if shading else None)
     gaps = np.argwhere(~np.isfinite(np.asarray(volume.samples)))[:, ::-1]
-    strength, levels = (
-        (look or Settings()).mip_attenuation,
-        (surface_levels(transfer, post.span), transfer.surface_matter()),
+    marched = Marched(
+        field,
+        transfer,
+        free,
+        grid.mean_spacing,
+        unit,
+        LIGHTS["head"] if shading else None,
+        mask=MaskField.with_gaps(volume, gaps),
+        span=post.span,
+        mip_attenuation=(look or Settings()).mip_attenuation,
+        surfaces=(surface_levels(transfer, post.span), transfer.surface_matter()),
     )
-    marched = replace(marched, mask=MaskField.with_gaps(volume, gaps), span=post.span, mip_attenuation=strength)
-    marched = replace(marched, surfaces=levels)
     width, height = camera.size
     rays = PixelRays.of(grid, camera, samples, post.shape)
     drawn = rays.means(marched, np.arange(width * height), steps_per_voxel, blend)
@@ -330,16 +333,24 @@ def kept_field_integral(
     field = partial(_kernel_mean, kernel_named(post.kernel), post, lambda cell: terms[_look_up_terms(entry, cell)])
     free = distances(dilate(occupied))
     resolved = Resolved.of(clip_behind_eye(splats, camera), camera, settings)
-    look = resolved.look
-    cues = resolved.cues
-    light, shines = (
-        (look.light, look.light.within(camera)) if look.shading or look.iso == "lit" or cues else (None, None)
+    look, cues = resolved.look, resolved.cues
+    marched = Marched(
+        field,
+        post.transfer,
+        free,
+        splats.grid.mean_spacing,
+        splats.unit,
+        look.light if look.shading or look.iso == "lit" or cues else None,
+        look.light.within(camera),
+        cues,
+        look.shading,
+        resolved.mask,
+        post.span,
+        post.integral,
+        settings.mip_attenuation,
+        (surface_levels(post.transfer, post.span), post.surfaces[1]),
+        iso_lit=look.iso == "lit",
     )
-    size = splats.grid.mean_spacing
-    marched = Marched(field, post.transfer, free, size, splats.unit, light, shines, cues, look.shading)
-    levels = surface_levels(post.transfer, post.span), post.surfaces[1]
-    marched = replace(marched, mask=resolved.mask, span=post.span, classified=post.integral, surfaces=levels)
-    marched = replace(marched, mip_attenuation=settings.mip_attenuation, iso_lit=look.iso == "lit")
     rays = PixelRays.of(splats.grid, camera, samples, post.shape, resolved.clip)
     drawn = rays.means(marched, pixels, STEPS, settings.blend)
     return over_background(drawn, resolved)
@@ -351,17 +362,22 @@ def _steps(rays: Rays, steps: int) -> tuple[np.ndarray, np.ndarray]:
     return slabs, (rays.far - rays.near) / np.maximum(slabs, 1)
 
 
+def _all_slabs(slabs: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Yields the number of a slab and at most POINTS rays that have it, slab by slab."""
+    for slab in range(slabs.max(initial=0)):
+        on = np.flatnonzero(slab < slabs)
+        yield from ((slab, some) for some in np.split(on, range(POINTS, len(on), POINTS)))
+
+
 def _one_value(join: str, marched: Marched, rays: Rays, steps: int) -> np.ndarray:
     """float64 [P, 4]: the classified maxima, minima or means of rays; 0 for rays without a finite value."""
     slabs, step = _steps(rays, steps)
     light = np.zeros((len(slabs), 4))
-    for slab in range(slabs.max(initial=0)):
-        on = np.flatnonzero(slab < slabs)
-        for some in np.split(on, range(POINTS, len(on), POINTS)):
-            places = rays.start[:, some] + rays.direction[:, some] * (rays.near[some] + (slab + 0.5) * step[some])
-            value, _ = marched.field(places)
-            length = np.where(np.isfinite(value) & marched.kept(places), step[some], 0.0)
-            light[some] = join_values(light[some], np.nan_to_num(value), length, join)
+    for slab, some in _all_slabs(slabs):
+        places = rays.start[:, some] + rays.direction[:, some] * (rays.near[some] + (slab + 0.5) * step[some])
+        value, _ = marched.field(places)
+        length = np.where(np.isfinite(value) & marched.kept(places), step[some], 0.0)
+        light[some] = join_values(light[some], np.nan_to_num(value), length, join)
     return classify_values(marched.transfer, joined_value(light, join))
 
 
@@ -372,16 +388,14 @@ def _attenuated_maximum(marched: Marched, rays: Rays, steps: int) -> np.ndarray:
     low, high = marched.transfer.color_range
     width = high - low or marched.span
     depth = marched.mip_attenuation * marched.spacing / marched.unit * step * rays.stretch
-    for slab in range(slabs.max(initial=0)):
-        on = np.flatnonzero(slab < slabs)
-        for some in np.split(on, range(POINTS, len(on), POINTS)):
-            ends = rays.near[some] + (slab + np.array([[0.0], [0.5], [1.0]])) * step[some]
-            places = rays.start[:, None, some] + rays.direction[:, None, some] * ends
-            values = marched.field(places.reshape(3, -1))[0].reshape(3, -1)
-            length = np.where(np.isfinite(values[1]) & marched.kept(places[:, 1]), step[some], 0.0)
-            # beyond the field, the value in the middle
-            shares = (np.nan_to_num(np.where(np.isfinite(values), values, values[1])) - low) / width
-            light[some] = join_attenuated(light[some], np.clip(shares, 0.0, 1.0), length, depth[some])
+    for slab, some in _all_slabs(slabs):
+        ends = rays.near[some] + (slab + np.array([[0.0], [0.5], [1.0]])) * step[some]
+        places = rays.start[:, None, some] + rays.direction[:, None, some] * ends
+        values = marched.field(places.reshape(3, -1))[0].reshape(3, -1)
+        length = np.where(np.isfinite(values[1]) & marched.kept(places[:, 1]), step[some], 0.0)
+        # beyond the field, the value in the middle
+        shares = (np.nan_to_num(np.where(np.isfinite(values), values, values[1])) - low) / width
+        light[some] = join_attenuated(light[some], np.clip(shares, 0.0, 1.0), length, depth[some])
     return classify_values(marched.transfer, low + width * joined_value(light, "attenuated"))
 
 

@@ -158,22 +158,25 @@ def ray_integral_at(
     settings = (settings or Settings()).but(**BEFORE)
     if settings.blend != "composite":
         raise expected("blend", "composite, the only one that has a ray integral", settings.blend)
-    for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
-        if count < 1:
-            raise expected(name, "a number of at least 1", count)
+    check_counts(steps_per_voxel, samples)
     fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
     splats = clip_behind_eye(select_splats(splats, settings, moving=False), camera)
     view = GridView.of(splats.grid, fine, kernel_named(kernel_name(splats, settings)), antialias=False)
     voxel = view.voxels(splats.positions)
-    color = splats.colors.astype(np.float64)
     resolved = Resolved.of(splats, camera, settings)
-    color = apply_light(color, splats, camera, voxel, resolved)
+    color = apply_light(splats.colors.astype(np.float64), splats, camera, voxel, resolved)
     field = Field.of(splats, view.kernel, color)
-
     rays = samples_of(pixels, camera.size[0], samples)
     groups = np.split(rays, range(RAYS, len(rays), RAYS))
     drawn = np.concatenate([_march(field, view, fine, group, steps_per_voxel) for group in groups])
     return over_background(drawn.reshape(len(pixels), -1, 4).mean(axis=1), resolved)
+
+
+def check_counts(steps_per_voxel: int, samples: int) -> None:
+    """Raises InputError for numbers of slabs and samples below 1."""
+    for name, count in (("steps_per_voxel", steps_per_voxel), ("samples", samples)):
+        if count < 1:
+            raise expected(name, "a number of at least 1", count)
 
 
 def samples_of(pixels: np.ndarray, width: int, samples: int) -> np.ndarray:

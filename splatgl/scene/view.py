@@ -213,7 +213,8 @@ class ViewOptions:
         fov = _first(self.fov, hints.fov, FOV)
         orbit = self.orbit(volume)
         if orbit is None:
-            target = _first(self.look_at, hints.target if self.eye is None else None, tuple(_center(volume)))
+            center = volume.center if isinstance(volume, Volume) else volume.corners.mean(axis=0)
+            target = _first(self.look_at, hints.target if self.eye is None else None, tuple(center))
             up = _first(self.up, hints.up, (0.0, 0.0, 1.0))
             camera = Camera.look_at(_first(self.eye, hints.eye), target, up, fov, self.size)
         else:
@@ -223,11 +224,6 @@ class ViewOptions:
                 subject, *orbit, fov, self.size, _first(self.zoom, 1.0), _first(self.up, hints.up, (0.0, 0.0, 1.0))
             )
         return camera.parallel(subject, self.height) if self.is_parallel(volume) else camera
-
-
-def _center(volume: Volume | Splats) -> np.ndarray:
-    """Centre of the box of samples, or of splats, world units."""
-    return volume.center if isinstance(volume, Volume) else np.asarray(volume.corners.mean(axis=0))
 
 
 def _default_orbit(volume: Volume | Splats) -> tuple[float, float]:

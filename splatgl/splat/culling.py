@@ -12,6 +12,7 @@ from itertools import combinations, product
 import numpy as np
 
 from splatgl.splat.camera import Camera
+from splatgl.splat.hidden_interior import least_around
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Exposure
 from splatgl.splat.resolve import Resolved
@@ -323,8 +324,7 @@ def _is_exposed(splats: Splats, hiding: float) -> np.ndarray:
     # hidden by 1 to LAYERS layers that are dense enough
     hidden = np.zeros(shape, bool)
     for layer in range(1, LAYERS + 1):
-        for axis in range(3):
-            depth = _min_filter(depth, axis)
+        depth = least_around(depth)
         hidden |= depth >= hiding / layer
         if not (depth >= hiding / LAYERS).any():
             break
@@ -336,11 +336,3 @@ def eye_is_outside(splats: Splats, eye: np.ndarray, margin: float = 0.0) -> bool
     low, high = splats.index_bounds + np.array([[-margin], [margin]])
     place = splats.grid.index_from_world(eye)
     return bool((place < low).any() or (place > high).any())
-
-
-def _min_filter(array: np.ndarray, axis: int) -> np.ndarray:
-    """Minimum over a value and its two neighbours along an axis; 0 at the ends."""
-    across = np.moveaxis(array, axis, 0)
-    least = np.zeros_like(across)
-    np.minimum(np.minimum(across[:-2], across[1:-1]), across[2:], out=least[1:-1])
-    return np.moveaxis(least, 0, axis)

@@ -19,7 +19,7 @@ from splatgl.splat.motion import Draw
 from splatgl.splat.motion_blur import line_area
 from splatgl.splat.ordering import order_for
 from splatgl.splat.settings import Settings
-from splatgl.splat.splats import Splats, as_points, assemble
+from splatgl.splat.splats import Splats, as_points
 
 # samples a pixel, along each axis
 TIMES = 4
@@ -188,18 +188,11 @@ def soft(shape: np.ndarray, sigma: float) -> np.ndarray:
     return np.asarray(np.clip(soft[margin:-margin, margin:-margin], 0.0, 1.0))
 
 
-def subset(splats: Splats, keep: np.ndarray) -> Splats:
-    """Subset of the splats, in the same cells."""
-    cell_y, cell_z = (np.repeat(rows, np.diff(splats.row_start)) for rows in (splats.row_y, splats.row_z))
-    cells = np.stack([splats.cell_x, cell_y, cell_z], axis=1)[keep]
-    return assemble(splats.records[keep], cells, splats.grid, splats.unit, splats.name, splats.shaded)
-
-
 def differing_before(draw: Draw, splats: Splats, camera: Camera, settings: Settings) -> tuple[int, int]:
     """(changed, total) number of pixels that show nothing beyond z_k; changed: by antialiasing."""
     z_k = camera.z_k(splats.grid.smallest_spacing)
     beyond = camera.eye_from_points(world(splats))[:, 2] >= z_k
-    reached = draw(subset(splats, beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0
+    reached = draw(splats.part(beyond), camera, settings.but(antialias="paper", blend="xray")).pixels[..., 3] > 0
     off, on = (draw(splats, camera, settings.but(antialias=name)).pixels for name in ("off", "paper"))
     changed = (off != on).any(axis=-1) & ~reached
     return int(changed.sum()), int((~reached).sum())

@@ -19,7 +19,6 @@ from splatgl.studies.aliasing import (
     popping,
     share_beyond,
     strip,
-    subset,
 )
 from tests.helpers.splatting import SPLATS
 
@@ -141,9 +140,9 @@ def test_nothing_before_z_k_changes(renderer: sg.Renderer, sheet: sg.Splats, cam
 
 def test_only_is_a_part(sheet: sg.Splats, camera: sg.Camera, rng: np.random.Generator) -> None:
     keep = rng.random(len(sheet)) < 0.5
-    halves = [draw(subset(sheet, k), camera, XRAY).pixels for k in (keep, ~keep)]
+    halves = [draw(sheet.part(k), camera, XRAY).pixels for k in (keep, ~keep)]
     assert halves[0] + halves[1] == pytest.approx(draw(sheet, camera, XRAY).pixels, abs=1e-9)
-    assert len(subset(sheet, keep)) == keep.sum()
+    assert len(sheet.part(keep)) == keep.sum()
 
 
 # --- strips of one column over time, flicker and popping --------------------------------------------------------------

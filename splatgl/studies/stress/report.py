@@ -74,15 +74,16 @@ def _skin_row(bench: Bench, step: float) -> tuple[float, ...]:
 
 def thin_shell(bench: Bench) -> str:
     """Page on a shell thinner than a voxel: its optical depth by sampling and frame buffer."""
-    rows = []
+    rows, camera, width = [], *attenuation.shell_view(0.5, 0.0)
     for thickness in THICKNESSES:
-        averaged, sampled = (
-            [_shell_depth(bench, place, thickness, kind) for place in (np.arange(PLACES) + 0.25) / PLACES]
-            for kind in (True, False)
-        )
-        rows.append((thickness, min(averaged), max(averaged), min(sampled), max(sampled)))
+        row = [thickness]
+        for is_averaged in (True, False):
+            places = (np.arange(PLACES) + 0.25) / PLACES
+            shells = [attenuation.shell(place, width, thickness, is_averaged) for place in places]
+            depths = [float(optical_depth(bench.draw(shell, camera)[0, 0, 3])) / attenuation.SHELL for shell in shells]
+            row += [min(depths), max(depths)]
+        rows.append(tuple(row))
     resolution = Table(("thickness", "averaged, least", "most", "centre, least", "most"), tuple(rows))
-    camera, width = attenuation.shell_view(0.5, 0.0)
     precision = []
     for depth in (1e-1, 1e-2, 1e-3, 1e-5, 1e-7):
         splats = dots(lattice(*(np.arange(n) - n // 2 for n in width), [0.0]), depth)
@@ -98,12 +99,6 @@ def thin_shell(bench: Bench) -> str:
         "shell altogether from one voxel down. No renderer can mend that: average before, or sample more finely.",
         ("A sheet of small optical depth: drawn over exact, by frame buffer", Table(("τ", *TARGETS), tuple(precision))),
     )
-
-
-def _shell_depth(bench: Bench, place: float, thickness: float, averaged: bool) -> float:
-    camera, width = attenuation.shell_view(0.5, 0.0)
-    splats = attenuation.shell(place, width, thickness, averaged)
-    return float(optical_depth(bench.draw(splats, camera)[0, 0, 3]) / attenuation.SHELL)
 
 
 def sheet_across_z_k(bench: Bench) -> str:
