@@ -154,10 +154,6 @@ class Subject:
     splats: sg.Splats
     settings: sg.Settings
 
-    def with_settings(self, settings: sg.Settings) -> Subject:
-        """The same splats with other settings."""
-        return replace(self, settings=settings)
-
     def at(self, size: int) -> str:
         """Name with the size of an image."""
         return f"{self.scene} {self.look} {size}²"
@@ -214,7 +210,7 @@ def compared(renderers: Renderers, subject: Subject, size: int, until: float) ->
             yield LeftOut(what, str(error))
             continue
         try:
-            frame, pixels = draw_by(renderer, subject.with_settings(settings), way, size, right, until)
+            frame, pixels = draw_by(renderer, replace(subject, settings=settings), way, size, right, until)
         except InputError as error:
             yield LeftOut(what, str(error), broken=True)
             continue
@@ -316,9 +312,7 @@ def errors(renderers: Renderers, short: bool, until: float) -> Iterator[Measured
             except InputError as error:
                 yield LeftOut(f"errors of {subject.scene} by {way}", str(error))
         try:
-            with closing(
-                Peer("gpu", (subject.volume, sg.default_transfer(subject.volume)), camera, sg.Settings())
-            ) as peer:
+            with closing(Peer("gpu", content, camera, sg.Settings())) as peer:
                 peer.frame()
                 image, seconds = peer.frame()
                 yield Measured(subject.scene, "VTK", rmse(image, field), seconds)
@@ -401,22 +395,16 @@ def measure(renderers: Renderers, short: bool, until: float) -> dict[str, Any]:
     print("\n".join(check_line(check) for check in checks), flush=True)
     # before the frames, which use the remaining time
     tested = {"failed": [], "left out": ["the tests"]} if short else tests(TESTS, not renderer.info.software)
-    done: list[Frame] = []
-    others: list[LeftOut] = []
-    measured: list[Measured] = []
+    results: list[Measured | Frame | LeftOut] = []
     for error in errors(renderers, short, until):
         print(error, flush=True)
-        if isinstance(error, Measured):
-            measured.append(error)
-        else:
-            others.append(error)
+        results.append(error)
     print(f"{LEGEND}{HEAD}", flush=True)
     for frame in frames(renderers, short, until):
         print(frame, flush=True)
-        if isinstance(frame, Frame):
-            done.append(frame)
-        else:
-            others.append(frame)
+        results.append(frame)
+    done = [result for result in results if isinstance(result, Frame)]
+    others = [result for result in results if isinstance(result, LeftOut)]
     ratios = slowdown(done)
     for look, ratio in ratios.items():
         chosen = " and ".join(sorted({frame.auto for frame in done if frame.look == look}))
@@ -433,7 +421,7 @@ def measure(renderers: Renderers, short: bool, until: float) -> dict[str, Any]:
         "tests": tested,
         "frames": [asdict(frame) | {"right": frame.right} for frame in done],
         "quads over tiles": ratios,
-        "errors": [asdict(one) for one in measured],
+        "errors": [asdict(result) for result in results if isinstance(result, Measured)],
     }
 
 

@@ -59,6 +59,11 @@ def beside(*pictures: np.ndarray, gap: int = 6) -> sg.Image:
     return sg.Image(np.concatenate(parts[:-1], axis=1)).over(PAPER)
 
 
+def save(picture: Pillow.Image, name: str, colors: int = COLORS) -> None:
+    """Saves a picture of the guide with a palette, which keeps it small."""
+    picture.quantize(colors).save(FOLDER / f"{name}.png", optimize=True)
+
+
 def rendered(name: str, *lines: str, size: str = "400", colors: int = COLORS) -> None:
     """Saves pictures in a row on black, each by the arguments of `splatgl render`."""
     pictures = []
@@ -123,9 +128,7 @@ def presets() -> None:
         if command(["presets", f"{DATA}/tooth.nhdr", "-o", f"{folder}/sheet.png"]):
             sys.exit("presets: no picture")
         sheet = Pillow.open(f"{folder}/sheet.png").convert("RGB")
-    sheet.resize((sheet.width // 2, sheet.height // 2), Pillow.Resampling.LANCZOS).quantize(COLORS).save(
-        FOLDER / "presets.png", optimize=True
-    )
+    save(sheet.resize((sheet.width // 2, sheet.height // 2), Pillow.Resampling.LANCZOS), "presets")
 
 
 def scenes() -> None:
@@ -187,7 +190,7 @@ def compare() -> None:
         sg.Image(wrong, image.info).save(new)
         command(["compare", new, old, "--diff", diff, "--quiet"])
         pictures = [np.asarray(Pillow.open(name).convert("RGB").resize((320, 240))) for name in (old, new, diff)]
-    Pillow.fromarray(np.concatenate(pictures, axis=1)).quantize(COLORS).save(FOLDER / "compare.png", optimize=True)
+    save(Pillow.fromarray(np.concatenate(pictures, axis=1)), "compare")
 
 
 def image_report() -> None:
@@ -204,8 +207,7 @@ def image_report() -> None:
         browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
         options = ["--window-size=1100,640", f"--user-data-dir={folder}/user", f"--screenshot={folder}/page.png"]
         subprocess.run([*browser, *options, f"file://{folder}/index.html"], check=True)
-        page_shot = Pillow.open(f"{folder}/page.png").convert("RGB")
-        page_shot.quantize(COLORS).save(FOLDER / "image_report.png", optimize=True)
+        save(Pillow.open(f"{folder}/page.png").convert("RGB"), "image_report")
 
 
 # the window's scene: bones of the Visible Male
@@ -246,19 +248,17 @@ def window(source: str = "") -> None:
             shown = viewer.shot()
         finally:
             viewer.close()
-    Pillow.fromarray(shown).quantize(COLORS).save(FOLDER / "window.png", optimize=True)
+    save(Pillow.fromarray(shown), "window")
 
 
 def report(source: str = "nerve") -> None:
     """The diagram of error against run time of `splatgl report --full`, with fewer colours."""
-    from splatgl.cli.main import main as splatgl
-
     peers = ["--peers"] if find_spec("vtk") else []
     with TemporaryDirectory() as folder:
-        if splatgl(["report", source, "--full", *peers, "-o", folder]):
+        if command(["report", source, "--full", *peers, "-o", folder]):
             sys.exit("no report")
         (drawn,) = (path for path in Path(folder).glob("*.png") if not path.stem.endswith((CONVERGENCE, OVERVIEW)))
-        Pillow.open(drawn).convert("RGB").quantize(COLORS).save(FOLDER / "report.png", optimize=True)
+        save(Pillow.open(drawn).convert("RGB"), "report")
 
 
 def compared(*names: str) -> None:

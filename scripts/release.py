@@ -53,6 +53,11 @@ def run(*command: str | Path, folder: Path = REPOSITORY, **environment: str) -> 
     return done.stdout
 
 
+def uv(*arguments: str | Path) -> str:
+    """The output of a command of uv, as of `run`."""
+    return run(sys.executable, "-m", "uv", *arguments)
+
+
 def find_version(rehearsal: bool) -> str:
     """The version of the package, which must be committed, final and in the changelog unless this is a rehearsal."""
     text = (REPOSITORY / "splatgl/__init__.py").read_text()
@@ -113,18 +118,7 @@ class Environment:
 
     def __init__(self, folder: Path, python: str) -> None:
         self.folder = folder
-        run(
-            sys.executable,
-            "-m",
-            "uv",
-            "venv",
-            "--quiet",
-            "--clear",
-            "--no-python-downloads",
-            "--python",
-            python,
-            folder,
-        )
+        uv("venv", "--quiet", "--clear", "--no-python-downloads", "--python", python, folder)
 
     @property
     def python(self) -> Path:
@@ -132,7 +126,7 @@ class Environment:
 
     def install(self, *what: str, lowest: bool = False) -> None:
         resolution = ["--resolution", "lowest-direct"] if lowest else []
-        run(sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", self.python, *resolution, *what)
+        uv("pip", "install", "--quiet", "--python", self.python, *resolution, *what)
 
     def draw(self) -> None:
         """Draws a picture outside the repository."""
@@ -147,17 +141,7 @@ class Environment:
 
 def find_pythons() -> list[str]:
     """The versions of Python that this machine has."""
-    listed = run(
-        sys.executable,
-        "-m",
-        "uv",
-        "python",
-        "list",
-        "--only-installed",
-        "--no-python-downloads",
-        "--output-format",
-        "json",
-    )
+    listed = uv("python", "list", "--only-installed", "--no-python-downloads", "--output-format", "json")
     return [version for version in PYTHONS if re.search(rf'"version":\s*"{re.escape(version)}\.', listed)]
 
 
