@@ -28,7 +28,7 @@ from splatgl.errors import InputError, expected
 from splatgl.fileio import load_table
 from splatgl.options import checked, declared, names_of
 from splatgl.scene.view import ViewOptions
-from splatgl.splat.camera import Bounded, Camera
+from splatgl.splat.camera import Bounded, Camera, cross_matrix
 from splatgl.splat.motion import Motion
 
 EASES, PATHS = ("smooth", "linear"), ("straight", "orbit")
@@ -110,7 +110,7 @@ def turning(
     view: ViewOptions, volume: Volume, subject: Bounded, degrees: float, axis: np.ndarray | None = None
 ) -> Turning:
     """A rotation by `degrees` per frame about the volume's centre, counter-clockwise seen from `axis`' tip (up)."""
-    up = axis if axis is not None else np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    up = axis if axis is not None else np.array(view.upward(volume.hints), dtype=np.float64)
     length = float(np.linalg.norm(up))
     if not 0 < length < np.inf:
         raise expected("axis", "a direction", up.tolist())
@@ -145,7 +145,7 @@ def keyframes(source: str | Mapping[str, Any], view: ViewOptions, volume: Volume
         raise expected(path, "keyframes that say where the camera is", "none")
     keys = {n: (np.array([f for f, _ in p], float), np.array([v for _, v in p])) for n, p in places.items()}
     keys = _joined(path, keys) if shape == "orbit" else keys
-    up = np.array(view.up or volume.hints.up or (0.0, 0.0, 1.0), dtype=np.float64)
+    up = np.array(view.upward(volume.hints), dtype=np.float64)
     swept = Swept.of(subject, up / np.linalg.norm(up))
     track = Keyframes(keys, ease == "smooth", view, volume, swept)
     _check(path, track)
@@ -199,8 +199,7 @@ def _quaternion_of(axes: np.ndarray) -> np.ndarray:
 def _axes_of(quaternion: np.ndarray) -> np.ndarray:
     """The rotation [3, 3] of a quaternion (x, y, z, w) of any length."""
     *vector, w = quaternion / np.linalg.norm(quaternion)
-    x, y, z = vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrix(vector)
     return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
 
 

@@ -197,7 +197,7 @@ def _toward(camera: Camera, part: Volume) -> Camera | None:
 
 def _cut(volume: Volume, low: np.ndarray, high: np.ndarray) -> Volume:
     """The voxels of a volume between two points, world units."""
-    ends = (np.stack([low, high]) - volume.origin) @ np.linalg.inv(volume.world_from_index).T + 0.5
+    ends = Grid.of(volume).index_from_world(np.stack([low, high])) + 0.5
     first, last = np.clip(np.rint(np.sort(ends, axis=0)), 0, volume.shape[::-1]).astype(np.int64)
     first = np.minimum(first, np.array(volume.shape[::-1]) - 1)
     return volume.part(zyx_index(first), zyx_index(np.maximum(last, first + 1)))

@@ -294,12 +294,9 @@ def _extreme_depths(fields: Sequence[LayerField], shown: Sequence[IsVisible], ra
     visible = np.zeros(len(rays), bool)
     for number, field in enumerate(fields):
         walk = _begin(fields, rays[np.isfinite(place) & (layer == number)])
-        if field.samples.nearest:
-            visible[walk.ray - at] = shown[number](best[walk.ray - at])
-            continue
         step = 2 * field.step[walk.ray] / PARTS
         middle = place[walk.ray - at]
-        for n in range(-PARTS // 2, PARTS // 2 + 1):
+        for n in () if field.samples.nearest else range(-PARTS // 2, PARTS // 2 + 1):
             look(number, field, np.arange(len(walk.ray)), middle + n * step)
         visible[walk.ray - at] = shown[number](best[walk.ray - at])
     return np.where(visible, place, np.nan)

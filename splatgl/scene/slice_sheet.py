@@ -77,7 +77,7 @@ def draw_slices(scene: OpenScene) -> Image:
     for name in names:
         if name not in ANNOTATIONS:
             raise expected("annotate", f"{', '.join(ANNOTATIONS)} beside slices", name)
-    planes = parse_slices(file.slices, volume, np.asarray(file.view.up or volume.hints.up or (0.0, 0.0, 1.0)))
+    planes = parse_slices(file.slices, volume, np.asarray(file.view.upward(volume.hints)))
     size, background = file.view.size, file.settings.background
     pixels: np.ndarray = np.zeros((size[1], size[0], 4), np.float32)
     em = Canvas.over(pixels, background).em
@@ -129,10 +129,8 @@ def _paint(
 
 def _samples(painter: Painter, plane: SlicePlane, pitch: float) -> int:
     """Samples along a side of a pixel: as dense as voxels."""
-    into = [np.linalg.inv(layer.volume.world_from_index) for layer in painter.layers]
-    steps = [np.abs(turn @ side).max() for turn in into for side in (plane.right, plane.down)]
     least = LABELS if any(layer.nearest for layer in painter.layers) else 1
-    return int(np.clip(np.ceil(pitch * max(steps) - 1e-6), least, MOST))
+    return int(np.clip(np.ceil(pitch * painter.density(plane).max() - 1e-6), least, MOST))
 
 
 def _write(canvas: Canvas, plane: SlicePlane, box: Sequence[int], volume: Volume) -> None:

@@ -196,6 +196,10 @@ class ViewOptions:
         hinted = isinstance(volume, Volume) and volume.hints.orthographic and self.fov is None
         return self.height is not None or bool(_first(self.orthographic, hinted))
 
+    def upward(self, hints: Hints) -> Triple:
+        """Up in the picture: a direction in the world."""
+        return _first(self.up, hints.up, (0.0, 0.0, 1.0))
+
     def camera(self, volume: Volume | Splats, subject: Bounded) -> Camera:
         """The camera; an orbit is fitted to the visible part of `subject`. volume: has hints, or is splats without."""
         if self.fixed is not None:
@@ -215,14 +219,11 @@ class ViewOptions:
         if orbit is None:
             center = volume.center if isinstance(volume, Volume) else volume.corners.mean(axis=0)
             target = _first(self.look_at, hints.target if self.eye is None else None, tuple(center))
-            up = _first(self.up, hints.up, (0.0, 0.0, 1.0))
-            camera = Camera.look_at(_first(self.eye, hints.eye), target, up, fov, self.size)
+            camera = Camera.look_at(_first(self.eye, hints.eye), target, self.upward(hints), fov, self.size)
         else:
             if self.look_at is not None:
                 raise expected("look_at", "an eye that looks there", "none", "give --eye too")
-            camera = Camera.orbit(
-                subject, *orbit, fov, self.size, _first(self.zoom, 1.0), _first(self.up, hints.up, (0.0, 0.0, 1.0))
-            )
+            camera = Camera.orbit(subject, *orbit, fov, self.size, _first(self.zoom, 1.0), self.upward(hints))
         return camera.parallel(subject, self.height) if self.is_parallel(volume) else camera
 
 

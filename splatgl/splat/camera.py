@@ -281,9 +281,14 @@ def _orbit_axes(azimuth: float, elevation: float, up: Vector) -> tuple[np.ndarra
         turn = np.diag([-1.0, 1.0, -1.0])
     else:
         v = pyrr.vector3.cross(np.array([0.0, 0.0, 1.0]), pole)
-        skew = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+        skew = cross_matrix(v)
         turn = np.eye(3) + skew + skew @ skew / (1 + pole[2])
     return turn @ back, turn @ top
+
+
+def cross_matrix(v: Sequence[float] | np.ndarray) -> np.ndarray:
+    """[3, 3]: the matrix whose product with a vector is the cross product v × vector."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def _fit_distance(local: np.ndarray, back: np.ndarray, up: np.ndarray, half: float, size: tuple[int, int]) -> float:

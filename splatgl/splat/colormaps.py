@@ -208,7 +208,7 @@ TURNS = 1_000_003
 def colors_of(numbers: Sequence[int]) -> list[str]:
     """Default colours of label numbers."""
     turns, places = zip(*(divmod(abs(number) - 1, len(COLORS)) for number in numbers), strict=True)
-    rgb = np.array([[int(COLORS[place][k : k + 2], 16) for k in (1, 3, 5)] for place in places], np.float64)
+    rgb = np.array([list(bytes.fromhex(COLORS[place][1:])) for place in places], np.float64)
     angle = 2 * np.pi * (np.array([turn % TURNS for turn in turns]) * TURN % 1.0)
     # a rotation about the grey axis
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None] / 3**0.5
@@ -307,7 +307,7 @@ def _table(labels: LabelStyles, integer: bool) -> tuple[np.ndarray, np.ndarray, 
     numbers = numbers if integer else np.array(named, np.float64)
     order = np.argsort(numbers, kind="stable")
     opacities = np.array([opacity for _, _, opacity in labels])
-    srgb = np.array([[int(color[k : k + 2], 16) for k in (1, 3, 5)] for _, color, _ in labels])
+    srgb = np.array([list(bytes.fromhex(color[1:])) for _, color, _ in labels])
     return numbers[order], opacities[order], linear_from_srgb(np.arange(256) / 255)[srgb[order]], order + 1
 
 
@@ -350,7 +350,4 @@ def colors_at(mesh: Mesh, triangle: np.ndarray, share: np.ndarray) -> np.ndarray
 
 def map_color(table: np.ndarray, place: np.ndarray, plain: np.ndarray) -> np.ndarray:
     """Linear RGB [P, 3] at places [P] of a map; `plain` where there is no value. Twin of `shaders/mesh_maps.glsl`."""
-    at = np.clip(place, 0.0, 1.0) * (ENTRIES - 1)
-    low = np.minimum(at.astype(np.int64), ENTRIES - 2)
-    color = table[low] + (table[low + 1] - table[low]) * (at - low)[:, None]
-    return np.where((place < KNOWN)[:, None], plain, color)
+    return np.where((place < KNOWN)[:, None], plain, interpolate_map(table, np.clip(place, 0.0, 1.0)))

@@ -190,11 +190,6 @@ def _crawfis_max() -> PiecewiseCubic:
     return PiecewiseCubic("crawfis-max", (0.889392, r), ((0.557526, 0.0, -1.157743, 0.671033), outer))
 
 
-def _b_spline(name: str) -> PiecewiseCubic:
-    """The cubic B-spline as a function of the radius: C² everywhere."""
-    return PiecewiseCubic(name, (1.0, 2.0), ((2 / 3, 0.0, -1.0, 1 / 2), (4 / 3, -2.0, 1.0, -1 / 6)))
-
-
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 # largest radius, voxels, and step at the rim; a Gaussian truncated at 3e−4 passes
@@ -206,8 +201,8 @@ FREE = "b-spline-free"
 KERNELS: dict[str, Kernel] = {
     "crawfis-max": _crawfis_max(),
     "gaussian": Gaussian(),
-    "b-spline": _b_spline("b-spline"),
-    FREE: _b_spline(FREE),
+    "b-spline": PiecewiseCubic.of_family("b-spline", 1, 0),
+    FREE: PiecewiseCubic.of_family(FREE, 1, 0),
 }
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.splat.camera import Camera
+from splatgl.splat.camera import Camera, cross_matrix
 from splatgl.splat.settings import FULL_SHUTTER, Settings
 from splatgl.splat.splats import Splats, as_points
 from splatgl.splat.view import eye_from_index
@@ -371,7 +371,7 @@ class Rigid:
 def rotation(turn: np.ndarray) -> np.ndarray:
     """[3, 3]: the rotation by |turn| radians about `turn` (Rodrigues' formula)."""
     first, second, _ = _weights(turn)
-    k = _cross(turn)
+    k = cross_matrix(turn)
     return np.asarray(np.eye(3) + first * k + second * k @ k)
 
 
@@ -392,7 +392,7 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 def _swept_matrix(turn: np.ndarray) -> np.ndarray:
     """∫₀¹ rotation(s turn) ds: the displacement at unit velocity in a rotating frame."""
     _, second, third = _weights(turn)
-    k = _cross(turn)
+    k = cross_matrix(turn)
     return np.asarray(np.eye(3) + second * k + third * k @ k)
 
 
@@ -403,7 +403,3 @@ def _weights(turn: np.ndarray) -> tuple[float, float, float]:
         return 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
     # (1 − cos θ)/θ² from the half angle, without cancellation
     return np.sin(angle) / angle, 2 * (np.sin(angle / 2) / angle) ** 2, (angle - np.sin(angle)) / angle**3
-
-
-def _cross(v: np.ndarray) -> np.ndarray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -166,6 +166,12 @@ class Painter:
         texture = Texture(self.light, texels.astype(np.float32), matrix, not nearest)
         return replace(mesh, colormap=self.layers[0].transfer.colormap, texture=texture)
 
+    def density(self, plane: SlicePlane) -> np.ndarray:
+        """The most voxels of a layer per world length, along the plane's right and down [2]."""
+        axes = np.stack([plane.right, plane.down], axis=1)
+        steps = [np.linalg.inv(layer.volume.world_from_index) @ axes for layer in self.layers]
+        return np.asarray(np.abs(steps).max(axis=(0, 1)))
+
     def _texel_grid(self, plane: SlicePlane) -> tuple[Pitch, tuple[int, int]]:
         """Sides of a texel, world units, and columns and rows: the voxels of a plane along the axes of the only
         layer's grid, where texels say as much as voxels do; else several a voxel.
@@ -174,10 +180,7 @@ class Painter:
         only, nearest = self.layers[0], any(layer.nearest for layer in self.layers)
         is_along = plane.raster(only.volume, low, (1.0, 1.0), (1024, 1024)).axes is not None
         is_exact = is_along and (self.has_map or (nearest and len(self.layers) == 1))
-        steps = np.zeros(2)
-        for layer in self.layers:
-            into = np.linalg.inv(layer.volume.world_from_index)
-            steps = np.maximum(steps, [np.abs(into @ plane.right).max(), np.abs(into @ plane.down).max()])
+        steps = self.density(plane)
         is_exact &= float(((high - low) * steps).prod()) <= MOST_VOXELS
         wide = (high - low) * steps * (1 if is_exact else TEXELS)
         if not is_exact:

@@ -51,11 +51,9 @@ def streamlines(
     field = VectorField.of(volume)
     lines = spread_lines(volume, check_count(count), least)
     size = RADIUS * field.diagonal if radius is None else radius
-    points = [
-        line[::DRAWN] if len(line) % DRAWN else np.append(line[::DRAWN], line[-1:], axis=0) for line in lines.points
-    ]
-    speeds = [speed[::DRAWN] if len(speed) % DRAWN else np.append(speed[::DRAWN], speed[-1:]) for speed in lines.speeds]
-    speed = np.concatenate([np.zeros(0), *speeds])
+    drawn = [np.append(np.arange(0, len(line) - 1, DRAWN), len(line) - 1) for line in lines.points]
+    points = [line[some] for line, some in zip(lines.points, drawn, strict=True)]
+    speed = np.concatenate([np.zeros(0), *(speed[some] for speed, some in zip(lines.speeds, drawn, strict=True))])
     colors = np.repeat(colors_of(speed, field.greatest, colormap), SIDES, axis=0)
     return Mesh.of_lines(
         points, size, colors=colors if len(colors) else None, opacity=opacity, name="streamlines", frame=volume.frame

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from splatgl.splat.camera import Camera
-from splatgl.splat.grid import Grid
+from splatgl.splat.grid import Grid, ranges
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.splats import Splats
 
@@ -89,8 +89,7 @@ def centres_between(splats: Splats, view: GridView, low: float, high: float) -> 
     depth = (ends.astype(np.float64) - view.eye_index) @ steps
     slack = np.abs(steps).sum()
     rows = np.flatnonzero((depth.max(axis=0) + slack >= low) & (depth.min(axis=0) - slack <= high))
-    count = start[rows + 1] - start[rows]
-    member = np.arange(count.sum()) + np.repeat(start[rows] - (np.cumsum(count) - count), count)
+    member = ranges(start[rows], start[rows + 1] - start[rows])
     centres = view.voxels(splats.records["position"][member])
     return np.asarray(centres[:, (centres[2] >= low) & (centres[2] <= high)])
 
