@@ -23,6 +23,7 @@ from splatgl.fileio import atomic_folder, check_folder
 from splatgl.scene.open_scene import print_notes
 from splatgl.splat.extract import extract
 from splatgl.splat.grid import Grid
+from splatgl.splat.regions import OPAQUE, extinction_of
 from splatgl.splat.transfer import Transfer
 from splatgl.writers import ome
 from splatgl.writers.ome import describe_levels, finer_box, level_boxes, level_grids
@@ -105,8 +106,6 @@ def _set(opacity: Any, color: Any, low: Places, high: Places, found: tuple[np.nd
 
 # voxels around a box that its gradients need
 HALO = 1
-# largest opacity of a voxel in means
-OPAQUE = 1 - 2.0**-24
 
 Classified = tuple[np.ndarray, np.ndarray]
 
@@ -133,7 +132,7 @@ def halved(opacity: np.ndarray, color: np.ndarray, steps: Places, sides: tuple[f
     odd = [(0, count % step) for count, step in zip(opacity.shape, steps, strict=True)]
     opacity, color = np.pad(opacity, odd, mode="edge"), np.pad(color, [*odd, (0, 0)], mode="edge")
     blocks = [part for count, step in zip(opacity.shape, steps, strict=True) for part in (count // step, step)]
-    extinction = -np.log1p(-np.minimum(opacity.reshape(blocks).astype(np.float64), OPAQUE))
+    extinction = extinction_of(opacity.reshape(blocks))
     within = (1, 3, 5)
     along = []
     for axis, step, side in zip(within, steps, sides, strict=True):

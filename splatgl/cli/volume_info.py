@@ -57,8 +57,7 @@ def describe(volume: Volume) -> str:
     """Page on a volume, at most 78 columns wide. Reads the samples twice, in slabs; a coarser level of large images."""
     if volume.points is not None:
         return "\n".join(line[:WIDTH].rstrip() for line in [_fit(volume.name) or "points", *_point_lines(volume)])
-    levels = [volume, *volume.coarser]
-    number = next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
+    levels, number = _measured_level(volume)
     statistics = measure(levels[number])
     lines = [
         *_grid_lines(volume),
@@ -74,8 +73,7 @@ def describe(volume: Volume) -> str:
 
 def as_json(source: str, volume: Volume) -> str:
     """One line of JSON on a volume. Reads the samples as `describe`; of points only their number is told."""
-    levels = [volume, *volume.coarser]
-    number = next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
+    levels, number = _measured_level(volume)
     statistics = None if volume.points is not None else measure(levels[number])
     bins = histogram(levels[number], statistics) if statistics is not None and statistics.finite else None
     record = {
@@ -102,6 +100,12 @@ def as_json(source: str, volume: Volume) -> str:
         "notes": volume.notes,
     }
     return json.dumps(record, allow_nan=False, ensure_ascii=False)
+
+
+def _measured_level(volume: Volume) -> tuple[list[Volume], int]:
+    """All levels, and the number of the finest of at most MOST voxels."""
+    levels = [volume, *volume.coarser]
+    return levels, next((n for n, level in enumerate(levels) if level.count <= MOST), len(levels) - 1)
 
 
 def describe_choice(source: str, choice: Choice, message: str) -> str:

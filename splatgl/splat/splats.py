@@ -23,6 +23,7 @@ from splatgl.data.volume import LEAST_LENGTH, MOST_LENGTH, MOST_OBLONG
 from splatgl.errors import expected
 from splatgl.splat.grid import Grid, Lattice, columns, corners_of, index_rows, lattice_across
 from splatgl.splat.preintegration import ValueClassifier
+from splatgl.splat.regions import extinction_of
 
 if TYPE_CHECKING:
     from splatgl.data.mesh import Mesh
@@ -305,7 +306,7 @@ class Splats:
     @classmethod
     def of_points(cls, points: Points, opacity: float) -> Splats:
         """Splats of points as large as their size; a surface of points that far apart has this opacity."""
-        extinction = -np.log1p(-min(opacity, 1 - 2.0**-24)) / points.size
+        extinction = extinction_of(opacity) / points.size
         return cls.from_points(points.places, points.colors, np.full(len(points), extinction), points.size)
 
     def drawn(self, settings: Settings) -> list[tuple[Splats, Settings]]:
