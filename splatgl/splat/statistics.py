@@ -215,22 +215,21 @@ def _share_of_lowest(values: np.ndarray) -> float:
 
 
 def _sample(volume: Volume) -> np.ndarray:
-    """Samples [d, h, w] of at most PLANES planes, float64 or integers; includes the first and last planes, rows and
+    """Samples [d, h, w] of at most PLANES planes, of the volume's type; includes the first and last planes, rows and
     columns.
     """
     depth, height, width = volume.shape
     planes = distinct(np.linspace(0, depth - 1, PLANES).round().astype(int))
     step = max(1, int(np.ceil(np.sqrt(len(planes) * height * width / VALUES))))
     y, x = (distinct(np.append(np.arange(0, n, step), n - 1)) for n in (height, width))
-    stored = volume.samples.dtype
-    kind = stored.newbyteorder("=") if stored.kind in "bui" else np.float64
+    kind = volume.samples.dtype.newbyteorder("=")
     return np.stack([np.asarray(volume.samples[int(z)])[np.ix_(y, x)].astype(kind) for z in planes])
 
 
 def _sort_finite(sample: np.ndarray) -> np.ndarray:
-    """The finite values, sorted, float64; integers are converted after sorting, which is fastest for few bits."""
+    """The finite values, sorted, float64; converted after sorting, which is fastest for few bits."""
     if sample.dtype.kind == "f":
-        return np.sort(sample[np.isfinite(sample)])
+        return np.sort(sample[np.isfinite(sample)]).astype(np.float64)
     return np.sort(sample, axis=None, kind="stable" if sample.dtype.itemsize <= 2 else None).astype(np.float64)
 
 
@@ -282,7 +281,7 @@ def _otsu(values: np.ndarray) -> Cut:
 def _object_rung(sample: np.ndarray, cuts: tuple[Cut, ...]) -> int:
     """The first cut whose foreground touches at most WHOLE faces; else the first that covers at most COVERED."""
     faces = [face for axis in range(3) for face in (np.take(sample, 0, axis), np.take(sample, -1, axis))]
-    shares = [[float(np.mean(face > cut.value)) for face in faces] for cut in cuts]
+    shares = [[float(np.mean(face > np.float64(cut.value))) for face in faces] for cut in cuts]
     for rung, covered in enumerate(shares):
         if sum(share > TOUCHED for share in covered) <= WHOLE:
             return rung
