@@ -140,7 +140,7 @@ def _check_header(header: _Header) -> None:
 
 
 _SHAPE = re.compile(r"(?<!\d)(\d+)x(\d+)x(\d+)(?!\d)", re.IGNORECASE)
-_DTYPE = re.compile(r"(?<![a-z])(u?int(?:8|16|32|64)|float(?:16|32|64))(le|be)?(?![a-z0-9])", re.IGNORECASE)
+_DTYPE = re.compile(r"(?<![a-z])(u?int(?:8|16|32|64)|float(?:16|32|64))(?:[ _-]?(le|be))?(?![a-z0-9])", re.IGNORECASE)
 
 
 def read(path: Path, options: LoadOptions) -> Volume:

@@ -18,8 +18,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from splatgl.data.affine import METRES, unit_name
-from splatgl.data.volume import Triple, Volume
+from splatgl.data.affine import shared_unit, unit_name
+from splatgl.data.volume import Triple, Volume, triple
 from splatgl.errors import InputError, expected, import_extra
 from splatgl.fileio import WHOLE_BYTES, byte_count, require_memory
 from splatgl.readers.channels import MAGNITUDE_NOTE, magnitudes, mark_microscope, split_colors
@@ -49,6 +49,8 @@ _FREE_PLANES, _PLANES_PER_PAGE = 4096, 64
 _MOST_BANDS = 4
 # resolutions that programs write without knowing any, and millimetres of an inch
 _USUAL_DPI, _INCH = (72, 75, 96, 100, 120, 150, 200, 300, 600, 1200), 25.4
+# TIFF's number of centimetres, and micrometres in one
+_CENTIMETRES, _MICROMETRES = 3, 1e4
 Grid = tuple[Triple, str]
 
 
@@ -495,7 +497,13 @@ def stated_grid(tiff: Any, pixels: Element | None) -> Grid | None:
     tags = tiff.pages[0].tags
     per_unit = [tags[name].value if name in tags else (1, 1) for name in ("XResolution", "YResolution")]
     x, y = (below / above if above > 0 and below > 0 else 1.0 for above, below in per_unit)
-    return (x, y, abs(float(metadata.get("spacing", 1.0))) or 1.0), unit_name(str(metadata.get("unit", "")))
+    first, *others = (unit_name(str(metadata.get(name, ""))) for name in ("unit", "yunit", "zunit"))
+    if first == "um" and int(tiff.pages[0].resolutionunit) == _CENTIMETRES:
+        # of other programs, as ImageJ reads them
+        x, y = x * _MICROMETRES, y * _MICROMETRES
+    unit, factors = shared_unit([first, *(other or first for other in others)])
+    steps = factors * (x, y, abs(float(metadata.get("spacing", 1.0))) or 1.0)
+    return triple(steps, "resolution"), unit
 
 
 def resolution_grid(dpi: tuple[float, float]) -> tuple[Grid, str]:
@@ -530,11 +538,10 @@ def _ome_grid(pixels: Element) -> Grid:
         sizes["Z"], units["Z"] = step, unit
     if not any(sizes.values()):
         return (1.0, 1.0, 1.0), ""
-    known = all(unit in METRES for unit in units.values())
-    world = {axis: sizes[axis] * (METRES[units[axis]] / METRES[units["X"]] if known else 1.0) for axis in "XYZ"}
+    unit, factors = shared_unit([units[axis] for axis in "XYZ"])
     # a missing size is taken from x, as for cubic voxels
-    x, y, z = (world[axis] or world["X"] or 1.0 for axis in "XYZ")
-    return (x, y, z), units["X"]
+    x, y, z = (sizes[axis] * factor or sizes["X"] or 1.0 for axis, factor in zip("XYZ", factors.tolist(), strict=True))
+    return (x, y, z), unit
 
 
 # tifffile's kinds of slides and of series in many files, which are read as plain pages

@@ -81,6 +81,35 @@ def enhanced(array: np.ndarray, step: float = 3.0) -> Any:
     return data
 
 
+def film(array: np.ndarray) -> Any:
+    """Frames that are moments, of ultrasound."""
+    from pydicom.dataset import Dataset
+
+    data = image(array, Modality="US", SOPClassUID="1.2.840.10008.5.1.4.1.1.3.1", FrameTimeVector=[40] * len(array))
+    del data.ImagePositionPatient, data.ImageOrientationPatient, data.PixelSpacing
+    region = Dataset()
+    region.PhysicalUnitsXDirection = region.PhysicalUnitsYDirection = 3
+    region.PhysicalDeltaX = region.PhysicalDeltaY = 0.02
+    data.SequenceOfUltrasoundRegions = [region]
+    return data
+
+
+def parametric_stacks(array: np.ndarray) -> Any:
+    """Two stacks of a parametric map."""
+    from pydicom.dataset import Dataset
+
+    data = enhanced(array)
+    data.SOPClassUID = "1.2.840.10008.5.1.4.1.1.30"
+    mapping = Dataset()
+    mapping.RealWorldValueSlope, mapping.RealWorldValueIntercept = 0.5, -3.0
+    data.SharedFunctionalGroupsSequence[0].RealWorldValueMappingSequence = [mapping]
+    for n, group in enumerate(data.PerFrameFunctionalGroupsSequence):
+        content = Dataset()
+        content.StackID, content.FrameReferenceDateTime = str(2 * n // len(array)), f"202402292359{n:02}.5"
+        group.FrameContentSequence = [content]
+    return data
+
+
 def csa(version: int = 2, length: int = 1, padding: int = 3, **entries: tuple[object, ...]) -> bytes:
     """A CSA header of Siemens of numbers and texts. Descriptions of version 1 differ in the number of an item that
     states its length, 0 or 1, and in whether up to 3 or 4 bytes are behind it.
@@ -184,5 +213,6 @@ def dicom_seeds(packed: bool, written: Written) -> list[Seed]:
     first = csa(1, NumberOfImagesInMosaic=(len(CUBE),), SliceNormalVector=(0.0, 0.0, 1.0))
     plain += [mosaic_image(CUBE, {"csa": header}), mosaic_image(CUBE, {"csa": first})]
     plain += [mosaic_image(CUBE, {"count": len(CUBE), "matrix": "9*11"})]
+    plain += [film(CUBE), parametric_stacks(CUBE)]
     files = [written("a.dcm", partial(save, data)) for data in plain]
     return [*files, written("a", series), written("a", series), written("a.zip", zipped)]

@@ -133,7 +133,7 @@ def netcdf_classic() -> list[Seed]:
                 node = file.createVariable(name, "f8", (name,))
                 node[:], node.units = np.arange(size or 2) * 1.5, "m" if size else "hours since 2000-01-01"
             node = file.createVariable("t", "i2", ("time", "z", "y", "x"), fill_value=7)
-            node.scale_factor = 0.5
+            node.scale_factor, node.valid_range, node.missing_value = 0.5, np.array([1, 90], "i2"), [8, 9]
             node[:] = np.stack([CUBE, CUBE])
 
     forms = ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA")
@@ -191,11 +191,11 @@ def mrc() -> list[Seed]:
             file.voxel_size = (1.5, 2.0, 3.0)
             file.header.origin = (10, -20, 30.5)
 
-    arrays = (CUBE.astype(np.float32), CUBE.astype(np.int8), np.stack([CUBE, CUBE]).astype(np.int16))
+    arrays = (CUBE.astype(np.float32), CUBE.astype(np.int8), CUBE.astype(np.complex64))
     plain = [written("a.mrc", partial(save, array=array)) for array in arrays]
     first = plain[0].files["a.mrc"]
     pack = partial(gzip.compress, compresslevel=1)
-    return [*plain[:2], one("a.map.gz", pack(first), gzip.decompress, pack), one("a.map.bz2", bz2.compress(first))]
+    return [*plain, one("a.map.gz", pack(first), gzip.decompress, pack), one("a.map.bz2", bz2.compress(first))]
 
 
 def nibabel_pairs() -> list[Seed]:
@@ -214,7 +214,9 @@ def nibabel_pairs() -> list[Seed]:
                 files[f"a{suffix}"] = (Path(folder) / f"a{suffix}").read_bytes()
         return Seed("a.hdr", files)
 
-    return [both(form) for form in (nibabel.AnalyzeImage, nibabel.Spm2AnalyzeImage, nibabel.Nifti1Pair)]
+    forms = (nibabel.AnalyzeImage, nibabel.Spm2AnalyzeImage, nibabel.Nifti1Pair, nibabel.Nifti2Pair)
+    packed = {f"{name}.gz": gzip.compress(data) for name, data in both(nibabel.Nifti1Pair).files.items()}
+    return [*map(both, forms), Seed("a.hdr.gz", packed, unpack=gzip.decompress, pack=gzip.compress)]
 
 
 def mgh() -> list[Seed]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import io
 import zipfile
@@ -183,7 +184,11 @@ def nifti(suffix: str = ".nii") -> list[Seed]:
         gz = suffix.endswith(".gz")
         packing = (gzip.decompress, partial(gzip.compress, compresslevel=1)) if gz else (None, None)
         seeds.append(one(f"a{suffix}", seed.files[f"a{suffix}"], *packing))
-    return [*seeds, times_of_nifti(suffix)]
+    packed = [one("a.nii.bz2", bz2.compress(gzip.decompress(seeds[0].files[f"a{suffix}"])))] if gz else []
+    return [*seeds, *packed, times_of_nifti(suffix)]
+
+
+CURVE = "ImageJ=1.53t\nimages=5\nslices=5\ncf=7\nc0=9\nc1=2\nc2=50\nc3=1\nvunit=OD\n"
 
 
 def tiff() -> list[Seed]:
@@ -202,6 +207,8 @@ def tiff() -> list[Seed]:
         seed(CUBE.astype(np.float32), bigtiff=True, compression="zstd"),
         seed(CUBE, imagej=True, resolution=(2, 3), metadata={"spacing": 3.0, "unit": "um", "axes": "ZYX"}),
         seed(CUBE[0], metadata=None),
+        seed(CUBE, description=CURVE, metadata=None, photometric="minisblack"),
+        seed(CUBE.astype(np.complex64), photometric="minisblack"),
         *channels_of_tiff("a.tif"),
     ]
 

@@ -40,6 +40,14 @@ def test_npz_picks_the_only_volume_or_the_named_array(tmp_path: Path, save: Call
     check(load(tmp_path / "letter.npz", array="letter"), grid=False, frame=None, mapped=False)
 
 
+@pytest.mark.parametrize("mark", ["_be", "-BE", " be"])
+def test_raw_by_its_name_with_a_mark_of_its_own(tmp_path: Path, mark: str) -> None:
+    path = put(tmp_path / f"letter_5x7x4_uint16{mark}.raw", F.astype(">u2").tobytes())
+    np.testing.assert_array_equal(load(path).samples, F)
+    left = put(tmp_path / "letter_uint16_left_5x7x4.raw", F.astype("<u2").tobytes())
+    np.testing.assert_array_equal(load(left).samples, F)
+
+
 def test_raw_by_its_name(tmp_path: Path) -> None:
     path = put(tmp_path / "letter_5x7x4_uint16be.raw", F.astype(">u2").tobytes())
     volume = load(path)

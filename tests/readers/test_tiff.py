@@ -397,6 +397,23 @@ def test_complex_numbers_tables_of_colours_and_turned_rows(tmp_path: Path) -> No
     assert "colours in the file's table" in notes and "orientation is not applied" in notes
 
 
+@pytest.mark.parametrize(
+    ("resolution", "kind", "more", "spacing"),
+    [
+        ((40000, 20000), "CENTIMETER", {}, (0.25, 0.5, 3)),
+        ((4, 2), "NONE", {}, (0.25, 0.5, 3)),
+        ((4, 0.002), "NONE", {"yunit": "nm", "zunit": "mm"}, (0.25, 0.5, 3000)),
+    ],
+)
+def test_units_of_imagej(tmp_path: Path, resolution: Any, kind: str, more: dict[str, str], spacing: Any) -> None:
+    """Micrometres beside pixels per centimetre, as other programs write them, and units of their own along y and z."""
+    grid = {"axes": "ZYX", "unit": "um", "spacing": 3.0, **more}
+    options: dict[str, Any] = {"resolution": resolution, "resolutionunit": kind, "metadata": grid}
+    tifffile.imwrite(tmp_path / "a.tif", STACK, imagej=True, **options)
+    volume = load(tmp_path / "a.tif")
+    assert volume.spacing == pytest.approx(spacing) and volume.unit == "um"
+
+
 def test_spacing_of_a_plain_stack_by_its_resolution(tmp_path: Path) -> None:
     for name, per_inch, spacing, unit in (("a", (1270, 635), (20, 40, 20), "um"), ("b", (72, 72), (1, 1, 1), "")):
         options = {"resolution": per_inch, "resolutionunit": "INCH", "photometric": "minisblack"}
