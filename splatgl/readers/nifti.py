@@ -13,6 +13,7 @@ import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -242,17 +243,31 @@ def _scaling(slope: float | None, intercept: float | None) -> Scaling:
     return slope, intercept if intercept and np.isfinite(intercept) else 0.0
 
 
+# share of a voxel by which sform and qform may differ across the grid
+_SAME_PLACE = 0.5
+
+
 def _affine(header: Any) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """The grid [4, 4], None without one, and notes: the sform, else the qform, unless it is no grid."""
     notes: list[str] = []
+    grids: list[tuple[str, np.ndarray]] = []
     for name in ("sform", "qform"):
         if int(header[f"{name}_code"]):
             with decoder_errors("NIfTI"), np.errstate(all="ignore"):
                 matrix = np.asarray(header.get_sform() if name == "sform" else header.get_qform(), np.float64)
             if np.isfinite(matrix).all() and (np.linalg.norm(matrix[:3, :3], axis=0) > 0).all():
-                return matrix, tuple(notes)
-            notes.append(f"the file's {name} is no grid and ignored")
-    return None, tuple(notes)
+                grids.append((name, matrix))
+            elif not grids:
+                notes.append(f"the file's {name} is no grid and ignored")
+    if len(grids) == 2:
+        # the largest distance between the places of the grid's corners
+        sizes = (*header.get_data_shape(), 1)[:3]
+        corners = np.array(list(product(*((0, size) for size in sizes), (1,))), np.float64)
+        matrix, other = (matrix for _, matrix in grids)
+        far = float(np.linalg.norm(corners @ (other - matrix).T, axis=1).max())
+        if far > _SAME_PLACE * np.linalg.norm(matrix[:3, :3], axis=0).min():
+            notes.append(f"the sform places the grid; the qform differs from it by up to {far:.3g}")
+    return grids[0][1] if grids else None, tuple(notes)
 
 
 def _volume_of(

@@ -284,6 +284,21 @@ def test_nifti_agrees_with_nibabel(tmp_path: Path) -> None:
     np.testing.assert_allclose(volume.world_from_index @ point + volume.origin, world, rtol=1e-6)
 
 
+def test_nifti_with_two_places(tmp_path: Path) -> None:
+    """The sform counts; a note states how far the qform lies from it."""
+    nibabel = pytest.importorskip("nibabel")
+    for far, notes in ((0.0, 0), (5.0, 1)):
+        image = nibabel.Nifti1Image(F.T, None)
+        image.set_sform(np.diag([2.0, 2, 3, 1]), 4)
+        qform = np.diag([2.0, 2, 3, 1])
+        qform[2, 3] = far
+        image.set_qform(qform, 1)
+        nibabel.save(image, tmp_path / "a.nii")
+        volume = load(tmp_path / "a.nii")
+        assert volume.origin == (0, 0, 0) and len(volume.notes) == notes
+    assert "the qform differs from it by up to 5" in volume.notes[0]
+
+
 def test_nifti_without_orientation_has_no_frame(tmp_path: Path) -> None:
     volume = load(nifti(tmp_path / "letter.nii", F, oriented=False))
     assert volume.notes == ("no sform or qform: the file does not state the patient's orientation",)
