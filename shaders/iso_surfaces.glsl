@@ -75,7 +75,7 @@ vec2 segment_of(int row, int i, vec2 inside, vec3 mass) {
 // Composites the surface at the end of segment i, `at` in sheets, where the mass and the gradient by mass are such and the
 // mask less its edge is `mask`.
 void close_segment(int row, int i, float at, float mass, vec3 gradient, float mask) {
-    if (iso_surface < 0 || mask < 0.0 || mass < LEAST_MASS) return;
+    if (iso_surface < 0 || mask < -FLUSH || mass < LEAST_MASS) return;
     vec4 matter = iso_matter[iso_surface];
     vec2 shine = lit_surface(row, iso_lit ? gradient / mass : vec3(0.0), at);
     matter.rgb = matter.rgb * shine.x + matter.a * shine.y;

@@ -15,7 +15,7 @@ import numpy as np
 from splatgl.reference.blend import classify_values, join_attenuated, join_values, joined_value
 from splatgl.reference.rays import Boxes, Pixels, Rays, Row, Values, pair_values, pixel_boxes
 from splatgl.splat.ambient_occlusion import LightVolume
-from splatgl.splat.clipping import FACE
+from splatgl.splat.clipping import FACE, FLUSH
 from splatgl.splat.iso import THIN, spline_crossings
 from splatgl.splat.kernels import Kernel, tabulate
 from splatgl.splat.lighting import Light, apply_light, surface_light
@@ -150,8 +150,9 @@ class SheetField:
             ends, surface = self._segment(around, step, (low, high), sheets)
             last_end = ends[1]
             ends = self._clip_to_mask(ends, begin, some, rays, sheets)
-            if surface is not None:
-                surface[ends[1] < last_end] = -1
+            if surface is not None and self.mask is not None:
+                at = self.mask.at(self._points((begin + last_end) * sheets.thickness, some, rays))
+                surface[at < -FLUSH] = -1
             middle = (ends[0] + ends[1]) / 2
             has = between_sheets(around, middle)[:, 0] >= LEAST_MASS
             ends[1] = np.where(has, ends[1], ends[0])
@@ -480,8 +481,8 @@ class SheetScene:
         all_pixels = np.ones(len(sums), bool)
         steps, both = self.field.segments(self.sheets), 1 + bool(self.field.post.transfer.iso)
         number = (self.many + 2) * steps
-        # one piece for each part, also where there is no value, and for the surface behind it
-        ends = np.tile(self.first - 1.5 + np.arange(number).repeat(both)[:, None] / steps, (len(sums), 1, 2))
+        # one piece for each part, empty where there is no value, and for the surface behind it
+        ends = np.full((len(sums), number * both, 2), self.first - 1.5)
         matter = np.zeros((len(sums), number * both, 4))
         for part in self.field.parts(sums, rays, self.first, self.sheets, lambda: all_pixels):
             ends[part.pixel, part.number * both] = part.sheet[:, None] + np.stack(part.ends, axis=1)

@@ -515,9 +515,8 @@ def reach_outside(splats: Splats, settings: Settings, camera: Camera | None) -> 
         return 1
     # kernels are as much wider as a pixel is wider than a voxel
     smallest = splats.grid.smallest_spacing
-    samples = _samples(settings, float(camera.pixel_pitch(depths[1])) / smallest, camera.size, [])
-    fine = camera.resized((camera.size[0] * samples, camera.size[1] * samples))
-    wider = max(float(depths[1]) / fine.z_k(smallest), 1.0)
+    pixel = float(camera.pixel_pitch(depths[1])) / smallest
+    wider = max(pixel / _samples(settings, pixel, camera.size, []), 1.0)
     return 2 ** math.ceil(math.log2(wider)) if wider <= MOST_WIDER else 0
 
 

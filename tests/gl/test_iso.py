@@ -127,6 +127,19 @@ def test_a_clip_plane_opens_it(draw: Any, way: tuple[str, str]) -> None:
     assert np.abs(pixels[inside, 3] - 0.5).max() < 1e-5
 
 
+@pytest.mark.parametrize("way", [("quads", "processor"), WAYS[2], None])
+def test_a_surface_in_a_mask_s_face_is_kept_as_its_matter_is(draw: Any, way: tuple[str, str] | None) -> None:
+    """A ray that runs along the face: within a thousandth of a voxel it lies inside, beyond that outside."""
+    half = np.broadcast_to(np.arange(SIZE) < 13, (SIZE,) * 3)
+    masked = ball().masked(sg.Volume(half.astype(np.uint8)))
+    splats = sg.extract(masked, surface((20 - RADIUS, "red", 0.5)))
+    for beside, alpha in ((-0.1, 0.75), (0.0007, 0.75), (0.004, 0.0)):
+        eye = np.array([12.5 + beside, -20, 12.2])
+        camera = sg.Camera.orthographic(eye, eye + (0, 1, 0), (0, 0, 1), height=0.01, size=(1, 1))
+        pixels = draw(way, splats, camera) if way else sg.reference.render(splats, camera, EXACT).pixels
+        assert pixels[0, 0, 3] == pytest.approx(alpha, abs=1e-5)
+
+
 REGIONS = ["box:8,16,0.5,1.2:#ff8800:0.2", "gaussian:12,18,0.2,1.1:lime:0.1"]
 SUBJECTS = {
     "surfaces": surface((12.0, "red", 0.4), (14.5, "#00ff00", 0.5), (9.0, "", 0.3)),

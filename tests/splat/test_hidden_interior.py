@@ -198,12 +198,15 @@ def test_bricks_leave_it_out_too(ball: sg.Volume, camera: sg.Camera, renderer: s
     assert np.abs(image.pixels - off.pixels).max() <= 2 * LIGHT
 
 
-def test_wide_pixels_leave_out_less(small_interiors: None, renderer: sg.Renderer) -> None:
+@pytest.mark.parametrize("parallel", [False, True])
+def test_wide_pixels_leave_out_less(small_interiors: None, renderer: sg.Renderer, parallel: bool) -> None:
     """Kernels of wide pixels reach further into the matter: fewer voxels are hidden, and the picture stays the same."""
     volume = sg.Volume(inside(radius(96) - 46).astype(np.float32))
     splats, whole = sg.extract(volume, SOLID), sg.extract(volume, SOLID, classification="post")
     settings = sg.Settings(antialias="supersample", samples=1)
     camera = sg.Camera.orbit(volume, azimuth=30, elevation=20, size=(120, 120))
+    if parallel:
+        camera = sg.Camera.orthographic(camera.eye, volume.center, (0, 0, 1), 150, (120, 120))
     reaches = []
     for view in (camera.resized((280, 280)), camera):
         drawn = select_splats(splats, settings, False, view)
