@@ -134,8 +134,8 @@ def test_a_surface_in_a_mask_s_face_is_kept_as_its_matter_is(draw: Any, way: tup
     masked = ball().masked(sg.Volume(half.astype(np.uint8)))
     splats = sg.extract(masked, surface((20 - RADIUS, "red", 0.5)))
     for beside, alpha in ((-0.1, 0.75), (0.0007, 0.75), (0.004, 0.0)):
-        eye = np.array([12.5 + beside, -20, 12.2])
-        camera = sg.Camera.orthographic(eye, eye + (0, 1, 0), (0, 0, 1), height=0.01, size=(1, 1))
+        x, z = 12.5 + beside, 12.2
+        camera = sg.Camera.orthographic((x, -20, z), (x, 0, z), (0, 0, 1), height=0.01, size=(1, 1))
         pixels = draw(way, splats, camera) if way else sg.reference.render(splats, camera, EXACT).pixels
         assert pixels[0, 0, 3] == pytest.approx(alpha, abs=1e-5)
 
