@@ -89,13 +89,13 @@ class Hands:
 
     def seen(self, middle: tuple[float, float] | None = None, side: int = SIDE) -> bytes:
         """The pixels of a square, by default that in the middle of the picture."""
-        left, top = (round(each) - side // 2 for each in middle or self.middle)
+        left, top = (round(place) - side // 2 for place in middle or self.middle)
         sides = ctypes.c_uint(side), ctypes.c_uint(side)
-        found = X.XGetImage(self.display, self.root, left, top, *sides, ctypes.c_ulong(ALL_PLANES), PIXMAP)
-        data = ctypes.c_void_p.from_address(found + DATA).value or 0
-        pixels = ctypes.string_at(data, side * ctypes.c_int.from_address(found + PITCH).value)
+        image = X.XGetImage(self.display, self.root, left, top, *sides, ctypes.c_ulong(ALL_PLANES), PIXMAP)
+        data = ctypes.c_void_p.from_address(image + DATA).value or 0
+        pixels = ctypes.string_at(data, side * ctypes.c_int.from_address(image + PITCH).value)
         X.XFree(ctypes.c_void_p(data))
-        X.XFree(ctypes.c_void_p(found))
+        X.XFree(ctypes.c_void_p(image))
         return pixels
 
     def titles(self) -> list[str]:
@@ -103,16 +103,16 @@ class Hands:
         some, count = (ctypes.c_ulong * 2)(), ctypes.c_uint()
         windows = ctypes.POINTER(ctypes.c_ulong)()
         X.XQueryTree(self.display, self.root, some, some, ctypes.byref(windows), ctypes.byref(count))
-        said = []
+        titles = []
         for window in windows[: count.value]:
-            found = ctypes.c_char_p()
-            X.XFetchName(self.display, ctypes.c_ulong(window), ctypes.byref(found))
-            said.append((found.value or b"").decode(errors="replace"))
+            title = ctypes.c_char_p()
+            X.XFetchName(self.display, ctypes.c_ulong(window), ctypes.byref(title))
+            titles.append((title.value or b"").decode(errors="replace"))
         if count.value:
             X.XFree(windows)
-        return said
+        return titles
 
-    def told(self, word: str) -> bool:
+    def has_title(self, word: str) -> bool:
         """Whether a title holds a word."""
         return any(word in title for title in self.titles())
 
@@ -133,20 +133,20 @@ def until(reached: Callable[[], bool]) -> float:
     return time.perf_counter() - begun
 
 
-def told(hands: Hands, file: str, wide: tuple[int, int], times: int) -> str:
+def measure(hands: Hands, file: str, size: tuple[int, int], times: int) -> str:
     """A row of the table."""
     environment = {**os.environ, "DISPLAY": hands.name, "SPLATGL_RECENT": "off"}
-    view = [sys.executable, __file__, SERVE, file, "--size", f"{wide[0]}x{wide[1]}"]
+    view = [sys.executable, __file__, SERVE, file, "--size", f"{size[0]}x{size[1]}"]
     hands.move(*hands.middle)
     black = hands.seen()
     begun = time.perf_counter()
     process = subprocess.Popen(view, env=environment, stdout=subprocess.PIPE)
     try:
         opened = []
-        for reached in (lambda: hands.told("splatgl"), lambda: shows(hands, black), lambda: hands.told("refined")):
+        for reached in (lambda: hands.has_title("splatgl"), lambda: shows(hands, black), lambda: hands.has_title("refined")):
             until(reached)
             opened.append(time.perf_counter() - begun)
-        parts = [" ".join(f"{each:5.2f}" for each in opened) + " s"]
+        parts = [" ".join(f"{seconds:5.2f}" for seconds in opened) + " s"]
         if times:
             assert process.stdout is not None
             # the latest are those of the file, which is read behind an empty window
@@ -170,15 +170,15 @@ def serve(arguments: list[str]) -> None:
     places: dict[str, tuple[float, float]] = {}
     draw_list, draw_curve = PresetGallery.draw, Curve.draw
 
-    def note_list(gallery: PresetGallery, *given: Any) -> Any:
-        drawn = draw_list(gallery, *given)
+    def note_list(gallery: PresetGallery, *arguments: Any) -> Any:
+        drawn = draw_list(gallery, *arguments)
         low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
         places["list"] = (low.x + high.x) / 2, (low.y + high.y) / 2
         return drawn
 
-    def note_curve(curve: Curve, transfer: Any, *given: Any) -> Any:
-        drawn, before = draw_curve(curve, transfer, *given), dict(places)
-        (left, top, wide, high), (low, up) = curve.box, curve.range
+    def note_curve(curve: Curve, transfer: Any, *arguments: Any) -> Any:
+        drawn, before = draw_curve(curve, transfer, *arguments), dict(places)
+        (left, top, width, height), (low, up) = curve.box, curve.range
         # one that the axis shows, as high as any
         value, opacity = max(
             (point for point in transfer.points if low <= point[0] <= up),
@@ -186,8 +186,8 @@ def serve(arguments: list[str]) -> None:
             default=(low, 0.0),
         )
         share = (float(rise(opacity)) - ROOM[0]) / (ROOM[1] - ROOM[0])
-        places["node"] = left + wide * (value - low) / (up - low), top + high * (1 - share)
-        if wide > 1 and places != before:
+        places["node"] = left + width * (value - low) / (up - low), top + height * (1 - share)
+        if width > 1 and places != before:
             print(json.dumps(places), flush=True)
         return drawn
 
@@ -204,11 +204,13 @@ def shows(hands: Hands, black: bytes) -> bool:
 
 def waits(hands: Hands, times: int, places: dict[str, tuple[float, float]]) -> list[str]:
     """What keys, clicks and drags take. places: of the panel's list of presets and a point of its curve."""
-    waited = {name: [press(hands, letters[number % 2]) for number in range(times)] for name, letters in KEYS.items()}
-    waited["list"] = [click(hands, places["list"]) for _ in range(times)]
-    waited["list, refining"] = [click(hands, places["list"], "p") for _ in range(times)]
-    waited["node"] = move_point(hands, places["node"], times)
-    texts = [f"{name} {statistics.median(each) * 1e3:4.0f} {max(each) * 1e3:5.0f} ms" for name, each in waited.items()]
+    seconds = {name: [press(hands, letters[number % 2]) for number in range(times)] for name, letters in KEYS.items()}
+    seconds["list"] = [click(hands, places["list"]) for _ in range(times)]
+    seconds["list, refining"] = [click(hands, places["list"], "p") for _ in range(times)]
+    seconds["node"] = move_point(hands, places["node"], times)
+    texts = [
+        f"{name} {statistics.median(values) * 1e3:4.0f} {max(values) * 1e3:5.0f} ms" for name, values in seconds.items()
+    ]
     return [*texts, f"drag {dragged(hands):5.1f}/s"]
 
 
@@ -216,7 +218,7 @@ def refine(hands: Hands) -> None:
     """Waits for the refined picture."""
     # the first new picture, and what it becomes
     time.sleep(0.1)
-    until(lambda: hands.told("refined"))
+    until(lambda: hands.has_title("refined"))
     time.sleep(0.2)
 
 
@@ -311,7 +313,7 @@ def main() -> None:
             hands = Hands(args.size)
             try:
                 with busy(count):
-                    print(f"{Path(file).name}: {told(hands, file, args.size, args.times)}", flush=True)
+                    print(f"{Path(file).name}: {measure(hands, file, args.size, args.times)}", flush=True)
             finally:
                 hands.end()
 

@@ -121,7 +121,11 @@ view = renderer.GetActiveCamera()
 view.SetPosition(*job["eye"])
 view.SetFocalPoint(*job["target"])
 view.SetViewUp(*job["up"])
-view.SetViewAngle(job["fov"])
+view.SetParallelProjection(job["height"] is not None)
+if job["height"] is None:
+    view.SetViewAngle(job["fov"])
+else:
+    view.SetParallelScale(job["height"] / 2)
 renderer.ResetCameraClippingRange()
 window.Render()
 shown = vtk.vtkWindowToImageFilter()
@@ -207,6 +211,8 @@ def vtk_job(path: Path, scene: OpenScene, size: int, output: Path) -> dict[str, 
         "target": (camera.eye + 100 * camera.forward).tolist(),
         "up": (-camera.eye_from_world[1]).tolist(),
         "fov": float(2 * np.degrees(np.arctan(camera.extent / 2))),
+        # of a parallel view
+        "height": None if camera.perspective else camera.extent,
     }
 
 
