@@ -143,8 +143,13 @@ def measure(hands: Hands, file: str, size: tuple[int, int], times: int) -> str:
     process = subprocess.Popen(view, env=environment, stdout=subprocess.PIPE)
     try:
         opened = []
-        for reached in (lambda: hands.has_title("splatgl"), lambda: shows(hands, black), lambda: hands.has_title("refined")):
-            until(reached)
+        shown = (
+            (lambda: hands.has_title("splatgl")),
+            (lambda: shows(hands, black)),
+            (lambda: hands.has_title("refined")),
+        )
+        for is_shown in shown:
+            until(is_shown)
             opened.append(time.perf_counter() - begun)
         parts = [" ".join(f"{seconds:5.2f}" for seconds in opened) + " s"]
         if times:
