@@ -156,7 +156,7 @@ def nudged(viewer: Viewer) -> dict[str, Any]:
             viewer.mouse("wheel", Pointer((120.0, 90.0), notches=1.0))
         return interrupted(inputs, is_full)
 
-    viewer._is_interrupted = turned_again  # type: ignore[method-assign]
+    viewer._is_interrupted = turned_again  # type: ignore[method-assign, assignment]
     viewer.mouse("wheel", Pointer((120.0, 90.0), notches=1.0))
     until(viewer, lambda: bool(shown))
     viewer._is_interrupted = interrupted  # type: ignore[method-assign]
