@@ -149,6 +149,10 @@ class Mesh:
         texture = self.texture and self.texture.placed(turn)
         return replace(self, vertices=self.vertices * turn, frame=frame, corner_normals=normals, texture=texture)
 
+    def unlit(self) -> Mesh:
+        """The mesh in its plain colours, whatever the light: with normals of length 0."""
+        return replace(self, corner_normals=np.zeros((len(self.faces), 3, 3)))
+
     @property
     def ranged(self) -> tuple[float, float]:
         """The values at the ends of the colour map; 0 and 1 without finite values, and a range around one value."""

@@ -463,9 +463,11 @@ def meshes_at(layer: Any, point: tuple[float, ...] = (0.0,) * 4) -> tuple[sg.Mes
 
 def test_points_are_balls_where_the_sliders_are(layers: Any) -> None:
     places = np.array([[0, 1, 2, 3], [0, 5, 5, 5], [1, 4, 4, 4.0]])
-    points = layers.Points(places, size=[2, 4, 2], face_color=["red", "lime", "blue"], scale=(1, 1, 1, 2), opacity=0.5)
+    looks = {"face_color": ["red", "lime", "blue"], "border_width": 0.5, "opacity": 0.5}
+    points = layers.Points(places, size=[2, 4, 2], scale=(1, 1, 1, 2), **looks)
     small, large = meshes_at(points)
-    balls = (small, (6, 2, 1), 4 / 3, (255, 0, 0)), (large, (10, 5, 5), 8 / 3, (0, 255, 0))
+    # napari draws half of the border outside of the size
+    balls = (small, (6, 2, 1), 1.5 * 4 / 3, (255, 0, 0)), (large, (10, 5, 5), 1.5 * 8 / 3, (0, 255, 0))
     for mesh, middle, radius, color in balls:
         np.testing.assert_allclose((mesh.vertices.max(axis=0) + mesh.vertices.min(axis=0)) / 2, middle, atol=1e-6)
         assert np.linalg.norm(mesh.vertices - middle, axis=1) == pytest.approx(radius)
@@ -493,6 +495,31 @@ def test_shapes_surfaces_tracks_and_vectors_are_meshes(layers: Any) -> None:
     assert np.linalg.norm(tube.vertices[:, 1:], axis=1) == pytest.approx(1.0)
     arrow = layers.Vectors(np.array([[[0, 0, 0], [0, 0, 3.0]]]), length=2, edge_width=1)
     assert meshes_at(arrow, (0.0,) * 3)[0].vertices[:, 0].max() == 6.0
+
+
+def test_shading_and_styles_are_napari_s_or_noted(layers: Any) -> None:
+    places = np.array([[0, 1, 2.0], [0, 5, 5]])
+    triangle = (np.array([[0, 0, 0], [0, 0, 6], [3, 0, 0.0]]), np.array([[0, 1, 2]]), np.array([0.0, 1.0, 2.0]))
+    plain = [layers.Points(places, border_width=0), layers.Surface(triangle, shading="none")]
+    lit = [layers.Points(places, border_width=0, shading="spherical"), layers.Surface(triangle, shading="smooth")]
+    styled = [
+        (layers.Points(places, border_color="red"), "without a ring"),
+        (layers.Vectors(np.array([[[0, 0, 0], [0, 0, 3.0]]]), vector_style="triangle"), "not of style triangle"),
+        (layers.Tracks(np.array([[7, time, 0, 0, time] for time in range(5)])), "do not fade with age"),
+    ]
+
+    def notes_of(layer: Any) -> str:
+        point = (3.0,) * (layer.ndim if layer.ndim > 3 else 0) or (0.0,) * 3
+        return " ".join(
+            take(viewer(layer, ndim=len(point), order=tuple(range(len(point))), point=point)).layers[0].notes
+        )
+
+    for layer in plain:
+        assert (meshes_at(layer, (0.0,) * 3)[0].normals == 0).all() and not notes_of(layer)
+    for layer in lit:
+        assert meshes_at(layer, (0.0,) * 3)[0].normals.any() and "brighter than napari's" in notes_of(layer)
+    for layer, note in styled:
+        assert note in notes_of(layer), layer
 
 
 def test_meshes_and_volumes_share_a_picture(layers: Any) -> None:

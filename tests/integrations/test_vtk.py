@@ -240,6 +240,40 @@ def test_blends_background_and_light(pyvista: Any) -> None:
         sg.Settings.of(made)
 
 
+def ball_under_headlight(pyvista: Any, intensity: float = 1.0, **look: Any) -> Any:
+    made = pyvista.Plotter(off_screen=True, window_size=SIZE, lighting="none")
+    made.add_light(pyvista.Light(light_type="headlight", intensity=intensity))
+    made.set_background("black")
+    made.add_mesh(pyvista.Sphere(), color="#a0a0a0", **look)
+    return made
+
+
+def test_surfaces_reflect_light_as_their_actors_say(pyvista: Any) -> None:
+    made = ball_under_headlight(pyvista, ambient=0.2, diffuse=0.5, specular=0.1)
+    settings = sg.Settings.of(made)
+    assert (settings.ambient, settings.diffuse, settings.specular) == pytest.approx((0.2, 0.5, 0.1))
+    assert settings.light == "glossy" and settings.light_from == (0.0, 0.0)
+    weak = sg.Settings.of(ball_under_headlight(pyvista, intensity=0.5, ambient=0.2, diffuse=0.5))
+    assert (weak.ambient, weak.diffuse, weak.specular) == pytest.approx((0.2, 0.25, 0.0))
+    glaring = ball_under_headlight(pyvista, ambient=0.2, diffuse=1.0, specular=0.5)
+    assert (limited := sg.Settings.of(glaring)).strengths == pytest.approx((0.2, 0.3, 0.5)), limited
+    notes: Any = sg.render(glaring).info["notes"]
+    assert any("limited to a sum of 1" in note for note in notes) and any("linear light" in note for note in notes)
+    assert not any("linear light" in note for note in sg.render(glaring, mixing="display").info["notes"])  # type: ignore
+    glaring.add_mesh(pyvista.Cube(), ambient=0.5)
+    assert any("as the first" in note for note in sg.render(glaring).info["notes"])  # type: ignore[attr-defined]
+
+
+def test_actors_without_lighting_keep_their_colour(pyvista: Any) -> None:
+    made = ball_under_headlight(pyvista, lighting=False)
+    samples = sg.render(made).samples8()
+    middle = samples[SIZE[1] // 2, SIZE[0] // 2, :3]
+    assert np.abs(middle.astype(int) - 0xA0).max() <= 1
+    # plane faces and those that planes cut are of one brightness, too
+    clipped = [mesh.cut([(1.0, 0.0, 0.0, 0.0)]) for mesh in sg.Scene.of(made).meshes]
+    assert all((mesh.normals == 0).all() for mesh in clipped)
+
+
 @pytest.mark.parametrize("where", ["camera", "world"])
 def test_the_side_of_lights(pyvista: Any, where: str) -> None:
     made = plotter(pyvista, some())

@@ -15,6 +15,7 @@ from splatgl.readers.meshes import join_meshes
 MOST_POINTS, MOST_SIZES = 20_000, 32
 # corners of an ellipse
 CORNERS = 48
+LIT = "lit in linear light, brighter than napari's shading"
 # distance from a slider within which matter is shown, samples
 NEAR = 0.5
 
@@ -80,7 +81,12 @@ def _points(layer: Any, place: _Place) -> Found:
         numbers = numbers[np.linspace(0, len(numbers) - 1, MOST_POINTS).astype(int)]
     if not len(numbers):
         return [], notes
-    radii = sizes[numbers] / 2 * place.scale
+    # the border lies half outside of the point
+    widths = np.broadcast_to(np.asarray(layer.border_width, float), len(data))
+    widths = widths * np.where(edges[:, 3] > 0, sizes if layer.border_width_is_relative else 1.0, 0.0)
+    radii = (sizes + widths)[numbers] / 2 * place.scale
+    if (widths[numbers] > 0).any() and (faces[numbers] != edges[numbers]).any():
+        notes.append("its points have the colour of their faces, without a ring in that of their borders")
     known = np.unique(radii)
     if len(known) > MOST_SIZES:
         known = np.quantile(radii, np.linspace(0, 1, MOST_SIZES))
@@ -90,7 +96,7 @@ def _points(layer: Any, place: _Place) -> Found:
     for number in np.unique(nearest):
         chosen = numbers[nearest == number]
         ball = Mesh.of_points(place.world(data[chosen]), float(known[number]))
-        meshes.append(_paint(ball, colors[chosen], len(ball.vertices) // len(chosen)))
+        meshes.append(_shade(_paint(ball, colors[chosen], len(ball.vertices) // len(chosen)), layer, notes))
     return meshes, notes
 
 
@@ -141,7 +147,17 @@ def _surface(layer: Any, place: _Place) -> Found:
         shares = np.clip((values - low) / ((high - low) or 1.0), 0, 1) ** float(layer.gamma)
         colors = np.asarray(layer.colormap.map(shares), float)
     notes = ["its texture is not drawn"] if getattr(layer, "texture", None) is not None else []
-    return [_paint(Mesh(place.world(vertices), faces), np.asarray(colors, float), 1)], notes
+    mesh = _paint(Mesh(place.world(vertices), faces), np.asarray(colors, float), 1)
+    return [_shade(mesh, layer, notes)], notes
+
+
+def _shade(mesh: Mesh, layer: Any, notes: list[str]) -> Mesh:
+    """The mesh with the shading of its layer, and a note where that is none of napari's."""
+    if str(layer.shading) == "none":
+        return mesh.unlit()
+    if LIT not in notes:
+        notes.append(LIT)
+    return mesh
 
 
 def _tracks(layer: Any, place: _Place) -> Found:
@@ -154,7 +170,8 @@ def _tracks(layer: Any, place: _Place) -> Found:
         if chosen.sum() > 1:
             lines.append(place.world(data[chosen, 1:]))
             painted.append(colors[chosen])
-    return _tubes(lines, painted, float(layer.tail_width) / 2 / place.zoom), []
+    notes = ["its tails do not fade with age"] * bool(lines)
+    return _tubes(lines, painted, float(layer.tail_width) / 2 / place.zoom), notes
 
 
 def _vectors(layer: Any, place: _Place) -> Found:
@@ -164,7 +181,9 @@ def _vectors(layer: Any, place: _Place) -> Found:
     lines = [np.vstack(pair) for pair in zip(place.world(data[chosen, 0]), place.world(ends), strict=True)]
     colors = np.asarray(layer.edge_color, float)[chosen]
     radius = float(layer.edge_width) / 2 * place.scale
-    return _tubes(lines, [np.repeat(color[None], 2, axis=0) for color in colors], radius), []
+    # napari's style of a line is as wide at both ends
+    notes = [f"its vectors are lines, not of style {layer.vector_style}"] * (str(layer.vector_style) != "line")
+    return _tubes(lines, [np.repeat(color[None], 2, axis=0) for color in colors], radius), notes * bool(lines)
 
 
 def _tubes(lines: Sequence[np.ndarray], colors: Sequence[np.ndarray], radius: float) -> list[Mesh]:

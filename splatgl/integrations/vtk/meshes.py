@@ -44,10 +44,15 @@ class Shape:
 
 
 def meshes_of(actor: Any, camera: Camera) -> Iterator[Mesh]:
-    """Meshes of a vtkActor: surfaces, and lines and points of their pixel width at their middle.
+    """Meshes of a vtkActor: surfaces, and lines and points of their pixel width at their middle; unlit as it is.
 
     Raises InputError for surfaces whose points differ in opacity.
     """
+    meshes = _meshes(actor, camera)
+    yield from meshes if actor.GetProperty().GetLighting() else (mesh.unlit() for mesh in meshes)
+
+
+def _meshes(actor: Any, camera: Camera) -> Iterator[Mesh]:
     from vtkmodules.vtkFiltersCore import vtkExtractEdges
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
 

@@ -11,6 +11,7 @@ from splatgl.annotations.canvas import BLACK, Canvas, Rect
 from splatgl.data.color import Color, linear_from_srgb, srgb_from_linear
 from splatgl.data.image import Image
 from splatgl.integrations.vtk.scene import DRAWN_OVER, items, list_differences, renderer_of
+from splatgl.scene.mixing import LINEAR
 from splatgl.splat.settings import BLENDS
 
 # VTK's orientation of an upright bar
@@ -30,7 +31,10 @@ def finish(image: Image, x: Any, background: Color | None) -> Image:
 
     info["notes"] lists the differences from the plotter's own picture.
     """
-    pixels, info = image.pixels, {**image.info, "notes": tuple(list_differences(x))}
+    pixels, info = (
+        image.pixels,
+        {**image.info, "notes": tuple(list_differences(x, str(image.info.get("mixing", LINEAR))))},
+    )
     if BLENDS[str(info["blend"])].unbounded:
         pixels, info = _gray_sums(pixels, background), {**info, "blend": "additive"}
     canvas = Canvas(np.zeros_like(pixels), BLACK)

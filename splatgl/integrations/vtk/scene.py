@@ -17,6 +17,7 @@ from splatgl.integrations.vtk.image_data import select_array, volumes_from_compo
 from splatgl.integrations.vtk.meshes import meshes_of, texture_differences
 from splatgl.integrations.vtk.properties import clip_planes, matrix_of, transfer_of
 from splatgl.scene.meshes import stage
+from splatgl.scene.mixing import DISPLAY, LINEAR
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Plane
 from splatgl.splat.scene import Layer, Scene
@@ -79,12 +80,11 @@ def settings_of(x: Any) -> Settings:
         raise expected("plotter", "volumes of one blend mode", " and ".join(sorted(blends)))
     sides = [renderer.GetBackground()] + [renderer.GetBackground2()] * bool(renderer.GetGradientBackground())
     ground = linear_from_srgb(np.clip(np.mean(sides, axis=0), 0.0, 1.0)).tolist()
-    surfaces = [prop.GetProperty() for prop in volumes] + [actor.GetProperty() for actor in items(renderer.GetActors())]
-    return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer, surfaces))
+    return Settings(blend=blends.pop() if blends else "composite", background=ground).but(**_light(renderer))
 
 
-def list_differences(x: Any) -> Iterator[str]:
-    """A line for each thing that a plotter shows, but not its scene and settings."""
+def list_differences(x: Any, mixing: str = LINEAR) -> Iterator[str]:
+    """A line for each thing that a plotter shows, but not its scene and settings. mixing: of colours."""
     renderer = renderer_of(x)
     visible = [prop for prop in items(renderer.GetViewProps()) if prop.GetVisibility()]
     kinds = [name for prop in visible for name in _prop_differences(prop)]
@@ -98,6 +98,13 @@ def list_differences(x: Any) -> Iterator[str]:
     lights = _lights(renderer)
     if len(lights) > 1:
         yield f"lit by the brightest of {len(lights)} lights"
+    strengths = _strengths(renderer)
+    if len(strengths) > 1:
+        yield "all surfaces reflect as much ambient, diffuse and specular light as the first"
+    if strengths and _within_one(strengths[0]) != strengths[0]:
+        yield "ambient, diffuse and specular light of surfaces are limited to a sum of 1"
+    if strengths and mixing == LINEAR:
+        yield f"lit in linear light, brighter at grazing angles; mixing={DISPLAY!r} lights as VTK does"
     if renderer.GetGradientBackground():
         yield "the background is the mean of its gradient"
     if renderer.GetTexturedBackground() or renderer.GetBackgroundTexture() is not None:
@@ -144,17 +151,33 @@ def items(collection: Any) -> list[Any]:
     return [collection.GetItemAsObject(number) for number in range(collection.GetNumberOfItems())]
 
 
-def _light(renderer: Any, surfaces: list[Any]) -> dict[str, Any]:
-    """Settings of the brightest light; glossy if a surface is."""
-    lights = _lights(renderer)
+def _light(renderer: Any) -> dict[str, Any]:
+    """Settings of the brightest light and of the strengths of surfaces; glossy if one of these is."""
+    lights, strengths = _lights(renderer), _strengths(renderer)
     if not lights:
         return {}
-    brightest = max(lights, key=lambda light: light.GetIntensity())
-    shining = any(prop.GetShade() and prop.GetSpecular() > 0 for prop in surfaces if hasattr(prop, "GetShade"))
-    side, above = _place(brightest, Camera.of(renderer))
+    shares = dict(zip(("ambient", "diffuse", "specular"), _within_one(strengths[0]), strict=True)) if strengths else {}
+    shining = any(specular > 0 for _, _, specular in strengths)
+    side, above = _place(max(lights, key=lambda light: light.GetIntensity()), Camera.of(renderer))
     if max(abs(side), abs(above)) < NEAR_EYE:
-        return {"light": "glossy", "light_from": (0.0, 0.0)} if shining else {}
-    return {"light": "glossy" if shining else "matte", "light_from": (side, above)}
+        return {**shares, **({"light": "glossy", "light_from": (0.0, 0.0)} if shining else {})}
+    return {**shares, "light": "glossy" if shining else "matte", "light_from": (side, above)}
+
+
+def _strengths(renderer: Any) -> list[tuple[float, float, float]]:
+    """The ambient, diffuse and specular light of visible surfaces under all lights as one of at most 1, each once."""
+    props = [prop.GetProperty() for prop in _volumes(renderer) if prop.GetProperty().GetShade()]
+    props += [actor.GetProperty() for actor in items(renderer.GetActors()) if actor.GetVisibility()]
+    power = min(sum(light.GetIntensity() for light in _lights(renderer)), 1.0)
+    lit = [prop for prop in props if not hasattr(prop, "GetLighting") or prop.GetLighting()]
+    return list(dict.fromkeys((x.GetAmbient(), power * x.GetDiffuse(), power * x.GetSpecular()) for x in lit))
+
+
+def _within_one(strengths: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Ambient, diffuse and specular light whose sum is at most 1; less diffuse light where it would be more."""
+    ambient, diffuse, specular = (min(share, 1.0) for share in strengths)
+    specular = min(specular, 1.0 - ambient)
+    return ambient, min(diffuse, 1.0 - ambient - specular), specular
 
 
 def _place(light: Any, camera: Camera) -> tuple[float, float]:
