@@ -225,7 +225,9 @@ class Volume:
         turn = np.array([-1.0, -1.0, 1.0])
         x, y, z = (turn * self.origin).tolist()
         vectors = None if self.vectors is None else self.vectors * turn.astype(self.vectors.dtype)
-        placed = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame, vectors=vectors)
+        points = None if self.points is None else replace(self.points, places=self.points.places * turn)
+        parts = {"vectors": vectors, "points": points}
+        placed = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame, **parts)
         return with_parts(placed, lambda part: part.placed(frame))
 
     def kept(self, low: Places, high: Places) -> np.ndarray:

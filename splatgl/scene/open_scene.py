@@ -65,17 +65,14 @@ class OpenScene:
     @classmethod
     def of(cls, file: SceneFile, volume: Volume, is_quiet: bool = True) -> OpenScene:
         """The scene of a file and its volume, which is in memory."""
-        file, volume = apply_scissors(file, volume)
-        transfer, file, settings = file.transfer_for(volume), file.cut(volume), file.settings
+        file, volume = cut_scene(file, volume)
+        transfer, settings = file.transfer_for(volume), file.settings
         if file.auto_background and not BLENDS[settings.blend].unbounded:
             # several channels glow
             glows = len(volume.channels) > 1 and volume.points is None
             glowing = replace(transfer, shading=False) if glows else transfer
             background = BLACK if file.slices else default_background(glowing, settings)
-            settings = replace(file.settings, background=background)
-            file = replace(file, settings=settings)
-        if "box" in file.annotate:
-            file = replace(file, view=file.view.fitted(annotated_part(volume)))
+            file = replace(file, settings=replace(settings, background=background))
         return cls(file, volume, transfer, is_quiet)
 
     @cached_property
@@ -195,19 +192,21 @@ class OpenScene:
         return expected(file.volume, this, "none", fix)
 
 
-def apply_scissors(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
-    """The scene with the view of the whole, of which its scissors without a camera take what they see; and the volume
-    that they leave, with its channels.
-    """
-    if not file.scissors:
-        return file, volume
-    from splatgl.splat.clipping import Part
+def cut_scene(file: SceneFile, volume: Volume) -> tuple[SceneFile, Volume]:
+    """The scene with the planes of its clip and crop in its settings, and its first volume as scissors leave it.
 
-    whole = OpenScene.of(replace(file, scissors=()), volume)
-    camera, frame = whole.camera, volume.frame
-    scissors = tuple(each.seen_by(camera, frame) for each in file.scissors)
-    view = file.view.fitted(Part(whole.fitted.outline, frame))
-    return replace(file, scissors=scissors, view=view), cut_volume(volume, scissors)
+    Scissors without a camera take the view of the whole. The view is fitted to the crop, or to a box with numbers.
+    """
+    if file.scissors:
+        from splatgl.splat.clipping import Part
+
+        whole = OpenScene.of(replace(file, scissors=()), volume)
+        camera, frame = whole.camera, volume.frame
+        scissors = tuple(each.seen_by(camera, frame) for each in file.scissors)
+        file = replace(file, scissors=scissors, view=file.view.fitted(Part(whole.fitted.outline, frame)))
+        volume = cut_volume(volume, scissors)
+    file = file.cut(volume)
+    return (replace(file, view=file.view.fitted(annotated_part(volume))) if "box" in file.annotate else file), volume
 
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -288,11 +287,7 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
     """
     layers = channel_layers(file, volume, transfer)
     for layer in (layer for layer in file.layers if layer.visible):
-        masked = replace(layer, mask=file.mask) if layer.mask is None else layer
-        source = replace(masked, surfaces=file.surfaces) if layer.surfaces is None else masked
-        other = cut_volume(source.open(), file.scissors)
-        print_notes(other, is_quiet, layer=source.volume)
-        planes = None if source.clip is None and not source.crop else source.cut(other).settings.clip
+        source, other, planes = open_layer(layer, file, is_quiet)
         channels = channel_layers(source, other, source.transfer_for(other), planes)
         if layer.surfaces is not None:
             channels = [replace(channel, surfaces=layer.surfaces) for channel in channels]
@@ -302,6 +297,20 @@ def visible_layers(file: SceneFile, volume: Volume, transfer: Transfer, is_quiet
     if not any(layer.visible for layer in layers):
         return [replace(layers[0], transfer=layers[0].seen.weakened(0.0), visible=True)]
     return layers
+
+
+def open_layer(
+    layer: SceneFile, scene: SceneFile, is_quiet: bool = True, has_times: bool = False
+) -> tuple[SceneFile, Volume, tuple[Plane, ...] | None]:
+    """A layer of a scene, with the scene's mask and surfaces if it has none; its volume, masked and cut, in its own
+    frame; and the planes that clip it alone, None: the scene's. is_quiet, has_times: as of `print_notes`.
+    """
+    masked = replace(layer, mask=scene.mask) if layer.mask is None else layer
+    source = replace(masked, surfaces=scene.surfaces) if layer.surfaces is None else masked
+    volume = cut_volume(source.open(), scene.scissors)
+    print_notes(volume, is_quiet, has_times=has_times, layer=source.volume)
+    planes = None if source.clip is None and not source.crop else source.cut(volume).settings.clip
+    return source, volume, planes
 
 
 def channel_layers(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -137,7 +137,7 @@ class ViewOptions:
         Kind("a length such as 85mm, 8.5cm, 3.3in or 240pt", _paper_width, _paper_width, "LENGTH", hint="str"),
         "width on paper, such as 85mm, that with --dpi gives the pixels. --size gives the shape",
     )
-    part: Bounded | None = None
+    part: Bounded | None = field(default=None, compare=False)
     fixed: Camera | None = None
 
     def __post_init__(self) -> None:

@@ -175,6 +175,11 @@ def parse_planes(cuts: str | Sequence[Any], box: Box) -> tuple[Plane, ...]:
     return rows
 
 
+def flip_planes(planes: Sequence[Plane]) -> tuple[Plane, ...]:
+    """The planes of LPS in RAS, or those of RAS in LPS: x and y change sign."""
+    return tuple((-x, -y, z, d) for x, y, z, d in planes)
+
+
 def clip_corners(cuts: Sequence[Plane], corners: np.ndarray) -> np.ndarray:
     """Corners [N, 3] of the part of a parallelepiped that planes keep. corners [8, 3]: in the order of `corners_of`."""
     sides = corners[[1, 2, 4]] - corners[0]

@@ -5,7 +5,7 @@ Extinctions and emissions of overlapping layers add up at every depth of a ray.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,7 +19,7 @@ from splatgl.data.mesh import OF_VOLUME, Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import InputError, expected
 from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Box, Plane, parse_planes
+from splatgl.splat.clipping import Box, Plane, flip_planes, parse_planes
 from splatgl.splat.culling import clip_behind_eye
 from splatgl.splat.motion import Motion, count_moments
 from splatgl.splat.opaque_bounds import Opaque
@@ -106,8 +106,7 @@ class Layer:
         layer = copy(self)
         object.__setattr__(layer, "volume", volume)
         if self.clip is not None:
-            planes = parse_planes(self.clip, Box.of([self.volume]))
-            object.__setattr__(layer, "clip", tuple((-x, -y, z, d) for x, y, z, d in planes))
+            object.__setattr__(layer, "clip", flip_planes(parse_planes(self.clip, Box.of([self.volume]))))
         return layer
 
     def parts(self) -> list[Layer]:
@@ -160,7 +159,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         layers = tuple(Layer(layer) if isinstance(layer, Volume) else layer for layer in self.layers)
-        first = _frame(layers)
+        object.__setattr__(self, "layers", layers)
+        first = self.frame
         object.__setattr__(self, "layers", tuple(part for layer in layers for part in layer.placed(first).parts()))
         if not 1 <= len(self.shown) <= MOST_LAYERS:
             raise expected("layers", f"1 to {MOST_LAYERS} that are visible", len(self.shown))
@@ -196,8 +196,11 @@ class Scene:
 
     @property
     def frame(self) -> str | None:
-        """The frame of all layers and meshes: LPS, RAS or None."""
-        return _frame(self.layers)
+        """The frame of all layers and meshes, LPS, RAS or None: that of the first layer, also where it is hidden, or of
+        the first visible layer or mesh that has one.
+        """
+        firsts = [layer.volume for layer in (*self.layers[:1], *self.shown) if isinstance(layer, Layer)]
+        return next((subject.frame for subject in (*firsts, *self.meshes) if subject.frame), None)
 
     def _segment_surfaces(self) -> tuple[list[tuple[Mesh, tuple[Plane, ...]]], list[str]]:
         surfaces, notes = list[tuple[Mesh, tuple[Plane, ...]]](), list[str]()
@@ -417,9 +420,3 @@ def join_pictures(pictures: Sequence[np.ndarray], settings: Settings) -> np.ndar
     if settings.background is not None:
         added = added + clear[..., None] * np.array([*settings.background, 1.0], added.dtype)
     return np.asarray(added)
-
-
-def _frame(layers: Iterable[Layer | Volume]) -> str | None:
-    """The frame of the first visible layer that has one."""
-    visible = (layer for layer in layers if isinstance(layer, Layer) and layer.visible and layer.opacity > 0)
-    return next((layer.volume.frame for layer in visible if layer.volume.frame), None)

@@ -17,11 +17,11 @@ from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume, halve_volume
 from splatgl.errors import expected
 from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
-from splatgl.scene.open_scene import apply_scissors, channel_layers, is_layered, print_notes
+from splatgl.scene.open_scene import channel_layers, cut_scene, is_layered, open_layer, print_notes
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
-from splatgl.splat.clipping import Plane
+from splatgl.splat.clipping import Plane, check_planes, flip_planes
 from splatgl.splat.culling import visible_shell
 from splatgl.splat.extract import Progress, extract, why_only_pre
 from splatgl.splat.grid import Grid
@@ -54,10 +54,10 @@ MOST_SCENES = 2 * len(STRIDES)
 class LayerSplats:
     """Volume of a layer at each of STRIDES, finest first, and its splats.
 
-    scene: options of this layer alone. clip: planes of the layer; None: the scene's. stand_in: the part of the volume
-    that is shown. kind: classification and kernel of the splats. estimates: `counts` of the layer that this one
-    replaces. made: splats by stride; shells: splats without the hidden ones. variants: layers of the same transfer
-    function, by `is_post_classified`.
+    scene: options of this layer alone. frame: of its file; volumes and clip are in the document's. clip: planes of the
+    layer; None: the scene's. stand_in: the part of the volume that is shown. kind: classification and kernel of the
+    splats. estimates: `counts` of the layer that this one replaces. made: splats by stride; shells: splats without the
+    hidden ones. variants: layers of the same transfer function, by `is_post_classified`.
     """
 
     name: str
@@ -65,6 +65,7 @@ class LayerSplats:
     volumes: tuple[Volume, ...]
     transfer: Transfer
     threshold: float = 0.0
+    frame: str | None = None
     clip: tuple[Plane, ...] | None = None
     stand_in: StandIn | None = None
     kind: tuple[str, str] = ("pre", "")
@@ -77,15 +78,15 @@ class LayerSplats:
         self.variants[self.is_post_classified] = self
 
     @classmethod
-    def of_volume(
-        cls, name: str, scene: SceneFile, volume: Volume, transfer: Transfer, clip: tuple[Plane, ...] | None = None
-    ) -> LayerSplats:
-        """Layer of a volume that is read, or of its first stand-in, with the splats of the coarsest stride."""
+    def of_layer(cls, name: str, scene: SceneFile, layer: Layer) -> LayerSplats:
+        """The voxels of a layer, or their first stand-in, with the splats of the coarsest stride."""
+        volume, transfer = layer.volume, layer.seen
         shown = choose_stand_in(volume, transfer, scene.settings)
         if shown.note or shown.finer:
             # opacities refer to the finest voxels
             transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
-        return cls(name, scene, (), transfer, scene.threshold, clip).with_stand_in(shown)
+        clip = None if layer.clip is None else check_planes(layer.clip)
+        return cls(name, scene, (), transfer, layer.threshold, volume.frame, clip).with_stand_in(shown)
 
     def with_stand_in(self, shown: StandIn) -> LayerSplats:
         """The layer with the voxels of a stand-in, and the splats of the coarsest stride."""
@@ -95,10 +96,8 @@ class LayerSplats:
             less = halve_volume(last, bool(self.transfer.labels)) if last.count > SMALL and not last.coarser else last
             volumes.append(next(iter(last.coarser), less))
         estimates = tuple(volume.count for volume in volumes)
-        layer = LayerSplats(
-            *(self.name, self.scene, tuple(volumes), self.transfer, self.threshold, self.clip, shown),
-            estimates=estimates,
-        ).for_settings(self.scene.settings)
+        fresh = replace(self.without_splats(), volumes=tuple(volumes), stand_in=shown, kind=("pre", ""))
+        layer = replace(fresh, estimates=estimates).for_settings(self.scene.settings)
         layer.shell(STRIDES[-1])
         return layer
 
@@ -219,6 +218,14 @@ class LayerSplats:
         cut = {id(each): cut_volume(each, scissors) for each in self.volumes if scissors != self.scissors}
         return replace(self.without_splats(), volumes=tuple(cut[id(each)] for each in self.volumes)) if cut else self
 
+    def placed(self, frame: str | None) -> LayerSplats:
+        """The layer, without splats, in another frame; this one if it is in it, or states none."""
+        if {self.volume.frame, frame} != {"LPS", "RAS"}:
+            return self
+        placed = {id(each): each.placed(frame) for each in self.volumes}
+        clip = self.clip and flip_planes(self.clip)
+        return replace(self.without_splats(), volumes=tuple(placed[id(each)] for each in self.volumes), clip=clip)
+
     def for_settings(self, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer with splats of the kind that the settings take; those of the other kind are kept in `variants`.
 
@@ -308,8 +315,7 @@ class Document:
             raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
         volume = scene.open()
         print_notes(volume, quiet, has_times=True)
-        scene, volume = apply_scissors(scene, volume)
-        scene = scene.cut(volume)
+        scene, volume = cut_scene(scene, volume)
         # refuses a bad one
         Movie.of(scene.animation, volume)
         pairs = _channels(scene, volume, scene.settings, None, folds_opacity=not is_layered(scene, volume))
@@ -320,7 +326,10 @@ class Document:
         files = tuple(surfaces_of(scene))
         lines, planes = tuple(scene.vectors.meshes(volume)), scene.slice_planes
         parse_slices([Slice(text).place for text in planes], volume)
-        return cls(scene, layers, styles, files, read_meshes(files), lines, planes)
+        document = cls(scene, layers, styles, files, read_meshes(files), lines, planes).for_settings(scene.settings)
+        # layers of other frames have none
+        document.extract(STRIDES[-1])
+        return document
 
     # --- layers -----------------------------------------------------------------------------------------------------
 
@@ -328,6 +337,12 @@ class Document:
     def volume(self) -> Volume:
         """The full-resolution volume of the first layer."""
         return self.layers[0].volume
+
+    @property
+    def frame(self) -> str | None:
+        """The frame of all layers: of the file of the first one, or of the first visible one that states it."""
+        shown = (layer.frame for layer, style in zip(self.layers, self.styles, strict=True) if style.is_shown)
+        return next(filter(None, (self.layers[0].frame, *shown)), None)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -393,6 +408,7 @@ class Document:
         shown = self.layers[number].stand_in
         assert shown and shown.finer
         layer = self.layers[number].with_stand_in(shown.finer()).cut_by(self.layers[number].scissors)
+        layer = layer.placed(self.layers[number].volume.frame)
         return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
 
     def mesh(self, file: MeshFile) -> Mesh | None:
@@ -451,6 +467,7 @@ class Document:
         if shown.is_layered:
             # blurred pictures of layers are means of sharp ones
             settings, moving = settings.but(motion="off"), False
+        layers = tuple(layer.placed(shown.frame) for layer in layers)
         layers = tuple(layer.for_style(style, settings, moving) for layer, style in zip(layers, styles, strict=True))
         if (layers, styles, shown.mesh_files) == (self.layers, self.styles, self.mesh_files):
             return self
@@ -478,8 +495,13 @@ class Document:
     def meshes(self) -> tuple[Mesh, ...]:
         """The visible meshes in their colours and opacities, as `MeshFile.open` reads them."""
         visible = [file for file in self.mesh_files if file.visible and source_key(file) in self.read]
-        styled = (styled_mesh(file, self.read[source_key(file)]) for file in visible)
-        return (*styled, *self.lines, *slice_meshes(layer_looks(self.pool, self.styles), self.slice_planes))
+        styled = [styled_mesh(file, self.read[source_key(file)]) for file in visible]
+        frame = next(filter(None, (self.frame, *(mesh.frame for mesh in styled))), None)
+        return (
+            *(mesh.placed(frame) for mesh in styled),
+            *self.lines,
+            *slice_meshes(layer_looks(self.pool, self.styles), self.slice_planes),
+        )
 
     def with_planes(self, slice_planes: Sequence[str]) -> Document:
         """The document with these slices in space; this one if it has them."""
@@ -556,10 +578,8 @@ def _no_splats(splats: Splats) -> Splats:
 
 def read_layer(source: SceneFile, scene: SceneFile, quiet: bool = False) -> list[tuple[LayerSplats, LayerStyle]]:
     """Layers and styles of a file that is laid over a scene, one for each channel. Raises InputError as its reader."""
-    volume = cut_volume((replace(source, mask=scene.mask) if source.mask is None else source).open(), scene.scissors)
-    print_notes(volume, quiet, has_times=True, layer=source.volume)
-    clip = None if source.clip is None and not source.crop else source.cut(volume).settings.clip
-    return _channels(source, volume, scene.settings, clip)
+    _, volume, planes = open_layer(source, scene, quiet, has_times=True)
+    return _channels(source, volume, scene.settings, planes)
 
 
 def _channels(
@@ -568,21 +588,19 @@ def _channels(
     """Layer and style of each channel of a source. folds_opacity: into the transfer function."""
     plain = source if folds_opacity else replace(source, opacity=1.0)
     pairs = []
-    for number, channel in enumerate(channel_layers(plain, volume, plain.transfer_for(volume))):
+    for number, channel in enumerate(channel_layers(plain, volume, plain.transfer_for(volume), clip)):
         scene = replace(source, settings=settings, layers=(), meshes=())
-        samples = channel.volume
         if len(volume.channels) > 1:
             scene = replace(scene, load={**source.load, "channel": _channel(source.load.get("channel"), number)})
-            # the first has what is known of the file: its view and time points
-            samples = samples if number else replace(volume, channels=())
         name = source.title * (len(volume.channels) < 2) or channel.volume.name or source.volume
         opacity = 1.0 if folds_opacity else source.opacity
         style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
         style = style_with_segments(style, channel.volume, source.transfer)
-        for part in channel.parts():
-            shown = samples if part is channel else part.volume
-            planes = clip if part.clip is None else ()
-            layer = LayerSplats.of_volume(name, scene, shown, style.stated, planes)
+        # the first has what is known of the file: its view and time points
+        samples = replace(volume, channels=()) if number == 0 < len(volume.channels) - 1 else channel.volume
+        shown = Layer(samples, style.stated, threshold=source.threshold, clip=channel.clip, uncut=channel.uncut)
+        for part in shown.parts():
+            layer = LayerSplats.of_layer(name, scene, part)
             pairs.append((layer, replace(style.with_unit(layer.transfer.unit), scissors=layer.scissors)))
     return pairs
 

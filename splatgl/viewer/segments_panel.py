@@ -120,7 +120,7 @@ def _rename(style: LayerStyle, segment: Segment) -> LayerStyle:
 
 def _show_whole(state: State, document: Document, layer: LayerSplats, segment: Segment) -> State:
     """The state with its view centred on a segment, and fitted to it."""
-    corners = segment_corners(layer.volume.placed(document.volume.frame), segment.number)
+    corners = segment_corners(layer.volume, segment.number)
     if corners is None:
         return replace(state, message=f"no voxel of {layer.name} is {segment.name}")
     return replace(state, pose=state.pose.fitted(corners), message="")

@@ -326,8 +326,7 @@ def slice_values(state: State, document: Document, most: int) -> tuple[str, ...]
     point = middle(state.slices, volume)
     shown = [style for style in state.styles if style.is_shown and style.number in pool] or state.styles[:1]
     for style in shown:
-        layer = pool[style.number]
-        part = layer.volume.placed(volume.frame)
+        layer, part = pool[style.number], pool[style.number].volume
         place = np.rint(np.linalg.solve(part.world_from_index, point - np.asarray(part.origin))).astype(int)
         is_inside = (place >= 0).all() and (place < part.shape[::-1]).all()
         if is_inside and isinstance(part.samples, np.ndarray):

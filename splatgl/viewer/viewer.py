@@ -199,7 +199,9 @@ class Viewer(LiveView):
             case Open(paths):
                 self.open(paths)
             case Add(paths):
-                self.files.add(paths, self.document.scene)
+                # what is cut meanwhile cuts them, too
+                scene = replace(self.document.scene, scissors=self.state.styles[0].scissors)
+                self.files.add(paths, scene)
             case OpenOption(option, value):
                 state = self.state
                 scene = replace(self.document.scene, settings=state.settings, annotate=state.annotate)
