@@ -89,7 +89,15 @@ class OpenOption:
     value: str
 
 
-Effect = Request | Copy | CopyText | Open | Add | OpenOption
+@dataclass(frozen=True)
+class Leave:
+    """Opens what the window asked about although edits are not saved. saves: whether the scene is saved before."""
+
+    opens: Open | OpenOption
+    saves: bool = False
+
+
+Effect = Request | Copy | CopyText | Open | Add | OpenOption | Leave
 Run = Callable[[State, Document], State | tuple[State, Effect]]
 
 

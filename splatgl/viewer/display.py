@@ -14,8 +14,9 @@ from typing import Any
 from splatgl.errors import missing_extra
 from splatgl.gl.renderer import Renderer
 from splatgl.gl.screen import Screen
+from splatgl.scene.meshes import is_mesh
 from splatgl.viewer.adaptive_quality import TARGET, IdleTrim, Refiner, return_large_blocks
-from splatgl.viewer.commands import COMMANDS, Command, Effect
+from splatgl.viewer.commands import COMMANDS, Command, Effect, Open, OpenOption
 from splatgl.viewer.document import Document
 from splatgl.viewer.file_dialogs import Dialogs
 from splatgl.viewer.frame_renderer import FrameRenderer
@@ -24,7 +25,7 @@ from splatgl.viewer.jobs import Extractor, Jobs
 from splatgl.viewer.loading import Files
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.overlays import Overlays
-from splatgl.viewer.questions import ask_for_files, tell_error
+from splatgl.viewer.questions import ask_for_files, ask_to_leave, tell_error
 from splatgl.viewer.recorder import Recorder
 from splatgl.viewer.reference_view import Reference
 from splatgl.viewer.remembered import Arrangement, Recent
@@ -36,6 +37,7 @@ from splatgl.viewer.window import Window
 # screen units of the first window
 SIZE = (1024, 768)
 OTHER = "the picture before"
+LEAVING = "edits are not saved: shift+s saves the scene; open it again to leave without"
 # purpose of the extra library, for the message where it is missing
 PANEL = "the panel with the opacity curve, colours, settings, cuts and files"
 # commands that a preview goes on at
@@ -242,12 +244,25 @@ class Display:
             self.refresh()
 
     def open(self, paths: Sequence[str], are_alone: bool = True) -> None:
-        """Opens the files; the current document stays until they are loaded. are_alone: whether meshes alone replace
-        it, too; else they are added.
+        """Opens the files, and asks first if edits would be lost; the current document stays until they are loaded.
+        are_alone: whether meshes alone replace it, too; else they are added.
         """
-        if paths:
+        replaces = are_alone or not all(map(is_mesh, paths))
+        if paths and not (replaces and self.asks_to_leave(Open(tuple(paths)))):
             self.files.open(paths, self.state.settings, are_alone)
             self.touch()
+
+    def asks_to_leave(self, opens: Open | OpenOption) -> bool:
+        """Whether edits would be lost, and the window asks about it; without the panel, a second request is obeyed."""
+        is_edited = not self.document.is_loading and self.history.has_unsaved_edits(self.state)
+        if not is_edited or self.state.message == LEAVING:
+            return False
+        if self.panel is None:
+            self.say(LEAVING)
+        else:
+            self.panel.panel.questions.ask(ask_to_leave(opens))
+            self.refresh()
+        return True
 
     def raw(self, kind: str, *values: Any) -> bool:
         """Passes an event to the panel; True if the panel consumes it. A cursor elsewhere changes nothing there."""

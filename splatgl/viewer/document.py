@@ -202,6 +202,11 @@ class LayerSplats:
         layer = replace(self, transfer=transfer, threshold=threshold, kind=post.kind, estimates=self.counts)
         return replace(layer, made=made, shells=made.copy(), variants={})
 
+    def coarse(self) -> LayerSplats:
+        """The layer with the splats of the coarsest stride alone."""
+        made, shells = ({n: kept[n] for n in kept.keys() & STRIDES[-1:]} for kept in (self.made, self.shells))
+        return replace(self, made=made, shells=shells, variants={})
+
     def for_style(self, style: LayerStyle, settings: Settings, moving: bool = False) -> LayerSplats:
         """The layer in a style, with splats of the kind that the settings take; this one if nothing changes."""
         same = (style.transfer, style.threshold) == (self.transfer, self.threshold)
@@ -410,6 +415,24 @@ class Document:
         layer = self.layers[number].with_stand_in(shown.finer()).cut_by(self.layers[number].scissors)
         layer = layer.placed(self.layers[number].volume.frame)
         return replace(self, layers=(*self.layers[:number], layer, *self.layers[number + 1 :]))
+
+    def is_described_as(self, other: Document) -> bool:
+        """Whether the scene files of both say the same."""
+        first, second = (replace(each.scene, scissors=()) for each in (self, other))
+        cuts, others = ([cut.table for cut in each.scene.scissors] for each in (self, other))
+        return first == second and cuts == others
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the samples of all layers."""
+        volumes = (volume for layer in self.pool.values() for volume in layer.volumes)
+        arrays = {id(volume.samples): volume.samples for volume in volumes}.values()
+        return sum(array.nbytes for array in arrays if type(array) is np.ndarray)
+
+    def coarse(self) -> Document:
+        """The document with the coarsest splats alone, which is kept while another one is shown."""
+        others = {number: layer.coarse() for number, layer in self.others.items()}
+        return replace(self, layers=tuple(layer.coarse() for layer in self.layers), others=others)
 
     def mesh(self, file: MeshFile) -> Mesh | None:
         """The data of a mesh; None if it is not read."""

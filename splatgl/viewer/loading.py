@@ -24,7 +24,9 @@ from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.state import FileOption, LayerStyle
 
 if TYPE_CHECKING:
-    from splatgl.viewer.state import State
+    from splatgl.splat.transfer import Transfer
+    from splatgl.viewer.state import History, State
+    from splatgl.viewer.trackball import Pose
 
 # --- arrays and channels that a file offers ---------------------------------------------------------------------------
 
@@ -173,6 +175,18 @@ class Added:
         return replace(state, **changes, message=message), document.with_meshes(self.read)
 
 
+@dataclass(frozen=True, eq=False)
+class Left:
+    """What the window showed before another file was opened, which undo shows again. files: as of `Files.shown`."""
+
+    document: Document
+    state: State
+    history: History
+    home: Pose
+    bases: dict[int, Transfer]
+    files: tuple[Any, ...]
+
+
 Loaded = Opened | Reloaded | TimePoint
 
 
@@ -201,6 +215,16 @@ class Files:
         """The file that is being read, and for how long; None if none is."""
         name = self.jobs.busy
         return f"{name}, {time.monotonic() - self.begun:.0f} s" if name else None
+
+    @property
+    def shown(self) -> tuple[Any, ...]:
+        """What belongs to the file that is shown: its time points, the visible one, and how it is read again."""
+        return self.times, self.time, self.reopen, self.watch
+
+    def show_again(self, shown: tuple[Any, ...]) -> None:
+        """Goes back to what was shown before, as of `shown`; what is being read is abandoned."""
+        self.cancel()
+        self.times, self.time, self.reopen, self.watch = shown
 
     def open_scene(self, scene: SceneFile) -> None:
         """Opens the scene that the window was opened for."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from splatgl.scene.meshes import is_mesh
-from splatgl.viewer.commands import Add, CopyText, Effect, Open, Request
+from splatgl.viewer.commands import Add, CopyText, Effect, Leave, Open, OpenOption, Request
 
 # names of dropped files that a question lists
 LISTED = 3
@@ -28,6 +28,12 @@ UNSAVED = Question(
     "Save the changes as a scene before the window closes?",
     (("save and quit", Request.SAVE_AND_QUIT), ("discard", Request.DISCARD), ("cancel", None)),
 )
+
+
+def ask_to_leave(opens: Open | OpenOption) -> Question:
+    """The question before other files replace a document with unsaved edits."""
+    answers = ("save and open", Leave(opens, saves=True)), ("open without saving", Leave(opens)), ("cancel", None)
+    return Question(UNSAVED.title, "Save the changes as a scene before another file is opened?", answers)
 
 
 def ask_for_files(paths: Sequence[str]) -> Question:

@@ -395,11 +395,15 @@ class State:
 
     def opened(self, document: Document) -> State:
         """State for another document with its own view and settings; display options are kept."""
-        fresh = State.of(document, self.pose.camera.size)
+        return self.kept_in(State.of(document, self.pose.camera.size))
+
+    def kept_in(self, other: State) -> State:
+        """The state of another document with the display options of this one."""
         window = ("hud", "help", "panel", "ground", "fullscreen", "probe", "theme", "pinned")
         kept = ("pace", "repeats", "turning", "blur", "turntable", *window)
-        slices = replace(fresh.slices, shown=self.slices.shown, colored=self.slices.colored)
-        return replace(fresh, slices=slices, **{name: getattr(self, name) for name in kept})
+        slices = replace(other.slices, shown=self.slices.shown, colored=self.slices.colored)
+        pose = other.pose.resized(self.pose.camera.size)
+        return replace(other, pose=pose, slices=slices, **{name: getattr(self, name) for name in kept})
 
 
 def played(state: State) -> State:
@@ -475,6 +479,10 @@ class History:
         self.past = [_resized(step, before, pose) for step in self.past]
         self.future = [_resized(step, before, pose) for step in self.future]
         self.now = _resized(self.now, before, pose)
+
+    def resume(self, state: State) -> None:
+        """Goes on from the latest state in other display options and another size, which is not a step."""
+        self.now = _as_step(state)
 
     def begin(self, state: State) -> None:
         """Starts again with the state of another document, which is saved."""

@@ -15,15 +15,16 @@ import numpy as np
 from splatgl.animation.animation import MOVIES
 from splatgl.data.image import Image
 from splatgl.errors import USER_ERRORS, error_text, missing_extra
+from splatgl.fileio import budget
 from splatgl.viewer import questions
 from splatgl.viewer.adaptive_quality import REST, STEP
-from splatgl.viewer.commands import Add, Copy, CopyText, Effect, Open, OpenOption, Request
+from splatgl.viewer.commands import Add, Copy, CopyText, Effect, Leave, Open, OpenOption, Request
 from splatgl.viewer.display import EXTRACTING, OPENING, READING
 from splatgl.viewer.document import Document
 from splatgl.viewer.file_dialogs import ADD, OPEN, SAVE
 from splatgl.viewer.jobs import Done, Kind
 from splatgl.viewer.live_view import LiveView
-from splatgl.viewer.loading import Added, Loaded, Opened, Reloaded, TimePoint
+from splatgl.viewer.loading import Added, Left, Loaded, Opened, Reloaded, TimePoint
 from splatgl.viewer.movie_track import stop_preview
 from splatgl.viewer.recorder import movie_command, movie_scene
 from splatgl.viewer.saving import (
@@ -36,7 +37,7 @@ from splatgl.viewer.saving import (
     save_scene,
     try_save,
 )
-from splatgl.viewer.state import played, stated_transfers
+from splatgl.viewer.state import History, played, stated_transfers
 from splatgl.viewer.trackball import up_direction
 
 # automatic rotation in degrees per second
@@ -44,12 +45,17 @@ SPEED = 30.0
 # maximum seconds to wait for events when idle: bounds the response to Ctrl-C
 IDLE = 0.25
 UNSAVED = "edits are not saved: shift+s saves the scene; quit again to leave without"
+CHANGED = "the scene file has changed: ctrl+z brings the edits back"
 RECORDING = "a movie is recorded; quit again to cancel it"
 TOPICS = {Kind.OPEN: OPENING, Kind.EXTRACT: EXTRACTING}
 
 
 class Viewer(LiveView):
     """Shows one document at a time. `step()` runs one iteration of the event loop; `run()` loops until closed."""
+
+    # what was shown before the document was opened, and after it was left by undo
+    before: Left | None = None
+    after: Left | None = None
 
     # --- the loop ---------------------------------------------------------------------------------------------------
 
@@ -175,9 +181,7 @@ class Viewer(LiveView):
         draw, folder = self.renderer.render, self.options.folder
         match effect:
             case Request.UNDO | Request.REDO:
-                step = self.history.undo if effect is Request.UNDO else self.history.redo
-                self.state = step(self.state)
-                self.touch()
+                self._step(effect is Request.UNDO)
             case Request.CANCEL:
                 self._cancel()
             case Request.SAVE_PICTURE:
@@ -202,10 +206,18 @@ class Viewer(LiveView):
                 # what is cut meanwhile cuts them, too
                 scene = replace(self.document.scene, scissors=self.state.styles[0].scissors)
                 self.files.add(paths, scene)
-            case OpenOption(option, value):
-                state = self.state
-                scene = replace(self.document.scene, settings=state.settings, annotate=state.annotate)
-                self.files.open_option(replace(scene, meshes=state.mesh_files), option, value)
+            case OpenOption():
+                if not self.asks_to_leave(effect):
+                    self._open_option(effect)
+            case Leave(opens, saves):
+                if saves:
+                    self._perform_one(Request.SAVE_SCENE)
+                if saves and self.history.has_unsaved_edits(self.state):
+                    return
+                if isinstance(opens, OpenOption):
+                    self._open_option(opens)
+                else:
+                    self.files.open(opens.paths, self.state.settings, True)
             case Request.RECORD:
                 self._record(free_path(folder, "movie", self.state.movie.form))
             case Request.RECORD_AS:
@@ -230,6 +242,37 @@ class Viewer(LiveView):
                 self.closed = True
             case Request.QUIT:
                 self._quit()
+
+    def _open_option(self, opens: OpenOption) -> None:
+        state = self.state
+        scene = replace(self.document.scene, settings=state.settings, annotate=state.annotate, meshes=state.mesh_files)
+        self.files.open_option(scene, opens.option, opens.value)
+
+    def _step(self, is_undo: bool) -> None:
+        """Undoes or redoes a step; of the first, or last, of a document, shows the document before, or after, it."""
+        history = self.history
+        history.note(self.state)
+        left = self.before if is_undo else self.after
+        if left is None or (history.past if is_undo else history.future):
+            self.state = (history.undo if is_undo else history.redo)(self.state)
+        else:
+            here = self._leave()
+            self.before, self.after = (None, here) if is_undo else (here, None)
+            self.files.show_again(left.files)
+            self.history, self.home, self.bases = left.history, left.home, left.bases
+            message = f"{left.document.volume.name or left.document.scene.volume} is shown again"
+            self.state = replace(self.state.kept_in(left.state), message=message)
+            self.history.resume(self.state)
+            self._take(left.document)
+            self.renderer.free()
+            self.files.refine(left.document)
+        self.touch()
+
+    def _leave(self) -> Left:
+        """What is shown, to come back to."""
+        self.history.note(self.state)
+        state = replace(self.state, pinned=None, preview=None)
+        return Left(self.document.coarse(), state, self.history, self.home, self.bases, self.files.shown)
 
     def _reach_panel(self, effect: Request) -> None:
         """Opens the list of commands, or gives the keys to the panel, or back to the picture."""
@@ -374,9 +417,9 @@ class Viewer(LiveView):
             self.clear_message(READING)
         if isinstance(loaded, Opened):
             self.recent = self.recent.opened(loaded.path or self.options.source)
+            self._begin(loaded)
             if loaded.reopen is not None:
                 self.files.follow(loaded)
-            self._begin(loaded)
         else:
             document = document.with_additions(shown)
             if isinstance(loaded, TimePoint):
@@ -384,8 +427,9 @@ class Viewer(LiveView):
             elif not loaded.is_finer:
                 self.files.time = 0
             is_reloaded = isinstance(loaded, Reloaded)
-            if is_reloaded and document.scene != shown.scene:
-                self._begin(Opened(document))
+            if is_reloaded and not document.is_described_as(shown):
+                lost = self.history.has_unsaved_edits(self.state)
+                self._begin(Opened(document, note=CHANGED * lost))
             elif is_reloaded and self.bases == stated_transfers(self.state.styles):
                 self._rebase(document)
                 self.state = replace(self.state, message="")
@@ -396,8 +440,11 @@ class Viewer(LiveView):
         self.touch()
 
     def _begin(self, opened: Opened) -> None:
-        """Starts with the state of another document, without the steps of the one before."""
+        """Starts with the state of another document; undo shows the one before, unless it takes too much memory."""
         document, before = opened.document, self.state.pose
+        is_kept = not self.document.is_loading and self.document.bytes <= budget()
+        self.before, self.after = self._leave() if is_kept else None, None
+        self.history = History(self.state)
         self.files.times, self.files.time = opened.times, 0
         changes: dict[str, Any] = {"times": len(opened.times), "file_options": opened.options, "message": opened.note}
         self.state = replace(self.state.opened(document), **changes)

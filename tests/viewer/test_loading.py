@@ -14,16 +14,18 @@ import pytest
 
 from splatgl.scene.meshes import MeshFile, read_meshes
 from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.scissors import Scissors
 from splatgl.splat.settings import Settings
 from splatgl.viewer.adaptive_quality import STRIDES, Refiner
-from splatgl.viewer.commands import Request
-from splatgl.viewer.display import Options
+from splatgl.viewer.commands import Leave, Open, OpenOption, Request
+from splatgl.viewer.display import LEAVING, Options
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
 from splatgl.viewer.loading import Added, Files, Loaded, Opened, Reloaded, TimePoint, open_document
+from splatgl.viewer.questions import ask_to_leave
 from splatgl.viewer.remembered import Recent
 from splatgl.viewer.state import History, State, stated_transfers
-from splatgl.viewer.viewer import Viewer
+from splatgl.viewer.viewer import CHANGED, Viewer
 from tests.helpers.blobs import LONGEST, SIZE, blob
 
 
@@ -65,6 +67,7 @@ class WithoutWindow(Viewer):
 
     def say(self, message: str, topic: str = "") -> None:
         self.said.append(message)
+        self.state = replace(self.state, message=message)
 
 
 def all_done(found: Files) -> list[Done]:
@@ -253,3 +256,107 @@ def test_samples_that_are_missing_are_said(folder: Path, missing: int, note: str
     for done in all_done(viewer.files):
         viewer.apply(done)
     assert viewer.state.message == note
+
+
+# --- edits and other files ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def edited(folder: Path) -> WithoutWindow:
+    """A viewer of a volume whose transfer function is edited and not saved."""
+    viewer = WithoutWindow(Document.open(SceneFile(str(folder / "a.npy"))), files())
+    viewer.state = viewer.state.edit(extinction=2.0)
+    return viewer
+
+
+def applied(viewer: WithoutWindow) -> None:
+    """Shows what was being read."""
+    for done in all_done(viewer.files):
+        viewer.apply(done)
+
+
+def with_questions(viewer: WithoutWindow) -> list[Any]:
+    """Gives the viewer a panel; returns what it asks."""
+    asked: list[Any] = []
+    viewer.panel = SimpleNamespace(panel=SimpleNamespace(questions=SimpleNamespace(ask=asked.append)))
+    return asked
+
+
+def test_edits_are_asked_for_before_another_file_is_opened(edited: WithoutWindow, folder: Path) -> None:
+    """By a drop, the dialog, a recent file, a scene, another channel; what only adds loses nothing."""
+    asked, path = with_questions(edited), str(folder / "b.npy")
+    (folder / "s.toml").write_text('volume = "b.npy"')
+    for opens in (Open((path,)), OpenOption("channel", "1")):
+        edited._perform_one(opens)
+        assert asked.pop() == ask_to_leave(opens) and not edited.files.jobs.busy and not asked
+    edited.drop([str(folder / "s.toml")])
+    assert asked.pop() == ask_to_leave(Open((str(folder / "s.toml"),)))
+    edited.open([str(folder / "m.off")], are_alone=False)
+    assert not asked and edited.files.jobs.busy
+    all_done(edited.files)
+    # saved ones are not lost
+    edited.history.mark_saved(edited.state)
+    edited._perform_one(Open((path,)))
+    assert not asked and edited.files.opening == "b.npy"
+
+
+def test_without_the_panel_a_second_drop_leaves_edits(edited: WithoutWindow, folder: Path) -> None:
+    edited.drop([str(folder / "b.npy")])
+    assert edited.state.message == LEAVING and not edited.files.jobs.busy
+    # a key later, it asks again
+    edited.state = replace(edited.state, message="")
+    edited.drop([str(folder / "b.npy")])
+    assert edited.state.message == LEAVING and not edited.files.jobs.busy
+    edited.drop([str(folder / "b.npy")])
+    assert edited.files.opening == "b.npy"
+
+
+def test_undo_shows_the_document_before_with_its_edits(edited: WithoutWindow, folder: Path) -> None:
+    """And redo the next one, with what was done to it; a file opened instead ends that."""
+    edited.history.note(edited.state)
+    edited._perform_one(Leave(Open((str(folder / "b.npy"),))))
+    applied(edited)
+    assert edited.document.volume.name == "b" and edited.state.style.extinction == 1.0
+    edited.state = edited.state.edit(extinction=3.0)
+    for _ in range(2):
+        edited._perform_one(Request.UNDO)
+    assert edited.document.volume.name == "a" and edited.state.style.extinction == 2.0
+    assert edited.history.has_unsaved_edits(edited.state) and edited.state.message == "a is shown again"
+    edited._perform_one(Request.UNDO)
+    assert edited.state.style.extinction == 1.0
+    edited._perform_one(Request.UNDO)
+    assert edited.state.message == "nothing to undo"
+    for factor, name in ((2.0, "a"), (1.0, "b"), (3.0, "b")):
+        edited._perform_one(Request.REDO)
+        assert (edited.state.style.extinction, edited.document.volume.name) == (factor, name)
+    assert edited.document.extracted
+
+
+@pytest.mark.parametrize("is_written", [True, False])
+def test_a_scene_is_saved_before_another_file_is_opened(
+    edited: WithoutWindow, folder: Path, is_written: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless it cannot be: then it stays."""
+
+    def save(name: str, work: Any, is_scene: bool) -> None:
+        if is_written:
+            edited.history.mark_saved(edited.state)
+
+    monkeypatch.setattr(edited, "_save", save)
+    edited._perform_one(Leave(Open((str(folder / "b.npy"),)), saves=True))
+    assert edited.files.opening == "b.npy" * is_written
+    all_done(edited.files)
+
+
+def test_a_scene_that_changes_on_disk_loses_no_edits(edited: WithoutWindow, folder: Path) -> None:
+    """Undo brings them back; a scene that says the same, of a file that changed, keeps them."""
+    scissors = Scissors("0,0 0.4,0 0.4,0.4")
+    first, same = (SceneFile(str(folder / "a.npy"), annotate=("box",), scissors=(scissors,)) for _ in range(2))
+    viewer = WithoutWindow(Document.open(first), files())
+    viewer.state = viewer.state.edit(extinction=2.0)
+    viewer.apply(Done(Kind.RELOAD, value=Reloaded(Document.open(same, quiet=True))))
+    assert viewer.state.style.extinction == 2.0
+    viewer.apply(Done(Kind.RELOAD, value=Reloaded(Document.open(replace(same, threshold=0.1)))))
+    assert viewer.state.style.extinction == 1.0 and viewer.state.message == CHANGED
+    viewer._perform_one(Request.UNDO)
+    assert viewer.state.style.extinction == 2.0
