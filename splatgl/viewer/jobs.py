@@ -13,7 +13,8 @@ import numpy as np
 from splatgl.errors import USER_ERRORS, error_text
 from splatgl.splat.extract import Progress
 from splatgl.viewer.adaptive_quality import STRIDES
-from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.document import Document
+from splatgl.viewer.layer_splats import LayerSplats
 
 # most voxels of a stride that is extracted while a transfer function is edited: some 0.1 s
 QUICK = 1 << 19

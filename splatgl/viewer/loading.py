@@ -18,9 +18,10 @@ from splatgl.scene.meshes import MeshFile, is_mesh, read_meshes, source_key
 from splatgl.scene.scene_file import SceneFile
 from splatgl.splat.scene import MOST_LAYERS
 from splatgl.splat.settings import Settings
-from splatgl.viewer.document import Document, LayerSplats, read_layer
+from splatgl.viewer.document import Document, read_layer
 from splatgl.viewer.file_watch import Watch, watched_files
 from splatgl.viewer.jobs import Jobs, Kind
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.state import FileOption, LayerStyle
 
 if TYPE_CHECKING:

@@ -20,9 +20,10 @@ from splatgl.splat.statistics import Statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.viewer import hud, panel_sections, transfer_editor
 from splatgl.viewer.commands import HIGHEST, Command, why_not, with_threshold
-from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.document import Document
 from splatgl.viewer.file_browser import Browser
 from splatgl.viewer.hud import Frame
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.layers_panel import draw_layers
 from splatgl.viewer.panel_sections import CommandWidgets, label_left
 from splatgl.viewer.popups import Palette, Questions

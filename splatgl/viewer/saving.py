@@ -27,8 +27,9 @@ from splatgl.splat.scene import Scene
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.viewer.commands import Copy
-from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import EDGE
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.movie_track import Movie
 from splatgl.viewer.slice_views import slice_outlines
 from splatgl.viewer.state import LayerStyle, Pinned, State

@@ -9,7 +9,8 @@ from imgui_bundle import imgui
 
 from splatgl.annotations.text import plain
 from splatgl.data.color import linear_from_srgb, srgb_of_name
-from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.document import Document
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.panel_sections import OPACITY, label_left, pick_color, pick_opacity, shorten
 from splatgl.viewer.segments import (
     Segment,

@@ -18,7 +18,7 @@ from splatgl.splat.slice_images import Painter
 from splatgl.splat.transfer import Transfer
 
 if TYPE_CHECKING:
-    from splatgl.viewer.document import LayerSplats
+    from splatgl.viewer.layer_splats import LayerSplats
     from splatgl.viewer.oblique import TurnedPane
     from splatgl.viewer.slice_views import Pane
     from splatgl.viewer.state import LayerStyle

@@ -31,8 +31,9 @@ from splatgl.viewer import hud, stand_in, trackball
 from splatgl.viewer.adaptive_quality import REST
 from splatgl.viewer.commands import Request
 from splatgl.viewer.display import Options
-from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.loading import Files
 from splatgl.viewer.show import start_reading
 from splatgl.viewer.state import LayerStyle

@@ -25,9 +25,10 @@ from splatgl.splat.transfer_nodes import with_color_points
 from splatgl.viewer import hud
 from splatgl.viewer.adaptive_quality import FULL, STRIDES, IdleTrim
 from splatgl.viewer.commands import Copy
-from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.document import Document
 from splatgl.viewer.frame_renderer import FrameRenderer
 from splatgl.viewer.jobs import Done, Extractor, Jobs, Kind
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.live_view import LiveView
 from splatgl.viewer.reference_view import Reference, ReferenceInputs
 from splatgl.viewer.saving import copy_text, render_scene, save_as, save_picture, save_scene, scene_of, try_save

@@ -25,12 +25,13 @@ from splatgl.splat.statistics import statistics
 from splatgl.viewer import hud, transfer_editor
 from splatgl.viewer.adaptive_quality import FULL, LADDER, STRIDES, Level, Moment, Pace, Refiner
 from splatgl.viewer.commands import COMMANDS
-from splatgl.viewer.document import Document, LayerSplats
+from splatgl.viewer.document import Document
 from splatgl.viewer.file_watch import Watch, watched_files
 from splatgl.viewer.frame_renderer import MOMENTS, SHARE, TINT, FrameRenderer, plane_section, share_beyond, tint_splats
 from splatgl.viewer.input import from_character, from_key
 from splatgl.viewer.jobs import Jobs, Kind
 from splatgl.viewer.key_bindings import keymap, list_bindings, load_bindings, normalize_key, rebind
+from splatgl.viewer.layer_splats import LayerSplats
 from splatgl.viewer.measure_tool import find_matter
 from splatgl.viewer.reference_view import resize_bilinear
 from splatgl.viewer.saving import free_path, render_scene, save_picture, save_scene, scene_of

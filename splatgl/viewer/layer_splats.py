@@ -1,0 +1,243 @@
+"""`LayerSplats`: a layer of a document, and its splats at each stride, which are extracted on demand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from splatgl.data.volume import Volume, halve_volume
+from splatgl.scene.scene_file import SceneFile
+from splatgl.splat.camera import Bounded
+from splatgl.splat.clipping import Plane, check_planes, flip_planes
+from splatgl.splat.culling import visible_shell
+from splatgl.splat.extract import Progress, extract, why_only_pre
+from splatgl.splat.grid import Grid
+from splatgl.splat.opaque_bounds import Opaque
+from splatgl.splat.resolve import extraction_kind, why_per_splat
+from splatgl.splat.scene import Layer
+from splatgl.splat.scissors import Scissors, cut_volume
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import MOST_KEPT, Splats
+from splatgl.splat.transfer import Transfer
+from splatgl.viewer.adaptive_quality import STRIDES
+from splatgl.viewer.stand_in import StandIn, choose_stand_in
+from splatgl.viewer.state import LayerStyle
+
+# volumes with fewer voxels are not downsampled
+SMALL = 1 << 15
+# number of splats that can be processed within a millisecond
+FEW = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class LayerSplats:
+    """Volume of a layer at each of STRIDES, finest first, and its splats.
+
+    scene: options of this layer alone. frame: of its file; volumes and clip are in the document's. clip: planes of the
+    layer; None: the scene's. stand_in: the part of the volume that is shown. kind: classification and kernel of the
+    splats. estimates: `counts` of the layer that this one replaces. made: splats by stride; shells: splats without the
+    hidden ones. variants: layers of the same transfer function, by `is_post_classified`.
+    """
+
+    name: str
+    scene: SceneFile
+    volumes: tuple[Volume, ...]
+    transfer: Transfer
+    threshold: float = 0.0
+    frame: str | None = None
+    clip: tuple[Plane, ...] | None = None
+    stand_in: StandIn | None = None
+    kind: tuple[str, str] = ("pre", "")
+    estimates: tuple[int, ...] = (0,) * len(STRIDES)
+    made: dict[int, Splats] = field(default_factory=dict)
+    shells: dict[int, Splats] = field(default_factory=dict)
+    variants: dict[bool, LayerSplats] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.variants[self.is_post_classified] = self
+
+    @classmethod
+    def of_layer(cls, name: str, scene: SceneFile, layer: Layer) -> LayerSplats:
+        """The voxels of a layer, or their first stand-in, with the splats of the coarsest stride."""
+        volume, transfer = layer.volume, layer.seen
+        shown = choose_stand_in(volume, transfer, scene.settings)
+        if shown.note or shown.finer:
+            # opacities refer to the finest voxels
+            transfer = replace(transfer, unit=transfer.unit or _spacing(volume))
+        clip = None if layer.clip is None else check_planes(layer.clip)
+        return cls(name, scene, (), transfer, layer.threshold, volume.frame, clip).with_stand_in(shown)
+
+    def with_stand_in(self, shown: StandIn) -> LayerSplats:
+        """The layer with the voxels of a stand-in, and the splats of the coarsest stride."""
+        volumes = [shown.volume]
+        for _ in STRIDES[1:]:
+            last = volumes[-1]
+            less = halve_volume(last, bool(self.transfer.labels)) if last.count > SMALL and not last.coarser else last
+            volumes.append(next(iter(last.coarser), less))
+        estimates = tuple(volume.count for volume in volumes)
+        fresh = replace(self.without_splats(), volumes=tuple(volumes), stand_in=shown, kind=("pre", ""))
+        layer = replace(fresh, estimates=estimates).for_settings(self.scene.settings)
+        layer.shell(STRIDES[-1])
+        return layer
+
+    @property
+    def volume(self) -> Volume:
+        """The volume at full resolution."""
+        return self.volumes[0]
+
+    @property
+    def has_finer(self) -> bool:
+        """Whether finer voxels can be read."""
+        return self.stand_in is not None and self.stand_in.finer is not None
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of visible splats at each of STRIDES, estimated where none are extracted yet."""
+        counts: list[int] = []
+        for stride, estimate in zip(STRIDES, self.estimates, strict=True):
+            known = len(self.shells[stride]) if stride in self.shells else min([estimate, *counts[-1:]])
+            counts.append(known)
+        return tuple(counts)
+
+    @property
+    def extracted(self) -> tuple[int, ...]:
+        """The strides whose splats are extracted, finest first."""
+        return tuple(sorted(self.shells))
+
+    @property
+    def exceeds_budget(self) -> bool:
+        """Whether the finest splats would exceed MOST_KEPT, estimated from stride 2."""
+        return 1 not in self.shells and 2 in self.made and 8 * len(self.made[2]) > MOST_KEPT
+
+    @property
+    def finest(self) -> Splats:
+        """The finest splats extracted so far; the coarsest if there are none."""
+        return self.made[min(self.made)] if self.made else self.at(STRIDES[-1])
+
+    @property
+    def sample(self) -> Splats:
+        """The finest extracted splats with at most FEW elements, cheap enough to process every frame."""
+        few = [stride for stride in sorted(self.made) if len(self.made[stride]) <= FEW]
+        return self.made[few[0]] if few else self.at(STRIDES[-1])
+
+    @property
+    def subject(self) -> Bounded:
+        """The object that the default view of the layer alone is fitted to."""
+        return self._opaque if self.is_post_classified else self.finest if len(self.finest) else self.volume
+
+    @cached_property
+    def _opaque(self) -> Opaque:
+        return Opaque(self.volume, self.transfer)
+
+    def at(self, stride: int, progress: Progress | None = None) -> Splats:
+        """The splats at a stride; opacities are per the finest volume's spacing at every stride. progress: as of
+        `extract`, if they are not extracted yet.
+        """
+        volume = self.volumes[STRIDES.index(stride)]
+        if stride > 1 and volume is self.volume:
+            return self.at(1, progress)
+        if stride not in self.made:
+            how, kernel = self.kind
+            # previews drop nearly transparent splats
+            how = "post-lean" if how == "post" and stride > 1 else how
+            options = {"progress": progress, "classification": how, "kernel": kernel}
+            transfer = self._transfer_at(stride, self.transfer)
+            self.made[stride] = extract(volume, transfer, self.threshold, **options)  # type: ignore[arg-type]
+        return self.made[stride]
+
+    def _transfer_at(self, stride: int, transfer: Transfer) -> Transfer:
+        return transfer if stride == 1 else replace(transfer, unit=transfer.unit or _spacing(self.volume))
+
+    def shell(self, stride: int, progress: Progress | None = None) -> Splats:
+        """The splats at a stride without those hidden from every side."""
+        if stride not in self.shells:
+            same = stride > 1 and self.volumes[STRIDES.index(stride)] is self.volume
+            self.shells[stride] = self.shell(1, progress) if same else visible_shell(self.at(stride, progress))
+        return self.shells[stride]
+
+    @property
+    def is_post_classified(self) -> bool:
+        """Whether splats are classified after reconstruction."""
+        return self.kind[0] != "pre"
+
+    @property
+    def is_current(self) -> bool:
+        """Whether extraction with the transfer function would give the finest splats."""
+        post = self.at(1).post if 1 in self.shells else None
+        return 1 in self.shells and (post is None or post.is_current)
+
+    def without_splats(self) -> LayerSplats:
+        """The layer without any splats: they may hold values extracted for another transfer function."""
+        return replace(self, made={}, shells={}, variants={})
+
+    def with_transfer(self, transfer: Transfer, threshold: float) -> LayerSplats:
+        """A copy with another transfer function, which keeps the splats whose values serve both."""
+        post = self.variants.get(True, self)
+        made = {
+            stride: splats.with_classifier(splats.post.with_transfer(self._transfer_at(stride, transfer)))
+            for stride, splats in post.made.copy().items()
+            if splats.post is not None and splats.holds(transfer)
+        }
+        layer = replace(self, transfer=transfer, threshold=threshold, kind=post.kind, estimates=self.counts)
+        return replace(layer, made=made, shells=made.copy(), variants={})
+
+    def coarse(self) -> LayerSplats:
+        """The layer with the splats of the coarsest stride alone."""
+        made, shells = ({n: kept[n] for n in kept.keys() & STRIDES[-1:]} for kept in (self.made, self.shells))
+        return replace(self, made=made, shells=shells, variants={})
+
+    def for_style(self, style: LayerStyle, settings: Settings, moving: bool = False) -> LayerSplats:
+        """The layer in a style, with splats of the kind that the settings take; this one if nothing changes."""
+        same = (style.transfer, style.threshold) == (self.transfer, self.threshold)
+        layer = self.cut_by(style.scissors)
+        return (layer if same else layer.with_transfer(style.transfer, style.threshold)).for_settings(settings, moving)
+
+    @property
+    def scissors(self) -> tuple[Scissors, ...]:
+        """The scissors that cut the volume."""
+        return tuple(mask for mask in self.volume.masks if isinstance(mask, Scissors))
+
+    def cut_by(self, scissors: tuple[Scissors, ...]) -> LayerSplats:
+        """The layer, without splats, that scissors leave, instead of those before."""
+        cut = {id(each): cut_volume(each, scissors) for each in self.volumes if scissors != self.scissors}
+        return replace(self.without_splats(), volumes=tuple(cut[id(each)] for each in self.volumes)) if cut else self
+
+    def placed(self, frame: str | None) -> LayerSplats:
+        """The layer, without splats, in another frame; this one if it is in it, or states none."""
+        if {self.volume.frame, frame} != {"LPS", "RAS"}:
+            return self
+        placed = {id(each): each.placed(frame) for each in self.volumes}
+        clip = self.clip and flip_planes(self.clip)
+        return replace(self.without_splats(), volumes=tuple(placed[id(each)] for each in self.volumes), clip=clip)
+
+    def for_settings(self, settings: Settings, moving: bool = False) -> LayerSplats:
+        """The layer with splats of the kind that the settings take; those of the other kind are kept in `variants`.
+
+        moving: whether the picture is motion-blurred.
+        """
+        # pre where volume or settings allow nothing else
+        requested = settings.but(classification="auto") if settings.classification == "post" else settings
+        why = why_only_pre(self.volume, self.transfer, self.threshold)
+        kind = extraction_kind(requested, moving, why, self.volume.count)
+        if kind == self.kind:
+            # values kept for other transfer functions do not hold here
+            return self.without_splats() if why and self.is_post_classified and self.made else self
+        is_post = kind[0] != "pre"
+        if why and is_post:
+            # cannot be extracted; the error is raised on use
+            return replace(self.without_splats(), kind=kind, estimates=self.counts, variants={})
+        other = self.variants.get(is_post)
+        if other is None or other.kind != kind:
+            other = replace(self, kind=kind, estimates=self.counts, made={}, shells={})
+        return other
+
+    def why_pre_classified(self, settings: Settings, moving: bool) -> str | None:
+        """The reason why splats are classified before reconstruction; None if the settings allow either."""
+        return why_only_pre(self.volume, self.transfer, self.threshold) or why_per_splat(settings, moving)
+
+
+def _spacing(volume: Volume) -> float:
+    """Mean spacing, world units: the default unit length of opacities."""
+    return Grid(volume.world_from_index, np.asarray(volume.origin)).mean_spacing
