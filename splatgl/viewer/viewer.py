@@ -203,21 +203,16 @@ class Viewer(LiveView):
             case Open(paths):
                 self.open(paths)
             case Add(paths):
-                # what is cut meanwhile cuts them, too
-                scene = replace(self.document.scene, scissors=self.state.styles[0].scissors)
-                self.files.add(paths, scene)
+                # scissors that were drawn meanwhile cut them, too
+                self.files.add(paths, replace(self.document.scene, scissors=self.state.styles[0].scissors))
             case OpenOption():
                 if not self.asks_to_leave(effect):
-                    self._open_option(effect)
+                    self._replace(effect)
             case Leave(opens, saves):
                 if saves:
                     self._perform_one(Request.SAVE_SCENE)
-                if saves and self.history.has_unsaved_edits(self.state):
-                    return
-                if isinstance(opens, OpenOption):
-                    self._open_option(opens)
-                else:
-                    self.files.open(opens.paths, self.state.settings, True)
+                if not (saves and self.history.has_unsaved_edits(self.state)):
+                    self._replace(opens)
             case Request.RECORD:
                 self._record(free_path(folder, "movie", self.state.movie.form))
             case Request.RECORD_AS:
@@ -243,8 +238,12 @@ class Viewer(LiveView):
             case Request.QUIT:
                 self._quit()
 
-    def _open_option(self, opens: OpenOption) -> None:
+    def _replace(self, opens: Open | OpenOption) -> None:
+        """Opens other files, or another part of the file, whatever is not saved."""
         state = self.state
+        if isinstance(opens, Open):
+            self.files.open(opens.paths, state.settings, True)
+            return
         scene = replace(self.document.scene, settings=state.settings, annotate=state.annotate, meshes=state.mesh_files)
         self.files.open_option(scene, opens.option, opens.value)
 
