@@ -223,8 +223,6 @@ SHOWN = ("magnitude", "direction")
 LINES, ARROWS, MOST = 200, 400, 10_000
 # options of vectors by name, and their fields of Vectors
 VECTORS = {"vectors": "show", "streamlines": "streamlines", "arrows": "arrows"}
-# factor of the default opacities of a volume with lines or arrows
-FAINT = 0.15
 
 
 def _count(usual: int) -> Kind:

@@ -41,7 +41,6 @@ from splatgl.readers import find_labels, load
 from splatgl.readers.options import LoadOptions
 from splatgl.readers.remote import is_address
 from splatgl.scene.meshes import (
-    FAINT,
     LOOK,
     VECTORS,
     MeshFile,
@@ -55,12 +54,14 @@ from splatgl.scene.meshes import (
 from splatgl.scene.transfer_choice import (
     AMOUNT_KEYS,
     CHANNEL_KEYS,
+    FAINTLY,
     LABEL,
     REPLACES,
-    STATED,
     TransferChoice,
     base_transfer,
     default_colors,
+    faint_share,
+    is_backdrop,
     place_files,
     plain_values,
     read_nodes,
@@ -452,7 +453,8 @@ class SceneFile:
     def open(self) -> Volume:
         """Returns the masked volume of a built-in scene, a file or memory; a flat stack gets its view direction."""
         volume = self._open()
-        notes = (*self.view.notes(volume.frame), *self._window_notes(volume))
+        faint = [FAINTLY] * is_backdrop(self, volume)
+        notes = (*self.view.notes(volume.frame), *self._window_notes(volume), *faint)
         return replace(volume, notes=(*volume.notes, *notes)) if notes else volume
 
     def _window_notes(self, volume: Volume) -> tuple[str, ...]:
@@ -555,23 +557,23 @@ class SceneFile:
         return self if blend is None else replace(self, settings=replace(self.settings, blend=blend))
 
     def transfer_for(self, volume: Volume) -> Transfer:
-        """Returns the transfer function: the default or a preset, overridden by options; faint around lines."""
-        if self.vectors.has_lines and not self.transfer.keys() & STATED:
-            faint = replace(self, vectors=Vectors(), opacity=self.opacity * FAINT)
-            return faint.transfer_for(volume)
+        """Returns the transfer function: the default or a preset, overridden by options; faint around lines, labels."""
+        base = self.stated_transfer(volume)
+        return base.weakened(self.opacity * faint_share(self, volume, base))
+
+    def stated_transfer(self, volume: Volume) -> Transfer:
+        """Returns the transfer function without the scene's opacity."""
         chosen = {key: value for key, value in self.transfer.items() if key not in (*CHANNEL_KEYS, "name_of")}
         keys = with_window(chosen)
         name = keys.pop("preset", None)
         if "only_labels" in keys:
             refuse_unknown("transfer of labels", keys, ("only_labels", "unit", "shading"))
             base = label_transfer(volume, [(int(n), float(f)) for n, f in keys.pop("only_labels")] or None)
-            return replace(base, **keys).weakened(self.opacity)
+            return replace(base, **keys)
         if "points" in keys and name is None and not keys.keys() & {"colors", "file"}:
             refuse_both(keys)
-            transfer = Transfer.from_table({**default_colors(keys, volume), **keys})
-        else:
-            transfer = self._changed_transfer(name, keys, volume)
-        return transfer.weakened(self.opacity)
+            return Transfer.from_table({**default_colors(keys, volume), **keys})
+        return self._changed_transfer(name, keys, volume)
 
     def _changed_transfer(self, name: str | None, keys: dict[str, Any], volume: Volume) -> Transfer:
         """Returns the transfer function of a preset, of maxima or the default, changed by keys of a table."""

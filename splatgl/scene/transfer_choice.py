@@ -5,19 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from splatgl.data.color import srgb_of_name
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
 from splatgl.options import Group, Kind, checked, declared, option
 from splatgl.splat.colormaps import base_name
+from splatgl.splat.grid import Grid
 from splatgl.splat.presets import default_transfer, preset
 from splatgl.splat.regions import check_regions, move_image
+from splatgl.splat.settings import BLENDS
 from splatgl.splat.statistics import statistics
 from splatgl.splat.transfer import Transfer
 from splatgl.splat.transfer_files import load_transfer
 from splatgl.splat.transfer_nodes import color_map, curve_of, read_color_points
+
+if TYPE_CHECKING:
+    from splatgl.scene.scene_file import SceneFile
 
 # keys of a transfer function for channels: pairs of a channel and a colour, or a window
 CHANNEL_KEYS = ("color_of", "window_of")
@@ -256,3 +263,39 @@ def plain_values(keys: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the keys that have a value, as TOML holds it: regions as text."""
     texts = {"regions": [str(region) for region in check_regions(keys["regions"])]} if keys.get("regions") else {}
     return {name: value for name, value in {**keys, **texts}.items() if value is not None}
+
+
+# factor of the opacities of a volume with lines or arrows; optical depth of the most opaque values along the shortest
+# side of one with labels
+FAINT, THROUGH = 0.15, 1.5
+FAINTLY = "drawn faintly, so that labels in it are seen: --points, --curve or --preset state its opacities"
+
+
+def is_backdrop(scene: SceneFile, volume: Volume) -> bool:
+    """Whether `--labels` are seen through the first volume, whose opacities no option states."""
+    has_labels = any("only_labels" in layer.transfer and layer.visible for layer in scene.layers)
+    is_stated = scene.transfer.keys() & {*STATED, "iso"} or not BLENDS[scene.settings.blend].ordered
+    return has_labels and not is_stated and is_dense(volume)
+
+
+def is_dense(volume: Volume) -> bool:
+    """Whether a volume may hide labels in it: its samples are amounts of one channel, not points."""
+    return volume.labels is None and volume.points is None and len(volume.channels) < 2
+
+
+def seen_through(volume: Volume, transfer: Transfer) -> float:
+    """Returns the factor of a volume's opacities by which labels in it are seen."""
+    most = max((opacity for _, opacity in transfer.points), default=0.0)
+    spacing = np.linalg.norm(volume.world_from_index, axis=0)
+    unit = transfer.unit or Grid.of(volume).mean_spacing
+    wanted = float(-np.expm1(-THROUGH * unit / (spacing * volume.shape[::-1]).min()))
+    return wanted / most if wanted < most else 1.0
+
+
+def faint_share(scene: SceneFile, volume: Volume, transfer: Transfer) -> float:
+    """Returns the factor of the first volume's opacities by which lines and labels in it are seen, if options do not
+    state them. transfer: without the factor.
+    """
+    if scene.vectors.has_lines and not scene.transfer.keys() & STATED:
+        return FAINT
+    return seen_through(volume, transfer) if is_backdrop(scene, volume) else 1.0

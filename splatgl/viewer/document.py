@@ -16,9 +16,10 @@ import numpy as np
 from splatgl.data.mesh import Mesh
 from splatgl.data.volume import Volume
 from splatgl.errors import expected
-from splatgl.scene.meshes import MeshFile, read_meshes, source_key, styled_mesh, surfaces_of
+from splatgl.scene.meshes import MeshFile, Vectors, read_meshes, source_key, styled_mesh, surfaces_of
 from splatgl.scene.open_scene import channel_layers, cut_scene, is_layered, open_layer, print_notes
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.transfer_choice import faint_share
 from splatgl.scene.view import FOV, ViewOptions
 from splatgl.splat.camera import Bounded, Camera
 from splatgl.splat.clipping import Plane
@@ -390,14 +391,16 @@ def _channels(
     source: SceneFile, volume: Volume, settings: Settings, clip: tuple[Plane, ...] | None, folds_opacity: bool = False
 ) -> list[tuple[LayerSplats, LayerStyle]]:
     """Layer and style of each channel of a source. folds_opacity: into the transfer function."""
-    plain = source if folds_opacity else replace(source, opacity=1.0)
+    # the opacity is of the style
+    plain = source if folds_opacity else replace(source, opacity=1.0, layers=(), vectors=Vectors())
+    transfer = plain.transfer_for(volume)
+    opacity = 1.0 if folds_opacity else source.opacity * faint_share(source, volume, transfer)
     pairs = []
-    for number, channel in enumerate(channel_layers(plain, volume, plain.transfer_for(volume), clip)):
+    for number, channel in enumerate(channel_layers(plain, volume, transfer, clip)):
         scene = replace(source, settings=settings, layers=(), meshes=())
         if len(volume.channels) > 1:
             scene = replace(scene, load={**source.load, "channel": _channel(source.load.get("channel"), number)})
         name = source.title * (len(volume.channels) < 2) or channel.volume.name or source.volume
-        opacity = 1.0 if folds_opacity else source.opacity
         style = LayerStyle(channel.seen, source.threshold, 1.0, opacity, source.visible)
         style = style_with_segments(style, channel.volume, source.transfer)
         # the first has what is known of the file: its view and time points

@@ -77,8 +77,8 @@ class LayerSplats:
             less = halve_volume(last, bool(self.transfer.labels)) if last.count > SMALL and not last.coarser else last
             volumes.append(next(iter(last.coarser), less))
         estimates = tuple(volume.count for volume in volumes)
-        fresh = replace(self.without_splats(), volumes=tuple(volumes), stand_in=shown, kind=("pre", ""))
-        layer = replace(fresh, estimates=estimates).for_settings(self.scene.settings)
+        fresh = {"kind": ("pre", ""), "estimates": estimates, "made": {}, "shells": {}, "variants": {}}
+        layer = replace(self, volumes=tuple(volumes), stand_in=shown, **fresh).for_settings(self.scene.settings)
         layer.shell(STRIDES[-1])
         return layer
 

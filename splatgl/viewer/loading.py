@@ -14,8 +14,9 @@ from splatgl.data.scenes import SCENES
 from splatgl.errors import Choice, InputError
 from splatgl.readers import list_volumes, load
 from splatgl.readers.remote import is_address
-from splatgl.scene.meshes import MeshFile, is_mesh, read_meshes, source_key
+from splatgl.scene.meshes import MeshFile, Vectors, is_mesh, read_meshes, source_key
 from splatgl.scene.scene_file import SceneFile
+from splatgl.scene.transfer_choice import FAINTLY, faint_share
 from splatgl.splat.scene import MOST_LAYERS
 from splatgl.splat.settings import Settings
 from splatgl.viewer.document import Document, read_layer
@@ -159,12 +160,14 @@ class Added:
 
     def added_to(self, state: State, document: Document) -> tuple[State, Document]:
         """The state and the document with these; a mesh that is added again replaces its earlier one. Layers beyond
-        MOST_LAYERS are hidden.
+        MOST_LAYERS are hidden. A first layer as it was opened becomes faint under segments, as under `--labels`.
         """
+        share = self._faint_share(state, document)
         document, numbers = document.with_layers([layer for layer, _ in self.parts])
         names = ", ".join([*(layer.name for layer, _ in self.parts), *(file.name for file in self.files)])
         message = f"{names}: added to the picture; ctrl+z takes it away"
-        styles = list(state.styles)
+        message += f"; {document.names[0]} is faint, so that labels in it are seen" * (share < 1)
+        styles = [replace(state.styles[0], opacity=state.styles[0].opacity * share), *state.styles[1:]]
         for number, (_, style) in zip(numbers, self.parts, strict=True):
             has_room = sum(other.is_shown for other in styles) < MOST_LAYERS
             if not has_room:
@@ -174,6 +177,16 @@ class Added:
         selected = len(state.styles) if self.parts else state.selected
         changes: dict[str, Any] = {"styles": tuple(styles), "mesh_files": (*kept, *self.files), "selected": selected}
         return replace(state, **changes, message=message), document.with_meshes(self.read)
+
+    def _faint_share(self, state: State, document: Document) -> float:
+        """Factor of the opacity of the first layer by which segments in it are seen; 1 once it is edited."""
+        first, segments = state.styles[0], [layer.scene for layer, style in self.parts if style.base.labels]
+        scene = replace(document.scene, settings=state.settings, vectors=Vectors(), layers=())
+        base = scene.stated_transfer(document.volume)
+        if first.base.points != base.points or first.stated is not first.base or first.opacity < 1:
+            return 1.0
+        layers = tuple(replace(segment, transfer={"only_labels": ()}) for segment in segments)
+        return faint_share(replace(scene, layers=layers), document.volume, base)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,12 +354,14 @@ def _opened(scene: SceneFile, times: tuple[SceneFile, ...] = ()) -> Opened:
     # a choice for the file holds for every time point
     scene = replace(scene, load=document.scene.load) if len(document.channels) == 1 else scene
     times = times or tuple(time_points(scene, document.volume, None))
-    return Opened(document, times if len(times) > 1 else (), options, note=_missing_note(document))
+    return Opened(document, times if len(times) > 1 else (), options, note=_first_note(document))
 
 
-def _missing_note(document: Document) -> str:
-    """A note on the share of the samples of the first layer that is missing; "" if none is."""
+def _first_note(document: Document) -> str:
+    """A note on samples of the first layer that are missing, or on opacities that it lost to labels; "" for none."""
     share = document.volume.share_missing()
     if share == 1 and not is_mesh(document.scene.volume):
         return "nothing to show: all samples are NaN"
-    return f"{100 * share:.3g} % of the samples are NaN, and not drawn" if 0 < share < 1 else ""
+    if 0 < share < 1:
+        return f"{100 * share:.3g} % of the samples are NaN, and not drawn"
+    return f"{document.names[0]} is {FAINTLY}, or its opacity in the panel" if FAINTLY in document.volume.notes else ""

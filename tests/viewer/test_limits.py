@@ -66,7 +66,7 @@ def test_too_many_splats_are_a_scene_without_a_picture(
     style = LayerStyle(document.styles[0].base, 0.001)
     document = document.with_styles((style,), (), sg.Settings())
     document.extract(2)
-    monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 100)
+    monkeypatch.setattr("splatgl.viewer.layer_splats.MOST_KEPT", 100)
     assert document.exceeds_budget
     state = State.of(document, SIZE)
     assert "too many" in try_save(partial(save_picture, state, document, renderer.render, tmp_path))[0]
@@ -154,7 +154,7 @@ def test_too_many_splats_of_one_layer_are_not_asked_for(tmp_path: Path, monkeypa
         document.extract(stride)
     first, second = (len(document.layers[number].at(2)) for number in (0, 1))
     assert first != second and not document.is_complete
-    monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 4 * (first + second))
+    monkeypatch.setattr("splatgl.viewer.layer_splats.MOST_KEPT", 4 * (first + second))
     assert (
         document.exceeds_budget and document.is_complete and sum(layer.exceeds_budget for layer in document.layers) == 1
     )

@@ -937,7 +937,7 @@ def test_what_is_watched() -> None:
 
 def test_more_splats_than_can_be_held(monkeypatch: pytest.MonkeyPatch, scene: SceneFile) -> None:
     """A transfer function that keeps everything of something big stays coarse."""
-    monkeypatch.setattr("splatgl.viewer.document.MOST_KEPT", 3000)
+    monkeypatch.setattr("splatgl.viewer.layer_splats.MOST_KEPT", 3000)
     volume = blob(48)
     volumes = (volume, halve_volume(volume), halve_volume(volume), halve_volume(volume))
     layer = replace(Document.open(scene).layers[0], volumes=volumes)
