@@ -226,7 +226,7 @@ class Volume:
         x, y, z = (turn * self.origin).tolist()
         vectors = None if self.vectors is None else self.vectors * turn.astype(self.vectors.dtype)
         points = None if self.points is None else replace(self.points, places=self.points.places * turn)
-        parts = {"vectors": vectors, "points": points}
+        parts: dict[str, Any] = {"vectors": vectors, "points": points}
         placed = replace(self, origin=(x, y, z), direction=turn[:, None] * self.direction, frame=frame, **parts)
         return with_parts(placed, lambda part: part.placed(frame))
 

@@ -199,8 +199,9 @@ class Scene:
         """The frame of all layers and meshes, LPS, RAS or None: that of the first layer, also where it is hidden, or of
         the first visible layer or mesh that has one.
         """
-        firsts = [layer.volume for layer in (*self.layers[:1], *self.shown) if isinstance(layer, Layer)]
-        return next((subject.frame for subject in (*firsts, *self.meshes) if subject.frame), None)
+        volumes = (layer.volume for layer in (*self.layers[:1], *self.shown) if isinstance(layer, Layer))
+        frames = (*(volume.frame for volume in volumes), *(mesh.frame for mesh in self.meshes))
+        return next(filter(None, frames), None)
 
     def _segment_surfaces(self) -> tuple[list[tuple[Mesh, tuple[Plane, ...]]], list[str]]:
         surfaces, notes = list[tuple[Mesh, tuple[Plane, ...]]](), list[str]()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -77,7 +78,7 @@ class LayerSplats:
             less = halve_volume(last, bool(self.transfer.labels)) if last.count > SMALL and not last.coarser else last
             volumes.append(next(iter(last.coarser), less))
         estimates = tuple(volume.count for volume in volumes)
-        fresh = {"kind": ("pre", ""), "estimates": estimates, "made": {}, "shells": {}, "variants": {}}
+        fresh: dict[str, Any] = {"made": {}, "shells": {}, "variants": {}, "kind": ("pre", ""), "estimates": estimates}
         layer = replace(self, volumes=tuple(volumes), stand_in=shown, **fresh).for_settings(self.scene.settings)
         layer.shell(STRIDES[-1])
         return layer
