@@ -55,14 +55,17 @@ class Session:
         self.ratio = 1.0
         self.touched = -np.inf
         self.refiner = Refiner(self.document.counts, prod(scene.view.size), TARGET)
+        # the latest picture, and what it is of
         self.image = Image(np.zeros((1, 1, 4), np.float32))
         self.level = FULL
+        self.drawn: tuple[object, ...] = ()
 
     def change(self, scene: SceneFile) -> None:
         """Draws the same volumes by other options; the camera stays. Raises InputError for bad values."""
-        # the transfer function and the blend change the splats, other settings do not
+        # the blend changes the default transfer function
         same = scene.transfer == self.scene.transfer and scene.settings.blend == self.scene.settings.blend
         document = replace(self.document, scene=scene) if same else Document.open(scene, quiet=True)
+        document = document.for_settings(scene.settings)
         self.scene, self.document = scene, document
         self.refiner.renew(document.counts, prod(self.pose.camera.size))
         self.touched = self.now()
@@ -105,10 +108,17 @@ class Session:
         if LADDER[number] == FULL:
             self._take_finer()
         wanted, started = self._wanted(), time.perf_counter()
-        self.image, self.level = self._drawn(LADDER[number]), LADDER[number]
+        self._draw(LADDER[number])
         self.refiner.done(wanted, number, self.level == FULL)
         self.refiner.took(number, time.perf_counter() - started, 0.0)
         return np.ascontiguousarray(self.image.samples8(BLACK)[..., :3])
+
+    def picture(self) -> Image:
+        """The picture of what is seen with all pixels, drawn unless it is the latest one."""
+        if self.level != FULL or self.drawn != self._wanted():
+            self._take_finer()
+            self._draw(FULL)
+        return self.image
 
     def patience(self) -> float | None:
         """Seconds until the next frame is due without further events; None if none is."""
@@ -121,7 +131,7 @@ class Session:
     def _wanted(self) -> tuple[object, ...]:
         return self.pose, self.document, self.scene.settings
 
-    def _drawn(self, level: Level) -> Image:
+    def _draw(self, level: Level) -> None:
         camera = self.pose.camera.resized(level.size(self.pose.camera.size))
         settings = level.settings(self.scene.settings.but(classification="auto"))
         subject, settings = self.document.subject_at(level.stride, settings)
@@ -129,7 +139,8 @@ class Session:
             shell = self.document.layers[0].shell(level.stride)
             subject = shell if eye_is_outside(shell, camera.eye) else subject
         with shared_renderer() as renderer:
-            return renderer.render(subject, camera, settings, verify_bound=False)
+            self.image = renderer.render(subject, camera, settings, verify_bound=False)
+        self.level, self.drawn = level, self._wanted()
 
     def _take_finer(self) -> None:
         """Reads the finer voxels that replace the stand-in of a large volume."""
@@ -178,7 +189,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
     """Left drag rotates, shift or middle drag pans, the wheel and right drag zoom, a double click resets.
 
     While it moves, frames are reduced; once it is still, the full picture is drawn. A saved notebook and pages made of
-    it keep the first picture. `image` is the last one; `camera` and `settings` can be set; `controls` are widgets for
+    it keep the first picture. `image` is that of now; `camera` and `settings` can be set; `controls` are widgets for
     the colours, their window, the blend and the light, which follow what code sets.
     """
 
@@ -198,8 +209,8 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
 
     @property
     def image(self) -> Image:
-        """The last picture that was drawn, of fewer pixels in motion; the camera and the settings change it."""
-        return self.session.image
+        """The picture with all pixels, of the camera and the settings as they are, also where no browser draws it."""
+        return self.session.picture()
 
     @property
     def camera(self) -> Camera:
@@ -308,9 +319,7 @@ class View(RemoteFrameBuffer):  # type: ignore[misc]
 
     def _ipython_display_(self) -> None:
         """Displays a picture for pages without widgets, as nbconvert makes them, and the widget, which hides it."""
-        if not self.session.image.info:
-            self.session.frame()
-        image = self.session.image
+        image = self.image
         jpeg, png = (b64encode(data).decode() for data in (image.encoded(Path("still.jpg")), image._repr_png_()))
         self.still = f"data:image/jpeg;base64,{jpeg}"
         html = f'<img class="splatgl-still" alt="" src="{self.still}">'

@@ -174,6 +174,37 @@ def test_the_camera_and_the_settings_can_be_set(volume: sg.Volume, monkeypatch: 
 
 
 @pytest.mark.long
+def test_the_image_needs_no_browser(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is the picture of the camera and the settings as they are, also before the view is displayed and in motion."""
+    pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
+    view = sg.show(volume, size=(48, 32))
+    assert np.array_equal(view.image.pixels, sg.render(volume, size=(48, 32)).pixels)
+    assert view.image is view.image
+    camera = sg.Camera.orbit(volume, 100, -20, size=(48, 32))
+    view.camera = camera
+    for options in ({}, {"classification": "pre"}, {"light": "glossy"}, {"blend": "mip"}):
+        view.change(**options)
+        right = sg.render(volume, camera=camera, settings=view.settings)
+        assert np.array_equal(view.image.pixels, right.pixels)
+    # a frame of fewer pixels is not the picture
+    view.session.level, drawn = LADDER[-1], view.image
+    assert view.session.level == FULL and np.array_equal(drawn.pixels, right.pixels)
+
+
+def test_layers_of_another_frame(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
+    monkeypatch.setattr(show, "in_notebook", lambda: True)
+    first, turn = replace(volume, frame="RAS"), np.diag([-1.0, -1.0, 1.0])
+    labels = sg.Volume(np.uint8(volume.samples > 100), origin=(3, -1, 0), direction=turn, frame="LPS", labels=())
+    for options in (
+        {"labels": labels},
+        {"layers": [sg.Layer(replace(labels, labels=None), sg.Transfer([(0, 0), (1, 0.5)]))]},
+    ):
+        view = sg.show(first, size=(48, 32), **options)
+        assert np.array_equal(view.image.pixels, sg.render(first, size=(48, 32), **options).pixels)
+
+
 def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
