@@ -17,12 +17,15 @@ from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
 from splatgl.scene.view import ViewOptions
 from splatgl.splat.scissors import Scissors
+from splatgl.viewer import layer_splats, stand_in
 from splatgl.viewer.document import Document
 from splatgl.viewer.jobs import Jobs
 from splatgl.viewer.loading import Added, Files
 from splatgl.viewer.measure_tool import under_cursor
 from splatgl.viewer.saving import scene_of
+from splatgl.viewer.segments import segment_corners
 from splatgl.viewer.slice_views import slice_values
+from splatgl.viewer.stand_in import StandIn
 from splatgl.viewer.state import State
 from tests.helpers.blobs import blob
 from tests.helpers.points import write_ply
@@ -218,6 +221,8 @@ def test_added_layers_stand_where_render_draws_them(folder: Path, renderer: sg.R
     place = FLIP["RAS"] * (seg.world_from_index @ (3.0, 2.0, 5.0) + np.asarray(seg.origin))
     state = replace(state, slices=state.slices.through(place, document.volume))
     assert "2" in slice_values(state, document, 60)[1]
+    corners = segment_corners(document.layers[1].volume, 2)
+    assert corners is not None and (corners.min(axis=0) < place).all() and (place < corners.max(axis=0)).all()
     state = replace(state, styles=(replace(state.styles[0], visible=False), state.styles[1]))
     document = document.with_styles(state.styles, (), state.settings)
     x, y, depth = camera.eye_from_points(place)
@@ -225,3 +230,25 @@ def test_added_layers_stand_where_render_draws_them(folder: Path, renderer: sg.R
     picked = under_cursor(state, document, (float(pixel[0]), float(pixel[1])))
     assert picked is not None and picked.value in (1, 2)
     assert seg.samples[tuple(np.rint(picked.index).astype(int)[::-1])] == picked.value
+
+
+def test_finer_voxels_stand_in_the_same_place(
+    folder: Path, renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a layer that is shown by a stand-in first, in the frame of the first volume, or of a later layer."""
+    for name, frame in (("base-LPS.nrrd", "RAS"), ("plain.npy", "RAS")):
+        layers = (layer(folder, "seg", "straight", "LPS"), layer(folder, "other", "sheared", frame))
+        scene = scene_with(folder, name, layers=layers)
+        right, camera = rendered(scene, renderer)
+        with monkeypatch.context() as patched:
+            patched.setattr(layer_splats, "choose_stand_in", lambda volume, *_: coarse_first(volume))
+            document = Document.open(scene, quiet=True)
+        assert document.has_finer
+        while document.has_finer:
+            document = document.refined()
+        assert np.array_equal(window_picture(document, camera, renderer), right)
+
+
+def coarse_first(volume: sg.Volume) -> StandIn:
+    """Every second voxel, which all voxels replace."""
+    return StandIn(stand_in.subsample(volume, 2), "every 2nd voxel", lambda: StandIn(volume))

@@ -90,6 +90,23 @@ def test_edits_are_not_lost(window: Window) -> None:
 
 @pytest.mark.long
 @driven
+def test_another_file_asks_and_is_undone(folder: Path) -> None:
+    """Without the panel, a second drop is obeyed."""
+    np.save(folder / "other.npy", blob(12).samples)
+    window = Window(folder / "blob.npy", folder)
+    extinction = window.key("]")["extinction"]
+    told = window.drop(folder / "other.npy")
+    assert "edits are not saved" in told["message"] and told["source"].endswith("blob.npy")
+    told = window.drop(folder / "other.npy")
+    assert told["source"].endswith("other.npy") and told["extinction"] != extinction
+    told = window.key("ctrl+z")
+    assert told["source"].endswith("blob.npy") and told["extinction"] == extinction
+    assert window.key("ctrl+y")["source"].endswith("other.npy")
+    window.end()
+
+
+@pytest.mark.long
+@driven
 def test_views_and_settings_are_undone(window: Window) -> None:
     before = window.ask("look")
     turned = window.drag(1, (100, 90), (140, 70))
