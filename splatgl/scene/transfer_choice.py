@@ -274,13 +274,9 @@ FAINTLY = "drawn faintly, so that labels in it are seen: --points, --curve or --
 def is_backdrop(scene: SceneFile, volume: Volume) -> bool:
     """Whether `--labels` are seen through the first volume, whose opacities no option states."""
     has_labels = any("only_labels" in layer.transfer and layer.visible for layer in scene.layers)
-    is_stated = scene.transfer.keys() & {*STATED, "iso"} or not BLENDS[scene.settings.blend].ordered
-    return has_labels and not is_stated and is_dense(volume)
-
-
-def is_dense(volume: Volume) -> bool:
-    """Whether a volume may hide labels in it: its samples are amounts of one channel, not points."""
-    return volume.labels is None and volume.points is None and len(volume.channels) < 2
+    is_stated = scene.threshold > 0 or scene.transfer.keys() & {*STATED, "iso"}
+    is_dense = volume.labels is None and volume.points is None and len(volume.channels) < 2
+    return has_labels and is_dense and not is_stated and BLENDS[scene.settings.blend].ordered
 
 
 def seen_through(volume: Volume, transfer: Transfer) -> float:

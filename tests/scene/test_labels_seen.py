@@ -113,7 +113,14 @@ def added(document: Document, state: State, path: Path) -> tuple[State, Document
 
 @pytest.mark.parametrize(
     "options",
-    [{"points": [(0, 0), (500, 0.9)]}, {"preset": "mri"}, {"curve": "band:50%,90%"}, {"blend": "mip"}, {"iso": [250]}],
+    [
+        {"points": [(0, 0), (500, 0.9)]},
+        {"preset": "mri"},
+        {"curve": "band:50%,90%"},
+        {"blend": "mip"},
+        {"iso": [250]},
+        {"threshold": 0.05},
+    ],
 )
 def test_what_options_state_stays(options: dict[str, Any]) -> None:
     scene = SceneFile("body", held=body()).with_options(**options)

@@ -332,6 +332,16 @@ def test_undo_shows_the_document_before_with_its_edits(edited: WithoutWindow, fo
     assert edited.document.extracted
 
 
+def test_a_document_that_takes_too_much_memory_is_not_kept(
+    edited: WithoutWindow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("splatgl.viewer.viewer.budget", lambda: edited.document.bytes - 1)
+    edited._perform_one(Leave(Open((str(folder / "b.npy"),))))
+    applied(edited)
+    edited._perform_one(Request.UNDO)
+    assert edited.document.volume.name == "b" and edited.state.message == "nothing to undo"
+
+
 @pytest.mark.parametrize("is_written", [True, False])
 def test_a_scene_is_saved_before_another_file_is_opened(
     edited: WithoutWindow, folder: Path, is_written: bool, monkeypatch: pytest.MonkeyPatch
