@@ -427,8 +427,10 @@ class Viewer(LiveView):
                 self.files.time = 0
             is_reloaded = isinstance(loaded, Reloaded)
             if is_reloaded and not document.is_described_as(shown):
-                lost = self.history.has_unsaved_edits(self.state)
-                self._begin(Opened(document, note=CHANGED * lost))
+                is_edited = self.history.has_unsaved_edits(self.state)
+                self._begin(Opened(document))
+                is_kept = is_edited and self.before is not None
+                self.state = replace(self.state, message=CHANGED if is_kept else "")
             elif is_reloaded and self.bases == stated_transfers(self.state.styles):
                 self._rebase(document)
                 self.state = replace(self.state, message="")
