@@ -175,7 +175,6 @@ def test_the_camera_and_the_settings_can_be_set(volume: sg.Volume, monkeypatch: 
     assert view.get_frame() is None
 
 
-@pytest.mark.long
 def test_the_image_needs_no_browser(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is the picture of the camera and the settings as they are, also before the view is displayed and in motion."""
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
@@ -190,8 +189,9 @@ def test_the_image_needs_no_browser(volume: sg.Volume, monkeypatch: pytest.Monke
         right = sg.render(volume, camera=camera, settings=view.settings)
         assert np.array_equal(view.image.pixels, right.pixels)
     # a frame of fewer pixels is not the picture
-    view.session.level, drawn = LADDER[-1], view.image
-    assert view.session.level == FULL and np.array_equal(drawn.pixels, right.pixels)
+    view.session._draw(LADDER[-1])
+    assert view.session.image.pixels.shape != right.pixels.shape == view.image.pixels.shape
+    assert np.array_equal(view.image.pixels, right.pixels)
 
 
 def test_layers_of_another_frame(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,6 +207,7 @@ def test_layers_of_another_frame(volume: sg.Volume, monkeypatch: pytest.MonkeyPa
         assert np.array_equal(view.image.pixels, sg.render(first, size=(48, 32), **options).pixels)
 
 
+@pytest.mark.long
 def test_controls_change_the_view(volume: sg.Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("jupyter_rfb", reason="notebooks' views need jupyter_rfb; it is in the extra notebook")
     monkeypatch.setattr(show, "in_notebook", lambda: True)
