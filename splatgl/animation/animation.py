@@ -36,6 +36,7 @@ from splatgl.splat.opaque_bounds import Opaque
 from splatgl.splat.ordering import order_for
 from splatgl.splat.resolve import has_streaks
 from splatgl.splat.scene import Scene, moments_per_frame
+from splatgl.splat.scissors import cut_volume
 from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
@@ -169,7 +170,14 @@ class Animation:
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
         if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        scenes = [replace(scene, settings=settings, view=view, clip=None, crop="") for scene in scenes]
+        cut: dict[str, Any] = {
+            "settings": settings,
+            "view": view,
+            "scissors": scene.file.scissors,
+            "clip": None,
+            "crop": "",
+        }
+        scenes = [replace(each, **cut) for each in scenes]
         scene = replace(scene, file=scenes[0], is_quiet=is_quiet, is_moving=settings.shutter > 0)
         series = len(scenes) if len(scenes) > 1 else 0
         bands = _bands(scene, timeline.flow) if scene.is_single else 0
@@ -406,7 +414,7 @@ class Work:
     def matter(self, number: int) -> Matter:
         """Reads the subject of frames of one volume."""
         file = self.scenes[number]
-        volume = file.open()
+        volume = cut_volume(file.open(), file.scissors)
         if self.bands:
             return Matter(required_bricks(volume, self.transfer, self.settings), self.settings.clip)
         scene = OpenScene(file, volume, self.transfer, is_moving=file.settings.shutter > 0)

@@ -115,9 +115,9 @@ def _clip(value: Any) -> tuple[Any, ...]:
     return (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
 
 
-def _uncut(value: Any) -> str:
-    """The text of labels, a number or several, or of a mask."""
-    if isinstance(value, str):
+def _uncut(value: Any) -> str | Volume | Scissors:
+    """The text of labels, a number or several, or of a mask; or a mask in memory."""
+    if isinstance(value, str | Volume | Scissors):
         return value
     return ",".join(str(LABEL.check(number)) for number in (value if isinstance(value, Iterable) else (value,)))
 
@@ -173,7 +173,7 @@ class SceneFile:
         level="basic",
         repeat=True,
     )
-    uncut: str = _clipping(
+    uncut: str | Volume | Scissors = _clipping(
         "",
         Kind("labels, or FILE[:N,N…][:outside]", _uncut, metavar="N,N…|FILE[:N,N…]", hint="str | int | Sequence[int]"),
         "leave segments whole that --clip and --crop would cut. Labels of the drawn segmentation, or of a file",
@@ -245,9 +245,9 @@ class SceneFile:
             return cls(volume.name or "array", held=volume)
         assert layer.transfer is not None
         clip = None if layer.clip is None else _clip(layer.clip)
-        look: dict[str, Any] = {"threshold": layer.threshold, "surfaces": layer.surfaces, "visible": layer.visible}
-        name = layer.volume.name or "layer"
-        return cls(name, transfer=layer.transfer.fields, clip=clip, held=layer.volume, **look)
+        look: dict[str, Any] = {name: getattr(layer, name) for name in ("threshold", "surfaces", "visible")}
+        look |= {"uncut": "" if layer.uncut is None else layer.uncut, "mask": () if layer.volume.masks else None}
+        return cls(layer.volume.name or "layer", transfer=layer.transfer.fields, clip=clip, held=layer.volume, **look)
 
     @classmethod
     def from_toml(cls, path: Path) -> SceneFile:
@@ -415,7 +415,7 @@ class SceneFile:
         """Returns the lines that `_of_table` reads, and the lines of extra tables."""
         if self.held is not None:
             raise expected("scene", "a volume in a file, which a scene file can name", "an array in memory")
-        if not all(isinstance(mask, str) for mask in self.mask or ()):
+        if not all(isinstance(mask, str) for mask in (*(self.mask or ()), self.uncut)):
             raise expected("scene", "masks in files, which a scene file can name", "one in memory")
         plain = {key: value for key, value in non_default(self).items() if key in (*PLAIN, *PICTURE)}
         values = {"volume": self.volume, **plain}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -82,7 +83,8 @@ class Scissors:
             raise expected("scissors", "eye, look_at, up, and fov or height, of their view", ", ".join(view))
         from splatgl.splat.camera import Camera
 
-        size = (round(view.pop("aspect", 1.0) * _SIDE), _SIDE)
+        # the width and height of a picture again, whose ratio this is
+        size = Fraction(view.pop("aspect", 1.0)).limit_denominator(MOST_SIDE).as_integer_ratio()
         make = Camera.look_at if "fov" in view else Camera.orthographic
         names = {"look_at": "target"}
         return cls(outline, keep, make(size=size, **{names.get(name, name): value for name, value in view.items()}))
@@ -106,8 +108,8 @@ class Scissors:
         return " ".join(f"{x:.6g},{y:.6g}" for x, y in self.outline)
 
     def seen_by(self, camera: Camera, frame: str | None) -> Scissors:
-        """The scissors with a camera of their own, that of the scene if they have none."""
-        return self if self.camera is not None else replace(self, camera=camera, frame=frame)
+        """The scissors with a camera and the frame of its world: those of the scene, where they have none."""
+        return replace(self, camera=self.camera or camera, frame=self.frame or frame)
 
     def placed(self, points: np.ndarray, frame: str | None) -> np.ndarray:
         """Points [N, 3] of another frame in the world of the camera."""
@@ -165,8 +167,8 @@ def cut_volume(volume: Volume, scissors: Sequence[Scissors]) -> Volume:
     return cut
 
 
-# height of the picture of a view in a scene file, pixels: only its aspect matters
-_SIDE = 1024
+# largest side of a picture whose view a scene file holds, pixels
+MOST_SIDE = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,6 +105,9 @@ class Document:
         if smooth:
             fix = "splatgl render draws them"
             raise expected("surfaces", "none in the window, which draws voxels", f"{smooth[0]:g}", fix)
+        if scene.slices:
+            fix = "splatgl render draws it; --slice-plane shows it in space"
+            raise expected("slice", "none in the window, which draws in space", scene.slices[0], fix)
         volume = scene.open()
         print_notes(volume, quiet, has_times=True)
         scene, volume = cut_scene(scene, volume)
@@ -282,6 +285,11 @@ class Document:
         if (layers, styles, shown.mesh_files) == (self.layers, self.styles, self.mesh_files):
             return self
         return replace(shown, layers=layers)
+
+    def with_settings(self, scene: SceneFile) -> Document:
+        """The document with the settings of a scene, which differs in them alone, and with its planes."""
+        settings = scene.cut(self.volume).settings
+        return replace(self, scene=replace(self.scene, settings=settings)).for_settings(settings)
 
     def for_settings(self, settings: Settings, moving: bool = False) -> Document:
         """The document with splats of the kind that the settings take. moving: as above."""

@@ -64,8 +64,8 @@ class Session:
         """Draws the same volumes by other options; the camera stays. Raises InputError for bad values."""
         # the blend changes the default transfer function
         same = scene.transfer == self.scene.transfer and scene.settings.blend == self.scene.settings.blend
-        document = replace(self.document, scene=scene) if same else Document.open(scene, quiet=True)
-        document = document.for_settings(scene.settings)
+        document = self.document.with_settings(scene) if same else Document.open(scene, quiet=True)
+        document = document.for_settings(document.scene.settings)
         self.scene, self.document = scene, document
         self.refiner.renew(document.counts, prod(self.pose.camera.size))
         self.touched = self.now()
@@ -129,11 +129,11 @@ class Session:
         return time.monotonic()
 
     def _wanted(self) -> tuple[object, ...]:
-        return self.pose, self.document, self.scene.settings
+        return self.pose, self.document
 
     def _draw(self, level: Level) -> None:
         camera = self.pose.camera.resized(level.size(self.pose.camera.size))
-        settings = level.settings(self.scene.settings.but(classification="auto"))
+        settings = level.settings(self.document.scene.settings.but(classification="auto"))
         subject, settings = self.document.subject_at(level.stride, settings)
         if level != FULL and BLENDS[settings.blend].ordered and not self.document.is_layered:
             shell = self.document.layers[0].shell(level.stride)

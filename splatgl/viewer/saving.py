@@ -119,8 +119,7 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     shown = document.with_styles(state.styles, state.mesh_files, settings)
     if settings.classification == "post" and not shown.layers[0].is_post_classified:
         settings = settings.but(classification="pre")
-    pairs = zip(shown.layers, shown.styles, strict=True)
-    first_scene, *others = [_layer_scene(layer, style) for layer, style in pairs]
+    first_scene, *others = [_layer_scene(layer, style) for layer, style in _whole_layers(shown)]
     meshes = tuple(file for file in state.mesh_files if file != MeshFile(document.scene.volume))
     view, given = state.pose.view(), document.scene.view
     view = replace(view, dpi=given.dpi, width=given.width) if on_paper else view
@@ -143,6 +142,21 @@ def scene_of(state: State, document: Document, on_paper: bool = True) -> SceneFi
     return replace(scene, view=view, settings=settings, annotate=annotate)
 
 
+def _whole_layers(document: Document) -> list[tuple[LayerSplats, LayerStyle]]:
+    """Layers and styles, of a layer that planes leave partly whole one of its two parts. Raises InputError for parts
+    in two styles.
+    """
+    pairs, first = list[tuple[LayerSplats, LayerStyle]](), dict[int, LayerStyle]()
+    for layer, style in zip(document.layers, document.styles, strict=True):
+        known = first.setdefault(id(layer.scene), style)
+        if known is style:
+            pairs.append((layer, style))
+        elif replace(style, number=known.number) != known:
+            fix = "give both the same colours and opacity"
+            raise expected(f"{layer.name}: uncut", "both parts in one look, as a scene file holds it", "two", fix)
+    return pairs
+
+
 def _style(scene: SceneFile, layer: LayerSplats) -> LayerStyle:
     """The style of a layer in a scene."""
     base = replace(scene, opacity=1.0).transfer_for(layer.volume)
@@ -154,20 +168,28 @@ def _layer_scene(layer: LayerSplats, style: LayerStyle) -> SceneFile:
     scene, shown = layer.scene, layer.stand_in
     load = scene.load if shown is None or shown.level is None else {**scene.load, "level": shown.level}
     look: dict[str, Any] = {"threshold": style.threshold, "opacity": style.opacity, "visible": style.visible}
+    # a channel has the options of the picture that the scene has
+    look |= {"annotate": (), "slices": (), "slice_planes": ()}
     return replace(scene, title=style.title or scene.title, load=load, transfer=style.table, **look)
 
 
 def render_scene(scene: SceneFile, document: Document, draw: Draw) -> Image:
     """The image that `splatgl render` makes of a scene of this document, drawn by the window's renderer."""
     transfer = scene.transfer_for(document.volume)
-    parts = zip((scene, *scene.layers), document.layers, document.styles, strict=True)
-    cut = scene.scissors
-    styles = [replace(_style(part, layer), number=style.number, scissors=cut) for part, layer, style in parts]
+    # both parts of a layer that planes leave partly whole are of one scene
+    known = dict.fromkeys(id(layer.scene) for layer in document.layers)
+    part_of, cut = dict(zip(known, (scene, *scene.layers), strict=True)), scene.scissors
+    parts = [(part_of[id(layer.scene)], layer) for layer in document.layers]
+    styles = [
+        replace(_style(part, layer), number=style.number, scissors=cut)
+        for (part, layer), style in zip(parts, document.styles, strict=True)
+    ]
     document = document.with_planes(scene.slice_planes)
     document = document.with_styles(styles, surfaces_of(scene), scene.settings).with_current_splats()
     subject, settings = document.subject_at(1, scene.settings)
     image = draw(subject, scene.view.camera(document.volume, subject), settings)
-    return finish(image, OpenScene(scene, document.volume, transfer))
+    # the first volume may be the part that planes leave whole
+    return finish(image, OpenScene(replace(scene, layers=(), uncut=""), document.volume, transfer))
 
 
 def plain(image: Image) -> Image:
