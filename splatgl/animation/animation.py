@@ -170,14 +170,8 @@ class Animation:
         settings, view = _sharp_unless_asked(scene.file.settings, timeline), scene.file.view
         if timeline.flow is not None and settings.motion == "off" and settings.moments is None:
             raise expected("--flow", "--motion or --moments beside it, which blur", "motion off", "add --motion exact")
-        cut: dict[str, Any] = {
-            "settings": settings,
-            "view": view,
-            "scissors": scene.file.scissors,
-            "clip": None,
-            "crop": "",
-        }
-        scenes = [replace(each, **cut) for each in scenes]
+        cut = scene.file.scissors
+        scenes = [replace(x, settings=settings, view=view, scissors=cut, clip=None, crop="") for x in scenes]
         scene = replace(scene, file=scenes[0], is_quiet=is_quiet, is_moving=settings.shutter > 0)
         series = len(scenes) if len(scenes) > 1 else 0
         bands = _bands(scene, timeline.flow) if scene.is_single else 0
