@@ -158,14 +158,14 @@ def compared(case: Case, renderer: sg.Renderer) -> tuple[int, int]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_thing(kind: str, renderer: sg.Renderer) -> None:
     """Half of the light is absorbed where the picture is covered."""
-    assert compared(case_of(kind, 0), renderer)[0] > 3
+    assert compared(case_of(kind, 3), renderer)[0] > 10
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_things(kind: str, renderer: sg.Renderer) -> None:
     """The same; at edges a hundredth of the pixels differ."""
-    found = np.array([compared(case_of(kind, seed), renderer) for seed in range(2, 14)])
+    found = np.array([compared(case_of(kind, seed), renderer) for seed in range(12) if seed != 3])
     assert found[:, 0].sum() > 50 and found[:, 1].sum() <= 0.01 * len(found) * SIZE[0] * SIZE[1]
 
 
