@@ -68,7 +68,7 @@ def case_of(kind: str, seed: int) -> Case:
     elif kind == "region":
         look = {"regions": ["box:0.4,0.7,0.02,9:#ffffff:0.9"], "unit": unit, "shading": False}
     elif kind == "weights":
-        look["gradient"] = [(0.02, 0.0), (0.2, 1.0)]
+        look["gradient"] = [(0.08, 0.0), (0.12, 1.0)]
     elif kind == "labels":
         labels = (np.asarray(volume.samples) > 0.5).astype(np.uint8)
         volume = replace(volume, samples=labels, labels=(sg.data.volume.Label(1),))
