@@ -1,4 +1,4 @@
-// Evaluates a moving splat on one pixel's ray. Twin of splatgl/reference/streaks.py and splatgl/splat/motion_blur.py.
+// Evaluates a moving splat on one pixel's ray. Twin of tests/helpers/streaks.py and splatgl/splat/motion_blur.py.
 #include "motion.glsl"
 #include "motion_opacity.glsl"
 

@@ -25,7 +25,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `splatgl pick`."""
     add_source(parser)
     parser.add_argument("pixel", type=_pixel, metavar="X,Y", help="column and row, from 0 at the upper left")
-    about = "first: where half of the light is absorbed; max: the largest value (default first, with maxima max)"
+    about = "first: where half of the light is absorbed; max: the largest value (default: what the blend shows)"
     parser.add_argument("--mode", choices=("first", "max"), metavar="first|max", help=about)
     parser.add_argument("--json", action="store_true", help="print one line of JSON")
     parser.add_argument("--quiet", action="store_true", help="no notes about the file")
@@ -35,7 +35,7 @@ def add_parser(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the value and the place; returns 0, or NOTHING."""
-    from splatgl.reference.pick import pick, pick_options
+    from splatgl.reference.pick import pick
 
     file = scene_from(args)
     width, height = file.view.size
@@ -43,8 +43,7 @@ def run(args: argparse.Namespace) -> int:
     if not (column < width and row < height):
         raise expected("X,Y", f"a pixel of {width}×{height}, or --size", f"{column},{row}")
     opened = OpenScene.read(file, args.quiet or args.json)
-    options = pick_options(file.settings) | ({"mode": args.mode} if args.mode else {})
-    picked = pick(opened.scene, opened.camera, args.pixel, **options)
+    picked = pick(opened.scene, opened.camera, args.pixel, mode=args.mode, settings=file.settings.but(clip=()))
     if picked is None:
         print("null" if args.json else "nothing is seen there")
         return NOTHING

@@ -27,7 +27,7 @@ from splatgl.cli.output import check_outputs, ground_of, output_of, report
 from splatgl.data.image import Image, save_map
 from splatgl.errors import expected
 from splatgl.options import Group, declared, names_of
-from splatgl.scene.draw import HALF, OF_BLENDS, DrawOptions, WorkerOptions, depths, draw, finish, progress_bar
+from splatgl.scene.draw import DrawOptions, WorkerOptions, depths, draw, finish, progress_bar
 from splatgl.scene.meshes import is_mesh
 from splatgl.scene.open_scene import OpenScene
 from splatgl.scene.scene_file import SceneFile
@@ -41,16 +41,20 @@ if TYPE_CHECKING:
 def depth_at(text: str) -> float | str:
     """An argparse type."""
     try:
-        return text if text in OF_BLENDS.values() else float(text)
+        return text if text in ("max", "min") else float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a share from 0 to below 1, max or min, got {text!r}") from None
 
 
 def write_depths(scene: OpenScene, path: str, at: float | str | None) -> None:
     """Writes a depth map, and prints its range. at: as of `depths`."""
+    from splatgl.reference.depth_map import HALF
+    from splatgl.splat.settings import BLENDS
+
     started = time.perf_counter()
     depth, camera, settings = depths(scene, at), scene.camera, scene.file.settings
-    share = OF_BLENDS.get(settings.blend, HALF) if at is None else at
+    blend = BLENDS[settings.blend]
+    share = (blend.join if blend.one_value else HALF) if at is None else at
     unit = scene.volume.unit or "units"
     info = {"version": __version__, "source": Path(scene.file.volume).name, "depth_at": share, "unit": unit}
     view = {"eye": camera.eye.tolist(), "forward": camera.forward.tolist(), "perspective": camera.perspective}

@@ -24,7 +24,7 @@ from splatgl.splat.ambient_occlusion import LightVolume
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import FACE, Clip
 from splatgl.splat.culling import clip_behind_eye
-from splatgl.splat.extract_values import gradients, select_needed
+from splatgl.splat.extract_values import field_slopes, gradients, select_needed, with_slopes
 from splatgl.splat.grid import Grid, dilate, trilinear
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.kernels import kernel as kernel_named
@@ -56,7 +56,7 @@ def kernel_field(volume: Volume, shape: Kernel, post: ValueClassifier) -> Field:
     """The kernels' normalised sums of coefficients and gradients of all finite samples; NaN beyond their reach."""
     u = _values(volume, post)
     c = prefilter(u, shape)
-    terms = _terms(volume, u, c, post)
+    terms = _terms(volume, u, c, post, kernel=shape)
 
     return partial(_kernel_mean, shape, post, partial(_look_up_terms, terms))
 
@@ -79,7 +79,7 @@ def _kernel_mean(
 def trilinear_field(volume: Volume, post: ValueClassifier) -> Field:
     """Trilinear interpolation of samples and of their central differences, as in ray casters."""
     u = _values(volume, post)
-    terms = _terms(volume, u, u, post, order=2)[REACH:-REACH, REACH:-REACH, REACH:-REACH]
+    terms = _terms(volume, u, u, post)[REACH:-REACH, REACH:-REACH, REACH:-REACH]
 
     def at(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         sums = trilinear(terms, places.T)
@@ -94,11 +94,18 @@ def _values(volume: Volume, post: ValueClassifier) -> np.ndarray:
     return post.relative(np.where(np.isfinite(samples), samples, np.nan))
 
 
-def _terms(volume: Volume, u: np.ndarray, c: np.ndarray, post: ValueClassifier, order: int = 4) -> np.ndarray:
-    """[D + 4, H + 4, W + 4, 5]: 1, coefficient and world gradient of each sample; 0 beyond, and where not finite."""
+def _terms(
+    volume: Volume, u: np.ndarray, c: np.ndarray, post: ValueClassifier, kernel: Kernel | None = None
+) -> np.ndarray:
+    """[D + 4, H + 4, W + 4, 5]: 1, coefficient and world gradient of each sample; 0 beyond, and where not finite.
+    kernel: None: gradients are central differences.
+    """
     z, y, x = (index.ravel() for index in np.indices(u.shape))
-    around = post.around if post.faced and order == 4 else None
-    gradient = gradients(u, x, y, z, order, around) @ np.linalg.inv(volume.world_from_index)
+    world = np.linalg.inv(volume.world_from_index)
+    around = post.around if post.faced and kernel else None
+    gradient = gradients(u, x, y, z, 4 if kernel else 2, around) @ world
+    if kernel and not post.faced:
+        gradient = with_slopes(gradient, field_slopes(u, kernel, world).ravel())
     terms = np.column_stack([np.ones(u.size), c.ravel(), gradient])
     terms = np.where(np.isfinite(u).ravel()[:, None], terms, 0.0).reshape(*u.shape, 5)
     return np.pad(terms, ((REACH, REACH),) * 3 + ((0, 0),))

@@ -68,11 +68,12 @@ ON_EDGE = 1e-9
 @dataclass(frozen=True, eq=False)
 class Crossings:
     """Surfaces along rays, nearest first. distance [P, K]: from the eye, or from its plane, world units; infinite after
-    the last. light [P, K, 4]: premultiplied.
+    the last. light [P, K, 4]: premultiplied. mesh [P, K]: number of the mesh, −1 for the last.
     """
 
     distance: np.ndarray
     light: np.ndarray
+    mesh: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,17 +103,19 @@ class SurfaceScene:
 def crossings(meshes: Sequence[Mesh], camera: Camera, wanted: Pixels, light_by: Light | None) -> Crossings:
     """Surfaces along the rays of wanted pixels, followed by an empty one at infinity."""
     count = len(wanted)
-    shown = [mesh for mesh in meshes if len(mesh) and mesh.opacity > 0]
-    parts = [_cross_mesh(mesh, camera, wanted, light_by) for mesh in shown]
+    shown = [number for number, mesh in enumerate(meshes) if len(mesh) and mesh.opacity > 0]
+    parts = [_cross_mesh(meshes[number], camera, wanted, light_by) for number in shown]
     pixel = np.concatenate([np.arange(count), *(part[0] for part in parts)])
     distance = np.concatenate([np.full(count, np.inf), *(part[1] for part in parts)])
     light = np.concatenate([np.zeros((count, 4)), *(part[2] for part in parts)])
+    mesh = np.repeat([-1, *shown], [count, *(len(part[0]) for part in parts)])
     order = np.lexsort((distance, pixel))
-    pixel, distance, light = pixel[order], distance[order], light[order]
+    pixel, distance, light, mesh = pixel[order], distance[order], light[order], mesh[order]
     first = np.searchsorted(pixel, np.arange(count))
     place = np.arange(len(pixel)) - first[pixel]
-    result = Crossings(np.full((count, place.max() + 1), np.inf), np.zeros((count, place.max() + 1, 4)))
-    result.distance[pixel, place], result.light[pixel, place] = distance, light
+    size = count, place.max() + 1
+    result = Crossings(np.full(size, np.inf), np.zeros((*size, 4)), np.full(size, -1))
+    result.distance[pixel, place], result.light[pixel, place], result.mesh[pixel, place] = distance, light, mesh
     return result
 
 

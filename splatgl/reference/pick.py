@@ -1,4 +1,4 @@
-"""`pick`: the point of a scene under a pixel, by one ray in float64, without splats."""
+"""`pick`: the point of a scene under a pixel, by one ray in float64 through the matter that the picture shows."""
 
 from __future__ import annotations
 
@@ -10,40 +10,26 @@ import numpy as np
 
 from splatgl.data.volume import Triple, Volume
 from splatgl.errors import expected
-from splatgl.reference.layers import crossings
-from splatgl.reference.rays import Pixels, Rays
+from splatgl.reference.march import LayerRays, SurfaceRays, absorb, fields_of, passed, ray_lengths
+from splatgl.reference.one_value import Shown
 from splatgl.splat.camera import Camera
-from splatgl.splat.clipping import Clip, Plane
-from splatgl.splat.grid import Grid, trilinear
-from splatgl.splat.iso import crossed_depth
-from splatgl.splat.kernels import kernel
-from splatgl.splat.mask_field import MaskField
-from splatgl.splat.preintegration import ClassIntegral
+from splatgl.splat.grid import trilinear
 from splatgl.splat.scene import Layer, Scene
-from splatgl.splat.settings import Settings
+from splatgl.splat.settings import BLENDS, Settings
 from splatgl.splat.transfer import Transfer
-from splatgl.splat.view import GridView
 
-# parts of a ray per smallest voxel, and maximum number of parts; divisions of the decisive part
-STEPS, MOST, PARTS = 4, 1 << 20, 64
-# share of a part between whose ends values are evaluated: samples beyond may be missing
-WITHIN = 1 - 1e-9
-# least number of cells of a transfer function's integral
-LEAST_CELLS = 1 << 12
 # optical depth at which half of the light is absorbed
 HALF = float(np.log(2))
-# optical depth of an opaque surface
-OPAQUE = 50.0
-# relative distance within which two crossings of a mesh are one
-SAME = 1e-9
 MODES = ("first", "max")
+# share of a step behind a point at which the voxel of a label is looked up
+WITHIN = 1e-6
 
 
 @dataclass(frozen=True)
 class Picked:
     """A point of a volume. place: world units; index: grid position (x, y, z); value: interpolated linearly; of labels,
-    that of the voxel. distance: from the eye, or from its plane, world units. name: of the volume; layer: its number in
-    the scene.
+    that of the voxel; of blends of one value, the one that is shown. distance: from the eye, or from its plane, world
+    units. name: of the volume; layer: its number in the scene.
 
     mesh: number of the mesh, if the point is on one; then `name` is the mesh's, `layer` is -1, index and value are NaN.
     """
@@ -62,126 +48,57 @@ def pick(
     camera: Camera,
     pixel: Sequence[int],
     transfer: Transfer | None = None,
-    mode: str = "first",
+    mode: str | None = None,
     attenuation: float = 0.0,
+    settings: Settings | None = None,
 ) -> Picked | None:
     """The point under the centre of a pixel (column, row), row 0 on top; None if nothing is visible there.
 
     mode "first": where half of the light is absorbed, or half of the ray's total absorption; "max": the largest value,
-    of an attenuated MIP the one that is shown. attenuation: its strength, per reference length.
-    Among layers, the one that absorbs most there. transfer: of a volume; None: its default one. Clip planes of a scene
-    apply. Meshes absorb their opacity, and rays end at opaque ones; gradient weights are ignored. Raises InputError for
-    a pixel outside the picture, for clouds of points, and for volumes that are read in parts.
+    of an attenuated MIP the one that is shown; None: as the blend of the settings shows: mip the largest value, minip
+    the least, mean the first place of the mean. attenuation: of a largest value, per reference length. settings: of the
+    picture that shows the same field. Among layers, the one that absorbs most there. transfer: of a volume; None: its
+    default one. Meshes absorb their opacity, and rays end at opaque ones. Raises InputError for a pixel outside the
+    picture, for clouds of points, and for volumes that are read in parts.
     """
+    settings = _settings_for(mode, attenuation, settings or Settings())
+    scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
+    pixels = np.array([_pixel_number(pixel, camera)])
+    fields = fields_of(scene, camera, settings, pixels, "pick")
+    layers = [field.along(camera, pixels) for _, field in fields]
+    surfaces = SurfaceRays.of(scene.surfaces(settings), camera, pixels)
+    if BLENDS[settings.blend].one_value:
+        layers = [rays.until(surfaces.opaque) for rays in layers] if surfaces else layers
+        shown = Shown.of(layers, settings, 1)
+        number, depth = int(shown.layer[0]), float(shown.depth[0])
+        if np.isfinite(depth):
+            return _point(scene, fields[number][0], layers[number], depth, float(shown.value[0]))
+        layers = []
+    parts: list[LayerRays | SurfaceRays] = [*layers, *([surfaces] if surfaces else [])]
+    total = absorb(parts, np.full(1, np.inf)).total
+    if not total[0] > 0:
+        return None
+    reached = absorb(parts, np.minimum(HALF, total / 2))
+    here = np.stack([reached.begin, reached.end])
+    most = int(np.argmax([passed([part], here, np.zeros(1, np.int64))[0, 0] for part in parts]))
+    part, depth = parts[most], float(reached.depth[0])
+    if isinstance(part, LayerRays):
+        return _point(scene, fields[most][0], part, depth)
+    mesh = int(part.mesh[0, int(np.searchsorted(part.depth[0], depth))])
+    return _point_of_mesh(scene, mesh, camera, pixels, depth)
+
+
+def _settings_for(mode: str | None, attenuation: float, settings: Settings) -> Settings:
+    """Settings of a picture that shows the value that is picked."""
+    if mode is None:
+        return settings
     if mode not in MODES:
         raise expected("mode", " or ".join(MODES), repr(mode))
-    scene = Scene([Layer(x, transfer)]) if isinstance(x, Volume) else x
-    scene.require_voxels("pick")
-    number, cut = _pixel_number(pixel, camera), zip(scene.shown, scene.planes, strict=True)
-    rays = [_Ray.of(layer, planes, camera, number) for layer, planes in cut]
-    surfaces = _surfaces(scene, camera, number)
-    ends = np.array([ray.ends for ray in rays if ray.ends[1] > ray.ends[0]])
-    if not len(ends):
-        return _first_mesh(surfaces, scene, camera, number)
-    near, far = float(ends[:, 0].min()), float(ends[:, 1].max())
-    count = min(int(np.ceil((far - near) / min(ray.step for ray in rays))), MOST)
-    # parts end at the ends of layers, at faces of labels, and at planes of samples, between which values have no kinks
-    faces = [ray.faces(near, far) for ray in rays]
-    ends = np.unique(np.concatenate([np.linspace(near, far, count + 1), ends.ravel(), *faces]))
-    along, lengths = (ends[:-1] + ends[1:]) / 2, np.diff(ends)
-    matter = [ray.seen(ends) for ray in rays]
-    if mode == "max":
-        end = next((surface.distance for surface in surfaces if surface.depth >= OPAQUE), np.inf)
-        values = np.array([np.where(inside & (along < end), v, -np.inf) for v, _, inside in matter])
-        return _largest(rays, ends, values, attenuation) or _first_mesh(surfaces, scene, camera, number)
-    extinctions = np.array([extinction for _, extinction, _ in matter])
-    depths = extinctions.sum(axis=0) * lengths
-    # insert surfaces between the parts of the ray
-    before = np.searchsorted(along, [surface.distance for surface in surfaces])
-    depth = np.cumsum(np.insert(depths, before, [surface.depth for surface in surfaces]))
-    if not depth[-1] > 0:
-        return None
-    enough = min(HALF, depth[-1] / 2)
-    place = int(np.searchsorted(depth, enough))
-    at = before + np.arange(len(surfaces))
-    if place in at:
-        return _pick_mesh(surfaces[int(np.searchsorted(at, place))], scene, camera, number)
-    left = depth[place] - enough
-    place -= int((at < place).sum())
-    layer = int(extinctions[:, place].argmax())
-    if rays[layer].layer.seen.labels:
-        exact = ends[place + 1] - lengths[place] * left / depths[place]
-        return rays[layer].pick_at(exact, layer, matter[layer][0][place])
-    # the point within the part where the layer has absorbed half of its share
-    ends = np.linspace(ends[place], ends[place + 1], PARTS + 1)
-    depth = np.cumsum(rays[layer].seen(ends)[1])
-    part = int(np.searchsorted(depth, depth[-1] / 2))
-    return rays[layer].pick_at(float(ends[part] + ends[part + 1]) / 2, layer)
-
-
-def pick_options(settings: Settings) -> dict[str, Any]:
-    """The mode and the attenuation of `pick` that suit a picture's blend."""
-    is_attenuated = settings.blend == "attenuated-mip"
-    mode = "max" if is_attenuated or settings.blend == "mip" else "first"
-    return {"mode": mode, "attenuation": settings.mip_attenuation if is_attenuated else 0.0}
-
-
-def _largest(rays: list[_Ray], ends: np.ndarray, values: np.ndarray, attenuation: float) -> Picked | None:
-    """The point of the largest of values [layers, N] of the parts between distances [N + 1], once they are attenuated;
-    None if none is finite.
-    """
-    seen = values
+    if mode == "first":
+        return settings.but(blend="composite") if BLENDS[settings.blend].one_value else settings
     if attenuation:
-        both = zip(rays, values, strict=True)
-        seen = np.array([ray.attenuated(values_, np.diff(ends), attenuation) for ray, values_ in both])
-    layer, place = divmod(int(seen.argmax()), values.shape[1])
-    if not np.isfinite(values[layer, place]):
-        return None
-    first = np.nan_to_num(rays[layer].within(ends[place : place + 2])[0], nan=-np.inf) >= values[layer, place]
-    return rays[layer].pick_at(float(ends[place if first else place + 1]), layer, values[layer, place])
-
-
-@dataclass(frozen=True)
-class _Surface:
-    """Crossing of a ray and a mesh: number of the mesh, distance, and optical depth of its opacity."""
-
-    mesh: int
-    distance: float
-    depth: float
-
-
-def _surfaces(scene: Scene, camera: Camera, pixel: int) -> list[_Surface]:
-    """Crossings of a pixel's ray with meshes, nearest first."""
-    wanted, surfaces = Pixels.of(camera.size, np.array([pixel])), list[_Surface]()
-    for number, mesh in enumerate(scene.meshes):
-        crossed = crossings([mesh], camera, wanted, None)
-        depth = min(-float(np.log1p(-mesh.opacity)), OPAQUE) if mesh.opacity < 1 else OPAQUE
-        # a ray through an edge crosses two triangles at one distance
-        distances = np.sort(crossed.distance[0][np.isfinite(crossed.distance[0])])
-        distances = distances[np.diff(distances, prepend=-np.inf) > SAME * np.abs(distances)]
-        surfaces += [_Surface(number, float(at), depth) for at in distances]
-    return sorted(surfaces, key=lambda surface: surface.distance)
-
-
-def _first_mesh(surfaces: list[_Surface], scene: Scene, camera: Camera, pixel: int) -> Picked | None:
-    """Point of the surface where half of the light, or of the total absorption, is absorbed; None without surfaces."""
-    if not surfaces:
-        return None
-    depth = np.cumsum([surface.depth for surface in surfaces])
-    return _pick_mesh(surfaces[int(np.searchsorted(depth, min(HALF, depth[-1] / 2)))], scene, camera, pixel)
-
-
-def _pick_mesh(surface: _Surface, scene: Scene, camera: Camera, pixel: int) -> Picked:
-    row, column = divmod(pixel, camera.size[0])
-    across, down = (slopes[place] for slopes, place in zip(camera.slopes(), (column, row), strict=True))
-    if camera.perspective:
-        ray = np.array([across, down, 1.0])
-        point = ray / np.linalg.norm(ray) * surface.distance
-    else:
-        point = np.array([across, down, surface.distance])
-    nothing = (np.nan,) * 3
-    place = _triple(point @ camera.eye_from_world + camera.eye)
-    return Picked(place, nothing, np.nan, surface.distance, scene.meshes[surface.mesh].name, -1, surface.mesh)
+        return settings.but(blend="attenuated-mip", mip_attenuation=attenuation)
+    return settings if settings.blend == "attenuated-mip" else settings.but(blend="mip")
 
 
 def _pixel_number(pixel: Any, camera: Camera) -> int:
@@ -196,97 +113,32 @@ def _pixel_number(pixel: Any, camera: Camera) -> int:
     return row * width + column
 
 
-@dataclass(frozen=True, eq=False)
-class _Ray:
-    """A ray through a layer's grid. start, direction [3]: grid indices, per world unit; ends: distances at which it
-    enters and leaves the layer; step: length of a part.
-    """
+def _point(scene: Scene, number: int, rays: LayerRays, depth: float, value: float | None = None) -> Picked:
+    """The point of a layer at a depth. value: if known already."""
+    layer = scene.shown[number]
+    volume, index = layer.volume, rays.start[:, 0] + rays.along[:, 0] * depth
+    if layer.seen.labels:
+        # a point in the face of a voxel is in the one that begins there
+        inner = index + rays.along[:, 0] * (rays.step[0] * WITHIN)
+        x, y, z = np.clip(np.rint(inner), 0, np.array(volume.shape[::-1]) - 1).astype(np.int64)
+        value = float(volume.samples[z, y, x])
+    elif value is None:
+        value = float(trilinear(volume.samples[..., None], index[None])[0, 0])
+        # beside missing samples, the field's
+        value = value if np.isfinite(value) else float(rays.states(np.array([depth]), np.zeros(1, np.int64))[0, 0])
+    world = volume.world_from_index @ index + np.asarray(volume.origin)
+    return Picked(_triple(world), _triple(index), value, depth * float(rays.length[0]), volume.name, number)
 
-    layer: Layer
-    start: np.ndarray
-    direction: np.ndarray
-    ends: tuple[float, float]
-    step: float
 
-    @classmethod
-    def of(cls, layer: Layer, planes: tuple[Plane, ...], camera: Camera, pixel: int) -> _Ray:
-        volume = layer.volume
-        if not isinstance(volume.samples, np.ndarray):
-            raise expected(volume.name or "volume", "samples in memory or mapped", "some that are read in parts")
-        grid = Grid.of(volume)
-        view = GridView.of(grid, camera, kernel("b-spline"), antialias=False)
-        rays = Rays.of(view, camera, volume.shape[::-1], np.array([pixel]), Clip.of(planes, grid))
-        world = float(rays.stretch[0]) * grid.mean_spacing
-        ends = float(rays.near[0]) * world, float(rays.far[0]) * world
-        return cls(layer, rays.start[:, 0], rays.direction[:, 0] / world, ends, grid.smallest_spacing / STEPS)
-
-    def faces(self, near: float, far: float) -> np.ndarray:
-        """Distances from near to far at which the ray crosses faces of labels' voxels, or planes of samples."""
-        shape, half = self.layer.volume.shape[::-1], 0.5 if self.layer.seen.labels else 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossed = [
-                (np.arange(n + 1) - half - i) / d for n, i, d in zip(shape, self.start, self.direction, strict=True)
-            ]
-        distances = np.concatenate(crossed)
-        return np.asarray(distances[(distances > near) & (distances < far)])
-
-    def within(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values at both ends of the parts between distances [N + 1]; for labels, of the parts' middles."""
-        middle, half = (ends[:-1] + ends[1:]) / 2, np.diff(ends) * (WITHIN / 2)
-        places = (middle,) * 2 if self.layer.seen.labels else (middle - half, middle + half)
-        first, last = (self._values(self.start[:, None] + self.direction[:, None] * place) for place in places)
-        return first, last
-
-    def seen(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Largest values, mean extinctions per world length over all values passed, and whether they are inside, of the
-        parts between distances [N + 1].
-        """
-        middle, look = (ends[:-1] + ends[1:]) / 2, self.layer.seen
-        first, last = self.within(ends)
-        inside = (middle >= self.ends[0]) & (middle <= self.ends[1]) & np.isfinite(first) & np.isfinite(last)
-        mask = MaskField.of(self.layer.volume)
-        if mask is not None:
-            places = self.start[:, None] + self.direction[:, None] * middle
-            inside &= mask.keeps(places.T) if look.labels else mask.at(places) >= 0
-        unit = look.unit or Grid.of(self.layer.volume).mean_spacing
-        value, extinction = np.fmax(first, last), np.zeros(len(middle))
-        first, last = first[inside], last[inside]
-        low, high = min(first.min(initial=np.inf), last.min(initial=np.inf)), value[inside].max(initial=-np.inf)
-        if look.labels or not low < high:
-            extinction[inside] = look.extinction(look.opacity(first), unit)
-        else:
-            extinction[inside] = ClassIntegral.of(look, low, high, LEAST_CELLS).mean(first, last)[:, 3] / unit
-        if look.iso:
-            levels = np.array([surface.value for surface in look.iso])
-            crossed = crossed_depth(levels, look.surface_matter()[:, 3], first, last)
-            extinction[inside] += crossed / np.diff(ends)[inside]
-        return value, extinction, inside
-
-    def attenuated(self, values: np.ndarray, lengths: np.ndarray, strength: float) -> np.ndarray:
-        """Shares of the colours' window at the values [N] of parts, attenuated by those before them; −∞ without one."""
-        look = self.layer.seen
-        low, high = look.color_range
-        known = np.isfinite(values)
-        shares = np.clip((np.where(known, values, low) - low) / ((high - low) or 1.0), 0.0, 1.0)
-        depth = shares * lengths * strength / (look.unit or Grid.of(self.layer.volume).mean_spacing)
-        return np.where(known, shares * np.exp(depth - np.cumsum(depth)), -np.inf)
-
-    def _values(self, places: np.ndarray) -> np.ndarray:
-        """Values at grid positions [3, N], linear between samples; for labels, of the nearest voxel."""
-        samples = self.layer.volume.samples
-        if not self.layer.seen.labels:
-            return trilinear(samples[..., None], places.T)[:, 0]
-        last = np.array(samples.shape[::-1])[:, None] - 1
-        x, y, z = np.rint(np.clip(places, 0, last)).astype(np.int64)
-        return np.asarray(samples[z, y, x], np.float64)
-
-    def pick_at(self, distance: float, number: int, value: float | None = None) -> Picked:
-        """The point at a distance. value: if known already."""
-        volume = self.layer.volume
-        index = self.start + self.direction * distance
-        value = float(self._values(index[:, None])[0] if value is None else value)
-        world = volume.world_from_index @ index + np.asarray(volume.origin)
-        return Picked(_triple(world), _triple(index), value, float(distance), volume.name, number)
+def _point_of_mesh(scene: Scene, mesh: int, camera: Camera, pixels: np.ndarray, depth: float) -> Picked:
+    """The point of a mesh at a depth."""
+    row, column = divmod(int(pixels[0]), camera.size[0])
+    across, down = (slopes[place] for slopes, place in zip(camera.slopes(), (column, row), strict=True))
+    scale = depth if camera.perspective else 1.0
+    place = np.array([across * scale, down * scale, depth]) @ camera.eye_from_world + camera.eye
+    distance = depth * float(ray_lengths(camera, pixels)[0])
+    nothing = (np.nan,) * 3
+    return Picked(_triple(place), nothing, np.nan, distance, scene.meshes[mesh].name, -1, mesh)
 
 
 def _triple(numbers: np.ndarray) -> Triple:

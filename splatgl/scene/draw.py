@@ -306,18 +306,11 @@ def annotate(image: Image, scene: OpenScene) -> Image:
     return image
 
 
-# share of the light that is absorbed at a pixel's depth, and what is searched for in blends of one value
-HALF = 0.5
-OF_BLENDS = {"mip": "max", "minip": "min"}
-
-
 def depths(scene: OpenScene, at: float | str | None) -> np.ndarray:
     """Depths float64 [H, W] of a scene. at: share of absorbed light, max or min; None: ½, or the value of the blend."""
     from splatgl.reference import depth_map
 
-    settings = scene.file.settings
-    share = OF_BLENDS.get(settings.blend, HALF) if at is None else at
-    return depth_map.depths(scene.scene, scene.camera, share, replace(settings, clip=()))
+    return depth_map.depths(scene.scene, scene.camera, at, scene.file.settings.but(clip=()))
 
 
 # seconds between two lines of progress, and the share that is done or the seconds after which there is another

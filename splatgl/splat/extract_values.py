@@ -18,7 +18,7 @@ from splatgl.data.volume import Places, Volume
 from splatgl.splat.grid import Grid, dilate
 from splatgl.splat.kernels import Kernel
 from splatgl.splat.mask_field import MaskField
-from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, Sides, coefficients, in_blocks, margin_of
+from splatgl.splat.prefilter import PREFILTERED, STEP_HALO, coefficients, margin_of, prefilter
 from splatgl.splat.preintegration import ValueClassifier, clear_isolated
 from splatgl.splat.splats import GrowingRecords, Splats, assemble, in_parts, record_type
 
@@ -33,9 +33,10 @@ GRADIENT_HALO = 2
 
 # reach of the kernels for values, in whole voxels
 KERNEL_REACH = 2
-# voxels from one to the furthest that adds to a gradient with it, and samples on which these gradients depend
+# voxels from one to the furthest that adds to a gradient with it
 STEEP_REACH = 2 * KERNEL_REACH
-STEEP_HALO = STEEP_REACH + GRADIENT_HALO
+# coefficients on either side on which one of a gradient depends
+TAPS = 5
 # share of the largest record value by which rounding may change a gradient, per voxel
 ROUNDED = 1e-6
 
@@ -105,7 +106,8 @@ def box_records(
     """
     low, high = box
     halo, nothing = halo_of(kernel), np.zeros(0, record_type(volume.shape, post=True))
-    halo = max(halo, STEEP_HALO) if post.steepness.any() else halo
+    if not post.faced:
+        halo = max(halo, margin_of(kernel) + TAPS + STEEP_REACH * bool(post.steepness.any()))
     mask = MaskField.of(volume)
     near = None if mask is None else mask.near(low, high)
     if hidden is not None:
@@ -197,7 +199,10 @@ def post_records(
     u, first, inner = part
     spacing, reach = Grid.of(volume).mean_spacing, 1 if post.lean else int(kernel.radius)
     world = np.linalg.inv(volume.world_from_index) * spacing
-    is_steep = _steep_places(part, world, post.steepness * spacing)
+    slopes = is_steep = None
+    if not post.faced:
+        slopes = field_slopes(u, kernel, world)
+        is_steep = _steep_places(u, slopes, world, post.steepness * spacing)
     keep, beside = select_needed(u, reach, post.wanted, is_steep)
     wanted = keep[inner] & np.isfinite(u[inner])
     if near is not None:
@@ -209,7 +214,7 @@ def post_records(
     if not len(records):
         return records
     around = post.around if post.faced else None
-    values = Values(u, *coefficients(u, kernel, wanted, start), beside, around)
+    values = Values(u, *coefficients(u, kernel, wanted, start), beside, around, slopes)
     # whole rows of voxels, about RECORDS of which are wanted
     firsts = np.searchsorted(ends, np.arange(0, len(records), RECORDS), side="right") - 1
     breaks = [*dict.fromkeys(firsts.tolist()), len(rows)]
@@ -225,18 +230,19 @@ def post_records(
     return records
 
 
-def _steep_places(part: Samples, world: np.ndarray, least: np.ndarray) -> Callable[[int], np.ndarray] | None:
+def _steep_places(
+    u: np.ndarray, slopes: np.ndarray, world: np.ndarray, least: np.ndarray
+) -> Callable[[int], np.ndarray] | None:
     """Returns a function of an interval's number: bool [d, h, w], voxels near which gradients of `least` [n] per mean
-    spacing may be reconstructed, as means of those of the voxels around; None if any gradient will do. world: of
-    differences per grid step.
+    spacing may be reconstructed, as means of those of the voxels around; None if any gradient will do. slopes: of
+    samples u, as of `field_slopes` with `world`.
     """
     if not least.any():
         return None
-    squares = _squared_gradients(part, world)
-    rounded = ROUNDED * float(np.nanmax(np.abs(part.u))) * np.abs(world).sum()
+    rounded = ROUNDED * float(np.nanmax(np.abs(u))) * np.abs(world).sum()
 
     def near(number: int) -> np.ndarray:
-        steep = squares >= max(least[number] - rounded, 0.0) ** 2
+        steep = slopes >= max(least[number] - rounded, 0.0)
         for _ in range(STEEP_REACH if least[number] else 0):
             steep = dilate(steep)
         return steep
@@ -244,38 +250,55 @@ def _steep_places(part: Samples, world: np.ndarray, least: np.ndarray) -> Callab
     return near
 
 
-def _squared_gradients(part: Samples, world: np.ndarray) -> np.ndarray:
-    """Squares [d, h, w] of the magnitudes of the gradients of a part's samples, times `world`; NaN beyond STEEP_REACH
-    from its own, and where a sample is missing.
+def field_slopes(u: np.ndarray, kernel: Kernel, world: np.ndarray) -> np.ndarray:
+    """float32 [D, H, W]: magnitudes of gradients at samples u whose kernel means are near those of the field; NaN at
+    missing samples. world: turns differences per grid step along x, y, z to world axes. Beyond the ends samples go on
+    point-symmetrically; beside missing ones, magnitudes are of differences of samples.
     """
-    u, own = part.u, (side.indices(size) for side, size in zip(part.own, part.u.shape, strict=True))
-    squares = np.full(u.shape, np.nan, np.float32)
+    weights, margin, finite = derivative_weights(kernel).tolist(), margin_of(kernel), np.isfinite(u)
+    c = prefilter(np.pad(u, margin + TAPS, mode="reflect", reflect_type="odd"), kernel)
+    inner = [slice(margin + TAPS, margin + TAPS + size) for size in u.shape]
+    gradient = np.zeros((3, *u.shape), np.float32)
+    for axis, along in enumerate(gradient[::-1]):
+        for step, weight in enumerate(weights, 1):
+            sides = [
+                tuple(slice(a.start + n, a.stop + n) if i == axis else a for i, a in enumerate(inner))
+                for n in (step, -step)
+            ]
+            along += np.float32(weight) * (c[sides[0]] - c[sides[1]])
+    slopes = np.sqrt(np.square(np.tensordot(world.T.astype(np.float32), gradient, 1)).sum(axis=0))
+    if not finite.all():
+        beside = ~finite
+        for _ in range(margin):
+            beside = dilate(beside)
+        z, y, x = np.nonzero(beside & finite)
+        slopes[z, y, x] = np.linalg.norm(gradients(u, x, y, z) @ world, axis=1)
+        slopes[~finite] = np.nan
+    return slopes
 
-    def slope(block: np.ndarray, axis: int) -> np.ndarray:
-        a = block.swapaxes(0, axis)[:, 2:-2, 2:-2]
-        return np.asarray((8 * (a[3:-1] - a[1:-3]) - (a[4:] - a[:-4])) / 12).swapaxes(0, axis)
 
-    def square(outer: Sides, some: Sides, inner: Sides) -> None:
-        block, along = np.full_like(u[outer], np.nan), [slope(u[outer], axis) for axis in (2, 1, 0)]
-        columns = world.T.astype(np.float32)
-        block[2:-2, 2:-2, 2:-2] = sum(
-            np.square(sum(each * share for each, share in zip(along, column, strict=True) if share != 0))
-            for column in columns
-        )
-        squares[some] = block[inner]
+def with_slopes(gradient: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Gradients [N, 3] with magnitudes [N]: lighting keeps the directions that are smooth."""
+    length = np.linalg.norm(gradient, axis=1)
+    return np.asarray(gradient * (slopes / np.where(length > 0, length, 1.0))[:, None])
 
-    if min(u.shape) > 2 * GRADIENT_HALO:
-        in_blocks(u.shape, GRADIENT_HALO, square)
-    # beside the volume's ends and missing samples
-    near = tuple(slice(max(low - STEEP_REACH, 0), high + STEEP_REACH) for low, high, _ in own)
-    z, y, x = (i + side.start for i, side in zip(np.nonzero(np.isnan(squares[near])), near, strict=True))
-    squares[z, y, x] = np.square(gradients(u, x, y, z) @ world).sum(axis=1)
-    return squares
+
+def derivative_weights(kernel: Kernel) -> np.ndarray:
+    """[TAPS]: weights of the differences between the coefficients 1, 2, … steps behind and before one, whose kernel
+    sums are the nearest to the derivative of the kernel sum of coefficients, and exact for cubics.
+    """
+    x = np.linspace(-TAPS, TAPS, 32 * TAPS * 2 + 1) * 1.5
+    steps = np.arange(1.0, TAPS + 1)
+    terms = np.stack([kernel.value(np.abs(x + n)) - kernel.value(np.abs(x - n)) for n in steps], axis=1)
+    exact = np.stack([steps, steps**3])
+    system = np.block([[terms.T @ terms, exact.T], [exact, np.zeros((2, 2))]])
+    slope = np.gradient(kernel.value(np.abs(x)), x)
+    return np.asarray(np.linalg.solve(system, np.concatenate([terms.T @ slope, [0.5, 0.0]]))[:TAPS])
 
 
 class Values(NamedTuple):
     """u: record values of the samples. c: coefficients, from place `start` on. near: see `select_needed`. around: see
-    `gradients`.
+    `gradients`. slopes: as of `field_slopes`, if opacity depends on gradients.
     """
 
     u: np.ndarray
@@ -283,6 +306,7 @@ class Values(NamedTuple):
     start: Places
     near: np.ndarray
     around: Around | None
+    slopes: np.ndarray | None
 
 
 def _fill(filled: np.ndarray, values: Values, places: tuple[np.ndarray, ...], first: Places, world: np.ndarray) -> None:
@@ -295,7 +319,8 @@ def _fill(filled: np.ndarray, values: Values, places: tuple[np.ndarray, ...], fi
     outer = np.flatnonzero(~np.take(values.near, _flat(values.near, z, y, x)))
     value[outer] = np.clip(value[outer], *extremes(values.u, x[outer], y[outer], z[outer]))
     filled["value"] = value
-    filled["gradient"] = (world.T @ gradients(values.u, x, y, z, around=values.around).T).T
+    gradient = (world.T @ gradients(values.u, x, y, z, around=values.around).T).T
+    filled["gradient"] = gradient if values.slopes is None else with_slopes(gradient, values.slopes[z, y, x])
 
 
 def _flat(a: np.ndarray, z: Any, y: Any, x: Any) -> Any:

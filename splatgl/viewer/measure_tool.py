@@ -9,7 +9,7 @@ import numpy as np
 from splatgl.annotations.canvas import Measure
 from splatgl.annotations.measures import measure_text
 from splatgl.errors import InputError
-from splatgl.reference.pick import Picked, pick, pick_options
+from splatgl.reference.pick import Picked, pick
 from splatgl.splat.camera import Camera
 from splatgl.splat.clipping import Clip, Plane
 from splatgl.splat.splats import Splats
@@ -32,7 +32,7 @@ def under_cursor(state: State, document: Document, place: Place) -> Picked | Non
         return None
     scene = document.scene_at(1, state.settings.clip)
     try:
-        return pick(scene, state.pose.camera, pixel, **pick_options(state.settings))
+        return pick(scene, state.pose.camera, pixel, settings=state.settings.but(clip=()))
     except InputError:
         return None
 

@@ -11,11 +11,11 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl.program import build, splat_switches
-from splatgl.reference import streaks
 from splatgl.reference.blend import pixel_means
 from splatgl.splat.kernels import kernel
 from splatgl.splat.motion import Moments
 from splatgl.splat.motion_blur import MOTIONS
+from tests.helpers import streaks
 from tests.helpers.splatting import SPLATS, each_two
 
 COUNT = 90

@@ -7,13 +7,13 @@ import pytest
 
 import splatgl as sg
 from splatgl.gl.uniforms import frame_block
-from splatgl.reference.streaks import inner_of, length_of, pass_kernels
 from splatgl.splat.motion import FAR, NEAREST, Streaks, eye_point, streak_of, streaks
 from splatgl.splat.motion_blur import COLUMNS, ROWS, blur_table, hermite, isolation, moving_opacity, stretched_footprint
 from splatgl.splat.plan import Plan
 from splatgl.splat.view import GridView, tangents
 from tests.helpers.noise import noise, views
 from tests.helpers.splatting import SPLATS
+from tests.helpers.streaks import inner_of, length_of, pass_kernels
 from tests.helpers.twins import COUNT, Twin, some_voxels
 
 MOVE = sg.Motion(spin=(0, 3, 20), velocity=(0.4, 0, 0))

@@ -7,8 +7,8 @@ import pytest
 
 import splatgl as sg
 from splatgl.data.image import Image
-from splatgl.reference import streaks
 from splatgl.splat.motion import MOST, Moments, Motion, Shorter, count_moments
+from tests.helpers import streaks
 from tests.helpers.splatting import SPLATS
 
 XRAY = SPLATS.but(blend="xray")

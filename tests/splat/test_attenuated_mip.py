@@ -182,5 +182,5 @@ def test_the_value_that_is_shown_is_picked() -> None:
     volume = along_x(np.repeat([0.4, 0.9], 16))
     for strength, right in ((0.0, 0.9), (0.02, 0.9), (0.2, 0.4)):
         found = sg.pick(volume, view(volume), (1, 1), LINEAR, mode="max", attenuation=strength)
-        assert found is not None and found.value == pytest.approx(right)
+        assert found is not None and found.value == pytest.approx(right, abs=0.002)
         assert (found.index[0] > 14.9) == (right == 0.9)

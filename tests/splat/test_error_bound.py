@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import splatgl as sg
-from splatgl.reference import streaks
 from splatgl.reference.rays import Pixels, pair_values
 from splatgl.reference.renderer import SplatScene, _scene
 from splatgl.splat.error_bound import BRIGHTER, MOVED, ULP, Bound, _deviation_at, bound
@@ -20,6 +19,7 @@ from splatgl.splat.ray_overlap import cells_of, ray_overlap
 from splatgl.splat.resolve import Resolved
 from splatgl.studies.stress import CASES, run_case
 from tests.fuzz.error_bound import case, measure
+from tests.helpers import streaks
 from tests.helpers.splatting import SPLATS
 
 SIZE = (64, 48)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from splatgl.splat.regions import GAUSS_ERROR, SHAPES, Region, extinction_of, ma
 from splatgl.splat.settings import Technique
 from splatgl.splat.transfer_files import load_transfer
 from tests.helpers.bricks import noise
+from tests.helpers.marcher import Field
 from tests.helpers.noise import GRIDS, inside, views
 from tests.helpers.regions import SOME, half_flat
 from tests.helpers.regions import painting as painting
@@ -152,6 +154,24 @@ def test_both_shapes_draw_the_same(processor: sg.Renderer, card: sg.Renderer, pa
     camera = views(splats)["fitted"]
     both = [one.render(splats, camera, EXACT.but(technique="tiles")).pixels for one in (processor, card)]
     assert both[0].any() and np.abs(both[0] - both[1]).max() < 2e-5
+
+
+@pytest.mark.parametrize(("width", "low", "high"), [(0.6, 0.93, 1.0), (1.0, 0.985, 1.015), (1.5, 0.985, 1.015)])
+def test_gradients_are_those_of_the_field(width: float, low: float, high: float) -> None:
+    """Across edges of so many voxels, wherever they are between voxels, the largest gradient is that of the field."""
+    ratios = []
+    for normal in ((1, 0, 0), (0, 2, 1), (1, 1, 1)):
+        unit = np.array(normal) / np.linalg.norm(normal)
+        for offset in (0.0, 0.25, 0.5, 0.75):
+            across = (np.indices((24, 24, 24))[::-1].T - 11.5 - offset) @ unit
+            edge = np.vectorize(math.erf)(across / width / math.sqrt(2)).T
+            splats = sg.extract(sg.Volume(edge), sg.Transfer(regions=["box:-2,2,0,9"]), classification="post-all")
+            field, along = Field(splats), np.linspace(-2, 2, 161)
+            places = 11.5 + offset + unit[:, None] * along
+            values, gradients = field.at(places)
+            own = np.abs(np.gradient(values, along)).max()
+            ratios.append(np.linalg.norm(gradients, axis=1).max() * splats.post.span / own)
+    assert low < np.mean(ratios) < high
 
 
 def test_sheets_are_near_the_field(painting: str) -> None:

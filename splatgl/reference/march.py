@@ -1,0 +1,469 @@
+"""One walk along rays in float64, through the matter that pictures show: depth maps and picks follow it.
+
+Between two points of a ray, at most 1/STEPS voxel apart, values are linear, or where they turn a parabola: all values
+between are classified, iso-surfaces between are crossed. Rays skip blocks of cells without visible values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from splatgl.data.mesh import Mesh
+from splatgl.errors import expected
+from splatgl.reference.layers import crossings
+from splatgl.reference.matter import BLOCK, PAD, Blocks, ValueMatter, VoxelMatter
+from splatgl.reference.rays import Pixels, box_ends, index_rays, pixel_slopes
+from splatgl.splat.camera import Camera
+from splatgl.splat.clipping import FLUSH, GRAZING, Clip
+from splatgl.splat.culling import clip_behind_eye
+from splatgl.splat.grid import ranges
+from splatgl.splat.kernels import BOX, Kernel
+from splatgl.splat.kernels import kernel as kernel_named
+from splatgl.splat.mask_field import MaskField, clip_to_mask
+from splatgl.splat.resolve import draws_boxes, kernel_name, select_splats
+from splatgl.splat.scene import Scene
+from splatgl.splat.settings import Settings
+from splatgl.splat.splats import Splats
+from splatgl.splat.view import GridView
+
+# points of a ray per voxel, and of a single ray; points of all rays that are evaluated together, of a ray at least
+STEPS, FINE, TOGETHER, LEAST = 2, 16, 1 << 16, 8
+# parts into which a decisive step is divided, and how often
+PARTS, TIMES = 8, 3
+# pixels up to which only splats beside their rays are taken, and no blocks are looked for
+FEW = 16
+# share of a step by which rays pass the end of a block
+SLIGHTLY = 1e-6
+# opacity of an opaque surface: its optical depth exceeds that of any share
+OPAQUE = 1 - 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """Values [P] that rays must exceed, times a sign: 1 for the largest values, −1 for the least, 0: no block of cells
+    is known not to.
+    """
+
+    value: np.ndarray
+    sign: float
+
+
+def fields_of(
+    scene: Scene, camera: Camera, settings: Settings, pixels: np.ndarray, what: str
+) -> list[tuple[int, LayerField]]:
+    """The matter of the visible layers of a scene along the rays of pixels, with the numbers of these layers. Raises
+    InputError, which says `what` needs it, for clouds of points and volumes that are read in parts.
+    """
+    scene.require_voxels(what)
+    for layer in scene.shown:
+        if not isinstance(layer.volume.samples, np.ndarray):
+            fix = "draw a coarser --level, or a part of it"
+            name = layer.volume.name or "volume"
+            raise expected(name, f"samples in memory or mapped, for a {what}", "some that are read in parts", fix)
+    fields = []
+    for number, (splats, planes) in enumerate(zip(scene.splats(settings), scene.planes, strict=True)):
+        field = LayerField.of(splats, camera, replace(settings, clip=(*settings.clip, *planes)), pixels)
+        if field is not None:
+            fields.append((number, field))
+    return fields
+
+
+@dataclass(frozen=True, eq=False)
+class LayerField:
+    """The matter of a layer. splats: that its picture draws. clip, mask: of its rays; None for voxels classified before
+    reconstruction, which are whole. steps: points of a ray per voxel.
+    """
+
+    splats: Splats
+    kernel: Kernel
+    clip: Clip | None
+    steps: int
+    matter: ValueMatter | VoxelMatter
+
+    @classmethod
+    def of(cls, splats: Splats, camera: Camera, settings: Settings, pixels: np.ndarray) -> Self | None:
+        """The matter along the rays of pixels; None without any. settings: with the layer's clip planes."""
+        chosen = clip_behind_eye(select_splats(splats, settings, False, camera), camera)
+        if not len(chosen):
+            return None
+        is_boxes = draws_boxes(chosen, settings, False)
+        kernel = BOX if is_boxes else kernel_named(kernel_name(chosen, settings))
+        clip = Clip.of(settings.clip, chosen.grid) if is_boxes or chosen.post is not None else None
+        some: np.ndarray | slice = slice(None)
+        if len(pixels) <= FEW:
+            some = _beside(chosen, _ray_ends(chosen, kernel, clip, camera, pixels))
+            if not len(some):
+                return None
+        steps = FINE if len(pixels) <= FEW else STEPS
+        if chosen.post is not None:
+            return cls(chosen, kernel, clip, steps, ValueMatter.of(chosen, some))
+        return cls(chosen, kernel, clip, steps, VoxelMatter.of(chosen, some, kernel))
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """As of `Matter.visible_blocks`."""
+        return self.matter.visible_blocks()
+
+    @property
+    def mask(self) -> MaskField | None:
+        """The mask of its rays."""
+        return self.splats.mask if self.splats.post is not None else None
+
+    @property
+    def is_boxes(self) -> bool:
+        """Whether the matter is boxes of labels."""
+        return self.kernel is BOX
+
+    def along(self, camera: Camera, pixels: np.ndarray) -> LayerRays:
+        """The layer along the rays of pixels."""
+        ends = _ray_ends(self.splats, self.kernel, self.clip, camera, pixels)
+        return LayerRays(self, *ends, ray_lengths(camera, pixels))
+
+
+def _ray_ends(
+    splats: Splats, kernel: Kernel, clip: Clip | None, camera: Camera, pixels: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """start, along [3, P]: grid positions of rays at depth 0, and per eye-space depth; near, far [P]: depths between
+    which they are near splats, equal if nowhere.
+    """
+    view = GridView.of(splats.grid, camera, kernel, antialias=False)
+    start, direction, _ = index_rays(view, pixel_slopes(pixels, camera, view.pitch))
+    flush = np.where(np.abs(direction) < GRAZING * np.linalg.norm(direction, axis=0), FLUSH, 0.0)
+    reach = 0.5 if kernel is BOX else kernel.radius
+    low, high = splats.index_bounds + np.array([[-reach], [reach]])
+    if splats.post is not None:
+        low, high = np.maximum(low, -0.5), np.minimum(high, np.array(splats.post.shape) - 0.5)
+    near, far = box_ends(start, direction, low[:, None] - flush, high[:, None] + flush)
+    near = np.maximum(near, 0.0)
+    if clip is not None:
+        enters, leaves, _ = clip.along(start, direction)
+        near, far = np.maximum(near, enters), np.minimum(far, leaves)
+    hit, spacing = far > near, splats.grid.mean_spacing
+    return start, direction / spacing, np.where(hit, near, 0.0) * spacing, np.where(hit, far, 0.0) * spacing
+
+
+def _beside(splats: Splats, ends: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+    """Numbers of the splats whose kernels may reach rays; ends: as of `_ray_ends`."""
+    start, along, near, far = ends
+    length = np.linalg.norm(along, axis=0) * (far - near)
+    count = int(np.ceil(length.max(initial=0.0))) + 1
+    places = start[:, None] + along[:, None] * (near + (far - near) * (np.arange(count + 1) / count)[:, None])
+    x, y, z = np.rint(places.reshape(3, -1)[:, np.repeat(length[None] > 0, count + 1, axis=0).ravel()]).astype(np.int64)
+    # a kernel, and half a voxel to the nearest of these places
+    around = np.arange(-PAD, PAD + 1)
+    low, size = splats.index_bounds.astype(np.int64)[0] - PAD, int(np.ptp(splats.index_bounds[:, 1])) + 4 * PAD
+    row_keys = (splats.row_z - low[2]) * np.int64(size) + splats.row_y - low[1]
+    keys = ((z - low[2])[:, None, None] + around[:, None]) * size + (y - low[1])[:, None, None] + around
+    wanted, row = np.unique(keys, return_inverse=True)
+    first, last = np.full(len(wanted), np.iinfo(np.int64).max), np.full(len(wanted), np.iinfo(np.int64).min)
+    beside = np.broadcast_to(x[:, None, None], keys.shape).ravel()
+    np.minimum.at(first, row.ravel(), beside)
+    np.maximum.at(last, row.ravel(), beside)
+    found = np.searchsorted(row_keys, wanted)
+    some = np.flatnonzero(row_keys[np.minimum(found, len(row_keys) - 1)] == wanted)
+    rows = found[some]
+    count_in = np.diff(splats.row_start)[rows]
+    members, cell = ranges(splats.row_start[rows], count_in), np.repeat(some, count_in)
+    at = splats.cell_x[members]
+    return np.asarray(members[(at >= first[cell] - PAD) & (at <= last[cell] + PAD)])
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Pieces of rays between depths begin and end [K, N], and the states [n, K, N] there. turns bool [K, N]: whether
+    values may have an extreme within; None: nowhere.
+    """
+
+    begin: np.ndarray
+    end: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    turns: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LayerRays:
+    """A layer along rays. start, along [3, P]: grid positions at depth 0, and per eye-space depth; near, far [P]:
+    depths between which a ray is in the layer, equal if nowhere; length [P]: of a ray, per depth.
+    """
+
+    layer: LayerField
+    start: np.ndarray
+    along: np.ndarray
+    near: np.ndarray
+    far: np.ndarray
+    length: np.ndarray
+
+    @cached_property
+    def step(self) -> np.ndarray:
+        """[P]: largest depth between two points of a ray."""
+        return np.asarray(1 / (self.layer.steps * np.linalg.norm(self.along, axis=0)))
+
+    def places(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Grid positions [3, …, N] at depths […, N] of rays [N]."""
+        axis = (slice(None), *[None] * (depth.ndim - 1))
+        return np.asarray(self.start[:, rays][axis] + self.along[:, rays][axis] * depth)
+
+    def states(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """[n, …, N]: states at depths […, N] of rays [N]."""
+        states = self.layer.matter.at(self.places(depth, rays).reshape(3, -1))
+        return states.reshape(len(states), *depth.shape)
+
+    def until(self, depth: np.ndarray) -> LayerRays:
+        """The rays up to depths [P]."""
+        return replace(self, far=np.maximum(np.minimum(self.far, depth), self.near))
+
+    def values(self, depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Values […, N] at depths […, N] of rays [N]; NaN outside the layer, and where the mask keeps nothing."""
+        values = self.states(depth, rays)[0]
+        gone = (depth < self.near[rays]) | (depth > self.far[rays]) | (self.far <= self.near)[rays]
+        if self.layer.mask is not None:
+            at = self.layer.mask.at(self.places(depth, rays).reshape(3, -1)).reshape(depth.shape)
+            gone |= at < 0
+        return np.where(gone, np.nan, values)
+
+    def passed(self, ends: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Optical depths [K, N] between depths [K + 1, N] of rays [N]."""
+        passed = np.zeros((len(ends) - 1, len(rays)))
+        some = np.flatnonzero((ends[-1] > self.near[rays]) & (ends[0] < self.far[rays]))
+        ends, rays = ends[:, some], rays[some]
+        if self.layer.is_boxes:
+            ends = np.clip(ends, self.near[rays], self.far[rays])
+            # a step is within a voxel
+            first = self.states((ends[:-1] + ends[1:]) / 2, rays)
+            pieces = Pieces(ends[:-1], ends[1:], first, first)
+        else:
+            pieces = self._pieces(ends, rays)
+        length = np.maximum(pieces.end - pieces.begin, 0.0)
+        mean, crossed = self._between(pieces, rays)
+        passed[:, some] = mean * length * self.length[rays] + np.where(length > 0, crossed, 0.0)
+        return passed
+
+    def _pieces(self, ends: np.ndarray, rays: np.ndarray) -> Pieces:
+        """Pieces between depths [K + 1, N] of rays [N], within the layer and its mask."""
+        # one more on either side tells where values turn
+        ends = np.concatenate([2 * ends[:1] - ends[1:2], ends, 2 * ends[-1:] - ends[-2:-1]])
+        ends = np.clip(ends, self.near[rays], self.far[rays])
+        states = self.states(ends, rays)
+        rise = np.diff(states[0], axis=0)
+        turns = (rise[:-2] * rise[1:-1] < 0) | (rise[1:-1] * rise[2:] < 0)
+        ends, states = ends[1:-1], states[:, 1:-1]
+        (first, last), (begin, end) = ((all_[..., :-1, :], all_[..., 1:, :]) for all_ in (states, ends))
+        if self.layer.mask is not None:
+            kept = self.layer.mask.at(self.places(ends, rays).reshape(3, -1)).reshape(ends.shape)
+            low, high = clip_to_mask((kept[:-1], kept[1:]), (begin, end))
+            slope = (last - first) / np.where(end > begin, end - begin, 1.0)
+            turns &= (low == begin) & (high == end)
+            first, last, begin, end = first + slope * (low - begin), last + slope * (high - end), low, high
+        return Pieces(begin, end, first, last, turns)
+
+    def _between(self, pieces: Pieces, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean extinctions and optical depths [K, N] of iso-surfaces of pieces of rays [N]. Where values turn, they are
+        a parabola, whose two branches count.
+        """
+        matter, shape = self.layer.matter, pieces.begin.shape
+        ends = [state.reshape(len(state), -1) for state in (pieces.first, pieces.last)]
+        mean, crossed = matter.between(*ends)
+        if pieces.turns is not None and pieces.turns.any():
+            step, ray = np.nonzero(pieces.turns)
+            some = step * shape[1] + ray
+            first, last = (state[:, some] for state in ends)
+            middle = self.states((pieces.begin[step, ray] + pieces.end[step, ray]) / 2, rays[ray])
+            middle = np.where(np.isnan(middle), (first + last) / 2, middle)
+            slope, bend = 4 * middle - 3 * first - last, 2 * (first + last - 2 * middle)
+            share = np.clip(-slope[0] / np.where(bend[0] == 0, 1.0, 2 * bend[0]), 0.0, 1.0)
+            top = first + slope * share + bend * share**2
+            branches = matter.between(first, top), matter.between(top, last)
+            mean[some] = branches[0][0] * share + branches[1][0] * (1 - share)
+            crossed[some] = branches[0][1] + branches[1][1]
+        return mean.reshape(shape), crossed.reshape(shape)
+
+    def stops(self, begin: np.ndarray, end: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Depths [n, N] between begin and end [N] at which rays [N] enter other voxels of labels."""
+        if not self.layer.is_boxes:
+            return np.zeros((0, len(rays)))
+        start, along = self.start[:, rays], self.along[:, rays]
+        ends = np.sort(np.stack([start + along * begin, start + along * end]), axis=0)
+        most = int(np.ceil((ends[1] - ends[0]).max(initial=0.0))) + 1
+        face = np.ceil(ends[0] - 0.5) + 0.5 + np.arange(most)[:, None, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.where(face <= ends[1], (face - start) / along, end)
+        return np.asarray(np.clip(np.nan_to_num(depth, nan=np.inf).reshape(-1, len(rays)), begin, end))
+
+    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
+        """Depth [N] to pass until something may be visible from depths [N] of rays [N] on: infinite behind the layer.
+
+        best: values that must be exceeded; None: skips blocks without visible matter.
+        """
+        near, far = self.near[rays], self.far[rays]
+        free = np.where(depth < near, near - depth, 0.0)
+        if self.layer.steps == STEPS and (best is None or best.sign):
+            visible, low, high = self.layer.blocks
+            cells = self.layer.matter.cells
+            place = self.places(depth, rays) - cells.low[:, None]
+            block = np.clip(np.floor(place), 0, np.array(cells.shape)[::-1, None] - 1).astype(np.int64) // BLOCK
+            x, y, z = block
+            if best is None:
+                is_empty = ~visible[z, y, x]
+            else:
+                limit = high[z, y, x] if best.sign > 0 else -low[z, y, x]
+                is_empty = limit <= best.value[rays]
+            some = np.flatnonzero(is_empty & (depth >= near))
+            along = self.along[:, rays[some]]
+            ends = np.where(along > 0, block[:, some] + 1, block[:, some]) * float(BLOCK)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                out = np.where(along == 0, np.inf, (ends - place[:, some]) / along).min(axis=0)
+            # slightly beyond the end of the block
+            free[some] = np.maximum(out, 0.0) + SLIGHTLY * self.step[rays[some]]
+        return np.where(depth >= far, np.inf, free)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRays:
+    """Meshes along rays. depth, thickness [P, n]: eye-space depths of crossings, nearest first, the last infinite, and
+    optical depths; mesh [P, n]: their numbers. step [P]: depth before a crossing from which rays are followed.
+    """
+
+    depth: np.ndarray
+    thickness: np.ndarray
+    mesh: np.ndarray
+    step: np.ndarray
+
+    @classmethod
+    def of(cls, meshes: Sequence[Mesh], camera: Camera, pixels: np.ndarray) -> Self | None:
+        """Of meshes along the rays of pixels; None without any."""
+        crossed = crossings(meshes, camera, Pixels.of(camera.size, pixels), None)
+        if crossed.distance.shape[1] == 1:
+            return None
+        depth = crossed.distance / ray_lengths(camera, pixels)[:, None]
+        thickness = -np.log1p(-np.minimum(crossed.light[..., 3], OPAQUE))
+        step = np.where(np.isfinite(depth[:, 0]), depth[:, 0], 1.0) / STEPS
+        return cls(depth, thickness, crossed.mesh, step)
+
+    @property
+    def opaque(self) -> np.ndarray:
+        """[P]: depths of the first opaque crossings; infinite without one."""
+        limit = -np.log1p(-OPAQUE)
+        return np.asarray(np.where(self.thickness >= limit, self.depth, np.inf).min(axis=1))
+
+    def passed(self, ends: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Optical depths [K, N] between depths [K + 1, N] of rays [N], ends included."""
+        passed = np.zeros((len(ends) - 1, len(rays)))
+        for depth, thickness in zip(self.depth[rays].T, self.thickness[rays].T, strict=True):
+            passed += thickness * ((ends[:-1] < depth) & (depth <= ends[1:]))
+        return passed
+
+    def stops(self, begin: np.ndarray, end: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Depths [n, N] of the crossings, not beyond begin and end [N]."""
+        return np.clip(self.depth[rays].T, begin, end)
+
+    def free(self, depth: np.ndarray, rays: np.ndarray, best: Best | None) -> np.ndarray:
+        """Depth [N] to pass until the next crossing from depths [N] of rays [N] on: infinite behind all."""
+        ahead = np.where(self.depth[rays] > depth[:, None], self.depth[rays], np.inf).min(axis=1) - depth
+        # a step begins before its crossing
+        return np.where(ahead < self.step[rays], 0.0, ahead - self.step[rays] / 2)
+
+
+Along = Sequence[LayerRays | SurfaceRays]
+
+
+def walk(parts: Along, visit: Callable[[np.ndarray, np.ndarray], np.ndarray], best: Best | None = None) -> None:
+    """Follows rays through layers and meshes. visit: takes numbers of rays [N] and ascending depths [K + 1, N], between
+    which matter may be visible, and returns which of the rays go on. best: as of `LayerRays.free`.
+    """
+    if not parts:
+        return
+    step = np.min([part.step for part in parts], axis=0)
+    rays, depth = np.arange(len(step)), np.zeros(len(step))
+    while len(rays):
+        free = np.min([part.free(depth[rays], rays, best) for part in parts], axis=0)
+        depth[rays] += free
+        ready, rays = rays[free == 0], rays[(free > 0) & np.isfinite(free)]
+        if not len(ready):
+            continue
+        ahead = np.max([part.far[ready] for part in parts if isinstance(part, LayerRays)] or [depth[ready]], axis=0)
+        left = int(((ahead - depth[ready]) / step[ready]).max()) + 1
+        count = int(np.clip(min(TOGETHER // len(ready), left), LEAST, None))
+        ends = depth[ready] + step[ready] * np.arange(count + 1)[:, None]
+        stops = [part.stops(ends[0], ends[-1], ready) for part in parts]
+        if any(map(len, stops)):
+            ends = np.sort(np.concatenate([ends, *stops]), axis=0)
+        depth[ready] = ends[-1]
+        rays = np.concatenate([rays, ready[visit(ready, ends)]])
+
+
+def passed(parts: Along, ends: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Optical depths [K, N] of all layers and meshes between depths [K + 1, N] of rays [N]."""
+    return np.asarray(np.sum([part.passed(ends, rays) for part in parts], axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Where rays reach an optical depth. begin, end [P]: a short piece within which they do, NaN for none; depth [P]:
+    within it. total [P]: optical depths that rays have passed when they end.
+    """
+
+    begin: np.ndarray
+    end: np.ndarray
+    depth: np.ndarray
+    total: np.ndarray
+
+
+def absorb(parts: Along, enough: np.ndarray) -> Reached:
+    """Follows rays until they have passed optical depths [P]."""
+    total = np.zeros(len(enough))
+    begin, end, left = np.full((3, len(enough)), np.nan)
+
+    def visit(rays: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        until = total[rays] + np.cumsum(passed(parts, ends, rays), axis=0)
+        is_enough = until >= enough[rays]
+        reached = np.flatnonzero(is_enough[-1])
+        step, ray = is_enough[:, reached].argmax(axis=0), rays[reached]
+        begin[ray], end[ray] = ends[step, reached], ends[step + 1, reached]
+        before = np.where(step > 0, until[np.maximum(step - 1, 0), reached], total[ray])
+        left[ray] = enough[ray] - before
+        total[rays] = until[-1]
+        return ~is_enough[-1]
+
+    walk(parts, visit)
+    some = np.flatnonzero(np.isfinite(begin))
+    depth = np.full(len(enough), np.nan)
+    if len(some):
+        begin[some], end[some], depth[some] = _refine(parts, some, (begin[some], end[some]), left[some])
+    return Reached(begin, end, depth, total)
+
+
+def _refine(
+    parts: Along, rays: np.ndarray, piece: tuple[np.ndarray, np.ndarray], left: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The part, PARTS times shorter TIMES over, of a piece between depths [N] in which rays [N] pass the optical depth
+    that is left [N], and the depth within it; at a mesh if that decides.
+    """
+    (begin, end), all_rays = piece, np.arange(len(rays))
+    for _ in range(TIMES):
+        ends = begin + (end - begin) * (np.arange(PARTS + 1) / PARTS)[:, None]
+        ends[-1] = end
+        until = np.cumsum(passed(parts, ends, rays), axis=0)
+        # the parts do not add up exactly to the piece
+        left = np.minimum(left, until[-1])
+        part = (until < left).sum(axis=0)
+        before = np.where(part > 0, until[np.maximum(part - 1, 0), all_rays], 0.0)
+        within = until[part, all_rays] - before
+        begin, end, left = ends[part, all_rays], ends[part + 1, all_rays], left - before
+    depth = begin + (end - begin) * np.clip(left / np.where(within > 0, within, 1.0), 0.0, 1.0)
+    for surfaces in (part for part in parts if isinstance(part, SurfaceRays)):
+        inside = (begin[:, None] < surfaces.depth[rays]) & (surfaces.depth[rays] <= end[:, None])
+        depth = np.where(inside.any(axis=1), np.where(inside, surfaces.depth[rays], np.inf).min(axis=1), depth)
+    return begin, end, np.asarray(depth)
+
+
+def ray_lengths(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """[P]: lengths of the rays through the centres of pixels, per eye-space depth."""
+    across, down = camera.slopes()
+    row, column = np.divmod(pixels, camera.size[0])
+    return np.sqrt(across[column] ** 2 + down[row] ** 2 + 1) if camera.perspective else np.ones(len(pixels))
