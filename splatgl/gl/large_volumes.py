@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatgl.data.color import linear_from_srgb
 from splatgl.data.image import Image
 from splatgl.data.volume import Volume, zyx_index
 from splatgl.fileio import budget
@@ -29,9 +30,11 @@ from splatgl.splat.splats import Splats
 from splatgl.splat.transfer import Transfer
 
 # boxes to compare; places, and bytes of the finest level, to search for them, as many are empty and losses are rare
-BOXES, PLACES, MOST_READ = 8, 128, 1 << 28
+BOXES, PLACES, MOST_READ = 8, 512, 1 << 28
 # coarse voxels along a side of a box, and the least and most fine voxels
 COARSE_SIDE, FINE_SIDES = 8, (32, 128)
+# values that are classified at a time
+AT_ONCE = 1 << 16
 # samples along a pixel of the reference, and pixels around a box
 SAMPLES, MARGIN = 8, 4
 # factor by which the error of a coarser level may be larger: few boxes do not measure it better
@@ -129,48 +132,108 @@ class _Box:
 def _boxes(
     volume: Volume, coarsest: int, transfer: Transfer, camera: Camera, settings: Settings, renderer: Renderer
 ) -> Iterator[_Box]:
-    """Up to BOXES boxes of whole coarse voxels that are not empty: of places distributed over the volume, those whose
-    opacity the means over coarse voxels lose most of.
-    """
-    size, sides = np.array(volume.shape[::-1]), np.array(volume.coarser[coarsest - 1].spacing) / volume.spacing
-    step = np.maximum(np.rint(sides).astype(np.int64), 1)
-    side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step, size)
-    most, found = MOST_READ // (int(side.prod()) * volume.samples.dtype.itemsize), 0
-    lows = np.unique(spread_places(size - side, min(max(most, BOXES), PLACES)) // step * step, axis=0)
-    lost = [_lost(volume.part(zyx_index(low), zyx_index(low + side)), step, transfer) for low in lows]
-    for low in lows[np.argsort(lost)[::-1]]:
-        part = volume.part(zyx_index(low), zyx_index(low + side))
-        ends = np.stack([low - 0.5, low + side - 0.5]) @ volume.world_from_index.T + volume.origin
+    """Up to BOXES boxes that are not empty, those that the coarsest level changes most first."""
+    found = 0
+    for first, last in changed_boxes(volume, coarsest, transfer, camera, settings.blend):
+        part = volume.part(zyx_index(first), zyx_index(last))
         near = _toward(camera, part)
         if near is None:
             continue
         image = _drawn(part, transfer, near, settings, renderer)
         if image.pixels.any():
             right = _drawn(part, transfer, near, replace(settings, antialias="supersample", samples=SAMPLES), renderer)
-            yield _Box((ends[0], ends[1]), near, image, right)
+            yield _Box(_ends(volume, first, last), near, image, right)
             found += 1
             if found == BOXES:
                 return
 
 
-def _lost(part: Volume, step: np.ndarray, transfer: Transfer) -> float:
-    """RMS difference of the opacity of means over `step` voxels (x, y, z) to the mean opacity; -1 if all is clear."""
-    samples = np.nan_to_num(np.asarray(part.samples, np.float64))
-    opacity = transfer.largest_opacity(samples)
-    if not opacity.any():
+def changed_boxes(volume: Volume, coarsest: int, transfer: Transfer, camera: Camera, blend: str) -> np.ndarray:
+    """int64 [n, 2, 3]: ends (x, y, z) of boxes of whole coarse voxels, of the whole volume or of PLACES distributed
+    over it; those whose flat picture differs most at the level `coarsest` come first.
+    """
+    size, level = np.array(volume.shape[::-1]), single_level(volume, coarsest)
+    step = np.maximum(np.rint(np.array(level.spacing) / volume.spacing).astype(np.int64), 1)
+    side = np.minimum(np.maximum(np.clip(COARSE_SIDE * step, *FINE_SIDES) // step, 1) * step, size)
+    most = MOST_READ // (int(side.prod()) * volume.samples.dtype.itemsize)
+    lows = _places(size, side, step, min(max(most, BOXES), PLACES))
+    boxes = np.stack([lows, lows + side], axis=1)
+    axis = int(np.abs(camera.forward @ volume.direction).argmax())
+    changes = []
+    for first, last in boxes:
+        parts = volume.part(zyx_index(first), zyx_index(last)), _cut(level, *_ends(volume, first, last))
+        changes.append(_change(*(flat_picture(part, transfer, blend, axis) for part in parts)))
+    return boxes[np.argsort(changes, kind="stable")[::-1]]
+
+
+def _places(size: np.ndarray, side: np.ndarray, step: np.ndarray, most: int) -> np.ndarray:
+    """int64 [n, 3]: first voxels (x, y, z) of the boxes that tile the volume, or of `most` that are distributed."""
+    count = -(-size // side)
+    if count.prod() > most:
+        return np.unique(spread_places(size - side, most) // step * step, axis=0)
+    return np.minimum(np.indices(count).reshape(3, -1).T * side, (size - side) // step * step)
+
+
+def _ends(volume: Volume, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The ends of the voxels first ≤ (x, y, z) < last, world units."""
+    low, high = np.stack([first - 0.5, last - 0.5]) @ volume.world_from_index.T + volume.origin
+    return low, high
+
+
+def flat_picture(part: Volume, transfer: Transfer, blend: str, axis: int) -> np.ndarray:
+    """[h, w, 4]: linear premultiplied picture of a volume along an axis of its grid, a column of voxels a pixel, for
+    comparison with other levels: without shading and interpolation. axis: 0 is x.
+    """
+    at, mode = 2 - axis, BLENDS[blend]
+    values = np.moveaxis(np.asarray(part.samples, np.float64), at, 0)
+    if mode.one_value:
+        value = np.mean(values, axis=0) if mode.join == "mean" else mode.combine.reduce(values, axis=0)
+        alpha = transfer.largest_opacity(value)[..., None]
+        return np.concatenate([transfer.color(value) * alpha, alpha], axis=2)
+    sizes = np.moveaxis(_magnitude(part), at, 0) if transfer.needs_gradients else np.zeros_like(values)
+    colors = None if part.color is None else np.moveaxis(part.color, at, 0)
+    surfaces, length = transfer.surface_matter(), part.spacing[axis] / (transfer.unit or 1.0)
+    picture, passed = np.zeros((*values.shape[1:], 4)), np.ones((*values.shape[1:], 1))
+    layers = max(AT_ONCE // values[0].size, 1)
+    for n in range(0, len(values), layers):
+        some, before = values[n : n + layers], values[np.maximum(np.arange(n, min(n + layers, len(values))) - 1, 0)]
+        opacity, color = transfer.classify(some.ravel(), sizes[n : n + layers].ravel())
+        if colors is not None:
+            color = linear_from_srgb(colors[n : n + layers] / 255)
+        own = transfer.extinction(opacity, 1.0).reshape(*some.shape, 1) * length
+        matter = np.concatenate([color.reshape(*some.shape, 3), np.ones_like(own)], axis=3) * own
+        for surface, behind in zip(transfer.iso, surfaces, strict=True):
+            matter += ((some > surface.value) != (before > surface.value))[..., None] * behind
+        depth = matter[..., 3:]
+        if not mode.unbounded:
+            until = np.cumsum(depth, axis=0)
+            matter *= passed * np.exp(depth - until) * -np.expm1(-depth) / np.where(depth > 0, depth, 1.0)
+            passed = passed * np.exp(-until[-1])
+        picture += matter.sum(axis=0)
+    return picture
+
+
+def _magnitude(part: Volume) -> np.ndarray:
+    """[D, H, W]: magnitudes of the gradients of the samples, per world length along the axes of the grid."""
+    values, squares = np.asarray(part.samples, np.float64), np.zeros(part.shape)
+    for at, side in enumerate(part.spacing[::-1]):
+        if values.shape[at] > 1:
+            squares += np.gradient(values, side, axis=at) ** 2
+    return np.sqrt(squares)
+
+
+def _change(fine: np.ndarray, coarse: np.ndarray) -> float:
+    """RMS difference of two pictures [h, w, 4], the larger one by its means over the pixels of the smaller one; -1 if
+    both are empty.
+    """
+    if not (fine.any() or coarse.any()):
         return -1.0
-    apart = transfer.largest_opacity(_means(samples, step)) - _means(opacity, step)
-    return float(np.sqrt((apart**2).mean()))
-
-
-def _means(samples: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Means of samples [D, H, W] over boxes of `step` (x, y, z); the last boxes may be smaller."""
-    for axis, size in enumerate(step[::-1].tolist()):
-        starts = np.arange(0, samples.shape[axis], size)
-        count = np.diff(np.append(starts, samples.shape[axis]))
-        sums = np.add.reduceat(samples, starts, axis=axis)
-        samples = sums / count.reshape([-1 if n == axis else 1 for n in range(3)])
-    return samples
+    for axis, count in enumerate(coarse.shape[:2]):
+        starts = np.arange(count) * fine.shape[axis] // count
+        shape = [-1 if n == axis else 1 for n in range(3)]
+        pixels = np.diff(np.append(starts, fine.shape[axis])).reshape(shape)
+        fine = np.add.reduceat(fine, starts, axis=axis) / pixels
+    return float(np.sqrt(((fine - coarse) ** 2).mean()))
 
 
 def _toward(camera: Camera, part: Volume) -> Camera | None:

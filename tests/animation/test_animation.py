@@ -175,6 +175,21 @@ def test_an_orbit_keeps_its_distance() -> None:
     assert np.linalg.norm(straight.camera(2).eye - target) < 8
 
 
+def test_an_orbit_takes_the_shorter_way_and_equal_ratios() -> None:
+    """Halfway between keyframes the camera is turned by half of the angle, and as far away as the geometric mean."""
+    rng = np.random.default_rng(3)
+    eyes, ups = rng.normal(size=(2, 12, 3))
+    eyes /= np.linalg.norm(eyes, axis=1, keepdims=True) / (1.0 + 3.0 * (np.arange(12) % 2))[:, None]
+    rows = [{"frame": 2 * n, "eye": eyes[n].tolist(), "look_at": (0, 0, 0), "up": ups[n].tolist()} for n in range(12)]
+    ball = sg.Volume(np.ones((3, 3, 3), np.uint8))
+    track = keyframes({"path": "orbit", "ease": "linear", "keyframe": rows}, ViewOptions(), ball, ball)
+    for n in range(11):
+        before, halfway, after = (track.camera(2 * n + step).eye_from_world for step in range(3))
+        whole, half = (np.arccos(np.clip((np.trace(turn @ before.T) - 1) / 2, -1, 1)) for turn in (after, halfway))
+        assert half == pytest.approx(whole / 2, abs=1e-5)
+        assert np.linalg.norm(track.camera(2 * n + 1).eye) == pytest.approx(2)
+
+
 def test_a_scene_says_how_its_movie_moves(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As the options of the command, which replace it; it survives being written."""
     scene = 'volume = "ball.npy"\n[animation]\nturntable = 90.0\nframes = 3\nfps = 5.0\n'

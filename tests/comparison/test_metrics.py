@@ -131,6 +131,29 @@ def slow_unmatched(a: np.ndarray, b: np.ndarray, over: np.ndarray, limit: float)
     return count
 
 
+@pytest.mark.parametrize("height", [7, 38, 39, 40])
+def test_ssim_counts_the_windows_at_each_rim(height: int) -> None:
+    """Also the single row of windows in the last band: equal pictures but for a pixel in a corner."""
+    a = np.random.default_rng(4).random((height, 9, 1))
+    for row, column in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
+        b = a.copy()
+        b[row, column] += 0.5
+        # in one of the windows
+        part = [pixels[:7] if row == 0 else pixels[-7:] for pixels in (a, b)]
+        part = [pixels[:, :7] if column == 0 else pixels[:, -7:] for pixels in part]
+        lost = 1 - metrics.ssim(*part)
+        assert lost > 0.01 and 1 - metrics.ssim(a, b) == pytest.approx(lost / ((height - 6) * 3))
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (7, 7), (12, 9), (30, 2)])
+def test_the_densest_window_may_stand_out_of_the_picture(shape: tuple[int, int], rng: np.random.Generator) -> None:
+    for share in (0.03, 0.3, 1.0):
+        over = rng.random(shape) < share
+        over[-1, -1] = True
+        windows = [over[max(y, 0) : y + 7, max(x, 0) : x + 7] for y in range(-6, shape[0]) for x in range(-6, shape[1])]
+        assert metrics.densest_share(over) == pytest.approx(max(int(window.sum()) for window in windows) / 49)
+
+
 @pytest.mark.parametrize("shape", [(70, 9, 4), (33, 40, 4), (1, 5, 4)])
 def test_unmatched_is_its_definition(shape: tuple[int, int, int], rng: np.random.Generator) -> None:
     a = (rng.random(shape) > 0.7).astype(np.float32)

@@ -103,6 +103,17 @@ def test_a_thin_layer_is_crossed_twice_within_a_sheet(draw: Any, way: tuple[str,
         assert np.abs(draw(way, splats, camera, EXACT.but(sheets=sheets))[..., 3] - 0.75).max() < 1e-5
 
 
+@pytest.mark.few(1)
+@pytest.mark.parametrize("way", WAYS)
+def test_surfaces_a_fiftieth_of_a_voxel_apart_are_both_drawn(draw: Any, way: tuple[str, str]) -> None:
+    ramp = np.broadcast_to(np.arange(12, dtype=np.float32)[:, None], (12, 12, 12))
+    look = sg.Transfer([(0, 0), (11, 0)], iso=[(5.4, "red", 0.5), (5.42, "white", 0.5)])
+    splats, middle = sg.extract(sg.Volume(ramp), look), np.full(3, 5.5)
+    for away in (30.0, 30.37, -30.0):
+        camera = sg.Camera.orthographic(middle - (0, away, 0), middle, (0, 0, 1), height=4, size=(4, 4))
+        assert np.abs(draw(way, splats, camera, EXACT.but(sheets=2))[..., 3] - 0.75).max() < 1e-5
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_a_mesh_hides_what_lies_behind_it(draw: Any, way: tuple[str, str]) -> None:
     """A plane leaves a cap of the ball before it, whose rim tells the depth of the surface."""

@@ -11,7 +11,7 @@ import pytest
 import splatgl as sg
 from splatgl.cli.main import main
 from splatgl.gl import large_volumes
-from splatgl.gl.large_volumes import choose_level, coarsest_fine_level, render_slabs
+from splatgl.gl.large_volumes import changed_boxes, choose_level, coarsest_fine_level, flat_picture, render_slabs
 from splatgl.readers.chunked import Chunked
 from splatgl.splat.settings import Settings
 from tests.helpers.bricks import noise
@@ -81,6 +81,59 @@ def test_boxes_lie_where_opacity_varies(renderer: sg.Renderer) -> None:
     found = choose_level(volume, transfer, camera, Settings(), renderer)
     assert max(found.off.values()) > 0.02 and found.number < coarsest_fine_level(volume, camera)
     assert found.info["level_boxes"] == found.boxes == large_volumes.BOXES
+
+
+EVEN = [(-1.0, 0.001), (1.0, 0.001)]
+LOOKS = {
+    "iso": (dict(points=EVEN, iso=["0.6:red:0.5"]), "composite", 1.0),
+    "only iso": (dict(points=[(0.0, 0.0), (1.0, 0.0)], iso=["0.6"]), "composite", 1.0),
+    "color": (dict(points=[(0.0, 0.1), (1.0, 0.1)], colormap="hot"), "composite", 1.0),
+    "region": (dict(points=EVEN, regions=["box:0.3,2,0.2,2:red:0.5"]), "composite", 1.0),
+    "gradient": (dict(points=EVEN, gradient=[(0.2, 0.1), (0.3, 1.0)]), "composite", 1.0),
+    "xray": (dict(points=[(0.5, 0.0), (1.0, 0.5)]), "xray", 1.0),
+    "mip": (dict(points=[(0.0, 0.5), (1.0, 0.5)], colormap="hot"), "mip", 1.0),
+    "minip": (dict(points=[(-1.0, 0.5), (1.0, 0.5)], colormap="hot"), "minip", -1.0),
+    "mean": (dict(points=[(0.0, 0.5), (0.3, 0.5)], colormap="hot"), "mean", 1.0),
+}
+
+
+def foggy_shell(value: float) -> sg.Volume:
+    """Noise from 0.1 to 0.12, with a shell 1.5 voxels thick in one of eight boxes, and a level of means."""
+    samples = 0.1 + 0.02 * np.random.default_rng(1).random((64, 64, 64))
+    z, y, x = np.mgrid[:64, :64, :64]
+    samples[np.abs(np.sqrt((x - 16) ** 2 + (y - 48) ** 2 + (z - 16) ** 2) - 8) < 0.75] = value
+    return with_levels(sg.Volume(samples.astype(np.float32)), 1)
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_boxes_whose_pictures_change_come_first(look: str) -> None:
+    """By colours, surfaces and values, too, where all opacities are equal."""
+    given, blend, value = LOOKS[look]
+    volume, transfer = foggy_shell(value), sg.Transfer(**given, unit=1.0, shading=False)
+    boxes = changed_boxes(volume, 1, transfer, sg.Camera.orbit(volume, 20, 10, size=(16, 16)), blend)
+    assert len(boxes) == 8 and boxes[0].tolist() == [[0, 32, 0], [32, 64, 32]]
+
+
+def test_a_level_without_the_surface_is_not_chosen(renderer: sg.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(large_volumes, "BOXES", 1)
+    volume, transfer = foggy_shell(1.0), sg.Transfer(EVEN, shading=False, iso=["0.6:red:0.5"])
+    camera = sg.Camera.orbit(volume, 20, 10, size=(24, 24))
+    assert coarsest_fine_level(volume, camera) == 1
+    found = choose_level(volume, transfer, camera, Settings(), renderer)
+    assert found.number == 0 and found.off[1] > 2 * found.allowed
+    assert choose_level(volume, replace(transfer, iso=()), camera, Settings(), renderer).number == 1
+
+
+def test_a_flat_picture_is_that_of_its_columns() -> None:
+    """By hand: extinction per voxel, colours, and the surface between two voxels."""
+    volume = sg.Volume(np.array([0.0, 1.0, 0.0], np.float32).reshape(3, 1, 1), spacing=(1, 1, 2))
+    transfer = sg.Transfer([(0.0, 0.0), (1.0, 0.5)], window=(-1, 1), unit=1.0, iso=["0.5:red:0.2"])
+    picture = flat_picture(volume, transfer, "composite", 2)[0, 0]
+    # half of the light passes twice through the voxel, and 0.8 through each surface
+    assert picture[3] == pytest.approx(1 - 0.25 * 0.8**2)
+    assert flat_picture(volume, transfer, "xray", 2)[0, 0, 3] == pytest.approx(-np.log(0.25 * 0.8**2))
+    assert flat_picture(volume, transfer, "mip", 2)[0, 0, 3] == pytest.approx(0.5)
+    assert flat_picture(volume, transfer, "minip", 2)[0, 0, 3] == 0
 
 
 @pytest.mark.long

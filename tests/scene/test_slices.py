@@ -152,6 +152,20 @@ def test_a_slice_is_the_window_of_the_field() -> None:
     assert np.abs(np.asarray(row["normal"])[2]) == 1 and image.info["unit"] == "mm"
 
 
+@pytest.mark.parametrize("sides", [(20, 13), (13, 20), (7, 19)])
+def test_a_slice_lies_in_the_middle_of_its_pixels(sides: tuple[int, int]) -> None:
+    """Mirrored values have a mirrored picture, although the slice's shorter side is no whole number of pixels."""
+    y, x = (np.abs(np.arange(count) - (count - 1) / 2) for count in sides)
+    volume = sg.Volume(np.broadcast_to(y[:, None] + x, (3, *sides)))
+    image = sg.render(volume, sg.Transfer([(0, 1), (20, 1)], "gray", window=(0, 20)), slices="z=1", size=(101, 101))
+    (row,) = rows_of(image.info)
+    left, top, right, bottom = row["pixels"]
+    light = image.pixels[top:bottom, left:right, :3]
+    # the halves without the title
+    lower, after = light[len(light) // 2 :], light[:, (right - left) // 2 :]
+    assert np.abs(lower - lower[:, ::-1]).max() < 1e-5 and np.abs(after - after[::-1]).max() < 1e-5
+
+
 def test_sheets_have_one_scale_and_all_slices(tmp_path: Path) -> None:
     """Twelve slices of two shapes; spacing counts; nothing lies over another, and the PNG says where each is."""
     np.save(tmp_path / "a.npy", np.random.default_rng(1).random((10, 20, 30)).astype(np.float32))

@@ -96,6 +96,17 @@ def test_what_lies_under_an_outline_is_gone_from_its_picture(renderer: sg.Render
     assert (pictures[1] < 0.01)[~under & ~around].all() and (pictures[1] > 0.99)[under & ~around].all()
 
 
+@pytest.mark.parametrize("keep", [True, False])
+def test_voxels_are_kept_by_their_centers(keep: bool) -> None:
+    """A face 0.3 voxels beyond the centres of a plane, which the mask's ramp covers in part."""
+    volume = sg.Volume(np.ones((4, 5, 10)))
+    camera = sg.Camera.orthographic((4.5, -30, 1.5), (4.5, 2, 1.5), (0, 0, 1), height=10, size=(100, 100))
+    share = (4.3 - 4.5) / 10 + 0.5
+    scissors = Scissors(((-1, -1), (share, -1), (share, 2), (-1, 2)), keep, camera)
+    kept = scissors.keeps(volume, (0, 0, 0), volume.shape)
+    assert (kept == ((np.arange(10) < 4.3) == keep)).all()
+
+
 def test_a_view_in_another_frame_is_turned() -> None:
     samples = np.ones((6, 7, 8))
     camera = sg.Camera.look_at((3, -30, 3), (3, 3, 3), (0, 0, 1), size=(32, 32))
