@@ -13,7 +13,7 @@ from splatgl.comparison.metrics import (
     densest_share,
     exceeds_threshold,
     flip,
-    largest_step,
+    largest_level,
     over_channels,
     ssim,
 )
@@ -40,9 +40,9 @@ class Comparison:
     threshold, right and bottom exclusive; or None.
     bias: signed mean of a − b in the channel in which it is largest. share_unmatched: fraction of pixels over the
     threshold that no neighbour explains, so that edges moved by a pixel do not count (`metrics.count_unmatched`).
-    ssim, flip: see `metrics`, None if not requested. levels: largest difference in steps of 8-bit samples. density:
-    largest share of pixels over the threshold in a window of 7×7. Both are None if not requested. pixels: number of
-    compared pixels.
+    ssim, flip: see `metrics`, None if not requested. levels: largest difference of 8-bit samples, sRGB and straight
+    alpha. density: largest share of pixels over the threshold in one place (see `metrics`). Both are None if not
+    requested. pixels: number of compared pixels.
     """
 
     maximum: float
@@ -130,7 +130,7 @@ def compare(
         ssim=ssim(first, second, peak, mask) if "ssim" in extra else None,
         flip=flip(first, second, peak, mask) if "flip" in extra else None,
         pixels=count,
-        levels=largest_step(first, second, peak) if "levels" in extra else None,
+        levels=largest_level(first, second, peak) if "levels" in extra else None,
         density=densest_share(over) if "density" in extra else None,
     )
 
