@@ -205,7 +205,7 @@ def largest_level(a: np.ndarray, b: np.ndarray, peak: float) -> float:
     fractions of levels.
 
     Colours count where both pixels have an alpha of half a level or more, and differences that rounding explains
-    (`exceeds_step`) as at most one level.
+    (`exceeds_step`) in translucent ones as at most one level.
     """
     most = 0.0
     for top in range(0, len(a), STEP_BAND_ROWS):
@@ -217,7 +217,8 @@ def largest_level(a: np.ndarray, b: np.ndarray, peak: float) -> float:
             off = np.abs(straight - other)
             off[..., :3] *= np.minimum(straight[..., 3:], other[..., 3:]) >= HALF_LEVEL
             levels = off.max(axis=-1)
-            most = max(most, float(np.where(_unit_steps(x, y) > 1, levels, np.minimum(levels, 1)).max()))
+            is_literal = (_unit_steps(x, y) > 1) | (np.minimum(straight[..., 3], other[..., 3]) == 255)
+            most = max(most, float(np.where(is_literal, levels, np.minimum(levels, 1)).max()))
     # samples of 8 bits that float32 holds are whole again
     return round(most, 3)
 

@@ -18,6 +18,7 @@ from PIL.Image import DecompressionBombError
 from PIL.Image import Image as PillowImage
 
 from splatgl.comparison.compare import check_finite
+from splatgl.data.color_management import displayed_samples
 from splatgl.data.image import PNG_SIGNATURE, Image
 from splatgl.data.image_files import EXR, TIFF, load_tiff
 from splatgl.errors import InputError, expected, import_extra
@@ -65,8 +66,9 @@ def read(path: str | Path) -> Picture:
     if header[: len(PNG_SIGNATURE)] != PNG_SIGNATURE:
         return Picture(str(path), image, None, 8)
     mode = COLOR_TYPES.get(header[TYPE_AT], "RGB")
-    if header[TYPE_AT] == 3 and float(image.pixels[..., 3].min()) < 1:
-        mode = "RGBA"
+    # a palette, or colours of which one is transparent (tRNS)
+    if "alpha" not in mode and mode != "RGBA" and float(image.pixels[..., 3].min()) < 1:
+        mode = "gray with alpha" if mode == "gray" else "RGBA"
     return Picture(str(path), image, mode, 16 if header[DEPTH_AT] == 16 else 8)
 
 
@@ -161,7 +163,7 @@ def frames(path: Path) -> Iterator[Picture]:
         yield replace(_decode_bytes(content), name=str(path))
     elif ending in ANIMATED and (animation := _open_animation(path)):
         with animation:
-            pages = (np.asarray(frame.convert("RGBA")) for frame in ImageSequence.Iterator(animation))
+            pages = (displayed_samples(frame) for frame in ImageSequence.Iterator(animation))
             yield from _numbered(path, pages)
     else:
         yield read(path)

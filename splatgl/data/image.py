@@ -89,7 +89,11 @@ class Image:
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
-        """Reads .npy ([H, W, 4]), .exr, .tif of floats, or what Pillow supports, as linear premultiplied light."""
+        """Reads .npy ([H, W, 4]), .exr, .tif of floats, or what Pillow supports, as linear premultiplied light.
+
+        Files of samples are read as a browser shows them: in sRGB by their colour profile or gamma, upright by their
+        orientation tag.
+        """
         source = Path(path)
         if not source.is_file():
             raise InputError(f"{source}: cannot be read: {'a directory' if source.is_dir() else 'no such file'}")
@@ -245,6 +249,8 @@ def load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
     """Straight sRGB, uint8 or uint16 [H, W, 4], and the provenance, if any."""
     from PIL import Image as Pillow
 
+    from splatgl.data.color_management import displayed_samples
+
     try:
         with Pillow.open(source) as picture:
             needed = picture.width * picture.height * DECODED
@@ -252,9 +258,7 @@ def load_png(source: Path) -> tuple[np.ndarray, dict[str, object]]:
             info = provenance(getattr(picture, "text", {}).get(KEYWORD, ""))
             with source.open("rb") as file:
                 is_deep = picture.format == "PNG" and file.read(25)[24] == 16
-            if is_deep:
-                return _decode_deep(source), info
-            return np.asarray(picture if picture.mode == "RGBA" else picture.convert("RGBA")), info
+            return displayed_samples(picture, _decode_deep(source) if is_deep else None), info
     except InputError:
         raise
     except (OSError, ValueError, SyntaxError) as error:
