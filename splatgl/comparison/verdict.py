@@ -218,9 +218,9 @@ def judge(
 
 def _driver_noise(comparison: Comparison) -> Kind | None:
     """The kind of a difference within the limits for other drivers."""
-    if not all(check.ok for check in check_limits(comparison, NOISE["driver"])):
-        return None
     count = round(comparison.share_over * comparison.pixels)
+    if not count or not all(check.ok for check in check_limits(comparison, NOISE["driver"])):
+        return None
     text = f"{count} scattered pixels off by up to {comparison.levels:.0f} levels, as between drivers"
     return Kind("driver", f"{text}; --noise driver allows it")
 

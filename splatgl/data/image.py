@@ -48,12 +48,13 @@ PNG_SIGNATURE, UP, COLOR_TYPES = b"\x89PNG\r\n\x1a\n", 2, {3: 2, 4: 6}
 @dataclass(frozen=True, eq=False)
 class Image:
     """pixels: float32 [H, W, 4], linear, premultiplied, row 0 at the top. info: how the image was rendered. figure: the
-    picture without its annotations, and these, for PDF and SVG.
+    picture without its annotations, and these, for PDF and SVG. bits: 8 or 16 of samples, None of floats.
     """
 
     pixels: np.ndarray
     info: Mapping[str, object] = field(default_factory=dict)
     figure: Figure | None = None
+    bits: int | None = None
 
     def save(self, path: str | Path, bits: int = 8, background: tuple[float, float, float] | None = None) -> None:
         """Writes .png (sRGB, straight alpha, 8 or 16 bits), .jpg (sRGB), .npy, .tif or .exr (the pixels), atomically.
@@ -104,7 +105,7 @@ class Image:
         if source.suffix.lower() in TIFF and (image := load_tiff(source)) is not None:
             return cls(*image)
         samples, info = load_png(source)
-        return cls(_linear_pixels(samples), info)
+        return cls(_linear_pixels(samples), info, bits=8 * samples.itemsize)
 
     @classmethod
     def from_samples(cls, samples: np.ndarray) -> Image:
@@ -114,12 +115,12 @@ class Image:
         if samples.shape[2] == 3:
             opaque = np.full_like(samples[..., :1], np.iinfo(samples.dtype).max)
             samples = np.concatenate([samples, opaque], axis=-1)
-        return cls(_linear_pixels(samples))
+        return cls(_linear_pixels(samples), bits=8 * samples.itemsize)
 
     def rounded(self, bits: int = 8, background: tuple[float, float, float] | None = None) -> Image:
         """The image after a round trip through a PNG of `bits` (8 or 16) on `background`, without writing one."""
         info = dict(self.info)
-        return Image(_linear_pixels(self._samples(info, bits, background)), info)
+        return Image(_linear_pixels(self._samples(info, bits, background)), info, bits=bits)
 
     def straight(self) -> np.ndarray:
         """Pixels in sRGB with straight alpha, float64 [H, W, 4] in [0, 1]."""
@@ -169,7 +170,9 @@ class Image:
         image = self
         if info.get("blend") == "xray":
             top = float(self.pixels.max()) or 1.0
-            info["scale"] = 1.0 / top
+            # on that of the file which it was read from
+            known = info.get("scale")
+            info["scale"] = (float(known) if isinstance(known, int | float) else 1.0) / top
             image = Image(self.pixels / np.float32(top), info)
         if background is not None:
             image = image.over(background)
