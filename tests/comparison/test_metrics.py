@@ -35,7 +35,8 @@ def pair(name: str) -> tuple[sg.Image, sg.Image]:
     pixels = np.clip(pixels, 0, 1)
     if photo:
         pixels[..., 3] = 1
-    return sg.Image(pixels), right
+    # as floats, which are compared as they are
+    return sg.Image(pixels), sg.Image(right.pixels)
 
 
 PICTURES = [*PHOTOGRAPHS, "tunnel-composite", "terrain-composite", "nerve-mip"]
