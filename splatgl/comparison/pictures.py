@@ -21,6 +21,7 @@ from splatgl.data.color_management import displayed_samples
 from splatgl.data.image import PNG_SIGNATURE, Image
 from splatgl.data.image_files import EXR, TIFF, load_tiff
 from splatgl.errors import InputError, expected, import_extra
+from splatgl.fileio import require_file
 
 # endings of files that may hold several pictures: by Pillow, and by av
 ANIMATED, MOVIES = (".gif", ".webp", ".apng", ".png", ".tif", ".tiff"), (".mp4", ".mov", ".mkv", ".webm", ".avi")
@@ -159,8 +160,7 @@ def frames(path: Path) -> Iterator[Picture]:
     Raises InputError for what cannot be read, and for a missing extra.
     """
     ending = path.suffix.lower()
-    if not path.is_file():
-        raise InputError(f"{path}: cannot be read: {'a directory' if path.is_dir() else 'no such file'}")
+    require_file(path)
     if ending in MOVIES:
         yield from _numbered(path, _movie_frames(path))
     elif ending == ".pdf":

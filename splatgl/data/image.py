@@ -31,7 +31,7 @@ from splatgl.data.image_files import (
     require_library,
 )
 from splatgl.errors import InputError, expected, import_extra
-from splatgl.fileio import require_memory, write_file
+from splatgl.fileio import require_file, require_memory, write_file
 
 # endings of the files that `Image.save` writes
 SAVED = (".png", ".npy", *JPEG, *TIFF, *EXR, *VECTOR)
@@ -96,8 +96,7 @@ class Image:
         orientation tag.
         """
         source = Path(path)
-        if not source.is_file():
-            raise InputError(f"{source}: cannot be read: {'a directory' if source.is_dir() else 'no such file'}")
+        require_file(source)
         if source.suffix.lower() == ".npy":
             return cls(_load_npy(source))
         if source.suffix.lower() in EXR:
