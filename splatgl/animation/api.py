@@ -128,20 +128,26 @@ def write_animation(
         check_source(frames.path(n), *sources)
     frames.sweep(wanted)
     todo = [n for n in wanted if not (resume and frames.done(n))]
-    if todo and by.are_used:
-        require_built_in(animation.scenes[0].settings.kernel)
-        with by.connected(None if quiet else print) as client:
-            draw_frames(client, animation, frames, todo, by.drawing, quiet)
-    elif todo:
-        with how.renderer() as renderer:
-            animation.draw(renderer, frames, todo, quiet)
+    with frames.told_if_stopped(wanted):
+        if todo and by.are_used:
+            require_built_in(animation.scenes[0].settings.kernel)
+            with by.connected(None if quiet else print) as client:
+                draw_frames(client, animation, frames, todo, by.drawing, quiet)
+        elif todo:
+            with how.renderer() as renderer:
+                animation.draw(renderer, frames, todo, quiet)
+        _join(animation, frames, fps)
+    return frames, len(wanted) - len(todo)
+
+
+def _join(animation: Animation, frames: Frames, fps: float | None) -> None:
+    """Writes the movie, if one is asked for, and removes its frames."""
     if frames.movie:
         ground = animation.scenes[0].settings.background or BLACK
         # fewer for a short series, so that it can be followed
         usual = min(FPS, animation.count / SHORTEST) if len(animation.scenes) > 1 else FPS
-        write_movie(frames.movie, [frames.path(n) for n in wanted], fps or usual, ground)
-        frames.clear(wanted)
-    return frames, len(wanted) - len(todo)
+        write_movie(frames.movie, [frames.path(n) for n in animation.numbers], fps or usual, ground)
+        frames.clear(animation.numbers)
 
 
 def check_fps(fps: float | None, name: str) -> None:

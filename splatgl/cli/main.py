@@ -149,18 +149,22 @@ def _run(arguments: list[str]) -> int:
         set_budget(getattr(args, "memory", None))
         return int(args.run(args))
     except InputError as error:
-        message = command.with_flags(str(error), args) if command else str(error)
-        print(f"splatgl: {one_line(message)}", file=sys.stderr)
-        return BAD_INPUT
+        return _tell(error, command.with_flags(str(error), args) if command else str(error))
     except MemoryError as error:
-        print(f"splatgl: not enough memory: {error}; use a smaller volume or a higher --threshold", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        print("splatgl: interrupted", file=sys.stderr)
+        return _tell(error, f"not enough memory: {error}; use a smaller volume or a higher --threshold")
+    except KeyboardInterrupt as error:
+        _tell(error, "interrupted")
         return INTERRUPTED
     finally:
         # a program that calls the command goes on with its own budget
         set_budget(None)
+
+
+def _tell(error: BaseException, message: str) -> int:
+    """Prints a message, and the error's notes, a line each; returns BAD_INPUT."""
+    for line in (message, *getattr(error, "__notes__", ())):
+        print(f"splatgl: {one_line(line)}", file=sys.stderr)
+    return BAD_INPUT
 
 
 def _with_command(arguments: list[str]) -> list[str]:
