@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from inspect import isawaitable
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -235,7 +236,8 @@ def as_images(value: Any) -> Iterator[Image]:
 def as_image(value: Any, what: str = "image") -> Image:
     """The image of an Image, a file of one picture, the bytes of a PNG or JPEG, samples (uint8 or uint16 sRGB, grey,
     with alpha, RGB or RGBA; bool), linear premultiplied floats [H, W, 4], or an object that draws itself: an image of
-    Pillow, a figure of Matplotlib or Plotly, a viewer of napari, a plotter of PyVista. what: for messages. Raises
+    Pillow, a figure of Matplotlib or Plotly, a viewer of napari, a plotter of PyVista, a page or an element of
+    Playwright or Selenium. what: for messages. Raises
     InputError for others.
     """
     if isinstance(value, Image):
@@ -284,8 +286,15 @@ def _draw(value: Any) -> Any:
             raise InputError(f"image: Plotly cannot draw {type(value).__name__}: {error}") from error
     elif type(value).__module__.startswith("napari"):
         return value.screenshot(canvas_only=True, flash=False)
+    elif hasattr(value, "get_screenshot_as_png"):
+        return value.get_screenshot_as_png()
+    elif hasattr(value, "screenshot_as_png"):
+        return value.screenshot_as_png
     elif hasattr(value, "screenshot"):
-        return value.screenshot(return_img=True)
+        shown = value.screenshot()
+        if isawaitable(shown):
+            raise expected("image", "a picture", "one to wait for", "give the bytes of await page.screenshot()")
+        return shown
     elif hasattr(value, "_repr_png_"):
         return value._repr_png_()
     return file.getvalue() or value

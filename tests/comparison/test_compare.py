@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
@@ -309,3 +310,16 @@ def test_what_is_compared_is_coerced(
 def test_floats_that_differ_by_less_than_a_step_are_no_noise_of_drivers() -> None:
     image = sg.Image(np.full((9, 9, 4), 0.5, np.float32))
     assert "scattered" not in str(sg.judge(sg.Image(image.pixels + np.float32(1e-3)), image))
+
+
+def test_a_page_that_is_waited_for_is_told() -> None:
+    class Page:
+        """As of Playwright's asyncio."""
+
+        def screenshot(self) -> asyncio.Future[bytes]:
+            loop = asyncio.new_event_loop()
+            loop.close()
+            return asyncio.Future(loop=loop)
+
+    with pytest.raises(sg.InputError, match=r"give the bytes of await page.screenshot\(\)"):
+        sg.compare(Page(), flat())
