@@ -31,8 +31,14 @@ SRGB_PRIMARIES = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 
 def displayed_samples(picture: PillowImage, deep: np.ndarray | None = None) -> np.ndarray:
     """Straight sRGB samples, uint8 or uint16 [H, W, 4], of an image of Pillow as a browser shows it. deep: its uint16
-    samples, which Pillow does not read. A profile that cannot be read counts as sRGB.
+    samples, where Pillow reads 8 bits of them. A profile that cannot be read counts as sRGB. Raises ValueError for
+    samples of 32 bits.
     """
+    if deep is None and picture.mode in ("I", "F"):
+        raise ValueError("expected samples of 8 or 16 bits, got 32")
+    if deep is None and picture.mode.startswith("I;16"):
+        gray = np.asarray(picture).astype(np.uint16)
+        deep = np.stack([gray, gray, gray, np.full_like(gray, np.iinfo(np.uint16).max)], axis=-1)
     samples = np.asarray(picture if picture.mode == "RGBA" else picture.convert("RGBA")) if deep is None else deep
     info, colors = picture.info, None
     if info.get("icc_profile"):

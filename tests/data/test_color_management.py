@@ -178,6 +178,18 @@ def test_primaries_of_png(gamma: int, tmp_path: Path) -> None:
     assert np.abs(levels(tmp_path / "a.png") - shown(encoded, P3_XYZ)).max() < 1
 
 
+def test_gray_of_16_bits_in_tiff_and_what_is_no_sample(tmp_path: Path) -> None:
+    gray = scaled(SAMPLES[..., 0], np.uint16)
+    Pillow.fromarray(gray).save(tmp_path / "a.tif")
+    Pillow.fromarray(gray).save(tmp_path / "b.tif", save_all=True, append_images=[Pillow.fromarray(gray)])
+    assert np.abs(levels(tmp_path / "a.tif") - SAMPLES[..., :1]).max() < 0.01
+    assert [page.image.bits for page in frames(tmp_path / "b.tif")] == [16, 16]
+    for kind in (np.float32, np.int32):
+        Pillow.fromarray(gray.astype(kind)).save(tmp_path / "c.tif")
+        with pytest.raises(sg.InputError, match=r"c.tif: cannot be read .* of 8 or 16 bits, got 32"):
+            sg.Image.load(tmp_path / "c.tif")
+
+
 def test_a_transparent_color_is_alpha(tmp_path: Path) -> None:
     """Of two files of one look, one with a key and one with alpha; what is hidden may be any colour."""
     key = tuple(int(n) for n in SAMPLES[3, 4])
