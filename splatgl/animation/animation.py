@@ -6,8 +6,7 @@ import hashlib
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count, groupby
@@ -24,7 +23,7 @@ from splatgl.annotations.annotate import annotated, check_size, check_time, on_g
 from splatgl.annotations.canvas import Subject
 from splatgl.data.image import Image
 from splatgl.distributed.worker import Drawing, keep_latest, renderer
-from splatgl.errors import USER_ERRORS, expected
+from splatgl.errors import expected
 from splatgl.fileio import budget, check_output, format_bytes, shorten_name, write_file
 from splatgl.options import Group, Kind, check_options, non_default, option
 from splatgl.scene.draw import progress_bar
@@ -519,24 +518,13 @@ class Frames:
         path = self.path(frame)
         if not path.exists():
             return False
-        if not self._is_own(path):
+        if not self.is_own(path):
             raise expected(path, "a frame of this animation", "another picture", "leave out --resume to draw over it")
         return True
 
-    def _is_own(self, path: Path) -> bool:
+    def is_own(self, path: Path) -> bool:
+        """Whether a file that exists is a frame of this animation, as far as it can be known."""
         return path.suffix.lower() == ".npy" or _mark(path) == self.mark
-
-    @contextmanager
-    def told_if_stopped(self, numbers: Sequence[int]) -> Iterator[None]:
-        """Adds a note on frames that stay, of these numbers, to an error or an interruption of the work on them."""
-        try:
-            yield
-        except (KeyboardInterrupt, *USER_ERRORS) as error:
-            stay = sum(path.exists() and self._is_own(path) for path in map(self.path, numbers))
-            if stay:
-                where = f"{stay} of {len(numbers)} frames stay in {self.path(0).parent}"
-                error.add_note(f"{where}; --resume, in Python resume=True, continues from them")
-            raise
 
     def sweep(self, numbers: Sequence[int]) -> None:
         """Removes temporary files of these frames that a killed run left."""

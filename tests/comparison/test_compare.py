@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -287,7 +288,8 @@ def test_what_is_compared_is_coerced(
     Pillow.fromarray(samples).save("a.png")
     for like in ("a.png", Path("a.png"), Path("a.png").read_bytes(), samples, Pillow.open("a.png")):
         found = compared(like, sg.Image.from_samples(samples))
-        assert getattr(found, "comparison", found).maximum == 0
+        comparison: Any = getattr(found, "comparison", found)
+        assert comparison.maximum == 0
     Pillow.fromarray(samples).save("a.gif", save_all=True, append_images=[Pillow.fromarray(255 - samples)])
     for wrong, told in (
         (None, "expected an Image, a file, its bytes, .* got NoneType"),

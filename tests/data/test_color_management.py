@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from splatgl.data.color import linear_from_srgb, srgb_from_linear
 ROWS, COLUMNS = np.indices((20, 32))
 SAMPLES = np.stack([40 + 6 * COLUMNS, 50 + 9 * ROWS, 240 - 4 * COLUMNS - ROWS], -1).astype(np.uint8)
 # what a file holds of a picture by its orientation tag (EXIF 2.32 §4.6.4: the sides of its first row and column)
-STORED = {
+STORED: dict[int, Callable[[np.ndarray], np.ndarray]] = {
     1: lambda a: a,
     2: lambda a: a[:, ::-1],
     3: lambda a: a[::-1, ::-1],
@@ -149,7 +150,8 @@ def test_a_jpeg_and_frames_have_profiles_too(tmp_path: Path) -> None:
     assert len(pages) == 2 and np.abs(pages[0] - shown(SAMPLES / 255, P3_XYZ)).max() < 1.6
 
 
-GAMMAS = {
+Truth = Callable[[np.ndarray], np.ndarray]
+GAMMAS: dict[str, tuple[list[tuple[bytes, int | None]], Truth]] = {
     "linear": ([(b"gAMA", 100000)], lambda s: 255 * srgb_from_linear(s)),
     "of 1.8": ([(b"gAMA", 55556)], lambda s: 255 * srgb_from_linear(s**1.8)),
     "that stands for sRGB": ([(b"gAMA", 45455)], lambda s: 255 * s),
@@ -194,7 +196,7 @@ def test_a_transparent_color_is_alpha(tmp_path: Path) -> None:
     """Of two files of one look, one with a key and one with alpha; what is hidden may be any colour."""
     key = tuple(int(n) for n in SAMPLES[3, 4])
     write_png(tmp_path / "key.png", SAMPLES, (b"tRNS", struct.pack(">3H", *key)))
-    alpha = np.where((key == SAMPLES).all(-1), 0, 255).astype(np.uint8)
+    alpha = np.where(np.all(np.equal(SAMPLES, key), axis=-1), 0, 255).astype(np.uint8)
     hidden = np.dstack([SAMPLES, alpha])
     hidden[alpha == 0, :3] = 7
     write_png(tmp_path / "alpha.png", hidden)
