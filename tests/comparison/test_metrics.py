@@ -276,6 +276,9 @@ def test_levels_of_colors_that_nobody_sees_and_of_rounding_do_not_count() -> Non
     a, b = np.zeros((9, 9, 4), np.float32), np.zeros((9, 9, 4), np.float32)
     a[4, 4], b[4, 4] = (1e-3, 0, 0, 1e-3), (0, 0, 1e-3, 1e-3)
     assert metrics.largest_level(a, b, 1.0) == pytest.approx(0, abs=0.01)
+    # a colour behind which there is next to nothing, and that rounding explains
+    a[4, 4], b[4, 4] = (3e-3, 2.7e-3, 0, 3e-3), (2.8e-3, 3e-3, 0, 3e-3)
+    assert metrics.largest_level(a, b, 1.0) == 1
     # of X-rays by their scale
     full = np.full((9, 9, 4), 40, np.float32)
     assert metrics.largest_level(full * np.float32(0.9), full, 40.0) == pytest.approx(255 * 0.1, abs=0.01)
@@ -299,6 +302,7 @@ IN_ONE_PLACE = {
     "rising by a third": line(190, 0.37),
     "steep": line(90, 0.81, along=0),
     "dashed": [(row, column) for row, column in line(192) if column % 4 < 2],
+    "dashed down": [(row, column) for row, column in line(90, along=0) if row % 4 < 2],
     "dotted": line(192, 0.25, step=3),
     "short": line(9),
     "circle of radius 4": circle(4),
@@ -323,3 +327,23 @@ def test_eight_pixels_in_one_place_and_scattered_noise_pass() -> None:
         over = rng.random((512, 512)) < 0.005
         assert metrics.densest_share(over) <= 8 / 49
     assert metrics.densest_share(np.ones((40, 40), bool)) == 1
+
+
+@pytest.mark.parametrize(("height", "width"), [(7, 7), (8, 39), (38, 9), (39, 8), (40, 7), (71, 8)])
+def test_windows_reach_every_rim(height: int, width: int) -> None:
+    """SSIM and density against every whole window one by one, also where the last band holds a single row of them."""
+    rng = np.random.default_rng(height)
+    a, b = rng.random((2, height, width, 1))
+    a[-1] += 0.5
+    windows = [(a[y : y + 7, x : x + 7], b[y : y + 7, x : x + 7]) for y in range(height - 6) for x in range(width - 6)]
+
+    def of_window(x: np.ndarray, y: np.ndarray) -> float:
+        covariance = np.cov(x.ravel(), y.ravel())
+        means = 2 * x.mean() * y.mean() + 1e-4, x.mean() ** 2 + y.mean() ** 2 + 1e-4
+        return float(means[0] * (2 * covariance[0, 1] + 9e-4) / (means[1] * (np.trace(covariance) + 9e-4)))
+
+    assert metrics.ssim(a, b) == pytest.approx(np.mean([of_window(x, y) for x, y in windows]), abs=1e-9)
+    for place in ((0, 0), (height - 2, 0), (0, width - 2), (height - 2, width - 2)):
+        over = np.zeros((height, width), bool)
+        over[place[0] : place[0] + 2, place[1] : place[1] + 2] = True
+        assert metrics.densest_share(over) == 4 / 49
