@@ -9,6 +9,7 @@ import gc
 import io
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
@@ -21,8 +22,8 @@ from splatgl.cli.parser import BAD_INPUT, HelpAll, Parser, one_line
 from splatgl.errors import InputError, expected
 from splatgl.fileio import set_budget
 
-# exit code of a program interrupted by Ctrl-C
-INTERRUPTED = 130
+# exit code of a program that a signal ends, less the signal's number: 130 for Ctrl-C
+SIGNALLED = 128
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,6 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         sys.meta_path.insert(0, NibabelAlone)
         _occupy_descriptors()
+        _hear_signals()
     for stream in (sys.stdout, sys.stderr):
         # names of files, × and … in any encoding
         if isinstance(stream, io.TextIOWrapper):
@@ -113,6 +115,20 @@ def _end(output: Output, errors: Output, code: str | int | None, ends: bool) -> 
     return code or (BAD_INPUT if output.is_lost else code)
 
 
+def _hear_signals() -> None:
+    """Makes the signals of schedulers and of closed terminals interrupt as Ctrl-C does, so that no part of a file is
+    left; ignored ones, as under nohup, stay ignored.
+    """
+
+    def interrupt(number: int, _: object) -> NoReturn:
+        raise KeyboardInterrupt(number)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, interrupt)
+
+
 def _occupy_descriptors() -> None:
     """Opens a null device for each of the standard descriptors that is closed, which a file would get otherwise."""
     for descriptor in range(3):
@@ -154,7 +170,7 @@ def _run(arguments: list[str]) -> int:
         return _tell(error, f"not enough memory: {error}; use a smaller volume or a higher --threshold")
     except KeyboardInterrupt as error:
         _tell(error, "interrupted")
-        return INTERRUPTED
+        return SIGNALLED + (error.args[0] if error.args else signal.SIGINT)
     finally:
         # a program that calls the command goes on with its own budget
         set_budget(None)
